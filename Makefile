@@ -11,25 +11,33 @@ export PIP_DISABLE_PIP_VERSION_CHECK = 1
 # Tests start many processes: none compiles the sources to bytecode again, whatever the environment says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test long test-all kernels-checked check bench attack wheel format clean
+.PHONY: demo kernels test long test-all kernels-checked check bench attack wheel wheels format clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --editable .
+	$(BIN)/python -m pip install --quiet --editable '.[jit]'
 	@touch $@
 
 $(VENV)/tools: pyproject.toml $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	@touch $@
 
+$(VENV)/wheel: pyproject.toml $(VENV)/tools
+	$(BIN)/python -m pip install --quiet --editable '.[wheel]'
+	@touch $@
+
 demo: $(VENV)/installed
 	$(BIN)/pointray demo -o demo.png
 
-test: $(VENV)/tools
+# All kernels as a native library for this processor, on all cores; what has not changed is kept.
+kernels: $(VENV)/tools
+	$(BIN)/python -m native
+
+test: kernels
 	$(PYTEST)
 
-long: $(VENV)/tools
+long: kernels
 	$(PYTEST) -m long
 
 test-all: test
@@ -51,13 +59,25 @@ format: $(VENV)/tools
 bench: $(VENV)/tools
 	$(BIN)/python bench/embree.py
 
-# 200,000 inputs in about an hour; interrupted, it goes on when called again, until src/ or tests/attack/ is changed.
+# 220,000 inputs in about an hour; interrupted, it goes on when called again, until src/ or tests/attack/ is changed.
 # One part: make attack PART=ply COUNT=1000 SEED=3; one input: make attack PART=ply SEED=3 INPUT=17.
 attack: $(VENV)/tools
 	PYTHONPATH=tests $(BIN)/python -m attack $(PART) $(if $(SEED),--seed $(SEED)) $(if $(COUNT),--count $(COUNT)) $(if $(INPUT),--input $(INPUT))
 
-wheel: $(VENV)/tools
-	$(BIN)/python -m build --wheel --outdir dist
+SYSTEM ?= linux-x86_64
+
+# With the kernels of all levels of processors; SYSTEM=macos-arm64 is for another system.
+wheel: $(VENV)/wheel
+	$(BIN)/python -m native --system $(SYSTEM) --zig --out build/wheel/$(SYSTEM)
+	POINTRAY_WHEEL=$(SYSTEM) $(BIN)/python -m build --wheel --outdir dist
+	case $(SYSTEM) in linux-*) \
+		$(BIN)/auditwheel show dist/*-manylinux_2_17_$(SYSTEM:linux-%=%).whl | grep '"manylinux_2_17_' ;; \
+	esac
+
+wheels:
+	for system in linux-x86_64 linux-aarch64 windows-x86_64 macos-arm64 macos-x86_64; do \
+		$(MAKE) wheel SYSTEM=$$system || exit 1; \
+	done
 
 clean:
 	rm -rf $(VENV) dist build

@@ -25,6 +25,11 @@ What a file is its contents tell, not its name. `.gz` and `.zst` are unpacked fi
 folder stands for the scans in it; they must not have different coordinate systems. `pointray convert IN... OUT` writes
 the formats marked so, and tells what the target cannot hold. A saved model, `.pointray`, is what `pointray prepare`
 makes of any of them. `pr.formats()` has the same table.
+
+A file that is cut off, or holds other rows than its header announces, is read as far as it goes, and a warning says how
+many rows are missing; `--strict`, in Python `pr.read(..., strict=True)`, refuses it. Without what is missing no point
+is found in LAZ, COPC, E57, NPZ, SPZ, glTF, depth pictures and packed PCD files that are cut off: they are refused, and
+so is a file without a point.
 """
 
 

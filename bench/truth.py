@@ -18,7 +18,7 @@ import pointray as pr
 from pointray.jit import borrow, inline, kernel, next_tile, run
 from pointray.points.procedural import area, mesh, solid
 from pointray.points.procedural.creases import areas, refine_creases, settled
-from pointray.points.procedural.solids import STENCIL, field, settle, slope
+from pointray.points.procedural.solids import SETTLED, STENCIL, field, settle, slope
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ def _normals(work, solid, x, normals):  # type: ignore[no-untyped-def]
     t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, x.shape[0])):
-            p, q, r = settle(solid, x[i, 0], x[i, 1], x[i, 2], 8)
+            p, q, r, _ = settle(solid, x[i, 0], x[i, 1], x[i, 2], 8, SETTLED)
             u, v, w = slope(solid, p, q, r, STENCIL)
             length = max(np.sqrt(u * u + v * v + w * w), 1e-300)
             normals[i, 0], normals[i, 1], normals[i, 2] = u / length, v / length, w / length

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import dask
+import distributed
 import numpy as np
 from distributed import Client, LocalCluster
 
@@ -19,7 +20,6 @@ from pointray.cluster.client import UNPROFILED
 def cluster_of(workers: int, processes: bool, threads: int = 1) -> Iterator[Any]:
     """A client of workers on this machine."""
     with (
-        # Tasks of workers in this process make clients, which stay the default.
         dask.config.set({"scheduler": None, **UNPROFILED}),
         LocalCluster(
             n_workers=workers,
@@ -31,7 +31,15 @@ def cluster_of(workers: int, processes: bool, threads: int = 1) -> Iterator[Any]
         ) as cluster,
         Client(cluster, set_as_default=False) as client,
     ):
-        yield client
+        try:
+            yield client
+        finally:
+            _forget_clients()
+
+
+def _forget_clients() -> None:
+    """Tasks of workers in this process make clients, which stay the default for other tests after their workers."""
+    distributed.client._global_clients.clear()
 
 
 def ball(n: int = 3000) -> pr.Model:

@@ -18,9 +18,11 @@ import numpy as np
 import pytest
 import typer.main
 from filelock import FileLock
+from native import signatures
 
 from pointray import jit
 from pointray.dependencies import key_of
+from pointray.jit import disk
 
 # A background job of a shell ignores Ctrl-C, and so does all that it starts, but tests send it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -58,13 +60,17 @@ def one_signature_a_kernel(tmp_path_factory: pytest.TempPathFactory) -> Iterator
     folder = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         folder = folder.parent
+    recorded = signatures.recorded()["kernels"]
+    compiled = {name: k.signatures for name, k in jit.KERNELS.items() if name.startswith("pointray.") and k.signatures}
+    for name, (types, *_) in compiled.items():  # what the library of kernels is built from
+        assert [signatures.described(kind, {}) for kind in types] == recorded.get(name), f"{name}: see CONTRIBUTING.md"
     own = {name: [str(signature) for signature in kernel.signatures] for name, kernel in jit.KERNELS.items()}
     (folder / f"signatures-{os.getpid()}.json").write_text(json.dumps(own))
     found: dict[str, set[str]] = {}
     for file in folder.glob("signatures-*.json"):
-        for name, signatures in json.loads(file.read_text()).items():
-            found.setdefault(name, set()).update(signatures)
-    assert {name: signatures for name, signatures in found.items() if len(signatures) > 1} == {}
+        for name, texts in json.loads(file.read_text()).items():
+            found.setdefault(name, set()).update(texts)
+    assert {name: texts for name, texts in found.items() if len(texts) > 1} == {}
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -141,12 +147,20 @@ def shared_model(name: str) -> Path:
     return path
 
 
+def case_file(name: str) -> Path:
+    """A small input that failed once; the test is skipped where it is absent."""
+    path = MODELS.parent / "cases" / name
+    if not path.exists():
+        pytest.skip(f"{path} is not here")
+    return path
+
+
 def linked_cache(folder: Path) -> Path:
     """Make a cache folder that has the kernels compiled so far, as hard links; what is added to it stays there.
 
     For a process that needs a cache of its own, as POINTRAY_CACHE.
     """
-    shared = jit.cache_folder()
+    shared = disk.cache_folder()
     if shared is not None:
         try:
             shutil.copytree(shared, folder / shared.name, copy_function=os.link)

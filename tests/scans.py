@@ -43,6 +43,7 @@ def small_scans(folder: Path) -> dict[str, list[Path]]:
         "ptx": ("numpy", _ptx),
         "kitti": ("numpy", _kitti),
         "depth": ("numpy", _depth),
+        "colmap": ("numpy", _colmap),
     }
     found: dict[str, list[Path]] = {}
     for kind, (module, make) in makers.items():
@@ -172,7 +173,7 @@ def _mesh(folder: Path, *kinds: str) -> Iterator[Path]:
     import test_mesh as own
 
     for kind in kinds:
-        yield own.save(folder, own.trimesh.creation.icosphere(1, radius=3.0), kind)
+        yield own.save(folder, own.trimesh.creation.icosphere(2, radius=3.0), kind)
 
 
 def _gaussians(folder: Path) -> Iterator[Path]:
@@ -235,6 +236,14 @@ def _depth(folder: Path) -> Iterator[Path]:
 
     yield own.save(folder / "a.png", own.STEPS)
     yield own.save(folder / "a.npy", own.FLOATS)
+
+
+def _colmap(folder: Path) -> Iterator[Path]:
+    import test_colmap as own
+
+    for name, content in own.WRITTEN.items():
+        (folder / name).write_bytes(content())
+        yield folder / name
 
 
 def _packed(folder: Path, files: list[Path]) -> Iterator[Path]:

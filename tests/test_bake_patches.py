@@ -5,9 +5,11 @@ import pytest
 
 import pointray as pr
 from pointray.baking.baked import Baked
+from pointray.baking.exchange import PROBE_SHARE
 from pointray.baking.patches import AROUND, NEAR, choose_patches
 from pointray.baking.planes import Grid, grid_neighbors, grid_positions
 from pointray.baking.settings import BakeSettings
+from pointray.baking.transport import Transport
 from pointray.kernels.records import PLANE_SIZE
 
 FEW = BakeSettings(patches=256)
@@ -91,3 +93,23 @@ def test_light_on_planes_far_from_zero_is_that_near_it():
         camera = pr.Camera.look_at(middle + (-4, -4, 2), middle, size=(48, 48))
         light.append(pr.render(scene, camera, pr.Settings("path", spp=64))[..., 0])
     assert light[1].mean() == pytest.approx(light[0].mean(), rel=0.01)
+
+
+def test_the_rays_of_a_bake_are_in_proportion_to_its_patches(rng, monkeypatch):
+    """Random points, lit on both sides: a quarter of the patches finds which sides are dark."""
+    sent = []
+    send = Transport.send
+
+    def counted(self, rows, links, progress=None):
+        sent.append(len(rows) * links)
+        send(self, rows, links, progress)
+
+    monkeypatch.setattr(Transport, "send", counted)
+    scene = pr.Scene()
+    scene.add(pr.Model(rng.random((14_000, 3)), smooth=0))
+    scene.lights = pr.studio(azimuth=0)
+    pr.bake(scene, pr.BakeSettings(patches=12_000, links=4, noise=1.0))
+    probe, first, *more = sent
+    assert probe <= 2 * 16 * 12_000 / PROBE_SHARE * 1.1
+    assert first <= 2 * 4 * 12_000 * 1.1
+    assert sum(more) < 0.1 * first

@@ -76,6 +76,12 @@ def test_labels_are_categories_however_few_or_many(name):
     assert categories_of(np.arange(40), "intensity") is categories_of(np.arange(3), "class") is None
 
 
+@pytest.mark.parametrize("name", ["intensity", "scalar_Intensity", "Reflectance"])
+def test_measures_have_no_categories(name):
+    values = np.arange(1000) % 3
+    assert categories_of(values, name) is None and categories_of(values, "user_data") == (0, 1, 2)
+
+
 def test_their_names():
     assert category_name(pr.Attribute("classification"), 2) == "2 ground"
     assert category_name(pr.Attribute("scalar_Classification"), 6) == "6 building"

@@ -75,7 +75,7 @@ def test_render_frames_and_lights_by_itself(scan: Path, capsys: pytest.CaptureFi
     assert execute(["render", str(scan), "-o", str(picture), *SMALL]) == 0
     first, second = capsys.readouterr().out.splitlines()
     assert re.fullmatch(rf"{re.escape(str(picture))}: 32x24, 3,000 points, exposure -?[\d.]+", first)
-    assert second.startswith("up is z (") and second.endswith("; --up and --view change that")
+    assert second == "view: front, up +z (as in most files). Change with --view and --up."
     image = np.asarray(Image.open(picture))
     assert image.shape == (24, 32, 3)
     assert image[12, 16].min() > 60  # the sphere, lit
@@ -188,6 +188,9 @@ def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert facts["points"] == 5000
     assert facts["frames_per_second"] > 0 and facts["million_rays_per_second"] > 0 and facts["bytes_per_point"] > 28
     assert np.asarray(Image.open(picture)).shape == (30, 40, 3)
+    assert execute([*arguments[:-1]]) == 0  # as a table
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert any(line.startswith(f"picture {picture}"[:40]) for line in lines)
 
 
 # --------------------------------------------------------------------------------------------- what is bad input
@@ -197,7 +200,7 @@ BROKEN = {
     "not_a_ply.ply": "hello, this is no scan\n",
     "empty.ply": "",
     "no_end.ply": "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\n",
-    "cut.ply": HEADER.format(100) + "0 0 0\n1 0 0\n",
+    "cut.ply": HEADER.format(100) + "0 0",
     "nothing.ply": HEADER.format(0),
     "nan.ply": HEADER.format(2) + "nan nan nan\nnan nan nan\n",
     "scan.xyz": "0 0 zero\n",
@@ -210,7 +213,7 @@ def test_broken_files(name: str, command: str, tmp_path: Path, capsys: pytest.Ca
     file = tmp_path / name
     file.write_text(BROKEN[name])
     more = ["-o", str(tmp_path / "a.png")] if command == "render" else []
-    assert bad_input([command, str(file), *more], capsys).startswith(f"pointray: {file}: ")
+    assert bad_input([command, str(file), "--strict", *more], capsys).startswith(f"pointray: {file}: ")
     assert os.listdir(tmp_path) == [name]
 
 
@@ -358,7 +361,7 @@ main()
 @pytest.mark.parametrize("command", ["render scan.ply -o a.png", "demo -o a.png --points 20000"])
 def test_interrupted_while_compiling(command: str, scan: Path, tmp_path: Path) -> None:
     """The status is 130, nothing more is printed, and nothing is left behind."""
-    environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path / "cache")}
+    environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path / "cache"), "POINTRAY_KERNELS": "jit"}
     words = [sys.executable, "-c", PROGRAM, *command.split()]
     with subprocess.Popen(words, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None

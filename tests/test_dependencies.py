@@ -19,6 +19,7 @@ import pytest
 import pointray
 from pointray import dependencies, jit
 from pointray.dependencies import ROOT, files_of
+from pointray.jit.decorators import Later
 from test_house import statements
 
 FILES = sorted(ROOT.rglob("*.py"))
@@ -35,6 +36,8 @@ def naive_imports(path: Path, nodes: Iterable[ast.AST]) -> set[Path]:
         elif isinstance(node, ast.Import):
             names = [alias.name for alias in node.names if alias.name.split(".")[0] == "pointray"]
             modules = [ROOT.parent.joinpath(*name.split(".")) for name in names]
+        elif isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "LATER":
+            modules = [path.with_name(name) for name in ast.literal_eval(node.value)]
         else:
             continue
         found |= {file for module in modules for file in (module.with_suffix(".py"), module / "__init__.py")}
@@ -51,7 +54,7 @@ def test_imports_found_by_text_are_those_of_the_syntax_tree():
 
 def test_forms_of_imports(tmp_path):
     """Of a file outside of the package: comments, parentheses, several modules a line, files beside it."""
-    for name in ("one", "two", "three", "four"):
+    for name in ("one", "two", "three", "four", "seven", "eight"):
         (tmp_path / f"{name}.py").write_text("")
     (tmp_path / "room").mkdir()
     for name in ("__init__", "five", "six"):
@@ -59,10 +62,10 @@ def test_forms_of_imports(tmp_path):
     own = tmp_path / "own.py"
     own.write_text(
         "import os, one\nimport two as renamed\nfrom three import (  # not (four)\n    x,  # four\n    y as z,\n)\n"
-        "from room import five\nfrom pointray.kernels import vec\nimport numpy\n\n\ndef f():\n    import four\n"
-        "    from room.six import x\n"
+        "from room import five\nfrom pointray.kernels import vec\nimport numpy\nLATER = 'seven', 'eight'\n\n\n"
+        "def f():\n    import four\n    from room.six import x\n"
     )
-    here = {"own.py", "one.py", "two.py", "three.py", "room/__init__.py", "room/five.py"}
+    here = {"own.py", "one.py", "two.py", "three.py", "room/__init__.py", "room/five.py", "seven.py", "eight.py"}
     found = set(files_of([own]))
     assert {file.relative_to(tmp_path).as_posix() for file in found if file.is_relative_to(tmp_path)} == here
     assert ROOT / "kernels/vec.py" in found and ROOT / "jit/compile.py" in found
@@ -87,6 +90,7 @@ def functions_of(kernel: object) -> set[object]:
             value = function.__globals__.get(name)
             values = [getattr(value, more, None) for more in names] if inspect.ismodule(value) else [value]
             for one in values:
+                one = one.real if isinstance(one, Later) else one
                 inner = getattr(one, "py_func", getattr(one, "_defn", one))
                 if inspect.isfunction(inner) and Path(inner.__code__.co_filename).is_relative_to(ROOT):
                     waiting.append(inner)
@@ -111,11 +115,12 @@ KEYS = """
 import json, sys
 from pathlib import Path
 from pointray import dependencies, model_cache
+from pointray.jit.decorators import Later
 from pointray.dependencies import ROOT, key_of
 
 def keys():
     dependencies._text.cache_clear()
-    dependencies._digest.cache_clear()
+    dependencies.digest_of.cache_clear()
     model_cache.source_key.cache_clear()
     found = {name: key_of([ROOT / name]) for name in sys.argv[1].split()}
     return {**found, "model": model_cache.source_key()}

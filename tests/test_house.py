@@ -23,6 +23,7 @@ TOWER = [
         "choices",
         "extras",
         "progress",
+        "notes",
         "memory",
         "kernels",
         "survey",

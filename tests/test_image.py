@@ -4,8 +4,8 @@ from PIL import Image
 
 import pointray as pr
 from pointray.image import filmic, linear_to_srgb, srgb_to_linear, tone, write_image
-from pointray.image.exposure import auto_exposure, auto_tone, tone_of
-from pointray.image.tone import soft
+from pointray.image.exposure import auto_exposure, auto_tone, tone_of, white_under
+from pointray.image.tone import neutral, soft
 
 BYTES = np.arange(256, dtype=np.uint8)
 GRAY = np.full((4, 6, 3), 0.25, np.float32)
@@ -48,7 +48,7 @@ def test_a_stop_doubles():
 
 def test_what_is_no_number_is_black():
     values = np.float32([np.nan, np.inf, -np.inf, -1, 3])
-    for curve in ("srgb", "filmic"):
+    for curve in ("srgb", "neutral", "filmic"):
         shown = tone(values, 3, curve)
         assert shown[[0, 2, 3]].tolist() == [0, 0, 0]
         assert shown[1] == 1
@@ -106,7 +106,7 @@ def test_nan_and_infinity_do_no_harm(tmp_path):
         ("a.png", GRAY[..., :2], {}, r"\(4, 6, 2\)"),
         ("a.png", np.zeros((0, 6, 3)), {}, r"\(0, 6, 3\)"),
         ("a.png", np.zeros((4, 6, 3), np.uint8), {}, "float"),
-        ("a.png", GRAY, {"curve": "log"}, "srgb, filmic"),
+        ("a.png", GRAY, {"curve": "log"}, "srgb, neutral"),
         ("a.png", GRAY, {"exposure": np.nan}, "exposure"),
     ],
 )
@@ -135,9 +135,43 @@ def test_a_few_bright_spots_do_not_leave_the_rest_dark():
     assert curve == "soft" and stops > auto_exposure(spotted(0.01)) + 2
     shown = linear_to_srgb(tone(spotted(0.01)[..., :3], stops, curve)) * 255
     assert 240 < shown.max() < 250 and shown.min() > 60
-    assert auto_tone(spotted(0.2)) == (auto_exposure(spotted(0.2)), "srgb")
+    assert auto_tone(spotted(0.2)) == (auto_exposure(spotted(0.2), "neutral"), "neutral")
     assert tone_of(spotted(0.01), "auto", "srgb") == (auto_exposure(spotted(0.01)), "srgb")
     assert tone_of(spotted(0.01), 1.5, "auto") == (1.5, "srgb")
+
+
+@pytest.mark.parametrize(("albedo", "level"), [(0.8, 130), (0.18, 130), (0.05, 100), (0.03, 80)])
+def test_dark_surfaces_stay_darker_than_bright_ones(albedo, level):
+    """In the studio's light; without a limit all are shown at level 130."""
+    white = white_under(pr.studio(azimuth=0), "baked")
+    assert white == pytest.approx(0.9 + 0.313, abs=0.01)
+    image = np.full((20, 20, 4), [0.8 * white * albedo] * 3 + [1.0], np.float32)
+    stops, curve = auto_tone(image, white)
+    shown = 255 * linear_to_srgb(tone(image[0, 0, :3], stops, curve))
+    assert curve == "neutral" and shown == pytest.approx([level] * 3, abs=10)
+
+
+def test_white_is_known_under_suns_skies_and_headlights_only():
+    sun, lamp = pr.SunLight((0, 0, -1), 2 * np.pi), pr.PointLight((0, 0, 5), 10)
+    assert white_under([sun]) == pytest.approx(2)
+    assert white_under([sun, pr.EnvironmentLight(0.5)]) == pytest.approx(2.5, rel=1e-3)
+    assert white_under([]) == white_under([lamp], "ao") == 1
+    assert white_under([sun, lamp]) is white_under([], "path") is white_under([pr.SunLight((0, 0, -1), 0)]) is None
+
+
+def khronos(x):
+    """Grey along PBR Neutral as its specification has it, with this project's 0.01 in the place of 0.04."""
+    x = x - (x - x * x / 0.04 if x < 0.02 else 0.01)
+    start = 0.8 - 0.01
+    return x if x < start else 1 - (1 - start) ** 2 / (x + 1 - 2 * start)
+
+
+def test_the_neutral_curve_is_that_of_its_specification():
+    x = np.geomspace(1e-4, 1e4, 2000).astype(np.float32)
+    y = neutral(x)
+    np.testing.assert_allclose(y, [khronos(float(v)) for v in x], rtol=1e-5, atol=1e-7)
+    assert (np.diff(y) >= 0).all() and y[-1] == pytest.approx(1, abs=1e-4)
+    assert neutral(np.float32([0, 0.2, np.inf])).tolist() == pytest.approx([0, 0.19, 1])
 
 
 def test_the_soft_curve_rises_from_black_to_white():
@@ -150,7 +184,7 @@ def test_the_soft_curve_rises_from_black_to_white():
 
 
 def test_a_curve_may_be_chosen_with_the_exposure(tmp_path):
-    for image, curve in ((spotted(0.01), "soft"), (spotted(0.2), "srgb")):
+    for image, curve in ((spotted(0.01), "soft"), (spotted(0.2), "neutral")):
         pr.write_image(tmp_path / "auto.png", image, "auto", "auto")
         pr.write_image(tmp_path / "said.png", image, auto_exposure(image, curve), curve)
         assert (tmp_path / "auto.png").read_bytes() == (tmp_path / "said.png").read_bytes()

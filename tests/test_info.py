@@ -54,6 +54,38 @@ def test_as_a_table(scan, capsys, monkeypatch):
     assert WKT not in out and "crs" not in out
 
 
+def test_it_ends_with_what_a_picture_shows(scan, capsys, tmp_path, rng):
+    assert execute(["info", str(scan), "--json"]) == 0
+    picture = json.loads(capsys.readouterr().out)["first_picture"]
+    assert picture["up"] == "+z (large coordinates, as on a map)" and picture["colors"] == "none: shown in grey"
+    assert picture["ignored"] == "" and picture["normals"].startswith("those of the file")
+    ball = rng.normal(size=(1000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    pr.write(tmp_path / "b.ply", pr.Points([*ball, [1e5, 0, 0]], colors=np.full((1001, 3), 9, np.uint8)))
+    assert execute(["info", str(tmp_path / "b.ply")]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()][-6:]
+    assert lines[0].startswith("picture as render shows it") and lines[1].startswith("up +z (")
+    assert lines[2] == "view front (azimuth 25, elevation 18)" and lines[3] == "colours those of the file"
+    assert lines[4] == "normals estimated" and lines[5] == "ignored 0.1% of the points lie far from all others"
+
+
+def test_texts_of_files_do_not_control_the_terminal(tmp_path, capsys):
+    laspy = pytest.importorskip("laspy")
+    header = laspy.LasHeader(version="1.2", point_format=0)
+    header.generating_software = "a\x1b[2Jb"
+    with laspy.open(tmp_path / "a.las", "w", header=header) as writer:
+        record = laspy.ScaleAwarePointRecord.zeros(9, header=header)
+        record.x = record.y = np.arange(9.0) ** 2
+        writer.write_points(record)
+    assert execute(["info", str(tmp_path / "a.las")]) == 0
+    out = capsys.readouterr().out
+    assert "\x1b" not in out and "a\ufffd[2Jb" in out
+    (tmp_path / "b.xyz").write_bytes(b"1 2 3 \x9b31mx\n" * 3)
+    assert execute(["info", str(tmp_path / "b.xyz")]) == 2
+    err = capsys.readouterr().err
+    assert "\x9b" not in err and err.count("\n") == 1
+
+
 def test_the_rows_of_the_file_are_told_if_fewer_are_read(scan, capsys):
     assert execute(["info", str(scan), "--every", "4"]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]

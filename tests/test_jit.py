@@ -143,7 +143,7 @@ assert all(os.waitpid(child, 0)[1] == 0 for child in children)
 
 def use(folder: Path, cache: Path, program: str = USE, *arguments: str) -> list[str]:
     """Run a kernel that calls `vec.length` in its own process; returns its result and how many kernels it compiled."""
-    environment = {**os.environ, "PYTHONPATH": str(folder), "POINTRAY_CACHE": str(cache)}
+    environment = {**os.environ, "PYTHONPATH": str(folder), "POINTRAY_CACHE": str(cache), "POINTRAY_KERNELS": "jit"}
     script = folder / "use.py"
     script.write_text(program)
     command = [sys.executable, script, *arguments]
@@ -184,8 +184,8 @@ def test_of_processes_that_need_the_same_kernel_one_compiles_it(elsewhere, tmp_p
 SCREEN = """
 import numpy as np
 from pointray.image.screen import _to_8bit, to_8bit
-from pointray.jit import compilations, is_compiled
-before = is_compiled(_to_8bit)
+from pointray.jit import compilations
+before = _to_8bit.is_compiled
 to_8bit(np.zeros((4, 4, 4), np.float32), np.zeros((4, 3)), 0.0, "srgb")
 print(before, compilations())
 """
@@ -226,8 +226,8 @@ def both(x, k):
 @jit.kernel
 def differ(x):
     return both(x, 2) + both(x, int(x[0]))
-print(differ(np.arange(1.0, 9.0)), len(far_away.overloads), len(both.overloads))
-(code,) = differ.inspect_llvm().values()
+print(differ(np.arange(1.0, 9.0)), len(far_away.dispatcher.overloads), len(both.dispatcher.overloads))
+(code,) = differ.dispatcher.inspect_llvm().values()
 defined = [line for line in code.splitlines() if line.startswith("define")]
 print(sum("far_away" in line for line in defined), sum("both" in line for line in defined))
 """
@@ -281,10 +281,31 @@ def test_only_folders_that_are_marked_are_pruned(tmp_path):
         os.utime(folder, (1e9 + age, 1e9 + age))
     (foreign[2] / disk.MARK).write_text("another's")
     (tmp_path / "kernels-notes.txt").touch()
-    code = "from pointray.jit import cache_folder; print(cache_folder())"
+    code = "from pointray.jit.disk import cache_folder; print(cache_folder())"
     environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     new = Path(done.stdout.strip())
     assert (new / disk.MARK).read_bytes() == disk.MARKED
     kept = [*foreign, *ours[-disk.KEEP_CACHES :], new, tmp_path / "kernels-notes.txt"]
     assert sorted(tmp_path.iterdir()) == sorted(kept)
+
+
+SQUARES = jit.Table(lambda: np.arange(5.0) ** 2)
+
+
+@kernel
+def _square(k):
+    return SQUARES[k]
+
+
+def test_a_table_is_an_array_of_kernels():
+    assert [_square(k) for k in range(5)] == [0, 1, 4, 9, 16]
+    assert jit.Table(lambda: np.arange(3))[2] == 2
+
+
+def test_a_table_of_the_package_is_not_computed_on_import():
+    code = (
+        "import pointray as pr; pr.render\nfrom pointray.shade.lobe_tables import LOBES; print('real' in vars(LOBES))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"

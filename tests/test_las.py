@@ -130,6 +130,20 @@ def test_extra_bytes_of_the_same_name_are_kept_apart(tmp_path: Path) -> None:
     assert (attributes["intensity"] == las["intensity"]).all()
 
 
+def test_extra_bytes_of_several_records(tmp_path: Path) -> None:
+    """The descriptions continue in the next record; a repeated one is ignored."""
+    path = tmp_path / "a.las"
+    las = write_random(path, "1.1", 1)
+    raw = path.read_bytes()
+    at, size = raw.index(b"LASF_Spec") - 2, 192 * 9
+    record, described = raw[at : at + 54], raw[at + 54 : at + 54 + size]
+    parts = [described[:384], described[384:], described[:384]]
+    records = b"".join(record[:20] + struct.pack("<H", len(part)) + record[22:] + part for part in parts)
+    raw = changed(raw, 96, "<II", struct.unpack_from("<I", raw, 96)[0] + len(records) - 54 - size, 3)
+    path.write_bytes(raw[:at] + records + raw[at + 54 + size :])
+    check_same(pr.read(path, strict=True), las)
+
+
 def test_an_offset_of_minus_zero_is_told_as_zero(tmp_path: Path) -> None:
     path = tmp_path / "a.las"
     header = laspy.LasHeader(version="1.2", point_format=3)
@@ -323,7 +337,7 @@ def test_pages_that_name_each_other_are_refused(tmp_path: Path) -> None:
 def error_of(path: Path, data: bytes | bytearray) -> str:
     path.write_bytes(data)
     with pytest.raises(ValueError) as error:
-        pr.read(path)
+        pr.read(path, strict=True)
     text = str(error.value)
     assert text.startswith(str(path)) and "\n" not in text
     return text[len(str(path)) :]
@@ -349,17 +363,93 @@ def test_what_is_wrong_is_said(tmp_path: Path) -> None:
     assert "the offset of its coordinates" in error_of(path, changed(good, 155, "<d", nan))
     assert "its points begin at byte" in error_of(path, changed(good, 96, "<I", 2**31))
     assert "its points begin at byte" in error_of(path, changed(good, 96, "<I", 100))
-    assert "4,294,967,295 records" in error_of(path, changed(good, 100, "<I", 2**32 - 1))
+    assert "1 of 4,294,967,295 variable length records" in error_of(path, changed(good, 100, "<I", 2**32 - 1))
     assert "unknown point format 11" in error_of(path, changed(good, 104, "<B", 11))
     assert "point format 7 have 36 or more" in error_of(path, changed(good, 105, "<H", 35))
     assert "version 1.9" in error_of(path, changed(good, 25, "<B", 9))
-    assert "behind its points" in error_of(path, changed(good, 235, "<QI", 3, 1))
+    assert "cannot begin at byte 3" in error_of(path, changed(good, 235, "<QI", 3, 1))
+    assert "0 of 1 extended variable" in error_of(path, changed(good, 235, "<QI", len(good), 1))
     path.write_bytes(changed(good, 247, "<Q", 400))
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        assert len(pr.read(path)) == 400
+        assert len(pr.read(path)) == 500
     said = "; ".join(str(one.message) for one in told)
     assert "as many as 100 rows more" in said and "400 rows, but" in said
+
+
+def read_with_warning(path: Path, data: bytes) -> tuple[pr.Points, str]:
+    """The points of a damaged file, and the one warning of it."""
+    path.write_bytes(data)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        points = pr.read(path)
+    assert len(said) == 1
+    return points, str(said[0].message)
+
+
+def test_wrong_records_do_not_hide_the_points(tmp_path: Path) -> None:
+    path = tmp_path / "a.las"
+    write_random(path, "1.4", 7)
+    good, expected = path.read_bytes(), pr.read(path)
+    described = good.index(b"e u1")  # of the first extra bytes
+    records = [(100, "<I", 2), (100, "<I", 2**31 - 1), (235, "<QI", len(good), 1), (235, "<QI", 3, 1)]
+    types = [(described - 2, "<B", 29), (described - 2, "<B", 99)]  # of 3 x 4 bytes; unknown
+    for change in (*records, *types, (described + 4 * 192 - 2, "<B", 30)):
+        at = change[0]
+        points, said = read_with_warning(path, changed(good, *change))
+        assert ("variable length records" in said) == (at < described - 2), change
+        np.testing.assert_array_equal(points.world, expected.world)
+        np.testing.assert_array_equal(points.attributes["gps_time"], expected.attributes["gps_time"])
+        assert error_of(path, path.read_bytes())
+
+
+@pytest.mark.parametrize(("version", "format"), [("1.2", 3), ("1.4", 7)])
+@pytest.mark.parametrize("chunk", (50_000, 100))
+def test_wrong_counts_of_compressed_points(version: str, format: int, chunk: int, tmp_path: Path) -> None:
+    """A chunk of layers states its rows; of others the last is decompressed as far as it goes."""
+    import lazrs
+
+    path = tmp_path / "a.laz"
+    write_random(path, version, format)
+    good = path.read_bytes()
+    las = laspy.read(path)
+    if chunk == 100:
+        vlr = lazrs.LazVlr.new_for_compression(format, las.header.point_format.num_extra_bytes)
+        data = bytearray(vlr.record_data())
+        struct.pack_into("<I", data, 12, chunk)
+        (start,) = struct.unpack_from("<I", good, 96)
+        with (tmp_path / "rows").open("w+b") as stream:
+            compressor = lazrs.LasZipCompressor(stream, lazrs.LazVlr(bytes(data)))
+            compressor.compress_many(las.points.array.tobytes())
+            compressor.done()
+            stream.seek(0)
+            rows = bytearray(stream.read())
+        struct.pack_into("<q", rows, 0, struct.unpack_from("<q", rows)[0] + start)
+        at = good.index(b"laszip encoded") - 2 + 54
+        good = good[:at] + bytes(data) + good[at + len(data) : start] + bytes(rows)
+    path.write_bytes(good)
+    expected = pr.read(path).world
+    place = (107, "<I") if version == "1.2" else (247, "<Q")
+    returns = changed(good, place[0] + struct.calcsize(place[1]), place[1], 500)  # fewer rows show by them
+    for count in (501, 530, 600, 2**32 - 1, 499, 350, 100):
+        points, said = read_with_warning(path, changed(returns, *place, count))
+        assert f"{count:,} rows are announced, 500 are there" in said
+        np.testing.assert_array_equal(points.world, expected)
+        assert f"{count:,} rows" in error_of(path, path.read_bytes())
+
+
+def test_an_octree_with_a_wrong_count(tmp_path: Path) -> None:
+    """Nodes that a box asks for are read too."""
+    good, path = shared_model("raw/lion_takanawa.copc.laz").read_bytes(), tmp_path / "a.laz"
+    (low, high), (count,) = (
+        pr.read(shared_model("raw/lion_takanawa.copc.laz")).bounds,
+        struct.unpack_from("<Q", good, 247),
+    )
+    path.write_bytes(changed(good, 247, "<Q15Q", 1000, *(0,) * 15))
+    with pytest.warns(UserWarning, match="1,000 rows are announced"):
+        assert len(pr.read(path, bounds=[low, low + (high - low) * [1, 1, 0.99]])) > 0.9 * count
+    with pytest.raises(ValueError, match="1,000 rows are announced"):
+        pr.read(path, bounds=[low, high], strict=True)
 
 
 def test_what_is_wrong_with_compressed_points_is_said(tmp_path: Path) -> None:
@@ -374,10 +464,8 @@ def test_what_is_wrong_with_compressed_points_is_said(tmp_path: Path) -> None:
     assert "not yet written" in error_of(path, changed(good, start, "<q", 0))
     assert "table of its chunks" in error_of(path, changed(good, table + 4, "<I", 2**32 - 1))
     assert "its chunks" in error_of(path, changed(good, table + 8, "<I", 2**32 - 1))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of more returns than rows
-        assert "has 500 rows, not 499" in error_of(path, changed(good, 247, "<Q", 499))
-    assert "500 rows" in error_of(path, changed(good, 247, "<Q", 501))
+    assert "499 rows are announced, 500 are there" in error_of(path, changed(good, 247, "<Q", 499))
+    assert "501 rows are announced, 500 are there" in error_of(path, changed(good, 247, "<Q", 501))
     (row,) = struct.unpack_from("<H", good, 105)
     assert "layers of other sizes" in error_of(path, changed(good, start + 8 + row + 4, "<I", 2**32 - 1))
     assert "compressed rows have" in error_of(path, changed(good, vlr + 34 + 2, "<H", 29))

@@ -88,6 +88,38 @@ def test_many_points_come_in_blocks(tmp_path, monkeypatch):
     assert abs(points.world.mean(axis=0) - whole.world.mean(axis=0)).max() < 0.1
 
 
+@pytest.mark.parametrize("padding", [b"\0", b" "])
+def test_a_binary_stl_file_may_begin_with_solid(tmp_path, padding):
+    path = save(tmp_path, ball(), "stl")
+    plain = read(path)
+    data = b"solid SolidWorks".ljust(80, padding) + path.read_bytes()[80:]
+    path.write_bytes(data)
+    np.testing.assert_array_equal(read(path).world, plain.world)
+    path.write_bytes(data[:-60])
+    with pytest.warns(UserWarning, match="is cut off: 320 triangles .*: 2 of 320 are missing"):
+        assert len(read(path)) > 0
+    path.write_bytes(data[:60])
+    with pytest.raises(ValueError, match=r"a\.stl"):
+        read(path)
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", " \\\n \n"])
+def test_negative_indices_count_from_the_face(tmp_path, end):
+    """Each triangle follows its own corners; every second one has positive indices."""
+    shape, lines = ball(), []
+    for k, (triangle, normal) in enumerate(zip(shape.triangles, shape.face_normals, strict=True)):
+        lines += ["v {} {} {}".format(*row) for row in triangle]
+        lines += [f"vt 0 {k / len(shape.faces)}", "vn {} {} {}".format(*normal)]
+        corners = (f"{j}/-1/-1" if k % 2 else f"{3 * k + 4 + j}/{k + 1}/{k + 1}" for j in (-3, -2, -1))
+        lines.append(f"f {' '.join(corners)}{end}f -1/-1/-1 -3/-1/-1 -3/-1/-1 # not -4")
+    (tmp_path / "a.obj").write_bytes(end.join([*lines, ""]).encode())
+    points = read(tmp_path / "a.obj", sample=0)
+    assert as_set(points.world) == as_set(shape.vertices)
+    np.testing.assert_allclose(points.normals, points.world / 3, atol=0.1)
+    sampled = read(tmp_path / "a.obj", sample=2000)
+    np.testing.assert_allclose(np.linalg.norm(sampled.world, axis=1), 3, atol=0.1)
+
+
 def test_points_without_triangles_keep_their_order(rng, tmp_path):
     rows = np.repeat(rng.random((40, 3)).round(3), 2, axis=0)  # each twice: none is merged
     colors = rng.integers(0, 256, (80, 3))
@@ -124,7 +156,7 @@ def test_colors_of_vertices(tmp_path, sample):
 
 
 @pytest.mark.parametrize("kind", ["glb", "obj"])
-@pytest.mark.parametrize("sample", [None, 500])
+@pytest.mark.parametrize("sample", [0, 500])
 def test_colors_of_a_texture(tmp_path, kind, sample):
     picture = Image.fromarray(np.repeat([[[250, 0, 0]], [[0, 0, 250]]], 2, axis=1).astype(np.uint8))
     square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
@@ -193,12 +225,18 @@ def test_cut_files_are_refused(tmp_path, kind):
     for size in (100, len(data) // 2, len(data) - 30):
         path.write_bytes(data[:size])
         with pytest.raises(ValueError, match="a." + kind):
-            read(path)
+            read(path, strict=True)
 
 
 @pytest.mark.parametrize(
     ("line", "words"),
-    [("v 1 2", "line 5 is 'v 1 2'"), ("v 1 2,5 3", "line 5 is"), ("vn 1 x 3", "line 5 is"), ("f 1 2 9", "damaged")],
+    [
+        ("v 1 2", "line 5 is 'v 1 2'"),
+        ("v 1 2,5 3", "line 5 is"),
+        ("vn 1 x 3", "line 5 is"),
+        ("f 1 2 9", "damaged"),
+        ("f 1 2 -4", "index -4, after 3 rows"),
+    ],
 )
 def test_a_wrong_line_is_named(tmp_path, line, words):
     (tmp_path / "a.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 # fine\n{line}\n")
@@ -213,7 +251,7 @@ def test_rows_that_are_nowhere_are_refused(tmp_path):
         del accessor["bufferView"]
         accessor["count"] = 10**9
     path.write_text(json.dumps(tree))
-    with pytest.raises(ValueError, match="accessor 0 is said to have 1,000,000,000 rows, which are nowhere"):
+    with pytest.raises(ValueError, match="accessor 0 announces 1,000,000,000 rows without data"):
         read(path)
 
 

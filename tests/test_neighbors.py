@@ -139,7 +139,7 @@ def test_other_processors_find_the_same(features, tmp_path):
         "s = ((q[:, None] - q) ** 2); s = s[..., 0] + s[..., 1] + s[..., 2];"
         "assert (i == np.argsort(s, axis=1, kind='stable')[:, :12]).all(); print('same')"
     )
-    env = {**os.environ, "POINTRAY_CACHE": str(tmp_path)}
+    env = {**os.environ, "POINTRAY_CACHE": str(tmp_path), "POINTRAY_KERNELS": "jit"}
     if features is None:
         env["POINTRAY_CHECK"] = "1"
     else:

@@ -96,7 +96,9 @@ def with_lists(text, order):
     return header.encode() + body
 
 
-@pytest.mark.parametrize("names", ["red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue"])
+@pytest.mark.parametrize(
+    "names", ["red green blue", "r g b", "diffuse_red diffuse_green diffuse_blue", "scalar_R scalar_G scalar_B"]
+)
 @pytest.mark.parametrize(
     "colors", [RGB, RGB.astype("u2") * 257, RGB.astype("i4"), (RGB / 255).astype("f4"), RGB.astype("f4")]
 )
@@ -104,6 +106,41 @@ def test_colors_of_all_kinds(tmp_path, names, colors):
     columns = dict(zip(["x", "y", "z", *names.split()], [*XYZ.T, *colors.T], strict=True))
     for text in (False, True):
         np.testing.assert_array_equal(read(save(tmp_path / "a.ply", columns, text)).colors, RGB)
+
+
+@pytest.mark.parametrize(("text", "order"), FORMATS)
+@pytest.mark.parametrize("name", ["rgb", "RGBA"])
+@pytest.mark.parametrize("dtype", ["u4", "i4", "f4", "whole f4"])
+def test_packed_colors(tmp_path, text, order, name, dtype):
+    """As PCL writes them: bits 0xAARRGGBB; a float of the same bits, or of the same value."""
+    packed = RGB.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32) | 1 << 16
+    expected = RGB | np.array([1, 0, 0], np.uint8)
+    if dtype == "f4" and text:  # NaN has no bits in a text
+        packed, expected = packed & 0x7FFFFF, expected & [127, 255, 255]
+    elif dtype != "whole f4":
+        packed = packed | 0xFF000000
+    column = packed.astype("f4") if dtype == "whole f4" else packed.view(dtype)
+    columns = dict(zip(["x", "y", "z", name, "label"], [*XYZ.T, column, RGB[:, 0]], strict=True))
+    points = read(save(tmp_path / "a.ply", columns, text, order))
+    np.testing.assert_array_equal(points.colors, expected)
+    assert list(points.attributes) == ["label"]
+
+
+def test_points_without_a_packed_color_are_grey(tmp_path):
+    column = np.full(50, 0x00102030, np.uint32).view("f4")
+    column[7] = np.nan
+    path = save(tmp_path / "a.ply", dict(zip(["x", "y", "z", "rgb"], [*XYZ.T, column], strict=True)))
+    with pytest.warns(UserWarning, match="1 points have no colour"):
+        colors = read(path).colors
+    assert colors[7].tolist() == [128] * 3 and colors[8].tolist() == [16, 32, 48]
+
+
+def test_named_colors_come_before_packed_ones_and_scalars(tmp_path):
+    names = ["x", "y", "z", "red", "green", "blue", "rgb", "scalar_R", "scalar_G", "scalar_B", "scalar_Label"]
+    columns = dict(zip(names, [*XYZ.T, *RGB.T, *XYZ.T, *XYZ.T[:2]], strict=True))
+    points = read(save(tmp_path / "a.ply", columns))
+    np.testing.assert_array_equal(points.colors, RGB)
+    assert list(points.attributes) == names[6:]
 
 
 @pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
@@ -301,7 +338,7 @@ def test_damaged_files_are_named_with_the_reason_in_one_line(tmp_path, content, 
     path = tmp_path / "damaged.ply"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(ValueError, match=words) as caught:
-        read(path)
+        read(path, strict=True)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
 
@@ -328,7 +365,7 @@ def test_a_damaged_file_is_read_or_refused(valid, kind, cut, flips):
         content[int(offset**2 * len(content))] ^= bits  # most of them in the header
     path.write_bytes(content[: int(np.sqrt(cut) * len(content)) + 1])
     try:
-        points = read(path)
+        points = read(path, strict=True)
     except ValueError as error:
         assert str(error).startswith(str(path))
     else:

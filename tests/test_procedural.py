@@ -11,7 +11,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from conftest import long
-from pointray.points.procedural import NAMES, area, mesh, procedural, procedural_distance, sample
+from pointray.jit import Array, kernel
+from pointray.points.procedural import _MESH_CELL, NAMES, area, mesh, procedural, procedural_distance, sample
+from pointray.points.procedural.clay import _foot
+from pointray.points.procedural.creases import edges_of
 
 
 @cache
@@ -184,3 +187,43 @@ def test_points_are_handed_over():
     assert isinstance(points, data.Points)
     assert points.positions.shape == (100, 3)
     assert points.colors.dtype == np.uint8
+
+
+@kernel
+def _feet(a: Array, b: Array, d: Array, out: Array) -> None:
+    """The parameters of the nearest points of curves A + 2 a t + b t^2, d = A - x."""
+    for i in range(len(out)):
+        out[i] = _foot(
+            a[i, 0] * a[i, 0] + a[i, 1] * a[i, 1] + a[i, 2] * a[i, 2],
+            a[i, 0] * b[i, 0] + a[i, 1] * b[i, 1] + a[i, 2] * b[i, 2],
+            b[i, 0] * b[i, 0] + b[i, 1] * b[i, 1] + b[i, 2] * b[i, 2],
+            d[i, 0] * a[i, 0] + d[i, 1] * a[i, 1] + d[i, 2] * a[i, 2],
+            d[i, 0] * b[i, 0] + d[i, 1] * b[i, 1] + d[i, 2] * b[i, 2],
+        )
+
+
+@pytest.mark.parametrize("bend", [3.0, 1.0, 0.1, 1e-3, 1e-6])
+def test_the_nearest_point_of_a_bent_tube(bend, rng):
+    """No sample of the curve is nearer. A bend of 3 is a hairpin."""
+    n, t = 2000, np.linspace(0, 1, 2001)[:, None, None]
+    a, d = rng.normal(size=(2, n, 3))
+    b = bend * rng.normal(size=(n, 3)) - (bend > 2) * a
+    found = np.empty(n)
+    _feet(a, b, d, found)
+    assert ((found >= 0) & (found <= 1)).all()
+
+    def distance(t):
+        return np.linalg.norm(d + 2 * a * t + b * t * t, axis=-1)
+
+    assert (distance(found[:, None]) <= distance(t).min(axis=0) + 1e-9).all()
+
+
+@pytest.mark.parametrize("name", [long("statue"), "sphere", "torus", "lattice"])
+def test_no_part_of_space_with_surface_is_passed_over(name):
+    """The mesh is closed: what was left out would be a hole, or a wall between the two signs."""
+    vertices, faces = mesh(name)
+    ends, sides = edges_of(faces, len(vertices))
+    assert (np.bincount(sides.ravel()) % 2 == 0).all()
+    lengths = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+    assert lengths.max() < 6 * _MESH_CELL[name]
+    assert np.abs(procedural_distance(name, vertices[::199])).max() < 1e-3

@@ -9,6 +9,7 @@ import pytest
 from conftest import shared_model
 from pointray.points import read
 from pointray.points.files import headers
+from pointray.points.formats._source import Request
 from pointray.survey import SCAN
 from test_text import mutated
 
@@ -49,7 +50,7 @@ def test_a_single_scan_has_no_scan_numbers(tmp_path):
     points = read(path)
     assert set(points.attributes) == {"intensity"}
     assert points.survey.stations == ((10, 20, 30),)
-    with next(headers(path))[1].open(path, None) as source:
+    with next(headers(path))[1].open(path, Request()) as source:
         list(source.chunks())
         assert source.listing.facts["without_return"] == 1
 
@@ -94,7 +95,7 @@ def test_colours_and_scans_without_them(tmp_path):
 )
 def test_what_is_wrong_is_said_with_its_line(tmp_path, text, word):
     with pytest.raises(ValueError, match=word) as error:
-        read(save(tmp_path, text))
+        read(save(tmp_path, text), strict=True)
     assert "\n" not in str(error.value)
 
 

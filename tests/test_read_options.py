@@ -15,7 +15,7 @@ from pointray.viewer.loading import Files
 from pointray.viewer.shared_scene import SharedScene
 
 NONE = {"columns": None, "every": 1, "max_points": None, "bounds": None, "keep": None, "drop": None}
-NONE |= {"resolution": None, "sample": None, "opacity": 0.1, "intrinsics": None}
+NONE |= {"resolution": None, "sample": None, "opacity": 0.1, "intrinsics": None, "strict": False}
 
 
 @pytest.fixture
@@ -89,7 +89,7 @@ def test_a_box(folder, capsys):
         ("--columns x,y", "--columns must name z once"),
         ("--columns x,,z", "--columns must be names"),
         ("--resolution 0", "--resolution must be a positive number"),
-        ("--sample 0", "--sample must be a whole number from 1"),
+        ("--sample -1", "--sample must be a whole number from 0"),
         ("--opacity 2", "--opacity must be a number from 0 to 1"),
         ("--intrinsics 1,2", "--intrinsics must be fx,fy,cx,cy"),
         ("--intrinsics 1,2,a,b", "--intrinsics must be fx,fy,cx,cy"),

@@ -11,10 +11,10 @@ import pytest
 import pointray as pr
 from pointray import memory
 from pointray.points import files, gather
-from pointray.points.colors import to_uint8
+from pointray.points.colors import ColorRange, to_shades
 from pointray.points.filling import Filling
 from pointray.points.formats._source import Chunk, Listing, Source
-from pointray.points.formats.ply import ply
+from pointray.points.formats.ply import _binary
 from pointray.points.opening import Opener
 from pointray.points.selection import Selection
 from pointray.survey import RESIDUAL, SCAN, Survey, numbers_of
@@ -71,7 +71,7 @@ def test_a_later_chunk_may_need_a_wider_type_and_rows_may_be_missing():
 @pytest.fixture
 def scan(tmp_path, monkeypatch):
     """A file of 1,000 rows that is read in chunks of 64."""
-    monkeypatch.setattr(ply, "CHUNK", 64)
+    monkeypatch.setattr(_binary, "CHUNK", 64)
     path = tmp_path / "scan.ply"
     pr.write(path, pr.Points(XYZ, attributes={"row": np.arange(1000), "classification": CLASSES}))
     return path
@@ -132,7 +132,7 @@ def test_as_many_where_the_number_of_rows_is_not_known(count):
         ({"keep": {"classification": 77}}, "holds no points that are chosen"),
         ({"columns": "x,y"}, "must name z once"),
         ({"resolution": -1}, "resolution must be"),
-        ({"sample": 0}, "sample must be"),
+        ({"sample": -1}, "sample must be"),
         ({"opacity": 2}, "opacity must be"),
         ({"intrinsics": (1, 2)}, "intrinsics must be"),
     ],
@@ -210,7 +210,7 @@ def test_packed_files_are_unpacked(scan, tmp_path):
         np.testing.assert_array_equal(pr.read(tmp_path / name).positions, plain.positions)
         (tmp_path / name).write_bytes(data[: len(data) // 2])
         with pytest.raises(ValueError, match=rf"{name}: is damaged or cut off"):
-            pr.read(tmp_path / name)
+            pr.read(tmp_path / name, strict=True)
         (tmp_path / name).write_bytes(data[:9] + bytes(200) + data[209:])
         with pytest.raises(ValueError, match=rf"{name}: "):
             pr.read(tmp_path / name)
@@ -243,19 +243,22 @@ def test_a_file_that_is_being_written_is_told(scan, monkeypatch):
     ],
 )
 def test_colors_of_all_kinds_become_8_bits(given, shown):
-    assert to_uint8([given])[0].tolist() == [shown]
-    assert to_uint8([given, given[:0]])[1].shape == (0, 3)
+    known = ColorRange.of([given, given[:0]])
+    assert to_shades(given, known.scale(given.dtype)).tolist() == [shown]
+    assert to_shades(given[:0], known.scale(given.dtype)).shape == (0, 3)
+    assert not known.note(given.dtype)
 
 
-@pytest.mark.parametrize("wrong", [[[0.0, np.nan, 1.0]], [[0, 1, 70000]], [[0, -1, 300]], [[-0.5, 0.0, 1.0]]])
-def test_colors_that_are_none(wrong):
+@pytest.mark.parametrize("wrong", [[[0, 1, 70000]], [[0, -1, 300]], [[-0.5, 0.0, 1.0]], [[np.inf, 1, 0]]])
+def test_colors_out_of_range_are_refused(wrong):
     with pytest.raises(ValueError, match="its colours reach from"):
-        to_uint8([np.array(wrong)])
+        ColorRange.of([np.array(wrong)]).scale(np.array(wrong).dtype)
 
 
-def test_16_bits_are_told_from_8_by_all_chunks_together():
+def test_16_bits_are_recognised_by_all_chunks_together():
     dark, bright = np.full((1, 3), 200, np.uint16), np.full((1, 3), 51400, np.uint16)
-    assert [one.tolist() for one in to_uint8([dark, bright])] == [[[1, 1, 1]], [[200, 200, 200]]]
+    scale = ColorRange.of([dark, bright]).scale(dark.dtype)
+    assert [to_shades(one, scale).tolist() for one in (dark, bright)] == [[[1, 1, 1]], [[200, 200, 200]]]
 
 
 def test_too_little_memory_is_told_before_rows_are_read(scan, monkeypatch):
@@ -270,3 +273,13 @@ def test_progress_grows_to_one():
     gathered(Chunk(XYZ), Chunk(XYZ), progress=shares.append)
     assert shares == sorted(shares)
     assert 0.8 < shares[-1] <= 1
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("a.sog", "SuperSplat"), ("a.fls", "as E57"), ("a.fbx", "as .glb or .obj"), ("a.zip", "unpack it")],
+)
+def test_files_of_other_programs_get_a_hint(tmp_path, name, hint):
+    (tmp_path / name).write_bytes(b"PK\x03\x04" + bytes(100))
+    with pytest.raises(ValueError, match=f"cannot read .{name[2:]}: .*{hint}"):
+        pr.read(tmp_path / name)

@@ -3,26 +3,28 @@
 import numpy as np
 import pytest
 
+from pointray.choices import CURVES
 from pointray.image.screen import to_8bit
 from pointray.image.tone import linear_to_srgb, tone
 
 
 def plain(image, backdrop, exposure, curve):
     """Levels by the formulas, without a table."""
-    light = np.nan_to_num(image[..., :3], posinf=1e30) * np.float32(2.0**exposure)
-    light = light + np.asarray(backdrop, np.float32) * (1 - image[..., 3:])
-    return np.rint(linear_to_srgb(tone(light, 0.0, curve)) * 255).astype(int)
+    light = tone(np.nan_to_num(image[..., :3], posinf=1e30), exposure, curve)
+    light = light + np.float32(backdrop)[:, None] * (1 - image[..., 3:])
+    return np.rint(linear_to_srgb(light) * 255).astype(int)
 
 
-@pytest.mark.parametrize("curve", ["srgb", "filmic"])
+@pytest.mark.parametrize("curve", CURVES)
 @pytest.mark.parametrize("exposure", [0.0, 1.5, -3.0])
 def test_levels_are_those_of_the_curves(curve, exposure, rng):
     image = np.exp(rng.normal(-2, 3, (70, 90, 4))).astype(np.float32)
-    image[..., 3] = rng.uniform(0, 1, (70, 90))
-    backdrop = (0.1, 0.5, 0.9)
+    image[..., 3] = rng.integers(0, 2, (70, 90))
+    image[..., :3] *= image[..., 3:]
+    backdrop = rng.uniform(0, 0.95, (70, 3))  # the curve does not change it
     levels, expected = to_8bit(image, backdrop, exposure, curve), plain(image, backdrop, exposure, curve)
     assert np.abs(levels - expected).max() <= 1
-    assert (levels != expected).mean() < 0.02
+    assert (levels != expected).mean() < 0.04
 
 
 def test_every_level_comes_back():

@@ -1,16 +1,8 @@
-"""Vectors compared with NumPy, and kernels for lesser and other processors."""
+"""Vectors compared with NumPy."""
 
-import os
-import re
-import subprocess
-import sys
-from pathlib import Path
-
-import llvmlite.binding as llvm
 import numpy as np
 import pytest
 
-import pointray as pr
 from pointray import jit
 from pointray.jit import kernel
 from pointray.simd import (
@@ -200,69 +192,3 @@ def test_packing_appends_and_writes_16_lanes_at_most(share):
 def test_a_load_beyond_the_end_is_noticed():
     with pytest.raises(IndexError):
         _vectors(np.zeros(15, np.float32), np.zeros(16, np.int32), np.zeros(160, np.float32))
-
-
-# A program that traces a saved model and writes its hits and the kernel's code.
-TRACE = """
-import sys
-from pathlib import Path
-import numpy as np
-import pointray as pr
-from pointray.trace.cast import _closest
-model, out = sys.argv[1:]
-scene = pr.Scene()
-scene.add(pr.Model.load(model))
-hits = scene.intersect(*pr.Camera.frame(scene.bounds, size=(96, 96)).rays())
-np.savez(out + ".npz", t=hits.t, normal=hits.normal, point=hits.point)
-(signature,) = _closest.signatures
-Path(out + ".s").write_text(_closest.inspect_asm(signature))
-Path(out + ".ll").write_text(_closest.inspect_llvm(signature))
-"""
-
-
-def traced(folder, processor, widest):
-    """Check the kernels for a processor: they hit what those of this processor do. Returns their LLVM code."""
-    model, out = folder / "torus.pointray", folder / "out"
-    pr.Model(pr.procedural("torus", 5_000)).save(model)
-    changes = {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": "", "POINTRAY_CACHE": str(folder / "cache")}
-    args = [sys.executable, "-c", TRACE, str(model), str(out)]
-    done = subprocess.run(args, env={**os.environ, **changes}, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    hits, code = np.load(f"{out}.npz"), Path(f"{out}.s").read_text()
-    scene = pr.Scene()
-    scene.add(pr.Model.load(model))
-    here = scene.intersect(*pr.Camera.frame(scene.bounds, size=(96, 96)).rays())
-    assert f"%{widest}" in code and "%zmm" not in code and (widest == "ymm" or "%ymm" not in code)
-    same = np.isfinite(hits["t"]) & np.isfinite(here.t)
-    assert same.sum() > 1000 and (np.isfinite(hits["t"]) != np.isfinite(here.t)).sum() <= 1
-    assert np.abs(hits["t"][same] - here.t[same]).max() < 1e-3
-    assert (hits["point"] != here.point)[same].mean() < 1e-3
-    return Path(f"{out}.ll").read_text()
-
-
-@pytest.mark.long
-def test_a_processor_with_shorter_vectors(tmp_path):
-    if not llvm.get_host_cpu_features().get("avx2"):
-        pytest.skip("this processor has no AVX2")
-    traced(tmp_path, "haswell", "ymm")
-
-
-@pytest.mark.long
-def test_an_arm_processor_needs_no_library_for_rays(tmp_path):
-    """A kernel for plain x86-64 traces well. Lowered for aarch64, it calls only memory, Python's errors and Numba."""
-    code = traced(tmp_path, "x86-64", "xmm")
-    code = re.sub(r"target triple = .*", 'target triple = "aarch64-unknown-linux-gnu"', code)
-    code = re.sub(r"target datalayout = .*\n", "", code)
-    # Numba's reference counting, once a call, is written for x86.
-    code = re.sub(r"= (tail )?call i8 @llvm\.x86\.atomic.*", "= add i8 0, 0", code)
-    assert not re.findall(r"call [^@]*@llvm\.x86\.", code)
-    llvm.initialize_all_targets()
-    llvm.initialize_all_asmprinters()
-    machine = llvm.Target.from_triple("aarch64-unknown-linux-gnu").create_target_machine(opt=3)
-    assembly = machine.emit_assembly(llvm.parse_assembly(code))
-    kernels = [part for part in re.split(r"\n(?=[A-Za-z_][\w.$]*:)", assembly) if re.match(r"_ZN8pointray", part)]
-    calls = {name for part in kernels for name in re.findall(r"\n\s+bl\s+(\S+)", part)}
-    assert any("fmla" in part for part in kernels)
-    # numba_* are helpers of Numba, which only directions of extreme lengths need.
-    known = ("_ZN8pointray", "NRT_", "memset", "memcpy", "numba_frexp", "numba_ldexp")
-    assert not {name for name in calls if not name.startswith(known)}

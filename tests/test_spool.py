@@ -22,7 +22,7 @@ from pointray.parts.columns import Columns
 from pointray.parts.spool import Spooled, spool, spooled_in
 from pointray.points.files import open_files, request_of
 from pointray.points.formats._source import CHUNK, Chunk, Listing
-from pointray.points.formats.ply import ply
+from pointray.points.formats.ply import _binary
 from pointray.points.gather import gather
 from pointray.points.opening import Opener
 from pointray.points.selection import Selection
@@ -36,7 +36,7 @@ RGB = np.random.default_rng(13).integers(0, 256, (1000, 3))
 OPTIONS = {"opacity": 0.0, "intrinsics": (50.0, 55.0, 40.0, 30.0)}
 LEFT_OUT = "left out"
 Usage = namedtuple("Usage", "free")
-READERS = "ply.ply", "ply._ascii", "las.las", "pcd.pcd", "arrays._array", "kitti", "depth", "_named_columns"
+READERS = "ply._binary", "ply._ascii", "las.las", "pcd.pcd", "arrays._array", "kitti", "depth", "_named_columns"
 
 
 @pytest.fixture(autouse=True)
@@ -256,16 +256,17 @@ def test_files_that_lack_columns(columns, known):
 
 @pytest.mark.parametrize("known", [True, False])
 def test_colours_of_several_widths(columns, known):
-    """8 bits, 16 bits, 8 bits in 16, 8 bits moved up, floats, alpha: told from all values of the files of one dtype."""
+    """8 bits, 16 bits, 8 bits in 16, 8 bits moved up, floats, alpha, NaN, zeros: the range is that of each file."""
     alpha = np.column_stack([RGB, RGB[:, 0]])
     wide, dark = (RGB * 257).astype(np.uint16), RGB.astype(np.uint16)
     for files in (
         *([RGB.astype(np.uint8), wide], [dark], [wide], [RGB * 256], [dark, wide], [alpha, wide, XYZ]),
         *([XYZ, RGB * 1.0], [XYZ.astype(np.float32)], [RGB.astype(np.int8)], [(RGB * 257).astype(">u2"), dark]),
+        *([RGB * 0, RGB], [RGB * 0], [np.where(XYZ > 0, RGB, np.nan)], [np.where(RGB == RGB[7], 300, RGB), wide]),
         ([np.where(np.arange(1000)[:, None] < 900, RGB, 257 * RGB).astype(np.uint16), wide * 0]),
     ):
         check_chunks(columns, *((Chunk(XYZ, colors=colors), 64, known) for colors in files))
-    for wrong in (np.full((1000, 3), np.nan), RGB - 3, RGB * 1000):
+    for wrong in (RGB - 3, RGB * 1000):
         openers = [Opener("a", lambda wrong=wrong: Rows(Chunk(XYZ, colors=wrong)))]
         with pytest.raises(ValueError, match="its colours reach") as expected:
             gather(openers, Selection(), None)
@@ -486,7 +487,7 @@ def test_progress_grows_to_one(tmp_path, columns):
 @pytest.mark.parametrize(("n", "chunk", "most"), [(1 << 19, 1 << 14, 10e6), long(1 << 22, CHUNK, 60e6)])
 def test_memory_for_a_few_chunks_is_enough(tmp_path, columns, monkeypatch, large_chunks, n, chunk, most):
     """4 million points take 170 MB, half a million 21 MB. Some are not finite."""
-    for module in (ply, convert):
+    for module in (_binary, convert):
         monkeypatch.setattr(module, "CHUNK", chunk)
     path = tmp_path / "large.ply"
     fields = [*((name, "<f8") for name in "xyz"), *((name, "<f4") for name in ("nx", "ny", "nz")), ("row", "<i4")]

@@ -14,6 +14,7 @@ from pointray.staging.direction import angles_of, direction_of, find_outlook
 from pointray.staging.first_view import Scan, ViewChoice
 from pointray.staging.framing import MARGIN, STRAY, Lens, frame_points, frame_turning
 from pointray.staging.sample import sample_of
+from pointray.staging.stance import Ends, carries, outline
 from pointray.staging.upright import axis_direction, find_up
 
 # The up directions of the shared scans, as a human sees them; of these few in the fast tests.
@@ -279,7 +280,7 @@ def test_what_is_no_view_is_told(wrong):
 
 def test_what_is_found_is_told_in_words():
     found = Scan(statue(5_000), ViewChoice()).found
-    assert "--up and --view change that" in found and "\n" not in found
+    assert found.endswith(" Change with --view and --up.") and "\n" not in found
     assert Scan(statue(5_000), ViewChoice((0, 0, 1), "front")).found == ""
 
 
@@ -411,3 +412,36 @@ def test_a_backdrop_stands_behind_and_is_not_exposed(tmp_path):
     np.testing.assert_allclose(pixels[:, 0, 0], (np.arange(8) + 0.5) / 8 * 255, atol=1)
     with pytest.raises(ValueError, match="backdrop"):
         pr.write_image(tmp_path / "a.png", image, backdrop=((0, 0, 2), (0, 0, 0)))
+
+
+@pytest.mark.parametrize("angle", [0.0, 11.25, 30.0, 45.0])
+def test_a_wall_stands_wherever_it_is(angle, rng):
+    """Seen from above it is a line, whose outline is 0."""
+    u, height = rng.random((2, 400))
+    a = np.radians(angle)
+    for offset in (0.0, 0.1, 1.0, 7.7):
+        wall = np.stack([u * np.cos(a) - offset * np.sin(a), u * np.sin(a) + offset * np.cos(a), height], axis=1)
+        scores = np.concatenate([Ends.of(wall, axis).stances() for axis in range(3)])
+        assert np.isfinite(scores).all()
+        if offset == 0.0:
+            first = scores
+        assert scores == pytest.approx(first, abs=1e-6)
+
+
+def test_what_lies_over_a_thin_base():
+    along, across = np.array([np.cos(0.098), np.sin(0.098)]), np.array([-np.sin(0.098), np.cos(0.098)])
+    base = np.array([x * along + y * across for x in np.linspace(-1, 1, 50) for y in (-0.005, 0.005)])
+    for far, carried in ((0.0, True), (0.004, True), (0.006, False), (0.05, False)):
+        assert carries(base, 0.3 * along + far * across) == carried
+    assert not carries(base[:0], np.zeros(2)) and not carries(base[:1], np.zeros(2))
+    assert outline(base) == pytest.approx(0.02, rel=1e-6)
+    assert outline(base[::2]) == 0.0
+
+
+@pytest.mark.parametrize("height", [10.2, 10.6])
+def test_an_island_in_the_last_cell_is_not_beside_the_first(height, rng):
+    box = rng.random((100_000, 3)) * (10, 10, 2)
+    below = (5, 5, -0.05) + rng.random((30, 3)) * 0.01  # in the first cell, of the points that may be strays
+    island = (5, 5, height) + rng.random((40, 3)) * 0.1
+    found = sample_of(pr.Points(np.concatenate([box, below, island]))).without_islands()
+    assert len(found.positions) == 100_030

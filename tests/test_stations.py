@@ -28,8 +28,9 @@ def wrong(normals, exact):
 
 
 def seen_torus(count=6000):
-    """A torus, of which each point is told the station that it faces more; both at points that see neither well."""
-    torus = pr.procedural("torus", count)
+    """A torus about x, each point with the station that it faces more, and the cosine of the angle between them."""
+    made = pr.procedural("torus", count)
+    torus = Points(np.roll(made.positions, 1, axis=1), np.roll(made.normals, 1, axis=1))
     away = [np.array(station) - torus.positions for station in BOTH.stations]
     faces = np.array([np.einsum("ij,ij->i", torus.normals, a / np.linalg.norm(a, axis=1)[:, None]) for a in away])
     return torus, faces.argmax(axis=0), faces.max(axis=0)

@@ -7,14 +7,27 @@ import pytest
 
 import pointray as pr
 from conftest import long, shared_model, sphere_points, uneven_points
-from pointray.kernels.tree import LEAF, NO_SURFACE, STEP
+from pointray.kernels.tree import LEAF, LEAST, NO_SURFACE, STEP
 from pointray.neighbors import kd_order
 from pointray.tree.build import Splats, build_tree
+from pointray.tree.cells import MOST_LEAST
 from pointray.tree.check import check_tree
 from pointray.tree.settings import LEAF_WIDTH, TreeSettings, check_settings
 from pointray.tree.stored import stored_splats
 
 COUNTS = {"torus": 10_000, "sphere": 40_000, "lattice": 40_000, "statue": 200_000}
+
+
+def sweep(rings=24, columns=400):
+    """Points of a rotating scanner on ground, a wall and its own mount, a centimetre to 60 m away."""
+    rng = np.random.default_rng(7)
+    up, around = (
+        a.ravel() for a in np.meshgrid(np.radians(np.linspace(-30, 10, rings)), np.linspace(0, 6.28, columns))
+    )
+    d = np.column_stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
+    t = np.minimum(1.8 / np.maximum(-d[:, 2], 0.03), 12 / np.maximum(d[:, 0], 0.2))
+    t = np.where((up < -0.25) & (np.sin(9 * around) > 0), 0.01 / -d[:, 2], t)
+    return d * (t * (1 + 0.002 * rng.normal(size=len(t))))[:, None]
 
 
 @cache
@@ -23,7 +36,20 @@ def splats(name):
         x = (np.random.default_rng(1).random((2000, 3)) * [0.01, 0.01, 0]).astype(np.float32)
         radii = np.where(np.arange(2000) % 400, 0.001, 1).astype(np.float32)
         return Splats(x, np.tile(np.float32([0, 0, 1]), (2000, 1)), radii, np.arange(2000, dtype=np.int32), None)
-    if name == "uneven":
+    if name == "wide beside narrow":
+        rng = np.random.default_rng(1)
+        x = np.concatenate([rng.normal(size=(2000, 3)) * 1e-4, rng.uniform(-10, 10, (2000, 3))]) * [1, 1, 0]
+        radii = np.repeat(np.float32([1e-5, 1]), 2000)
+        return Splats(
+            x.astype(np.float32),
+            np.tile(np.float32([0, 0, 1]), (4000, 1)),
+            radii,
+            np.arange(4000, dtype=np.int32),
+            None,
+        )
+    if name == "sweep":
+        points = pr.estimate_normals(pr.Points(sweep()))
+    elif name == "uneven":
         points = pr.Points(uneven_points(10_000), uneven_points(10_000))
     elif name in COUNTS:
         points = pr.procedural(name, COUNTS[name])
@@ -43,6 +69,17 @@ def torus():
 def test_trees_are_whole(name, surface):
     positions = 4000 if name not in ("torus", "uneven") else 1000
     assert check_tree(build_tree(splats(name), TreeSettings(surface)), positions) == []
+
+
+@pytest.mark.parametrize("name", ["sweep", "wide beside narrow"])
+def test_a_narrow_splat_does_not_decide_the_step_far_away(name):
+    """Without a limit a ray takes 500 samples in one voxel of the sweep, and 34,000 beside the narrow splats."""
+    cloud = splats(name)
+    tree = build_tree(cloud, TreeSettings("apss"))
+    leaves = tree.leaves.reshape(-1, LEAF)[tree.leaves[STEP::LEAF] > 0]
+    edges = (leaves[:, 3:6] - leaves[:, :3]).max(axis=1)
+    assert (edges <= 1.001 * MOST_LEAST * leaves[:, LEAST]).all()
+    assert len(leaves) < len(cloud.radii) / 4
 
 
 @pytest.mark.parametrize("width", [long(LEAF_WIDTH / 4), long(LEAF_WIDTH / 2), LEAF_WIDTH])
@@ -213,7 +250,7 @@ def seen(cloud, rays, **changes):
 
 
 @pytest.mark.parametrize(
-    "name", ["torus", long("statue"), long("stanford_bunny"), long("stanford_bunny_rangescans"), "uneven"]
+    "name", ["torus", long("statue"), long("stanford_bunny"), long("stanford_bunny_rangescans"), "uneven", "sweep"]
 )
 def test_slabs_and_boxes_lose_nothing(name, rng):
     cloud = splats(name)
@@ -225,7 +262,7 @@ def test_slabs_and_boxes_lose_nothing(name, rng):
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-@pytest.mark.parametrize("name", [*map(long, ("torus", "statue", "stanford_bunny")), "uneven"])
+@pytest.mark.parametrize("name", [*map(long, ("torus", "statue", "stanford_bunny")), "uneven", "sweep"])
 def test_the_size_of_voxels_changes_nothing(name, factor, rng):
     cloud = splats(name)
     rays = random_rays(rng, cloud)
@@ -302,7 +339,7 @@ def test_the_tree_keeps_the_splats(torus, by_row, rng):
 
 
 @pytest.mark.parametrize("samples", [4, 32])
-@pytest.mark.parametrize("name", ["torus", "uneven", "wide among narrow"])
+@pytest.mark.parametrize("name", ["torus", "uneven", "sweep", "wide among narrow", "wide beside narrow"])
 def test_leaves_list_all_splats_within_a_sample_step(name, samples, rng):
     """So samples beside a voxel's face are the same from both sides."""
     cloud = splats(name)

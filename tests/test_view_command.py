@@ -58,7 +58,7 @@ def test_it_shows_a_scan_until_it_is_interrupted(scan):
             process.send_signal(signal.SIGINT)
             assert process.wait(SECONDS) == 130
         told = process.stderr.read()
-        assert told.startswith("pointray: up is z (") and told.count("\n") == 1
+        assert told.startswith("pointray: view: ") and told.count("\n") == 1
     finally:
         process.kill()
         process.communicate()
@@ -187,7 +187,7 @@ def test_levels_in_the_panel(tmp_path, browse):
     [
         ("nothing.ply", "nothing.ply: No such file or directory"),
         ("note.txt", "note.txt: "),
-        ("cut.ply", "cut.ply: is cut off: "),
+        ("cut.ply --strict", "cut.ply: is cut off: "),
         ("empty", "empty: no file in this folder can be read"),
         ("scan.ply a.toml", "a.toml: a scene file is taken alone"),
         ("scan.ply --up 0,0,0", "--up must not be zero"),

@@ -12,7 +12,7 @@ from pointray import cli
 # Interrupts at random moments while another thread keeps the interpreter busy.
 PROGRAM = """
 import random, signal, sys, threading, time
-from pointray.cli.waiting import in_background
+import {module}
 
 signal.signal(signal.SIGINT, signal.default_int_handler)
 sys.setswitchinterval(1e-5)
@@ -28,19 +28,25 @@ def work():
 
 for _ in range(int(sys.argv[2])):
     try:
-        in_background(work)
+        {call}
         while True:  # one that has not arrived yet
             pass
     except KeyboardInterrupt:
         pass
 """
+WAITS = {
+    "pointray.cli.waiting": "pointray.cli.waiting.in_background(work)",
+    "pointray.jit.threads": "pointray.jit.threads.run(lambda shared: work(), 1)",
+}
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
+@pytest.mark.parametrize("module", WAITS)
 @pytest.mark.parametrize("count", [10, long(1_000)])
-def test_an_interrupt_at_any_moment_is_one(count: int) -> None:
-    """When the main thread still waited with an Event, some in ten thousand hung or became a RuntimeError."""
-    done = subprocess.run([sys.executable, "-c", PROGRAM, "1", str(count)], capture_output=True, timeout=600)
+def test_an_interrupt_at_any_moment_is_one(module: str, count: int) -> None:
+    """When the main thread still waited with an Event, one in some thousand hung or became a RuntimeError."""
+    program = PROGRAM.format(module=module, call=WAITS[module])
+    done = subprocess.run([sys.executable, "-c", program, "1", str(count)], capture_output=True, timeout=600)
     assert (done.returncode, done.stderr) == (0, b"")
 
 

@@ -131,13 +131,16 @@ if __name__ == "__main__":
     print(compilations(), max([state.total for state in states], default=0), BACKLOG.state, hit.t > 0)
     print(all(a.number <= b.number for a, b in zip(states, states[1:])))
 """
+PICTURE = """
+    pr.render(scene, pr.Camera.look_at((3, 0, 2), (0, 0, 0), size=(8, 8)), pr.Settings("phong"))
+"""
 CHEAP = ["neighbors.rows", "tree.wide"]  # modules with the kernels of a model that compile fastest
 
 
 def run(program, cache):
     done = subprocess.run(
         [sys.executable, "-c", program],
-        env={**os.environ, "POINTRAY_CACHE": str(cache)},
+        env={**os.environ, "POINTRAY_CACHE": str(cache), "POINTRAY_KERNELS": "jit"},
         capture_output=True,
         text=True,
         check=True,
@@ -148,8 +151,8 @@ def run(program, cache):
 @pytest.mark.long
 def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path):
     """Some kernels are missing in the cache, one of which a second process compiles; on the next start none is."""
-    pr.Scene().add(pr.Model(pr.procedural("torus", 2000)))
     cache = linked_cache(tmp_path / "cache")
+    run(COLD + PICTURE, cache)
     missing = [*CHEAP, "trace.cast"]
     folders = [folder for name in missing for folder in cache.glob(f"*/{name}-*")]
     assert {folder.name.rsplit("-", 1)[0] for folder in folders} >= set(CHEAP)
@@ -163,7 +166,7 @@ def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path):
 @pytest.fixture
 def uncompiled(monkeypatch):
     """A kernel that counts as not compiled."""
-    monkeypatch.setattr(beside, "is_compiled", lambda dispatcher: False)
+    monkeypatch.setattr(jit.Kernel, "is_compiled", False)
     return "pointray.trace.cast._closest"
 
 
@@ -202,7 +205,7 @@ def test_who_waits_is_told_when_it_is_there_and_may_give_up(tmp_path, monkeypatc
 def test_the_process_beside_ends_with_the_one_that_started_it(tmp_path):
     """Its starter is killed, and no process goes on compiling."""
     script = (
-        "import os, time; from pointray.jit import beside; beside.is_compiled = lambda d: False; "
+        "import os, time; from pointray.jit import Kernel; Kernel.is_compiled = False; "
         "from pointray.rendering import warmup; import subprocess; real = subprocess.Popen\n"
         "def start(*words, **options):\n"
         "    process = real(*words, **options)\n"
@@ -213,7 +216,7 @@ def test_the_process_beside_ends_with_the_one_that_started_it(tmp_path):
         "time.sleep(1)\n"
         "os.kill(os.getpid(), 9)\n"
     )
-    environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path)}
+    environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path), "POINTRAY_KERNELS": "jit"}
     done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == -9
     pid = int(done.stdout)

@@ -38,7 +38,7 @@ PROJECTIONS = {
     "panorama": "360 x 180 degrees",
 }
 
-CURVES = {"srgb": "sRGB", "filmic": "filmic", "soft": "soft"}
+CURVES = {"srgb": "sRGB", "neutral": "neutral", "filmic": "filmic", "soft": "soft"}
 
 MATERIALS = {  # of the command line; Python and scene files have the classes of shade/materials/
     "own": "matt, in its own colours",

@@ -20,6 +20,7 @@ FAR = 16  # times its own size: a cloud farther from zero than that loses digits
 MOST_CATEGORIES = 32  # distinct values
 FEWEST_ROWS = 10  # rows for each category, on average: a few points with whole numbers tell nothing
 LABELS = "classification", "point_source_id", SCAN  # names whose whole numbers are categories, however few points
+MEASURES = "intensity", "reflectance", "reflectivity", "amplitude"  # names whose whole numbers are no categories
 MOST_LABELS = 256  # distinct ones: as many classes as LAS has
 PROBE = 1000  # rows that are tested first
 CHUNK = 1 << 20  # rows that are looked at together
@@ -256,7 +257,7 @@ def choose_origin(world: NDArray[Any], count: int | None = None) -> NDArray[np.f
     count : the number of points, if only some of them are given
     """
     rows = world[:: -(-len(world) // SAMPLE)].astype(np.float64)
-    rows = rows[(np.abs(rows) <= FARTHEST).all(axis=1)]
+    rows = rows[(np.abs(rows) <= FARTHEST).all(axis=1) & rows.any(axis=1)]  # 0, 0, 0 stands for no return
     if len(rows) == 0:
         return np.zeros(3)
     # The inner 96%, as a stray point (often at 0, 0, 0) must not decide the size of the model.
@@ -335,15 +336,20 @@ def spread_rows(n: int, most: int = SPREAD) -> NDArray[np.int64]:
 
 def is_label(name: str) -> bool:
     """Whether an attribute's name says that its whole numbers are categories."""
-    return name.lower().removeprefix("scalar_") in LABELS
+    return _plain(name) in LABELS
+
+
+def _plain(name: str) -> str:
+    """An attribute's name as others than CloudCompare write it."""
+    return name.lower().removeprefix("scalar_")
 
 
 def categories_of(values: NDArray[Any], name: str = "") -> tuple[int, ...] | None:
     """The categories of a column of values, None if it has none: bools, and whole numbers of few different values.
 
-    name : of the attribute; that of a label allows more values, and fewer points
+    name : of the attribute; that of a label allows more values, and fewer points; a measure has no categories
     """
-    if values.ndim != 1:
+    if values.ndim != 1 or _plain(name) in MEASURES:
         return None
     sure = values.dtype == np.bool_ or is_label(name)
     most, found = MOST_LABELS if sure else MOST_CATEGORIES, values[:0]

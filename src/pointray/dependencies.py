@@ -20,7 +20,9 @@ _NAMES = rb"(\((?:[^)#]|#[^\n]*)*\)|[^\n(#]+)"  # after `import`: one line, or l
 _FROM = re.compile(rb"^([ \t]*)from[ \t]+(\.*)([\w.]*)[ \t]+import[ \t]+" + _NAMES, re.MULTILINE)
 _MODULE = rb"[\w.]+(?:[ \t]+as[ \t]+\w+)?"
 _IMPORT = re.compile(rb"^([ \t]*)import[ \t]+(" + _MODULE + rb"(?:,[ \t]*" + _MODULE + rb")*)", re.MULTILINE)
+_LATER = re.compile(rb"^LATER = (.*)", re.MULTILINE)  # modules of the same folder, see `jit.later`
 _COMMENT = re.compile(rb"#[^\n]*")
+_WORD = re.compile(rb"\w+")
 _FIRST_WORD = re.compile(rb"(?:^|[(,])\s*(\w+)")
 
 
@@ -55,12 +57,13 @@ def key_of(roots: Iterable[Path], deferred: bool = False) -> str:
     digest = hashlib.sha256()
     for path in files_of(roots, deferred):
         name = path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) else path.name
-        digest.update(f"{name}\0{_digest(path)}\n".encode())
+        digest.update(f"{name}\0{digest_of(path)}\n".encode())
     return digest.hexdigest()[:16]
 
 
 @cache
-def _digest(path: Path) -> str:
+def digest_of(path: Path) -> str:
+    """Return a hash of the content of a file."""
     return hashlib.sha256(_text(path)).hexdigest()
 
 
@@ -83,6 +86,9 @@ def _imports(path: Path, deferred: bool) -> frozenset[Path]:
         for module in modules.decode().split(",") if deferred or not indent else ():
             base = _base(path, own, 0, module.split()[0])
             found.update(_files_at(base) if base else ())
+    for names in _LATER.findall(_text(path)):
+        for name in _WORD.findall(names):
+            found.update(_files_at(os.path.join(path.parent, name.decode())))
     return frozenset(map(Path, found))
 
 

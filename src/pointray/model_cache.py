@@ -12,7 +12,6 @@ import json
 import os
 import shutil
 import time
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,6 +24,7 @@ import platformdirs
 from .dependencies import ROOT, key_of
 from .model import Model
 from .model_file import SAVED
+from .notes import heard, warn
 from .points.replacing import replacing, sweep
 
 FOLDER = "models"
@@ -60,7 +60,7 @@ class Entry:
             _remove(self.path)
             return None
         for note in _description(self.path).get("notes", []):
-            warnings.warn(str(note), stacklevel=2)
+            warn(str(note), stacklevel=2)
         return model
 
     def store(self, model: Model, notes: Sequence[str] = (), progress: Callable[[float], None] | None = None) -> bool:
@@ -104,12 +104,11 @@ def entry_of(files: Sequence[Path], made: Mapping[str, Any]) -> Entry:
 
 def built(build: Callable[[], Model]) -> tuple[Model, list[str]]:
     """A model that is built, and the notes that this gave, which are given as usual."""
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
+    with heard() as notes:
         model = build()
-    for one in said:
-        warnings.warn_explicit(one.message, one.category, one.filename, one.lineno)
-    return model, [str(one.message) for one in said if issubclass(one.category, UserWarning)]
+    for note in notes:
+        warn(note, stacklevel=2)
+    return model, notes
 
 
 def folder() -> Path:

@@ -29,6 +29,12 @@ class Survey:
         The file's coordinates are whole numbers: coordinate = offset + scale * number (LAS).
     stations : tuple of (3,) tuple of float
         Where scanners stood, world coordinates. With more than one, the attribute `SCAN` tells each point's.
+    projection : str or None
+        The file's coordinates are degrees of longitude and latitude; those of the points are metres east and north of a
+        place, by this projection. Files are written in degrees again.
+    format : str or None
+        The format of the file, if it suggests which axis is up: "LAS", "E57", "PTX", "PTS", "KITTI", "glTF", "SPZ",
+        "COLMAP" or "depth image".
 
     Raises
     ------
@@ -41,9 +47,11 @@ class Survey:
     scale: tuple[float, float, float] | None = None
     offset: tuple[float, float, float] | None = None
     stations: tuple[tuple[float, float, float], ...] = ()
+    projection: str | None = None
+    format: str | None = None
 
     def __post_init__(self) -> None:
-        for name in ("crs", "unit"):
+        for name in ("crs", "unit", "projection", "format"):
             value = getattr(self, name)
             object.__setattr__(self, name, None if value is None else check_text(value, name))
         for name in ("scale", "offset"):

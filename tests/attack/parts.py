@@ -13,7 +13,7 @@ class Part(NamedTuple):
     module : str
         Its `begin(folder)` prepares the material of the inputs, and returns the `Attack`.
     count : int
-        Inputs in a whole attack: 200,000 in all.
+        Inputs in a whole attack: 220,000 in all.
     few : int
         Inputs in `make test`.
     limit : float
@@ -42,6 +42,7 @@ PARTS = {
     "threads": Part("scenes_in_threads", 400, 6, 60.0),
     "disks": Part("disks", 400, 24, 60.0),
     "kills": Part("kills", 200, 10, 60.0),
+    "arguments": Part("kernel_arguments", 20_000, 300, 5.0),
 }
 # All parts, and one that tests the harness itself.
 KNOWN = {**PARTS, "sample": Part("sample", 0, 0, 2.5)}

@@ -23,7 +23,9 @@ def told(kind: str, name: str, data: bytes) -> Told:
     if kind in ("las", "laz", "copc") and data[:4] == b"LASF":
         return _las(data)
     if kind == "kitti":
-        return (len(data) // 16, len(data) // 20)
+        return (len(data) // 16, len(data) // 20, len(data) // 24)
+    if kind == "colmap" and not data.startswith(b"#"):
+        return struct.unpack_from("<Q", data)
     if kind == "splat":
         return (len(data) // 32,)
     if kind == "spz":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import os
-import warnings
 from collections.abc import Callable
 
 import numpy as np
@@ -16,6 +15,7 @@ from ..cluster.crew import Crew, taken
 from ..jit import Array
 from ..kernels.records import World
 from ..model import Model
+from ..notes import warn
 from ..progress import Progress, tell
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
@@ -66,7 +66,7 @@ class Baked:
         """Write the records of the light that arrives."""
         exchange, arrived = self._exchange, self._exchange.arrived
         if not arrived.direct.any() and not arrived.indirect.any():
-            warnings.warn("the scene has no light: what is baked is black", stacklevel=5)
+            warn("the scene has no light: what is baked is black", stacklevel=5)
         unit, records = unit_of(arrived), {}
         for (number, sign), side in exchange.sides.items():
             spread = exchange.spreads.get(number)
@@ -161,7 +161,7 @@ class Baked:
         if reason == NO_LEVELS and not levels.any():
             reason = None
         if reason is not None and reason != self._warned:
-            warnings.warn(f"the baked light no longer fits the scene: {reason}", StaleLightWarning, stacklevel=6)
+            warn(f"the baked light no longer fits the scene: {reason}", StaleLightWarning, stacklevel=6)
         self._warned = reason
         return self._kept.tables(scene, levels)
 

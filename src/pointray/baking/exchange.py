@@ -20,7 +20,9 @@ from .surfaces import Sheet, coarser, find_sheets, leveled, recolored
 from .transport import ALL_SIDES, Side, Transport
 
 LEAST_CHOSEN, MOST_CHOSEN = 1 << 15, 1 << 20  # patches, where their number is left to us
-PROBES, PROBE_LINKS = 1 << 13, 16  # patches and links of the rough light that tells which sides are dark
+# Patches and links of the rough light that decides which sides are dark. Where there are few patches these are one in
+# PROBE_SHARE, but no fewer than LEAST_PROBES.
+LEAST_PROBES, PROBES, PROBE_SHARE, PROBE_LINKS = 1 << 11, 1 << 13, 4, 16
 DARK = 0.02  # a back side with less than this share of the light of the brightest side is kept as black
 MOST_ROUNDS = 3  # of further links where there is noise
 DIM = 0.1  # share of the mean light: noise counts as a share of no less than this
@@ -126,7 +128,10 @@ def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings, crew: C
 
 
 def _few(sheets: list[Sheet]) -> list[Sheet]:
-    return coarser(sheets, max(PROBES // len(sheets), 16))
+    """The sheets of the probe."""
+    patches = sum(len(sheet.positions) for sheet in sheets)
+    most = min(max(patches // PROBE_SHARE, LEAST_PROBES), PROBES)
+    return coarser(sheets, max(most // len(sheets), 16))
 
 
 def _lit_sides(scene: Snapshot, sky: Sky, probe: Transport, settings: BakeSettings) -> list[tuple[int, int]]:

@@ -8,7 +8,7 @@ scan_lights : the lights of a scan, and whether they are baked
 baked_light, bake : where pictures get baked light from, and the work of `bake`
 prepare, convert, demo, serve, benchmark : the work of `prepare`, `convert`, `demo`, `view` and `bench`
 facts, report, tables : the work of `info`: of files, coordinates and attributes, of points, and how they are shown
-waiting : progress bars, and Ctrl-C
+waiting : progress bars, and Ctrl-C; printable : texts from files, without control characters
 
 Begin with commands.
 """
@@ -24,6 +24,7 @@ from contextlib import suppress
 from typing import Any
 
 from ..memory import FULL_DISK
+from .printable import printable
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 # A lack of memory in messages of errors other than MemoryError: from C++, threads, and the loader of libraries.
@@ -101,7 +102,7 @@ def _reason(error: OSError | ValueError) -> str:
 
 
 def _say(text: str) -> None:
-    print(f"pointray: {' '.join(text.split())}", file=sys.stderr)
+    print(f"pointray: {printable(' '.join(text.split()))}", file=sys.stderr)
 
 
 def _note(message: Any, *rest: Any) -> None:

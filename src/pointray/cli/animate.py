@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shutil
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, astuple, dataclass, replace
 from functools import partial
@@ -13,6 +12,7 @@ from typing import Any, NamedTuple
 
 from ..arguments import check_positive
 from ..choices import AUTO
+from ..notes import warn
 from .baked_light import ONCE
 from .cluster import wait_for_kernels
 from .keys import read_keys
@@ -184,7 +184,7 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, cli
     missing, other = frames.find()
     if other:
         differ = ", ".join(name.replace("_", " ") for name in other)
-        warnings.warn(f"{frames.pattern}: all frames are rendered anew: not as before: {differ}", stacklevel=2)
+        warn(f"{frames.pattern}: all frames are rendered anew: not as before: {differ}", stacklevel=2)
     with Progress(source.settings if missing else None, source.bakes and len(missing) > 0) as progress:
         try:
             if missing:
@@ -194,7 +194,7 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, cli
                 with writing(output.path):
                     write_mp4(output.path, output.pattern, camera_path.count, camera_path.fps, size)
         except KeyboardInterrupt:
-            warnings.warn(f"{output.path}: the same command goes on where this one stopped", stacklevel=2)
+            warn(f"{output.path}: the same command goes on where this one stopped", stacklevel=2)
             raise
     with writing(output.path):
         if output.mp4:
@@ -257,7 +257,7 @@ def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Pro
 
 def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str]:
     """Exposure and curve for a film: the lowest exposure of some small frames, so that no frame is overexposed."""
-    from ..image.exposure import auto_exposure, auto_tone
+    from ..image.exposure import PLAIN, auto_exposure, auto_tone, white_under
     from ..rendering.picture import render_snapshot
 
     snapshot = scene.snapshot()
@@ -270,8 +270,9 @@ def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str
         share = min(PREVIEW / max(width, height), 1.0)
         small = replace(camera, size=(max(1, round(width * share)), max(1, round(height * share))))
         images.append(render_snapshot(snapshot, small, preview, None))
-    curve = "soft" if any(auto_tone(image)[1] == "soft" for image in images) else "srgb"
-    return min(auto_exposure(image, curve) for image in images), curve
+    white = white_under(scene.lights, settings.integrator)
+    curve = "soft" if any(auto_tone(image, white)[1] == "soft" for image in images) else PLAIN
+    return min(auto_exposure(image, curve, white) for image in images), curve
 
 
 def _inputs(camera_path: CameraPath, source: FilmSource) -> dict[str, Any]:

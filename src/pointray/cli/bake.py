@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..choices import AUTO
 from ..data import Points
-from ..image.exposure import auto_tone
+from ..image.exposure import auto_tone, white_under
 from ..image.tone import linear_to_srgb, srgb_to_linear, tone
 from ..staging import HEADLIGHT
 from ..staging.first_view import ViewChoice
@@ -86,7 +86,8 @@ def bake_scan(scan_scene: ScanScene, source: LightSource, output: BakeOutput, cl
             told = _write_light(output, baked, len(model.points), progress)
         else:
             number = next(iter(scene.shapes))
-            told = _write_points(output, baked, number, scan_scene.read or model.points, scan_scene.one_color)
+            white, points = white_under(scene.lights, "baked"), scan_scene.read or model.points
+            told = _write_points(output, baked, number, points, (scan_scene.one_color, white))
     return f"{told}\n{scan.found}" if scan.found else told
 
 
@@ -108,7 +109,8 @@ def bake_scene(described: DescribedScene, settings: dict[str, Any], output: Bake
         if output.is_light:
             return _write_light(output, baked, sum(len(model.points) for model in scene.models), progress)
         number = next(number for number, shape in scene.shapes.items() if shape is scene.models[0])
-        return _write_points(output, baked, number, scene.models[0].points)
+        white = white_under(scene.lights, "baked")
+        return _write_points(output, baked, number, scene.models[0].points, (None, white))
 
 
 def _write_light(output: BakeOutput, baked: Any, count: int, progress: Progress) -> str:
@@ -119,8 +121,8 @@ def _write_light(output: BakeOutput, baked: Any, count: int, progress: Progress)
     return f"{output.path}: the light of {count:,} points, {baked.nbytes / 2**20:.3g} MiB{ending}"
 
 
-def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, color: Any = None) -> str:
-    """Write the points with the light of an instance. color : see `lit_colors`"""
+def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, look: tuple[Any, float | None]) -> str:
+    """Write the points with the light of an instance. look : color and white, see `lit_colors`"""
     import pointray as pr
 
     irradiance = baked.irradiance(number)
@@ -128,7 +130,7 @@ def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, c
     attributes |= dict(zip(IRRADIANCE, irradiance.T, strict=True))
     colors, ending = points.colors, ""
     if output.colors:
-        colors, exposure, curve = lit_colors(points, irradiance, color)
+        colors, exposure, curve = lit_colors(points, irradiance, *look)
         soft = ", highlights softened" if curve == "soft" else ""
         ending = f", colours in that light, exposure {exposure:g}{soft}"
     lit = points.changed(colors=colors, attributes=attributes)
@@ -138,7 +140,7 @@ def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, c
 
 
 def lit_colors(
-    points: Points, irradiance: NDArray[np.float32], color: Any = None
+    points: Points, irradiance: NDArray[np.float32], color: Any = None, white: float | None = None
 ) -> tuple[NDArray[np.uint8], float, str]:
     """The colours of matt points in some light, as a picture would show them, sRGB; exposure, in stops, and curve.
 
@@ -150,6 +152,8 @@ def lit_colors(
         NaN where it is unknown.
     color : (3,) float, linear, optional
         Of all points; None: their own, or white if they have none.
+    white : float, optional
+        See `auto_exposure`.
     """
     constant = WHITE if color is None else color
     own = np.broadcast_to(np.array(constant, np.float32), irradiance.shape)
@@ -157,7 +161,7 @@ def lit_colors(
         own = srgb_to_linear(points.colors)
     known = np.isfinite(irradiance).all(axis=1)
     light = own[known] * irradiance[known] / np.float32(np.pi)
-    exposure, curve = auto_tone(light[None])
+    exposure, curve = auto_tone(light[None], white)
     shown = np.array(own)
     shown[known] = tone(light, exposure, curve)
     return np.rint(255 * linear_to_srgb(shown)).astype(np.uint8), exposure, curve

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ..notes import warn
 from .waiting import Progress, in_background
 
 # Of light that nobody asked for: a picture comes a second or two later than without, see docs/decisions.
-QUICK_PATCHES, QUICK_LINKS, QUICK_NOISE = 16384, 32, 1.0
+QUICK_PATCHES, QUICK_LINKS, QUICK_NOISE = 16384, 16, 1.0
 
 # What is said when there is no file.
 KEEP = "pointray bake keeps it in a file, for --bake"
@@ -64,10 +64,10 @@ class LightSource:
     def light(self, scene: Any, progress: Progress, told: str = FIRST) -> None:
         """Give a scene its light. told : what is said if it is baked"""
         if self.file is None:
-            warnings.warn(LOOK if self.quick else told, stacklevel=2)
+            warn(LOOK if self.quick else told, stacklevel=2)
         scene.baked = in_background(lambda: self.make(scene, progress.show))
         if scene.baked.coarser:
-            warnings.warn(f"the light does not fit into memory as it is: {scene.baked.coarser}", stacklevel=2)
+            warn(f"the light does not fit into memory as it is: {scene.baked.coarser}", stacklevel=2)
 
 
 def light_source(settings: Any, file: Path | None, quick: bool = False) -> LightSource | None:

@@ -31,9 +31,28 @@ def describe_all(scan: ScanFiles, deep: bool) -> dict[str, Any]:
         files = in_background(lambda: describe_files(scan))
         facts = in_background(lambda: describe(points, deep, partial(progress.show, "looking")))
         ranges = in_background(lambda: describe_attributes(points))
+        picture = in_background(lambda: describe_picture(points))
     formats = dict.fromkeys(file["format"] for file in files)
     head = {"file": scan.name, "format": ", ".join(formats), **describe_survey(points.survey)}
-    return {**head, **facts, "ranges": ranges, **({} if model is None else describe_model(model)), "files": files}
+    of_model = {} if model is None else describe_model(model)
+    return {**head, **facts, "ranges": ranges, **of_model, "files": files, "first_picture": picture}
+
+
+def describe_picture(points: Points) -> dict[str, Any]:
+    """What `render` shows of a scan without options, and why, as values of JSON."""
+    from ..staging.first_view import Scan, ViewChoice
+
+    scan = Scan(points, ViewChoice())
+    up = scan.found_up
+    assert up is not None  # nobody chose one
+    color = "those of the file" if points.colors is not None else "none: shown in grey"
+    facts: dict[str, Any] = {
+        "up": f"{up.axis if up.axis.startswith('-') else f'+{up.axis}'} ({up.why})",
+        "view": scan.outlook.kind,
+    }
+    facts |= {"azimuth": scan.outlook.azimuth, "elevation": scan.outlook.elevation, "colors": color}
+    normals = "estimated" if points.normals is None else "those of the file, if they fit the surface"
+    return {**facts, "normals": normals, "ignored": scan.ignored}
 
 
 def describe_files(scan: ScanFiles) -> list[dict[str, Any]]:
@@ -63,6 +82,7 @@ def describe_survey(survey: Survey) -> dict[str, Any]:
         "crs": survey.crs,
         "crs_name": None if survey.crs is None else crs_name(survey.crs),
         "unit": survey.unit,
+        "projection": survey.projection,
         "scale": None if survey.scale is None else list(survey.scale),
         "stations": [list(station) for station in survey.stations],
     }

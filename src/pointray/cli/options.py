@@ -45,10 +45,9 @@ SubjectArgument = Annotated[
         help=f"A scan, {SCANS}. {TOGETHER} Or, alone, a model that prepare has saved: .pointray; or a scene: .toml."
     ),
 ]
-PointsArgument = Annotated[
-    list[Path],
-    typer.Argument(help=f"A scan, {SCANS}. {TOGETHER} Or, alone, a saved model, .pointray: its points."),
-]
+_POINTS = typer.Argument(help=f"A scan, {SCANS}. {TOGETHER} Or, alone, a saved model, .pointray: its points.")
+PointsArgument = Annotated[list[Path], _POINTS]
+PerhapsPointsArgument = Annotated[list[Path] | None, _POINTS]
 EyeOption = Annotated[str | None, typer.Option(help="Where the camera is, x,y,z; default: it frames the scan.")]
 TargetOption = Annotated[str | None, typer.Option(help="What it looks at, x,y,z; default: the scan's middle.")]
 UpOption = Annotated[
@@ -114,7 +113,7 @@ FillOption = Annotated[
     float | None,
     typer.Option(help="The sky's light beside --light sun and point, as a share of a sun's; 0: none. Default: 0.3."),
 ]
-ExposureOption = Annotated[str, typer.Option(help="Stops; auto: medium brightness, highlights kept.")]
+ExposureOption = Annotated[str, typer.Option(help="Stops; auto: medium, dark scans darker, highlights kept.")]
 ColorOption = Annotated[str | None, typer.Option(help="One colour for all of the scan: linear r,g,b, 0 to 1.")]
 MaterialOption = Annotated[Look, typer.Option(help=f"What the scan is made of. {listed(MATERIALS)}.")]
 GroundOption = Annotated[bool, typer.Option("--ground/--no-ground", help="A grey plane under the scan.")]

@@ -73,7 +73,7 @@ def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progres
     """
     import pointray as pr
 
-    from ..image.exposure import tone_of
+    from ..image.exposure import tone_of, white_under
     from ..rendering.layers import render_layers
     from ..rendering.picture import render
 
@@ -84,7 +84,8 @@ def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progres
     if not is_layered(output):
         image = in_background(lambda: render(*job, show, client))
         with writing(output):
-            exposure, curve = tone_of(image, shown.exposure, shown.curve)
+            white = white_under(job[0].lights, job[2].integrator)
+            exposure, curve = tone_of(image, shown.exposure, shown.curve, white)
             pr.write_image(output, image, exposure, curve, shown.legend, shown.backdrop)
         soft = ", highlights softened" if shown.curve != curve == "soft" else ""
         return f", exposure {exposure:g}{soft}" if shown.exposure == "auto" else ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from ..choices import AUTO
 from ..model import SURFACE
 from ..model_file import SAVED
+from ..notes import warn
 from ..parts.prepare import begun_points, check_unfinished, fits, part_points_for
 from ..parts.prepare import prepare as prepare_parts
 from ..parts.split import PART, check_new, split
@@ -212,7 +212,7 @@ def _prepared(
         noise: str | float = AUTO if options["smooth"] is None else 0.0
         found = find_subsample(points, limit, options["count"], noise, show)
         if found.message:
-            warnings.warn(found.message, stacklevel=2)
+            warn(found.message, stacklevel=2)
         points = found.points.changed(attributes={**found.points.attributes, "radius": found.radii})
         done.append(f"of {before:,}{_fit_of(found, limit)}")
     return points, done

@@ -28,6 +28,7 @@ class Reading:
     sample : int or None
     opacity : float
     intrinsics : tuple of four or five floats, or None
+    strict : bool
     drop_strays : bool
         Whether strays are left out of what was read: no argument of `pr.read`.
     """
@@ -42,6 +43,7 @@ class Reading:
     sample: int | None = None
     opacity: float = 0.1
     intrinsics: tuple[float, ...] | None = None
+    strict: bool = False
     drop_strays: bool = False
 
     @property
@@ -69,13 +71,16 @@ class Reading:
         """The `Request` that formats get."""
         from ..points.files import request_of
 
-        return request_of(self.columns, self.bounds, self.resolution, self.sample, self.opacity, self.intrinsics)
+        return request_of(
+            self.columns, self.bounds, self.resolution, self.sample, self.opacity, self.intrinsics, self.strict
+        )
 
 
 ColumnsOption = Annotated[
     str | None,
     typer.Option(
-        help='Of a text file: what its columns are, like x,y,z,r,g,b,intensity; "-" leaves one out. Default: found.',
+        help="Of a text file, or of a .bin file of float32: what its columns are, like x,y,z,r,g,b,intensity; "
+        '"-" leaves one out. Default: found.',
         rich_help_panel=PANEL,
     ),
 ]
@@ -102,7 +107,11 @@ ResolutionOption = Annotated[
 ]
 SampleOption = Annotated[
     int | None,
-    typer.Option(help="Of a mesh: so many points on its triangles, instead of its vertices.", rich_help_panel=PANEL),
+    typer.Option(
+        help="Number of points to sample on the triangles of a mesh; 0 takes its vertices. Default: the vertices, "
+        "or 200,000 points if these are too far apart to show the surface.",
+        rich_help_panel=PANEL,
+    ),
 ]
 OpacityOption = Annotated[
     float,
@@ -112,6 +121,14 @@ IntrinsicsOption = Annotated[
     str | None,
     typer.Option(
         help="Of a depth picture: fx,fy,cx,cy in pixels, perhaps ,steps: its values in a unit of length.",
+        rich_help_panel=PANEL,
+    ),
+]
+StrictOption = Annotated[
+    bool,
+    typer.Option(
+        "--strict",
+        help="Refuse files that are cut off, contradict themselves or lack a file that they name.",
         rich_help_panel=PANEL,
     ),
 ]
@@ -134,6 +151,7 @@ OPTIONS = {
     "sample": SampleOption,
     "opacity": OpacityOption,
     "intrinsics": IntrinsicsOption,
+    "strict": StrictOption,
     "drop_strays": DropStraysOption,
 }
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..notes import warn
 from .read_options import Reading
 
 FEW = 3  # files that a note names
@@ -172,7 +172,7 @@ def _scans_in(folder: Path) -> list[Path]:
         raise ValueError(f"{folder}: no file in this folder can be read; can read {', '.join(sorted(known))}")
     if left:
         more = f" and {len(left) - FEW:,} more" if len(left) > FEW else ""
-        warnings.warn(f"{folder}: left aside, as no scans: {', '.join(left[:FEW])}{more}", stacklevel=2)
+        warn(f"{folder}: left aside, as no scans: {', '.join(left[:FEW])}{more}", stacklevel=2)
     return files
 
 

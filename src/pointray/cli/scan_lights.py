@@ -62,17 +62,6 @@ def picture_options(context: typer.Context) -> dict[str, Any]:
     return {**options, "quick": quick}
 
 
-def outlook_of(subject: Any, up: Any) -> Any:
-    """The view that is found for a scene or a model, its azimuth in whole degrees; options of views do not change it.
-
-    Where it is a room, sun and sky stay outside if light is baked.
-    """
-    from ..staging.first_view import Scan, ViewChoice
-
-    outlook = Scan(subject, ViewChoice(up)).outlook
-    return outlook._replace(azimuth=float(round(outlook.azimuth)))
-
-
 def _is_quick_look(options: dict[str, Any]) -> bool:
     """Whether light is baked although nobody chose an integrator: it is the studio's, and it is seen on the scan."""
     texts, material = options["light"] or [STUDIO], options.get("material", "own")

@@ -18,7 +18,7 @@ from ..staging.first_view import ViewChoice
 from .baked_light import FIRST, LightSource, light_source
 from .options import background_of, color_of, numbers, settings_of
 from .scan_files import ScanFiles, is_saved
-from .scan_lights import ScanLights, outlook_of
+from .scan_lights import ScanLights
 from .views import View
 from .waiting import Progress, in_background
 
@@ -171,9 +171,10 @@ class ScanScene:
         model = self._load(progress)
         scan = in_background(lambda: Scan(model, self._choice))
         self._scene.add(model, material=self._material.build(model.points, scan.up))
+        bounds = scan.bounds if scan.ignored else model.bounds
         if self._appearance["ground"]:
-            self._scene.add(ground_under(model.bounds, scan.up))
-        self._scene.lights = self._lights.make(model.bounds.mean(axis=0), scan.up, self._front(model, scan.up))
+            self._scene.add(ground_under(bounds, scan.up))
+        self._scene.lights = self._lights.make(bounds.mean(axis=0), scan.up, self._front(model, scan))
         return self._scene, model, scan
 
     def shown_with(self, settings: Any) -> Any:
@@ -182,15 +183,15 @@ class ScanScene:
 
         return with_direct_light(settings) if self._baked is None else settings
 
-    def _front(self, model: Any, up: Any) -> float | None:
+    def _front(self, model: Any, scan: Any) -> float | None:
         """Where the key light stands, see `ScanLights.make`; a room, or a model in parts, is not baked unasked."""
         if self._baked is None:
             return None
-        outlook = outlook_of(model, up)
+        outlook = scan.natural_outlook
         if (outlook.within or model.parts) and self._baked.quick:
             self._baked = None
             return None
-        return float(outlook.azimuth)
+        return float(round(outlook.azimuth))  # options of views do not change it
 
     @property
     def one_color(self) -> tuple[float, float, float] | None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..notes import warn
 from .baked_light import FIRST, ONCE
 from .options import background_of, exposure_of, numbers, size_of, up_axis, use_threads
 from .outputs import Shown, check_fits, write_picture
@@ -102,7 +102,7 @@ class DescribedScene:
     def build(self, progress: Progress, told: str = FIRST) -> Any:
         """The `SceneFile`, with its baked light if pictures show that. told : what is said if it is baked"""
         if self.bakes:
-            warnings.warn(told, stacklevel=2)
+            warn(told, stacklevel=2)
         return in_background(lambda: self.plan.build(progress.show))
 
     def source(self) -> FilmSource:

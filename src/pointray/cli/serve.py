@@ -15,7 +15,7 @@ from .baked_light import FIRST, light_source
 from .options import background_of
 from .read_options import Reading
 from .scan_files import ScanFiles, check_scan, check_unread, files_of, is_in_parts, is_saved
-from .scan_lights import ScanLights, outlook_of
+from .scan_lights import ScanLights
 from .scan_scene import PLAIN, check_saved, ground_under
 from .scene_file import DescribedScene, scene_of
 from .views import View
@@ -59,17 +59,17 @@ def shared_scene_of(
     known: list[Any] = []  # up direction and lights: found once, for the coarse version and for all points
 
     def furnish(scene: Any) -> Any:
-        bounds = scene.bounds
         if not known:
             scan = Scan(scene, choice)
             if scan.found:
                 _tell(scan.found)
-            outlook = None if baked is None else outlook_of(scene, scan.up)
+            outlook = None if baked is None else scan.natural_outlook
             if outlook is not None and outlook.within and options["quick"]:
                 outlook, shared.settings = None, with_direct_light(settings)
-            front = None if outlook is None else outlook.azimuth
-            known.extend((scan.up, lights.make(bounds.mean(axis=0), scan.up, front)))
-        up, scene.lights = known
+            front = None if outlook is None else float(round(outlook.azimuth))
+            known.extend((scan.up, lights.make(scan.bounds.mean(axis=0), scan.up, front), bool(scan.ignored)))
+        up, scene.lights, has_strays = known
+        bounds = Scan(scene, choice).bounds if has_strays else scene.bounds
         if options["ground"]:
             scene.add(ground_under(bounds, up))
         scene.background = background

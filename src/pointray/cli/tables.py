@@ -7,9 +7,11 @@ import math
 from typing import Any
 
 from .facts import class_name
+from .printable import printable
 
-OF_SURVEY = ("crs", "crs_name", "unit", "scale", "stations")
-APART = ("normals_off", "normals_wrong", "files", "ranges", *OF_SURVEY)  # facts that are no lines of their own
+OF_SURVEY = ("crs", "crs_name", "unit", "projection", "scale", "stations")
+# Facts without a line of their own.
+APART = ("normals_off", "normals_wrong", "files", "ranges", "first_picture", *OF_SURVEY)
 OF_FILES = ("file", "format", "bytes", "rows")
 BLANKS = {" ": "blank", "\t": "tab"}  # texts that could not be seen
 MOST_STATIONS = 12  # that the table lists
@@ -32,6 +34,17 @@ def show_table(facts: dict[str, Any], as_json: bool) -> None:
         if "counts" in about:
             rows = [[value, class_name(value), f"{count:,}"] for value, count in about["counts"].items()]
             console.print("", _table([[name, "", "points"], *rows], right=(0, 2), heads=True), sep="\n")
+    if "first_picture" in facts:
+        console.print("", _picture(facts["first_picture"]), sep="\n")
+
+
+def _picture(facts: dict[str, Any]) -> Any:
+    """The table of what `render` shows."""
+    view = f"{facts['view']} (azimuth {facts['azimuth']:.0f}, elevation {facts['elevation']:.0f})"
+    rows = [["up", facts["up"]], ["view", view], ["colours", facts["colors"]], ["normals", facts["normals"]]]
+    if facts["ignored"]:
+        rows.append(["ignored", facts["ignored"].removeprefix("Not framed: ").rstrip(".")])
+    return _table([["picture", "as render shows it: --up, --view, --color, --normals change it"], *rows], heads=True)
 
 
 def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = False) -> Any:
@@ -43,7 +56,7 @@ def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = Fal
     for k in range(len(rows[0])):
         table.add_column(justify="right" if k in right else "left", overflow="fold")
     for k, row in enumerate(rows):
-        table.add_row(*(Text(cell, "dim" if heads and k == 0 else "") for cell in row))
+        table.add_row(*(Text(printable(cell), "dim" if heads and k == 0 else "") for cell in row))
     return table
 
 
@@ -130,6 +143,8 @@ def _of_the_survey(facts: dict[str, Any]) -> dict[str, Any]:
         shown["coordinate system"] = facts["crs_name"]
     if facts.get("unit"):
         shown["unit"] = facts["unit"]
+    if facts.get("projection"):
+        shown["shown in"] = facts["projection"]
     if facts.get("scale"):
         shown["step of the file"] = facts["scale"]
     stations = facts.get("stations") or []

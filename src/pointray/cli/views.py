@@ -59,13 +59,20 @@ class View:
 
     def camera(self, scan: Any) -> Any:
         """The camera for a `Scan`."""
+        from ..notes import warn
+        from ..staging.coverage import LEAST
+
         framed = scan.camera(self._framing_lens)
         if self.framed:
             return replace(framed, aperture=self.lens["aperture"], focus=self.lens["focus"])
         target = self.target or scan.middle
         # Without --eye, direction and distance are those that frame the scan.
         eye = self.eye or [e + a - t for e, a, t in zip(framed.eye, target, framed.target, strict=True)]
-        return self._look_at(eye, target, scan.up)
+        camera = self._look_at(eye, target, scan.up)
+        share = scan.coverage(camera)
+        if share < LEAST:
+            warn(f"the points cover {share:.1%} of the picture: without --eye and --target all are seen", stacklevel=2)
+        return camera
 
     def turning(self, scan: Any) -> Any:
         """The first camera of a turntable for a `Scan`; unless options place it, the scan stays in all pictures.

@@ -71,22 +71,29 @@ class CompilationWatch:
         self._thread.join()
 
     def _run(self) -> None:
-        from ..jit import BACKLOG, cache_folder
+        from ..jit import BACKLOG
 
-        often = "once for this processor"
-        if cache_folder() is None:
-            often = "each time, as the cache folder (POINTRAY_CACHE) cannot be written"
         while not self._ended.wait(POLL):
             state = BACKLOG.state
             if state is None:
                 self._bars.update(self._task, visible=False)
                 continue
+            often = _how_often()
             if not self._announced:
                 self._announced = True
                 text = f"compiling kernels, {often}: {state.total}, some {state.seconds:.0f} seconds"
                 self._bars.console.print(text, style="dim")
             text = f"compiling, {often}: kernel {state.number} of {state.total}"
             self._bars.update(self._task, description=text, completed=state.share, visible=True)
+
+
+def _how_often() -> str:
+    """When kernels are compiled."""
+    from ..jit.disk import cache_folder
+
+    if cache_folder() is None:
+        return "each time, as the cache folder (POINTRAY_CACHE) cannot be written"
+    return "once for this processor"
 
 
 def in_background(work: Callable[[], T]) -> T:

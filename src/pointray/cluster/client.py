@@ -110,7 +110,7 @@ def connected(address: str) -> Iterator[Any]:
     """A client of a scheduler; ValueError if none answers there."""
     distributed = dask_for("--cluster")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told by errors
-    clients: queue.Queue[Any] = queue.Queue()
+    clients: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def connect() -> None:
         try:

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import time
 import uuid
-import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -14,6 +12,7 @@ from typing import Any
 
 from ..model import Model
 from ..model_file import Place
+from ..notes import warn
 from .client import check_client, memory_of, unfit
 from .dispatch import Dispatch, Job
 from .parcels import Parcel, check_spreadable, parcels_of
@@ -106,6 +105,8 @@ class Crew:
 
     def fetch(self, future: Any) -> Any:
         """Begin to fetch what a future holds; returns the `concurrent.futures.Future` of that."""
+        import asyncio
+
         gathered = self._client.gather(future, asynchronous=True)
         return asyncio.run_coroutine_threadsafe(gathered, self._client.loop.asyncio_loop)
 
@@ -137,7 +138,7 @@ class Crew:
         new = [worker for worker in there if worker not in self.workers and worker not in self._unfit]
         for worker, reason in (self._wrongs_of(new) if new else {}).items():
             self._unfit.add(worker)
-            warnings.warn(f"it is not used: {reason}", stacklevel=2)
+            warn(f"it is not used: {reason}", stacklevel=2)
         self.workers = {worker: count for worker, count in there.items() if worker not in self._unfit}
         if self.workers:
             self._seen = time.monotonic()

@@ -12,8 +12,9 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from statistics import median
 from typing import Any, Protocol
+
+import numpy as np
 
 from ..model_file import Place
 from .parcels import Parcel
@@ -81,7 +82,7 @@ class Dispatch:
         self._crew, self._jobs = crew, jobs
         self._again: deque[tuple[Job, int]] = deque()  # jobs of workers that have died, and the number of attempts
         self.flights: list[_Flight] = []  # in the order in which they were handed out
-        self._ready: queue.Queue[Any] = queue.Queue()
+        self._ready: queue.SimpleQueue[Any] = queue.SimpleQueue()  # waits in C: see `jit.threads.run`
         self._times: deque[float] = deque(maxlen=64)  # seconds that jobs took
 
     @property
@@ -132,7 +133,7 @@ class Dispatch:
     def _is_slow(self, flight: _Flight) -> bool:
         spent = time.monotonic() - flight.begun
         least = SLOW_AT_HOME if flight.job.home else LEAST_SLOW
-        return bool(self._times) and spent > max(SLOW * median(self._times), least)
+        return bool(self._times) and spent > max(SLOW * float(np.median(self._times)), least)
 
     def take_in(self) -> Iterator[tuple[Job, Any]]:
         """Wait a moment for results; yields those that are ready."""

@@ -12,12 +12,14 @@ from ..simd import float_bits
 from .tone import linear_to_srgb, tone
 
 Rgb8 = NDArray[np.uint8]
+Floats = NDArray[np.float32]
 
 ROWS = 16  # that a thread takes at a time
 # The table has an entry for each value of the exponent and the first 9 bits behind it: from 2^-14, which is level 0, to
 # 2^8, which is white on any curve; the level is off by 0.1 at most, and so wrong by one where the 10th bit decides.
 DARKEST, BRIGHTEST = f32(2.0**-14), f32(2.0**8)
 WHITEST = BRIGHTEST * f32(0.999)  # within the table
+BRIGHT = 0.95  # the brightest backdrop on curves that roll highlights off
 SHIFT = 14
 _FIRST, _LAST = (int(np.array(x).view(np.int32)) >> SHIFT for x in (DARKEST, BRIGHTEST))
 
@@ -48,6 +50,14 @@ def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Arr
     return 0
 
 
+def _before(curve: str, shown: Floats) -> Floats:
+    """What a curve shows so, up to BRIGHT: a curve that only nears white would make edges before it jagged."""
+    if curve == "srgb":
+        return shown.copy()
+    x = np.geomspace(DARKEST, BRIGHTEST, 4096, dtype=np.float32)
+    return np.interp(np.minimum(shown, BRIGHT), tone(x, 0.0, curve), x).astype(np.float32)
+
+
 def to_8bit(
     image: NDArray[np.float32], backdrop: ArrayLike = (0.0, 0.0, 0.0), exposure: float = 0.0, curve: str = "srgb"
 ) -> Rgb8:
@@ -58,7 +68,7 @@ def to_8bit(
     image : (h, w, 4) float32
         Linear, premultiplied.
     backdrop : (3,) or (h, 3) float
-        Linear colour behind it, or behind each row.
+        Linear colour behind it, or behind each row, which the curve does not change.
     exposure, curve
         See `image.tone.tone`.
 
@@ -68,7 +78,7 @@ def to_8bit(
         sRGB; not farther than one level from what `write_image` writes.
     """
     out = np.empty((*image.shape[:2], 3), np.uint8)
-    behind = np.broadcast_to(np.asarray(backdrop, np.float32), (len(image), 3)).copy()
+    behind = _before(curve, np.broadcast_to(np.asarray(backdrop, np.float32), (len(image), 3)))
     gain = f32(2.0**exposure)
     run(_to_8bit, -(-len(image) // ROWS), image, behind, gain, _table(curve), out)
     return out

@@ -12,6 +12,8 @@ from ..choices import CURVES
 
 Floats = NDArray[np.float32]
 
+# The neutral curve: what is taken off all but the darkest light, where highlights begin to be compressed.
+BLACK_POINT, SHOULDER = 0.01, 0.79
 SOFT_WHITE = 16.0  # what the soft curve makes white: four stops more than 1
 MOST_STOPS = 100  # that float32 can hold
 # sRGB, above and below, behind a scan: darker than its lit side, lighter than its shadows.
@@ -67,6 +69,23 @@ def filmic(linear: Floats) -> Floats:
     return curve
 
 
+def neutral(linear: Floats) -> Floats:
+    """A curve with a toe and a shoulder that keeps what is between: 0.02 to 0.01, 0.2 to 0.19, 1 to 0.90, inf to 1.
+
+    References
+    ----------
+    Khronos: PBR Neutral Tone Mapper (2024), sections "Fresnel compensation" and "Highlight compression", each channel
+    by itself, so that highlights fade to white without its desaturation. It takes off 0.04, what a glossy dielectric
+    reflects of a white sky; scans are matt, and 0.01 is the glare of a good lens (ISO 9358: 1% to 3%).
+    """
+    x = np.clip(linear, 0, 1e30).astype(np.float32)
+    dark = np.minimum(x, np.float32(2 * BLACK_POINT))
+    toe = x - dark + dark * dark * np.float32(0.25 / BLACK_POINT)
+    room = np.float32(1 - SHOULDER)
+    above = np.maximum(toe - np.float32(SHOULDER), 0)
+    return np.asarray(np.minimum(toe, np.float32(SHOULDER) + room * above / (above + room)), np.float32)
+
+
 def soft(linear: Floats) -> Floats:
     """A curve that leaves shadows, and gives what is brighter the less room the brighter it is: 1 to 0.5, 16 to 1.
 
@@ -93,8 +112,8 @@ def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:
     linear : (..., 3) float32
     exposure : float
         In stops: each doubles the light.
-    curve : {"srgb", "filmic", "soft"}
-        How brightness above 1 is treated: cut off, or rolled off; "soft" rolls off from the middle on.
+    curve : {"srgb", "neutral", "filmic", "soft"}
+        How brightness above 1 is treated: cut off, or rolled off: from 0.8 on, as by film, from the middle on.
 
     Returns
     -------
@@ -106,4 +125,7 @@ def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:
         exposed = np.nan_to_num(linear) * np.float32(2.0 ** np.clip(exposure, -100, 100))
     if curve == "srgb":
         return np.asarray(np.clip(exposed, 0, 1))
-    return filmic(exposed) if curve == "filmic" else soft(exposed)
+    return _CURVES[curve](exposed)
+
+
+_CURVES = {"neutral": neutral, "filmic": filmic, "soft": soft}

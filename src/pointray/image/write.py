@@ -50,9 +50,9 @@ def write_image(
         Linear; with alpha premultiplied. NaN becomes 0.
     exposure : float or "auto"
         In stops: each doubles the light. Auto: of medium brightness, with highlights kept, see `auto_exposure`.
-    curve : {"srgb", "filmic", "soft", "auto"}
-        Brightness above 1 is cut off, or rolled off: as by film, or from the middle on. Auto: where the exposure is
-        chosen and a few bright spots would leave the rest dark, "soft"; else "srgb".
+    curve : {"srgb", "neutral", "filmic", "soft", "auto"}
+        Brightness above 1 is cut off, or rolled off: from 0.8 on, as by film, or from the middle on. Auto: where the
+        exposure is chosen, "neutral", or "soft" where a few bright spots would leave the rest dark; else "srgb".
     legend : Attribute, optional
         With a range or categories: in a strip beside what is shown, by which the file is wider, see `draw_legend`. Not
         for EXR.

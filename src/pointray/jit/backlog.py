@@ -86,3 +86,34 @@ class Backlog:
         """Seconds that a kernel still takes."""
         begun = self._begun.get(name)
         return cost if begun is None else max(cost - (now - begun), 0.1 * cost)
+
+
+class Counts:
+    """What was compiled so far.
+
+    kernels : how many, by this process or by a second one for it; loaded ones do not count
+    seconds : spent with compiling them, or with waiting for the second process
+    times : of each kernel compiled in this process, in seconds of processor time
+    """
+
+    def __init__(self) -> None:
+        self.kernels, self.seconds = 0, 0.0
+        self.times: dict[str, float] = {}
+
+
+BACKLOG, COUNTS = Backlog(), Counts()
+
+
+def compilations() -> int:
+    """Number of kernels that this process compiled, or had compiled by a second process; loaded ones do not count."""
+    return COUNTS.kernels
+
+
+def compile_seconds() -> float:
+    """How long this process has compiled kernels, or waited for kernels compiled by a second process."""
+    return COUNTS.seconds
+
+
+def compile_times() -> dict[str, float]:
+    """Return the processor time that compiling each kernel took in this process, in seconds."""
+    return dict(COUNTS.times)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from .compile import BACKLOG, KERNELS, count_beside, is_compiled
-from .disk import cache_folder
+from .backlog import BACKLOG, COUNTS
+from .decorators import KERNELS
+
+if TYPE_CHECKING:
+    import subprocess
 
 STEP = 0.02  # seconds between two checks whether the caller still wants to wait
 
@@ -30,12 +32,12 @@ def compile_beside(module: str, kernels: dict[str, float]) -> None:
     kernels : dict
         Names in `KERNELS`, in the order in which they are needed, and the seconds that each should take.
     """
-    if cache_folder() is None:
-        return
     with _lock:
-        wanted = {k: cost for k, cost in kernels.items() if k not in _coming and not is_compiled(KERNELS[k])}
-        if not wanted:
+        wanted = {k: cost for k, cost in kernels.items() if k not in _coming and not KERNELS[k].is_compiled}
+        if not wanted or not _can_be_kept():
             return
+        import subprocess  # only here: it takes 10 ms, which compiled kernels do not need
+
         command, pipe = [sys.executable, "-m", module, *wanted], subprocess.PIPE
         try:
             process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
@@ -44,6 +46,13 @@ def compile_beside(module: str, kernels: dict[str, float]) -> None:
         _coming.update({name: threading.Event() for name in wanted})
     BACKLOG.expect(wanted, beside=True)
     threading.Thread(target=_follow, args=(process, list(wanted)), name="pointray-compiling", daemon=True).start()
+
+
+def _can_be_kept() -> bool:
+    """Whether there is a cache folder, through which the process hands kernels over."""
+    from .disk import cache_folder
+
+    return cache_folder() is not None
 
 
 def wait_for(kernel: Any, unwanted: Callable[[], bool]) -> bool:
@@ -55,7 +64,7 @@ def wait_for(kernel: Any, unwanted: Callable[[], bool]) -> bool:
     # Not Event.wait: a Ctrl-C within it may leave its lock held, and who sets the event would wait for ever.
     while not event.is_set() and not unwanted():
         time.sleep(STEP)
-    count_beside(0, time.perf_counter() - begun)
+    COUNTS.seconds += time.perf_counter() - begun
     return event.is_set()
 
 
@@ -69,7 +78,7 @@ def _follow(process: subprocess.Popen[str], names: list[str]) -> None:
                 continue
             left.remove(line.strip())
             BACKLOG.end(line.strip(), beside=True)
-            count_beside(1, 0.0)
+            COUNTS.kernels += 1
             if left:
                 BACKLOG.begin(left[0], beside=True)
             _arrive([line.strip()])

@@ -1,64 +1,67 @@
-"""How kernels are compiled: the decorators, and counts of the kernels compiled so far."""
+"""How Numba compiles kernels and their pieces."""
 
 from __future__ import annotations
 
+import importlib
+import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numba
 from numba.core import event, types
 from numba.core.codegen import JITCodeLibrary
+from numba.core.registry import cpu_target
 
-from .backlog import Backlog
-from .disk import CHECK, KernelCache, cache_folder
+from .backlog import BACKLOG, COUNTS
+from .decorators import KERNELS, Later, Table
+from .disk import KernelCache, cache_folder
+from .library import CHECK
 
 njit: Any = numba.njit
 
 # No `nnan` and `ninf`: a miss is inf. No `reassoc`: positions are summed as (near part) + small part on purpose.
 FASTMATH = {"nsz", "arcp", "contract", "afn"}
 
+_COMPILING = threading.RLock()
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FASTMATH, "boundscheck": CHECK}
 
-Function = TypeVar("Function", bound=Callable[..., Any])
 
-KERNELS: dict[str, Any] = {}
-BACKLOG = Backlog()
-
-
-def kernel(function: Function) -> Function:
-    """Compile a function that Python calls: without the interpreter lock, cached on disk, one signature."""
+def dispatcher_of_kernel(function: Callable[..., Any]) -> Any:
+    """Numba's function of a kernel, which is cached on disk."""
+    _with_tables(function)
     dispatcher = njit(**_OPTIONS)(function)
     if cache_folder() is not None:
         dispatcher._cache = KernelCache(function)
         dispatcher.compile = partial(_compile_alone, dispatcher)
-    KERNELS[f"{function.__module__}.{function.__qualname__}"] = dispatcher
-    return cast(Function, dispatcher)
+    return dispatcher
+
+
+def _with_tables(function: Callable[..., Any]) -> None:
+    """Replace `Table` objects among a function's global names by their arrays, which Numba needs there."""
+    names = function.__globals__
+    names.update({name: value.real for name, value in names.items() if isinstance(value, Table)})
+
+
+def type_of(value: Any) -> Any:
+    """Numba's type of a function that kernels call."""
+    return cpu_target.typing_context.resolve_value_type(value)
 
 
 def _compile_alone(dispatcher: Any, signature: Any) -> Any:
-    """Load or compile a kernel; of several processes that need it one compiles and the others wait, then load it."""
+    """Load or compile a kernel; of several threads and processes that need it one compiles, and the others wait."""
     compile_or_load = type(dispatcher).compile
-    if is_compiled(dispatcher):
-        return compile_or_load(dispatcher, signature)
-    name = name_of(dispatcher)
-    BACKLOG.begin(name)
-    try:
-        with dispatcher._cache.exclusive():
+    with _COMPILING:
+        if is_compiled(dispatcher):
             return compile_or_load(dispatcher, signature)
-    finally:
-        BACKLOG.drop([name])  # where another process has compiled it
-
-
-def inline(function: Function) -> Function:
-    """Compile a piece of a kernel; LLVM inlines it where it is called."""
-    return _piece(function, inlined=True)
-
-
-def routine(function: Function) -> Function:
-    """Compile a piece of a kernel that is too large, or called from too many places, to be inlined."""
-    return _piece(function, inlined=False)
+        name = name_of(dispatcher)
+        BACKLOG.begin(name)
+        try:
+            with dispatcher._cache.exclusive():
+                return compile_or_load(dispatcher, signature)
+        finally:
+            BACKLOG.drop([name])  # where another process has compiled it
 
 
 class _PieceLibrary(JITCodeLibrary):
@@ -71,14 +74,15 @@ class _PieceLibrary(JITCodeLibrary):
         self._finalized = True
 
 
-def _piece(function: Function, inlined: bool) -> Function:
+def dispatcher_of_piece(function: Callable[..., Any], is_inline: bool) -> Any:
     """Compile for other compiled code only: no wrappers for Python and C, no machine code of its own.
 
     A kernel takes three times as long to compile if each piece is optimized and becomes machine code by itself, and
     twice where an argument is a constant in one call and not in another (docs/decisions/jit-and-cache.md).
     """
     # The options are all given explicitly: a piece inherits an omitted one from its caller.
-    options = {"forceinline": inlined, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    options = {"forceinline": is_inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    _with_tables(function)
     dispatcher = njit(**_OPTIONS, **options)(function)
     template = dispatcher.get_call_template
 
@@ -89,7 +93,7 @@ def _piece(function: Function, inlined: bool) -> Function:
     def add(result: Any) -> None:
         library = result.library
         library.__class__ = _PieceLibrary
-        if not inlined:
+        if not is_inline:
             library._final_module.get_function(result.fndesc.llvm_func_name).add_function_attribute("noinline")
         # Callers look a piece up by its address. It has none, so its Python function serves as the key.
         result = result._replace(entry_point=function)
@@ -102,34 +106,7 @@ def _piece(function: Function, inlined: bool) -> Function:
     dispatcher._compiler._customize_flags = customize
     dispatcher.add_overload = add
     dispatcher.get_call_template = without_constants
-    return cast(Function, dispatcher)
-
-
-def uncompiled(function: Function) -> Function:
-    """The Python function that a kernel or a piece was compiled from, for Python code that calls a short one."""
-    return cast(Function, cast(Any, function).py_func)
-
-
-def compilations() -> int:
-    """Number of kernels that this process compiled, or had compiled by a second process; loaded ones do not count."""
-    here = sum(sum(k.stats.cache_misses.values()) for k in KERNELS.values()) if cache_folder() else _Listener.count
-    return here + _Listener.beside
-
-
-def compile_seconds() -> float:
-    """How long this process has compiled kernels, or waited for kernels compiled by a second process."""
-    return _Listener.seconds
-
-
-def compile_times() -> dict[str, float]:
-    """Return the processor time that compiling each kernel took in this process, in seconds."""
-    return dict(_Listener.times)
-
-
-def count_beside(kernels: int, waited: float) -> None:
-    """Count kernels that a second process compiled, and seconds of waiting for them."""
-    _Listener.beside += kernels
-    _Listener.seconds += waited
+    return dispatcher
 
 
 def is_compiled(dispatcher: Any) -> bool:
@@ -140,32 +117,33 @@ def is_compiled(dispatcher: Any) -> bool:
 class _Listener(event.Listener):
     """Counts and times compilations."""
 
-    count, beside = 0, 0
-    seconds = 0.0
-    since: dict[Any, tuple[float, float]] = {}  # noqa: RUF012
-    times: dict[str, float] = {}  # noqa: RUF012
+    def __init__(self) -> None:
+        self._since: dict[Any, tuple[float, float]] = {}
 
     def on_start(self, event: Any) -> None:
         kernel = event.data["dispatcher"]
         name = name_of(kernel)
         if not name:
             return
-        _Listener.count += 1
-        _Listener.since[kernel] = time.perf_counter(), time.thread_time()
+        for module in Later.known:  # Numba learns of intrinsics before it compiles, not within
+            importlib.import_module(module)
+        COUNTS.kernels += 1
+        self._since[kernel] = time.perf_counter(), time.thread_time()
         BACKLOG.begin(name)
 
     def on_end(self, event: Any) -> None:
         kernel = event.data["dispatcher"]
-        start, name = _Listener.since.pop(kernel, None), name_of(kernel)
+        start, name = self._since.pop(kernel, None), name_of(kernel)
         if start is not None and name:
-            _Listener.seconds += time.perf_counter() - start[0]
-            _Listener.times[name] = time.thread_time() - start[1]
+            COUNTS.seconds += time.perf_counter() - start[0]
+            COUNTS.times[name] = time.thread_time() - start[1]
             BACKLOG.end(name)
 
 
 def name_of(dispatcher: Any) -> str:
     """A kernel's name in `KERNELS`; empty for a piece of a kernel."""
-    return next((name for name, known in KERNELS.items() if known is dispatcher), "")
+    name = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}"
+    return name if name in KERNELS and KERNELS[name].made is dispatcher else ""
 
 
 event.register("numba:compile", _Listener())

@@ -21,9 +21,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.runtime.nrt import rtsys
 
 from ..dependencies import ROOT, key_of
-
-# Check every array access and every SIMD load (slow). The test suite runs once with it; it is part of the cache key.
-CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
+from .library import CHECK
 
 KEEP_CACHES = 4  # folders of other environments that are kept; older ones are removed
 KEEP_VERSIONS = 8  # versions of a module's kernels that are kept

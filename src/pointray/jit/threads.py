@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import _thread
 import os
-import threading
+import queue
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
 from .arrays import fetch_add, peek
 from .beside import wait_for
-from .compile import inline
+from .decorators import inline
 from .numbers import Array
 
 # The slots that a kernel and its caller share: int64, a cache line apart.
@@ -92,7 +94,9 @@ def run(
         cancel.watch(work)
     results: list[Any] = []
     errors: list[BaseException] = []
-    done = threading.Semaphore(0)
+    # The caller waits in C: a Ctrl-C within the Python code of Thread.start, Thread.join or Semaphore.acquire may leave
+    # their locks held for ever, or release them twice (Python 3.11).
+    done: queue.SimpleQueue[None] = queue.SimpleQueue()
 
     def worker() -> None:
         try:
@@ -101,35 +105,37 @@ def run(
             errors.append(error)
             work[CANCEL] = 1
         finally:
-            done.release()
+            done.put(None)
 
-    workers = [threading.Thread(target=worker, daemon=True) for _ in range(min(thread_count(threads), max(tiles, 1)))]
-    started = _start(workers)
+    started = 0
     try:
-        for _ in range(started):
-            # Thread.join would not do: an interrupt in it marks the thread as ended, so a later join returns at once.
-            while not done.acquire(timeout=0.1):
+        for _ in range(min(thread_count(threads), max(tiles, 1))):
+            started += _start(worker, needed=started == 0)
+        while len(results) + len(errors) < started:
+            try:
+                done.get(timeout=0.1)
+            except queue.Empty:
                 if progress is not None:
                     progress(min((work[NEXT] - first) / max(tiles, 1), 1.0))
     except BaseException:
         # A worker may be inside the compiler, which cannot be interrupted: wait a little and leave it behind.
         work[CANCEL] = 1
         end = time.monotonic() + 0.3
-        for _ in range(started):
-            done.acquire(timeout=max(0.0, end - time.monotonic()))
+        with suppress(queue.Empty):
+            while len(results) + len(errors) < started:
+                done.get(timeout=max(0.0, end - time.monotonic()))
         raise
     if errors:
         raise errors[0]
     return results
 
 
-def _start(workers: list[threading.Thread]) -> int:
-    """Start as many workers as there is memory for, at least one; returns how many."""
-    for started, thread in enumerate(workers):
-        try:
-            thread.start()
-        except RuntimeError:  # no memory for its stack: the other workers do its work
-            if started == 0:
-                raise
-            return started
-    return len(workers)
+def _start(worker: Callable[[], None], needed: bool) -> int:
+    """Start a worker if there is memory for its stack, else the others do its work; returns how many were started."""
+    try:
+        _thread.start_new_thread(worker, ())
+    except RuntimeError:
+        if needed:
+            raise
+        return 0
+    return 1

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import are_finite, check_any_finite, check_attribute
-from ..points.colors import Shades, to_shades
+from ..points.colors import GREY, ColorRange, to_shades
 from ..points.formats._source import CHUNK
 from ..points.joining import (
-    GREY,
     Part,
-    alike,
     attributes_of,
+    color_kind,
+    colored,
     common_survey,
     first_stations,
     kind_of,
@@ -23,7 +23,7 @@ from ..points.joining import (
     scans_of,
 )
 from ..points.lacking import tell_lacking
-from ..points.locating import locate, origin_of, sample_step
+from ..points.locating import locate, origin_of, sample_step, surveyed
 from ..points.ready import tell_left_out
 from ..progress import Progress, part_of, tell
 from ..survey import RESIDUAL, SCAN, Survey
@@ -45,7 +45,7 @@ class File(NamedTuple):
         Its chunks have no rows, but tell types.
     begin, end : int
         Its rows of the cloud.
-    shades : Shades
+    color_range : ColorRange
     first : int or None
         The number of its first station, see `first_stations`.
     """
@@ -53,14 +53,8 @@ class File(NamedTuple):
     part: Part
     begin: int
     end: int
-    shades: Shades
+    color_range: ColorRange
     first: int | None = None
-
-    @property
-    def color(self) -> np.dtype[Any] | None:
-        """The dtype that holds all values of its colours; None if it has none."""
-        columns = [column for column in alike([chunk.colors for chunk in self.part.chunks]) if column is not None]
-        return columns[0].dtype.newbyteorder("=") if columns else None
 
 
 class Cloud(NamedTuple):
@@ -104,6 +98,7 @@ class Located(NamedTuple):
     Attributes
     ----------
     origin : (3,) float64
+    survey : Survey
     rows : int
         How many are finite.
     left_out : Column or None
@@ -113,6 +108,7 @@ class Located(NamedTuple):
     """
 
     origin: NDArray[np.float64]
+    survey: Survey
     rows: int
     left_out: Column | None
     losses: Column | None
@@ -120,7 +116,7 @@ class Located(NamedTuple):
 
 def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
     """Write all columns; each raw one is removed when that is done."""
-    files = [file for file in cloud.files if file.part.chunks]
+    files = [f._replace(part=colored(f.part, f.color_range)) for f in cloud.files if f.part.chunks]
     parts = [file.part for file in files]
     survey, firsts = common_survey(parts), first_stations(parts)
     if firsts is not None:
@@ -148,7 +144,7 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
     cloud.columns.sync()
     labels = [name.removeprefix(ATTRIBUTE) for name in attributes]
     lost = cloud.rows - located.rows
-    return Spooled(located.rows, located.origin, survey, labels, NORMALS in made, COLORS in made, lost)
+    return Spooled(located.rows, located.origin, located.survey, labels, NORMALS in made, COLORS in made, lost)
 
 
 # ------------------------------------------------------------------------------------------------------- positions
@@ -157,7 +153,8 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
 def _locate(cloud: Cloud, survey: Survey, progress: Progress | None) -> Located:
     """Write the positions that are finite, and what they lose of whole numbers."""
     raw, columns, total = cloud.raw(POSITIONS), cloud.columns, cloud.rows
-    origin = origin_of(raw.sample(sample_step(total)), total)
+    survey, sample = surveyed(raw.sample(sample_step(total)), survey)
+    origin = origin_of(sample, total)
     positions = columns.make(POSITIONS, np.float32, 3)
     left_out: Column | None = None
     losses: Column | None = None
@@ -179,7 +176,7 @@ def _locate(cloud: Cloud, survey: Survey, progress: Progress | None) -> Located:
     raw.drop()
     check_any_finite(len(positions), total)
     tell_left_out(total - len(positions), total)
-    return Located(origin, len(positions), left_out, losses)
+    return Located(origin, survey, len(positions), left_out, losses)
 
 
 # ----------------------------------------------------------------------------------------------------- other columns
@@ -220,21 +217,19 @@ def _normals(cloud: Cloud) -> Target | None:
 
 
 def _colors(cloud: Cloud) -> Target | None:
-    """As 8 bits, told from all values of the files that have the same dtype."""
-    shades: dict[np.dtype[Any], Shades] = {}
-    for file in cloud.files:
-        if file.color is not None:
-            shades.setdefault(file.color, Shades()).join(file.shades)
-    if not shades:
+    """As 8 bits, by the range of each file."""
+    raw, colored_files = cloud.raw(COLORS), sum(color_kind(file.part) is not None for file in cloud.files)
+    if not colored_files:
+        raw.drop()
         return None
-    scales, raw = {dtype: known.scale(dtype) for dtype, known in shades.items()}, cloud.raw(COLORS)
 
     def rows(file: File, begin: int, end: int) -> Rows:
-        if file.color is None:
+        kind = color_kind(file.part)
+        if kind is None:
             return np.full((end - begin, 3), GREY, np.uint8)
-        return to_shades(raw.read(begin, end, file.color), scales[file.color])
+        return to_shades(raw.read(begin, end, kind), file.color_range.scale(kind))
 
-    return Target(np.dtype(np.uint8), 3, rows)
+    return Target(np.dtype(np.uint8), 3, rows, plain=colored_files == len(cloud.files))
 
 
 def _scans(cloud: Cloud) -> Target:

@@ -6,7 +6,6 @@ parts; what each finds stays in columns in the folder "unfinished", so that an i
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,9 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from ..cluster.chores import Team
+from ..data import Points
+from ..notes import warn
 from ..points.normals.checks import agreement_share, sample_rows
 from ..points.normals.estimate import DISAGREE, told
+from ..points.normals.stations import warn_of_ignored
 from ..points.normals.units import to_units
+from ..points.normals.visibility import ignored_stations, station_sample
 from ..points.smoothing.noise import Stretches, settled
 from ..progress import Progress
 from ..splats.radii import radii_among
@@ -24,7 +27,7 @@ from ..splats.support import lone_note
 from ..survey import SCAN
 from ..tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import CHUNK, TILE, Arrangement
-from .columns import Columns
+from .columns import Column, Columns
 from .facing import turn_fits, turn_given
 from .finish import Described, finish
 from .second_layers import find_layers
@@ -60,6 +63,7 @@ from .trees import least_size
 from .work import Work
 
 SEERS = SCAN, "point_source_id"  # attributes that tell who saw each point
+IGNORED = "ignored-stations"
 RADIUS = "radius"  # the attribute that holds given radii
 # Shares of the time after which stages are done.
 ARRANGED, SORTED, SEARCHED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, TURNED_FITS, FACED_AT, SUPPORTED = (
@@ -113,7 +117,9 @@ class Large:
         smooth = 0.0 if given and wanted.smooth == "auto" else wanted.smooth
         self._wanted, self._given = replace(wanted, size=size, smooth=smooth), given
         seers = {name: f"points.{self._names[name]}" for name in SEERS if name in self._names}
-        self._cloud = Cloud(columns, spooled.rows, spooled.origin, spooled.survey, seers, self._is_seen())
+        ignored = self._ignored_stations()
+        about = columns, spooled.rows, spooled.origin, spooled.survey, seers
+        self._cloud = Cloud(*about, self._is_seen(ignored), ignored)
         self._work = Work(columns, spooled.rows, size, progress, team)
 
     def build(self) -> None:
@@ -127,20 +133,44 @@ class Large:
     def _given_radii(self) -> bool:
         """Whether the cloud comes with radii, see `radii_in`."""
         name = self._names.get(RADIUS, RADIUS)
-        column = self._columns.find(name) or self._columns.find(f"points.{name}")
+        column = self._column(name)
         if column is None or column.width or column.dtype == np.bool_:
             return False
         chunks = (column[start : start + CHUNK] for start in range(0, len(column), CHUNK))
         return all(radii_among(chunk) is not None for chunk in chunks)
 
-    def _is_seen(self) -> bool:
+    def _column(self, name: str) -> Column | None:
+        """A column of the cloud as it was given, in kd order or not yet."""
+        return self._columns.find(name) or self._columns.find(f"points.{name}")
+
+    def _scans(self) -> Column | None:
+        """The column with the station of each point."""
+        column = self._column(self._names[SCAN]) if SCAN in self._names else None
+        return None if column is None or column.width else column
+
+    def _ignored_stations(self) -> tuple[int, ...]:
+        """The stations that are not believed, found once."""
+        spooled, columns, scans = self._spooled, self._columns, self._scans()
+        stations, positions = len(spooled.survey.stations), self._column("positions")
+        if not stations or positions is None:
+            return ()
+        facts = columns.get(IGNORED)
+        if facts is None:
+            rows = station_sample(spooled.rows, stations)
+            attributes = {} if scans is None else {SCAN: scans[rows]}
+            sample = Points.about(spooled.origin, positions[rows], None, None, attributes, spooled.survey)
+            facts = {"stations": ignored_stations(sample)}
+            columns.put(IGNORED, facts)
+        return tuple(facts["stations"])
+
+    def _is_seen(self, ignored: tuple[int, ...]) -> bool:
         """Whether it is told of any point who saw it, see `eyes_of`."""
-        stations, name = len(self._spooled.survey.stations), self._names.get(SCAN)
-        column = None if name is None else self._columns.find(name) or self._columns.find(f"points.{name}")
-        if column is None or column.width:
-            return stations == 1
-        chunks = (column[start : start + CHUNK] for start in range(0, len(column), CHUNK))
-        return any(bool(((chunk >= 0) & (chunk < stations) & (chunk == np.rint(chunk))).any()) for chunk in chunks)
+        believed = np.setdiff1d(np.arange(len(self._spooled.survey.stations)), ignored)
+        scans = self._scans()
+        if scans is None:
+            return len(self._spooled.survey.stations) == 1 and len(believed) == 1
+        chunks = (scans[start : start + CHUNK] for start in range(0, len(scans), CHUNK))
+        return any(bool(np.isin(chunk, believed).any()) for chunk in chunks)
 
     def _arrange(self) -> None:
         columns = self._columns
@@ -171,6 +201,8 @@ class Large:
         has_normals = GIVEN in self._columns
         if has_normals:
             self._check_signs()
+        if not has_normals or cloud.has_units:
+            warn_of_ignored(cloud.ignored, len(cloud.survey.stations))
         stretches = self._stretches() if sigma == "auto" else None
         usual = None if has_normals else work.surveyed("fits", partial(survey_fits, cloud))
         for name in (PLACED, NORMALS, *PLANES):
@@ -189,7 +221,7 @@ class Large:
         mended = [fact["mended"] for fact in facts] + [(self._columns.get(TURNED) or {}).get("mended", (0, 0))]
         lost, odd = np.sum(mended, axis=0).tolist()
         for text in told(lost, odd, cloud.total):
-            warnings.warn(text, stacklevel=4)
+            warn(text, stacklevel=4)
 
     def _stretches(self) -> Stretches:
         """The noise of all parts."""
@@ -211,7 +243,7 @@ class Large:
         if share > DISAGREE:
             turn_given(self._work, self._cloud, (MERGED_AT, TURNED_AT))
             opposite = f"{100 * share:.0f}% of neighbouring normals look to opposite sides"
-            warnings.warn(f"{opposite}: directions kept, signs set anew", stacklevel=5)
+            warn(f"{opposite}: directions kept, signs set anew", stacklevel=5)
 
     def _support(self) -> None:
         """Find the support of each point."""
@@ -225,7 +257,7 @@ class Large:
         self._supports = work.each("support", find, (FACED_AT, SUPPORTED))
         note = lone_note(sum(fact["lone"] for fact in self._supports), cloud.total)
         if note:
-            warnings.warn(note, stacklevel=4)
+            warn(note, stacklevel=4)
 
     def _write(self) -> None:
         """Write all files of the model."""

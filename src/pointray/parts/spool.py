@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import check_attribute, check_count
-from ..points.colors import Shades
+from ..points.colors import ColorRange
 from ..points.filling import Filling
 from ..points.formats._source import Chunk, Listing
 from ..points.joining import Part, common_survey
@@ -88,14 +88,14 @@ def _read(file: Opener, selection: Selection, cloud: Cloud, progress: Progress |
     """Append the chosen rows of a file to raw columns; returns what is known of it when all are read."""
     heads: list[Chunk] = []
     kinds: set[tuple[np.dtype[Any], ...]] = set()
-    shades, begin = Shades(), cloud.rows
+    known, begin = ColorRange(), cloud.rows
     end = begin
     with file.open() as source:
         filling = Filling(0) if selection.is_all and source.listing.count else None  # of types: there are no rows
-        for chunk in chosen_of(source, selection, progress):
+        for chunk in chosen_of(file.name, source, selection, progress):
             rows = chunk if chunk.colors is None else chunk._replace(colors=chunk.colors[:, :3])
             if rows.colors is not None:
-                shades.add(rows.colors)
+                known.add(rows.colors)
             head = rows.select(slice(0))
             kind = tuple(column.dtype for column in head.columns)
             if filling:
@@ -108,7 +108,7 @@ def _read(file: Opener, selection: Selection, cloud: Cloud, progress: Progress |
             end += len(rows.positions)
             check_count(end)
         part = Part(file.name, filling.chunks if filling else heads, source.listing.survey)
-        return File(part, begin, end, shades)
+        return File(part, begin, end, known)
 
 
 def _columns_of(chunk: Chunk) -> dict[str, NDArray[Any]]:

@@ -55,6 +55,7 @@ class Cloud:
     survey : Survey
     seers : dict of str to str, the columns of the attributes that tell who saw each point
     is_seen : whether they tell it of any
+    ignored : the numbers of stations that are not believed, see `eyes_of`
     """
 
     columns: Columns
@@ -63,6 +64,7 @@ class Cloud:
     survey: Survey
     seers: dict[str, str]
     is_seen: bool
+    ignored: tuple[int, ...] = ()
 
     @property
     def has_units(self) -> bool:
@@ -121,7 +123,7 @@ def merge(cloud: Cloud, local: Local, usual: Usual) -> Floats:
     if cloud.columns.get(LAYERS) is not None:
         here = distinct_numbers(local.rows // block_size(cloud.total))
         blocks = here[cloud.columns[LAYERS][here] != 0]
-    part = Part(cloud.total, local.rows[along.rows], of_places(usual, along.ids), blocks)
+    part = Part(cloud.total, local.rows[along.rows], of_places(usual, along.ids), blocks, cloud.ignored)
     return merge_for_model(points, along=along, part=part).positions
 
 
@@ -185,7 +187,7 @@ def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bo
     """Who saw each point, about the origin, (n, 3), NaN where that is not known; and where it is known."""
     if not cloud.is_seen:
         return None, None
-    eyes = eyes_of(points)
+    eyes = eyes_of(points, cloud.ignored)
     if eyes is None:
         return None, np.zeros(len(points), np.bool_)
     eye = np.require(seen_from(points, eyes, np.arange(len(points), dtype=np.int32)), requirements="W")  # for `take`

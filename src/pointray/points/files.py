@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import (
     check_callback,
+    check_flag,
     check_kind,
     check_number,
     check_numbers,
@@ -24,6 +24,7 @@ from ..arguments import (
     wrong,
 )
 from ..data import MOST, Points
+from ..notes import warn
 from ..progress import Progress
 from .formats._source import Format, Request
 from .gather import gather
@@ -49,6 +50,7 @@ def read(
     sample: int | None = None,
     opacity: float = 0.1,
     intrinsics: Sequence[float] | None = None,
+    strict: bool = False,
     progress: Progress | None = None,
 ) -> Points:
     """Read a point cloud: one file, or several files as one cloud.
@@ -59,23 +61,28 @@ def read(
     ----------
     path : path, or sequence of paths
     columns : sequence of str, or str with commas, optional
-        What the columns of a text file are: x, y, z, nx, ny, nz, r, g, b, other names; "-" leaves one out. None: found.
+        What the columns of a text file, or of a file of float32 rows, are: x, y, z, nx, ny, nz, r, g, b, other names;
+        "-" leaves one out. None: found.
     every : int
         Take every so manieth row.
     max_points : int, optional
         At most so many points, evenly spread over the rows.
     bounds : (2, 3) or (6,) array_like, optional
-        World box of the points to take. COPC files read only what it needs.
+        World box of the points to take, in the file's coordinates. COPC files read only what it needs.
     keep, drop : dict of str to number or sequence of numbers, optional
         Take, or leave out, rows whose attribute has one of these values: ``keep={"classification": [2, 6]}``.
     resolution : float, optional
         The coarsest spacing that will do: COPC files stop at this level of detail. None: all points.
     sample : int, optional
-        Scatter so many points on the triangles of a mesh, instead of its vertices.
+        Number of points to sample on the triangles of a mesh; 0 takes its vertices. None: the vertices, unless they
+        are too far apart to show the surface: then 200,000 points are sampled, and a warning says so.
     opacity : float
         Gaussian splats of less opacity than this, 0 to 1, are left out.
     intrinsics : sequence of float, optional
         fx, fy, cx, cy of a depth picture in pixels, perhaps followed by the number of its steps in a unit of length.
+    strict : bool
+        Refuse files that are cut off, contradict themselves or lack a file that they name. Otherwise what is there is
+        read, and a warning says what is missing.
     progress : callable, optional
         Called with the share done.
 
@@ -92,7 +99,7 @@ def read(
         If no format knows a file, its contents are damaged or hold no points, or memory does not suffice.
     """
     check_callback(progress)
-    request = request_of(columns, bounds, resolution, sample, opacity, intrinsics)
+    request = request_of(columns, bounds, resolution, sample, opacity, intrinsics, strict)
     selection = Selection(every, max_points, request.bounds, keep, drop)  # type: ignore[arg-type]  # it checks them
     with open_files(path, request) as files:
         return gather(files, selection, progress)
@@ -137,6 +144,7 @@ def request_of(
     sample: Any = None,
     opacity: Any = 0.1,
     intrinsics: Any = None,
+    strict: Any = False,
 ) -> Request:
     """What a caller asks of formats, checked."""
     names = columns.split(",") if isinstance(columns, str) else columns
@@ -151,9 +159,10 @@ def request_of(
         names,
         None if bounds is None else checked_bounds(bounds),
         None if resolution is None else check_positive(resolution, "resolution"),
-        None if sample is None else check_whole(sample, "sample", 1, MOST, or_none=True),
+        None if sample is None else check_whole(sample, "sample", 0, MOST, or_none=True),
         check_number(opacity, "opacity", "a number from 0 to 1", lambda x: 0 <= x <= 1),
         None if intrinsics is None else _checked_intrinsics(intrinsics),
+        check_flag(strict, "strict"),
     )
 
 
@@ -183,7 +192,7 @@ def _opener(file: Path, request: Request, stack: ExitStack) -> Opener:
     """What opens a file, unpacked until the stack is left."""
     path = file
     if packing_of(file):
-        path = stack.enter_context(unpacked(file))
+        path = stack.enter_context(unpacked(file, request.strict))
     format = format_of(path, file)
     return Opener(str(file), partial(format.open, path, request))
 
@@ -218,7 +227,7 @@ def write(path: str | os.PathLike[str], points: Points, progress: Progress | Non
         If no format with this extension can be written, or it cannot hold the name of an attribute.
     """
     for lost in write_points(path, points, progress):
-        warnings.warn(f"{path}: {lost}", stacklevel=2)
+        warn(f"{path}: {lost}", stacklevel=2)
 
 
 def write_points(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> list[str]:
@@ -234,7 +243,8 @@ def headers(path: Paths, request: Request | None = None) -> Iterator[tuple[Path,
     """Each file with its format and its listing, for `info`."""
     for file in paths_of(path):
         with ExitStack() as stack:
-            inner = stack.enter_context(unpacked(file)) if packing_of(file) else file
+            asked = request or Request()
+            inner = stack.enter_context(unpacked(file, asked.strict)) if packing_of(file) else file
             format = format_of(inner, file)
-            with format.open(inner, request or Request()) as source:
+            with format.open(inner, asked) as source:
                 yield file, format, source.listing

@@ -13,14 +13,14 @@ from ..data import Points, check_count
 from ..memory import check_memory
 from ..progress import Progress, part_of, tell
 from ..survey import RESIDUAL, SCAN, Survey
-from .colors import to_uint8
+from .colors import GREY, ColorRange, to_shades
 from .filling import Filling
 from .formats._source import Chunk, Listing
 from .joining import (
-    GREY,
     Part,
-    alike,
     attributes_of,
+    color_kind,
+    colored,
     common_survey,
     first_stations,
     kind_of,
@@ -28,7 +28,7 @@ from .joining import (
     scans_of,
 )
 from .lacking import tell_lacking
-from .locating import locate, origin_of, sample_step
+from .locating import locate, origin_of, sample_step, surveyed
 from .opening import Opener, announced_rows, check_some, chosen_of, listings_of, name_of, named, shares_of
 from .selection import Selection, Thinning
 
@@ -91,7 +91,7 @@ def _read(
     with file.open() as source:
         listing = source.listing
         filling = Filling(listing.count) if selection.is_all and listing.count else None
-        for chunk in chosen_of(source, selection, progress):
+        for chunk in chosen_of(file.name, source, selection, progress):
             chosen = thinning.apply(chunk)
             if filling:
                 filling.add(chosen)
@@ -112,6 +112,9 @@ def _read(
 
 def _joined(parts: list[Part], progress: Progress | None) -> Points:
     """One cloud of all parts, whose chunks are freed on the way."""
+    ranges = [ColorRange.of([c.colors[:, :3] for c in part.chunks if c.colors is not None]) for part in parts]
+    parts = [colored(part, known) for part, known in zip(parts, ranges, strict=True)]
+    known = [known for part, known in zip(parts, ranges, strict=True) if part.chunks]
     parts = [part for part in parts if part.chunks]
     survey = common_survey(parts)
     scans = _scans(parts)
@@ -119,7 +122,7 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
     check_count(sum(map(sum, counts)))
     tell_lacking([(part.name, part.chunks[0]) for part in parts])
     normals = _column("normals", [chunk.normals for part in parts for chunk in part.chunks], counts, 0)
-    colors = _colors(parts, counts)
+    colors = _colors(parts, known)
     names = attributes_of(parts)
     attributes = {}
     for k, name in enumerate(names):
@@ -134,7 +137,7 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
     for part in parts:
         part.chunks.clear()
     tell(progress, 0.9)
-    origin, local, residual = _about_origin(positions, survey)
+    origin, local, residual, survey = _about_origin(positions, survey)
     if residual is not None:
         attributes[RESIDUAL] = residual
     return Points.about(origin, local, normals, colors, attributes, survey)
@@ -161,16 +164,19 @@ def _column(
     return out
 
 
-def _colors(parts: list[Part], counts: list[list[int]]) -> NDArray[np.uint8] | None:
-    columns = [column for part in parts for column in alike([chunk.colors for chunk in part.chunks])]
-    made = iter(to_uint8([column[:, :3] for column in columns if column is not None]))
-    bytes_or_none: list[NDArray[Any] | None] = [None if column is None else next(made) for column in columns]
-    if all(column is None for column in columns):
-        return None
-    for k, (column, count) in enumerate(zip(columns, [n for part in counts for n in part], strict=True)):
-        if column is None:
-            bytes_or_none[k] = np.full((count, 3), GREY, np.uint8)
-    return np.concatenate([column for column in bytes_or_none if column is not None])
+def _colors(parts: list[Part], ranges: list[ColorRange]) -> NDArray[np.uint8] | None:
+    """As 8 bits, by the range of each file; grey where a file has none. None if no file has any."""
+    columns: list[NDArray[np.uint8]] = []
+    for part, known in zip(parts, ranges, strict=True):
+        kind = color_kind(part)
+        scale = 1.0 if kind is None else known.scale(kind)
+        columns += [
+            np.full((len(chunk.positions), 3), GREY, np.uint8)
+            if chunk.colors is None
+            else to_shades(chunk.colors[:, :3], scale)
+            for chunk in part.chunks
+        ]
+    return np.concatenate(columns) if any(color_kind(part) is not None for part in parts) else None
 
 
 def _scans(parts: list[Part]) -> NDArray[np.int32] | None:
@@ -184,16 +190,18 @@ def _scans(parts: list[Part]) -> NDArray[np.int32] | None:
 
 def _about_origin(
     positions: Arrays, survey: Survey
-) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[Any] | None]:
-    """The origin, positions about it, and what these lose of a file's whole numbers, None if nothing."""
+) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[Any] | None, Survey]:
+    """The origin, positions about it, what these lose of a file's whole numbers, None if nothing, and the survey."""
     total = sum(map(len, positions))
     step, start, sample = sample_step(total), 0, []
     for chunk in positions:
         sample.append(chunk[-start % step :: step].copy())  # a view would keep the chunk
         start += len(chunk)
+    survey, sample = surveyed(sample, survey)
     origin = origin_of(sample, total)
-    if len(positions) == 1 and positions[0].dtype == np.float32 and not origin.any():
-        return origin, positions[0], None
+    plain = survey.projection is None and not origin.any()
+    if plain and len(positions) == 1 and positions[0].dtype == np.float32:
+        return origin, positions[0], None, survey
     local, residual, end = np.empty((total, 3), np.float32), None, total
     for k in reversed(range(len(positions))):  # the heap gives back memory from its end only: 120 of 420 MB
         chunk = positions[k]
@@ -203,4 +211,4 @@ def _about_origin(
             residual[begin:end][rows] = lost
         positions[k] = np.empty((0, 3), chunk.dtype)  # an empty view would keep the chunk
         end = begin
-    return origin, local, residual
+    return origin, local, residual, survey

@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..notes import warn
 from ..survey import Survey
+from .colors import ColorRange
 from .formats._source import Chunk
 
-GREY = 128  # sRGB of points whose file has no colours, beside files that have
 NO_SCAN = -1  # the station of points whose file has none, beside files that have
 
 Column = NDArray[Any]
@@ -54,6 +55,30 @@ def alike(columns: Sequence[Column | None]) -> list[Column | None]:
     return [None if column is None else column.astype(np.result_type(*dtypes)) for column in columns]
 
 
+# --------------------------------------------------------------------------------------------------------- colours
+
+
+def color_kind(part: Part) -> np.dtype[Any] | None:
+    """The dtype that holds all colours of a file; None if it has none."""
+    columns = [column for column in alike([chunk.colors for chunk in part.chunks]) if column is not None]
+    return columns[0].dtype.newbyteorder("=") if columns else None
+
+
+def colored(part: Part, known: ColorRange) -> Part:
+    """A file's part, without its colours if these are none; a warning says what happens to them."""
+    kind = color_kind(part)
+    if kind is None:
+        return part
+    if known.is_empty:
+        note = "all of its colours are zero or missing: it is shown as if it had none"
+        part = part._replace(chunks=[chunk._replace(colors=None) for chunk in part.chunks])
+    else:
+        note = known.note(kind)
+    if note:
+        warn(f"{part.name}: {note}", stacklevel=2)
+    return part
+
+
 # -------------------------------------------------------------------------------------------------------- surveys
 
 
@@ -64,7 +89,9 @@ def common_survey(parts: Sequence[Part]) -> Survey:
     stations = tuple(station for part in parts for station in part.survey.stations)
     first = parts[0].survey
     same = first.scale is not None and all(_same_grid(first, part.survey) for part in parts[1:])
-    return Survey(crs, unit, first.scale if same else None, first.offset if same else None, stations)
+    grid = (first.scale, first.offset) if same else (None, None)
+    formats = {part.survey.format for part in parts}
+    return Survey(crs, unit, *grid, stations, format=formats.pop() if len(formats) == 1 else None)
 
 
 def _agreed(said: dict[str, str | None], noun: str) -> str | None:

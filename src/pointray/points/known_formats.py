@@ -14,6 +14,16 @@ from ..extras import require
 from .formats._source import HEAD, NO, Format, Writer
 from .unpacking import PACKED
 
+# What to do with files of other programs, by their extensions.
+_SPLATS, _SCANNER = "convert it to .ply, with SuperSplat for instance", "export it as E57 with the scanner's program"
+_MESH = "export it as .glb or .obj, with Blender for instance"
+HINTS = {
+    **dict.fromkeys((".sog", ".lcc"), _SPLATS),
+    **dict.fromkeys((".rcp", ".rcs", ".fls", ".lsproj", ".zfs", ".imp", ".rdbx", ".rxp"), _SCANNER),
+    **dict.fromkeys((".fbx", ".blend", ".dae", ".3mf", ".usd", ".usdz", ".max"), _MESH),
+    **dict.fromkeys((".zip", ".7z", ".rar", ".tar", ".tgz"), "unpack it"),
+}
+
 
 @cache
 def _formats() -> dict[str, Format]:
@@ -39,8 +49,13 @@ def format_of(path: Path, named: Path | None = None) -> Format:
     best = max(certain, key=lambda name: certain[name])
     if certain[best] == NO:
         meant = [x for x in _formats().values() if inner.suffix.lower() in x.extensions]
-        meant.sort(key=lambda x: x.write is None)  # splats are PLY files too, of a kind that is only read
-        what = f"is no {meant[0].name} file" if meant else f"cannot read {inner.suffix or 'a file without extension'}"
+        # Splats are PLY files too, of a kind that is only read.
+        names = [x.name for x in meant if x.write is not None] or [x.name for x in meant]
+        what = (
+            f"is no {' or '.join(names)} file" if meant else f"cannot read {inner.suffix or 'a file without extension'}"
+        )
+        if not meant and inner.suffix.lower() in HINTS:
+            raise ValueError(f"{file}: {what}: {HINTS[inner.suffix.lower()]}")
         raise ValueError(f"{file}: {what}: it begins with {head[:12]!r}; can read {', '.join(extensions())}")
     found = _formats()[best]
     if found.extra is not None:

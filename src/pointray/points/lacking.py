@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 
+from ..notes import warn
 from .formats._source import Chunk
 
 FEW = 5  # files that a warning names
@@ -24,7 +24,7 @@ def tell_lacking(files: Sequence[tuple[str, Chunk]]) -> None:
             lacking.setdefault(missing, []).append(file)
     for missing, those in lacking.items():
         more = f" and {len(those) - FEW:,} more" if len(those) > FEW else ""
-        warnings.warn(f"without {missing}, which other files have: {', '.join(those[:FEW])}{more}", stacklevel=2)
+        warn(f"without {missing}, which other files have: {', '.join(those[:FEW])}{more}", stacklevel=2)
 
 
 def _names(chunk: Chunk) -> list[str]:

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from itertools import accumulate
 from typing import NamedTuple
 
+from ..notes import warn
 from ..progress import Progress, tell
 from .formats._source import Chunk, Listing, Source
 from .selection import Selection, lengths
@@ -56,11 +57,21 @@ def shares_of(listings: Sequence[Listing]) -> list[float]:
     return [end / total for end in accumulate(rows, initial=0)]
 
 
-def chosen_of(source: Source, selection: Selection, progress: Progress | None) -> Iterator[Chunk]:
-    """The chunks of a file, each with those of its rows that are chosen by all but `max_points`."""
+def chosen_of(name: str, source: Source, selection: Selection, progress: Progress | None) -> Iterator[Chunk]:
+    """The chunks of a file, each with those of its rows that are chosen by all but `max_points`.
+
+    Warns of the faults that were repaired, and of what the reader chose by itself, once.
+    """
+    some = False
     for chunk, start in lengths(source.chunks()):
         tell(progress, min(chunk.share, 1.0))
+        some = some or len(chunk.positions) > 0
         yield selection.apply(chunk, start)
+    faults = str(source.faults)
+    if faults and not some:
+        raise ValueError(faults)
+    for text in filter(None, (faults, source.note)):
+        warn(f"{name}: {text}", stacklevel=2)
 
 
 def check_some(files: Sequence[Opener], selection: Selection, rows: int) -> None:

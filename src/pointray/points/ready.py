@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 from numpy.typing import NDArray
 
 from ..data import FARTHEST, Points
 from ..memory import check_memory, give_back
+from ..notes import warn
 from ..progress import Progress, part_of
 from .path import along_path
 from .smoothing.smooth import Placed, place
@@ -31,7 +30,7 @@ def tell_left_out(lost: int, total: int) -> None:
     """Warn if points are left out because their positions are not finite."""
     if lost:
         text = f"{lost:,} of {total:,} points have no finite position below {FARTHEST:g}: left out"
-        warnings.warn(text, stacklevel=4)
+        warn(text, stacklevel=4)
 
 
 def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: Progress) -> Placed:
@@ -46,7 +45,7 @@ def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: 
         points, along = merged, along if merged is points else along.moved(merged)
     placed, message = place(points, sigma, part_of(progress, MERGED if merge else 0.0, 1.0), along)
     if message:
-        warnings.warn(message, stacklevel=3)
+        warn(message, stacklevel=3)
     if len(points) > SMALL:
         give_back()
     if along is None:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..arguments import check_kind, check_path
 from ..data import Points
 from .files import headers, read
+from .geographic import LocalFrame, in_file
 
 TIMES = ("gps_time", "time", "t", "timestamp", "gpstime", "gps_seconds", "seconds")  # names of times, likeliest first
 WORDS = re.compile(r"[A-Za-z]{2,}")  # in a header or a comment; numbers have single letters, if any
@@ -51,14 +52,14 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
             raise ValueError(f"{name}: row {int(bad.argmax()) + 1:,} of the trajectory {what}")
     if len(times) < 2:
         raise ValueError(f"{name}: a trajectory needs at least two rows: for a scanner that stands pass its viewpoint")
-    return Trajectory(times, rows.world)
+    return Trajectory(times, in_file(rows.survey, rows.world))
 
 
 def _columns(path: str | os.PathLike[str]) -> str | None:
     """The columns of a text without any words: time, x, y, z, others."""
     _, format, listing = next(iter(headers(path)))
     names = listing.facts.get("columns")
-    if names is None or len(names) < 4 or set(TIMES) & set(names):
+    if names is None or len(names) < 4 or set(TIMES) & set(names[1:]):
         return None
     with Path(path).open("rb") as file:
         head = file.read(4096).decode("utf-8", "replace")
@@ -76,7 +77,7 @@ def eyes_along(points: Points, trajectory: str | os.PathLike[str] | Trajectory) 
         With the attribute gps_time.
     trajectory : path or Trajectory
         A file: text with columns time, x, y, z, in this order or named in its first line, or a cloud with gps_time, its
-        rows sorted by time. Coordinates and times as those of the points.
+        rows sorted by time. Coordinates and times as in the file of the points, in degrees if that has degrees.
 
     Returns
     -------
@@ -105,7 +106,8 @@ def eyes_along(points: Points, trajectory: str | os.PathLike[str] | Trajectory) 
             f"{path.times[0]:.10g} to {path.times[-1]:.10g}: give both in the same reckoning (LAS may count "
             "from 1,000,000,000)"
         )
-    eyes = np.full((len(points), 3), np.nan)
+    eyes, frame = np.full((len(points), 3), np.nan), LocalFrame.of(points.survey)
+    positions = path.positions if frame is None else frame.to_local(path.positions)
     for axis in range(3):
-        eyes[inside, axis] = np.interp(seen[inside], path.times, path.positions[:, axis])
+        eyes[inside, axis] = np.interp(seen[inside], path.times, positions[:, axis])
     return eyes

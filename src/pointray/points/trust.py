@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
 from ..arguments import check_choice
 from ..choices import NORMALS
 from ..data import Points
+from ..notes import warn
 from ..progress import Progress
 from .normals.estimate import estimate_normals
 from .normals.given import NormalsCheck, compare_normals
@@ -48,14 +47,14 @@ def judged(points: Points, choice: str = "auto", keep: str = KEEP) -> tuple[Poin
     check_normals_choice(points, choice, keep)
     steps, rounded = find_rounding(points)
     if rounded:
-        warnings.warn(rounded, stacklevel=3)
+        warn(rounded, stacklevel=3)
     if choice == "fit":
         return points.with_normals(None), False
     if choice == "file":
         return points, False
     found = compare_normals(points, max(steps))
     if found.wrong:
-        warnings.warn(f"{told(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
+        warn(f"{told(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
     return points, found.wrong
 
 

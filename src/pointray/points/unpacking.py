@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from ..extras import require
+from ..notes import warn
 
 PACKED = {".gz": b"\x1f\x8b", ".zst": b"\x28\xb5\x2f\xfd"}  # by the usual extension: the first bytes
 BLOCK = 1 << 20  # bytes
@@ -26,14 +27,17 @@ def packing_of(file: Path) -> str | None:
 
 
 @contextmanager
-def unpacked(file: Path) -> Iterator[Path]:
-    """A temporary file with the contents of a packed one; ValueError if these are damaged or do not fit on the disk."""
+def unpacked(file: Path, strict: bool = True) -> Iterator[Path]:
+    """A temporary file with the contents of a packed one; ValueError if these are damaged or do not fit on the disk.
+
+    strict : refuse a file that is cut off; otherwise a warning says so
+    """
     packing = packing_of(file)
     with tempfile.TemporaryDirectory(prefix="pointray-") as folder:
         path = Path(folder) / (file.stem if file.suffix.lower() in PACKED else file.name)
         try:
             with file.open("rb") as raw, _reader(raw, packing, file) as stream, path.open("wb") as out:
-                while block := stream.read(BLOCK):
+                while block := _next(stream, file, out.tell(), strict):
                     if shutil.disk_usage(folder).free < len(block) + SPARE:
                         raise ValueError(f"{file}: is too large to unpack: the disk of {folder} is full")
                     out.write(block)
@@ -44,6 +48,17 @@ def unpacked(file: Path) -> Iterator[Path]:
                 raise
             raise ValueError(f"{file}: is damaged or cut off: {error}") from error  # zlib.error, ZstdError
         yield path
+
+
+def _next(stream: Any, file: Path, done: int, strict: bool) -> bytes:
+    """Some more bytes; none at the end, or, with a warning, where the file is cut off."""
+    try:
+        return bytes(stream.read1(BLOCK))
+    except EOFError:
+        if strict or not done:
+            raise
+        warn(f"{file}: is cut off: {done:,} bytes can be unpacked", stacklevel=2)
+        return b""
 
 
 def _reader(raw: IO[bytes], packing: str | None, file: Path) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
@@ -17,6 +16,7 @@ from ..cluster.crew import Crew, taken
 from ..image.denoise import check_denoise, denoise
 from ..jit import Cancel, run
 from ..memory import check_memory
+from ..notes import warn
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .baked import baked_frame
@@ -133,7 +133,7 @@ def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -
         from ..baking.baked import bake  # a tenth of a second, which other pictures need not wait for
         from ..baking.settings import BakeSettings
 
-        warnings.warn("no light is baked: it is baked first, and kept as scene.baked", stacklevel=stacklevel)
+        warn("no light is baked: it is baked first, and kept as scene.baked", stacklevel=stacklevel)
         scene.baked = bake(scene, BakeSettings(seed=settings.seed, threads=settings.threads))
     return settings
 

@@ -20,7 +20,7 @@ import numpy as np
 from ..baking.baked import bake
 from ..baking.gather import send_rays
 from ..baking.settings import BakeSettings
-from ..jit import BACKLOG, KERNELS, compile_beside, is_compiled, name_of, wait_for
+from ..jit import BACKLOG, KERNELS, compile_beside, wait_for
 from ..kernels.records import BAKED, BAKED_FRAME
 from ..scene.instances import Plane
 from ..scene.scene import Scene
@@ -57,7 +57,7 @@ def warm_up(
     wanted |= _of_pictures(settings)
     if clicks:
         wanted.setdefault(_full(CLICK), RECORD["rays"][CLICK])
-    missing = [name for name in wanted if not is_compiled(KERNELS[name])]
+    missing = [name for name in wanted if not KERNELS[name].is_compiled]
     wanted.update({name: wanted[name] + SHARED for name in missing[:1]})
     compile_beside(__name__, wanted)
     expect(BUILD | BLEND if bakes else BUILD)
@@ -67,18 +67,18 @@ def _of_pictures(settings: Settings | None) -> dict[str, float]:
     """The kernel of pictures, and its cost."""
     if settings is None:
         return {}
-    name = name_of(kernel_for(settings))
+    name = kernel_for(settings).name
     return {name: PICTURES.get(name.removeprefix(f"{PACKAGE}."), max(PICTURES.values()))}
 
 
 def expect(kernels: dict[str, float]) -> None:
     """Announce that this process compiles kernels soon, with the seconds that each takes."""
-    BACKLOG.expect({_full(k): cost for k, cost in kernels.items() if not is_compiled(KERNELS[_full(k)])})
+    BACKLOG.expect({_full(k): cost for k, cost in kernels.items() if not KERNELS[_full(k)].is_compiled})
 
 
 def is_warm(settings: Settings) -> bool:
     """Whether pictures can be drawn at once."""
-    return is_compiled(kernel_for(settings))
+    return kernel_for(settings).is_compiled
 
 
 def wait_until_warm(settings: Settings | None) -> None:
@@ -108,7 +108,7 @@ def _compile(names: Sequence[str]) -> None:
     scene.add_light(SphereLight((0, 0, 2), 0.1, 1.0))  # a lamp, which hides links
     scene.baked = _NoLight()
     camera = Camera.look_at((1, 1, 1), (0, 0, 0), size=(8, 8))
-    integrators = {name_of(kernel): integrator for integrator, kernel in INTEGRATOR_KERNELS.items()}
+    integrators = {kernel.name: integrator for integrator, kernel in INTEGRATOR_KERNELS.items()}
     for name in names:
         if name == _full(CLICK):
             scene.intersect((0, 0, 1), (0, 0, -1))

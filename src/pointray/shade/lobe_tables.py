@@ -1,4 +1,4 @@
-"""What lobes reflect of light of which only the irradiance and a few moments are known: tables, made at import.
+"""What lobes reflect of light of which only the irradiance and a few moments are known: tables of kernels.
 
 The unknown radiance is taken for a random field over directions: a level that may be anything, and deviations that are
 correlated as exp(-angle). The estimate is what a lobe reflects on average of all fields that have the known moments,
@@ -19,10 +19,12 @@ tables take 12 ms.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..jit import Table
 from .harmonics import BAND_0, BAND_1, BAND_2, BAND_2_CROSS
 
 NUMBERS = 8
@@ -157,4 +159,5 @@ def facet_shares() -> NDArray[np.float32]:
     return np.asarray(seen.mean(axis=(2, 3)), np.float32).reshape(-1)
 
 
-LOBES, FACET_SHARES = make_table(), facet_shares()
+LOBES: Any = Table(make_table)
+FACET_SHARES: Any = Table(facet_shares)

@@ -12,57 +12,12 @@ Begin with vector.
 
 from __future__ import annotations
 
-from .doubles import count_where, narrow, square_sum, widen_high, widen_low, zeros8, zeros16
-from .gather import gather16, gather_rows8, load_apart16
-from .lanes import (
-    bit_fields,
-    bits,
-    broadcast8,
-    broadcast16,
-    columns,
-    count_bits,
-    count_trailing_zeros,
-    first_quarter,
-    float_bits,
-    fours,
-    lane,
-    last_quarter,
-    mask16,
-    one_bit,
-    power_of_two,
-    quarters,
-    reduce_max,
-    reduce_min,
-    select,
-    shift_lane,
-    shift_quarter,
-    sum_over_lanes,
-    sum_over_quarters,
-    sums_of_fours,
-    third_quarter,
-    trunc,
-    vabs,
-    vmax,
-    vmin,
-    vsqrt,
-)
-from .memory import (
-    broadcast_from,
-    join4,
-    load4,
-    load8,
-    load8_double,
-    load16,
-    load16_int,
-    move4,
-    pack,
-    permute16,
-    prefetch,
-    repeat4,
-    store,
-    store_packed,
-)
-from .vector import D8, F8, F16, I8, I16, INF, ONE, ZERO, Bits, Mask, Real
+import numpy as np
+
+from ..jit import later
+
+LATER = "doubles", "gather", "lanes", "memory", "vector"
+ZERO, ONE, INF = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
 
 __all__ = [
     "Bits",
@@ -131,3 +86,8 @@ __all__ = [
     "zeros16",
     "zeros8",
 ]
+
+_VALUES = "ZERO", "ONE", "INF", "Bits", "Mask", "Real"  # the last three stand in annotations alone, see `__init__.pyi`
+_NAMES = [name for name in __all__ if name not in _VALUES]
+globals().update(zip(_NAMES, later(__name__, LATER, *_NAMES), strict=True))
+Bits, Mask, Real = int, object, object

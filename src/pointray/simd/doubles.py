@@ -6,7 +6,7 @@ from typing import Any
 
 from numba.core import types
 
-from ..jit import intrinsic
+from ..jit.intrinsics import intrinsic
 from .vector import D8, F8, F16, I8, I16, broadcast, shuffle
 
 

@@ -7,7 +7,9 @@ from typing import Any
 import llvmlite.ir as ir
 from numba.core import types
 
-from ..jit import CHECK, inline, intrinsic
+from ..jit.decorators import inline
+from ..jit.intrinsics import intrinsic
+from ..jit.library import CHECK
 from .vector import F8, F16, INT, shuffle
 
 # The low and the high pairs of two vectors within each quarter, one by one and two by two: a transposition's steps.

@@ -7,7 +7,7 @@ from typing import Any
 import llvmlite.ir as ir
 from numba.core import cgutils, types
 
-from ..jit import intrinsic
+from ..jit.intrinsics import intrinsic
 from .vector import F4, F8, F16, FLAGS, I16, INT, Vector, broadcast, shuffle
 
 

@@ -7,7 +7,10 @@ from typing import Any
 import llvmlite.ir as ir
 from numba.core import cgutils, types
 
-from ..jit import CHECK, cpu_features, inline, intrinsic
+from ..jit.decorators import inline
+from ..jit.disk import cpu_features
+from ..jit.intrinsics import intrinsic
+from ..jit.library import CHECK
 from .lanes import bits, count_bits, count_trailing_zeros, lane
 from .vector import D8, F4, F8, F16, I16, INT, Vector, broadcast, shuffle
 

@@ -6,7 +6,6 @@ import operator
 from typing import Any
 
 import llvmlite.ir as ir
-import numpy as np
 from numba.core import types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin, lower_cast, models, register_model
@@ -112,6 +111,3 @@ _binary(operator.xor, ("mask",), lambda builder, kind, a, b: builder.xor(a, b))
 F4, F8, F16 = Vector("float", 4), Vector("float", 8), Vector("float", 16)
 D8 = Vector("double", 8)
 I16, I8 = Vector("int", 16), Vector("int", 8)
-
-Mask, Real, Bits = Vector("mask", 16), Any, int  # names of annotations, see `__init__.pyi`
-ZERO, ONE, INF = np.float32(0.0), np.float32(1.0), np.float32(np.inf)

@@ -138,6 +138,17 @@ def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tu
     return away, hollow
 
 
+@inline
+def _box_of(positions: Array, first: int, last: int, pad: float) -> tuple[float, float, float, float, float, float]:
+    """The box of some points, with a margin."""
+    x, y, z = positions[first, 0], positions[first, 1], positions[first, 2]
+    u, v, w = x, y, z
+    for i in range(first + 1, last):
+        x, y, z = min(x, positions[i, 0]), min(y, positions[i, 1]), min(z, positions[i, 2])
+        u, v, w = max(u, positions[i, 0]), max(v, positions[i, 1]), max(w, positions[i, 2])
+    return x - pad, y - pad, z - pad, u + pad, v + pad, w + pad
+
+
 @kernel
 def _survey(
     work: Array, positions: Array, normals: Array, splats: Gated, boxes: Boxes, close: float, out: Array, hollow: Array
@@ -150,9 +161,7 @@ def _survey(
     while tile >= 0:
         for first in range(tile * CHUNK * SHARING, min((tile + 1) * CHUNK * SHARING, len(out)), SHARING):
             last = min(first + SHARING, len(out))
-            x, y, z = positions[first:last, 0], positions[first:last, 1], positions[first:last, 2]
-            pad = 4.0 * close if close < np.inf else 0.0
-            box = (x.min() - pad, y.min() - pad, z.min() - pad, x.max() + pad, y.max() + pad, z.max() + pad)
+            box = _box_of(positions, first, last, 4.0 * close if close < np.inf else 0.0)
             count = _find(lent, tree, box, stack, found)
             for i in range(first, last):
                 out[i], hollow[i] = _deviation(lent, found[:count], at(positions, i), at(normals, i), close)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..neighbors import kd_order, take
+from ..notes import warn
 from ..points.smoothing.smooth import Placed
 from ..progress import Progress, tell
 from ..tree.build import Splats
@@ -86,7 +86,7 @@ def make_splats(
     )
     check_size(support.radii)
     if support.note and not level:
-        warnings.warn(support.note, stacklevel=3)
+        warn(support.note, stacklevel=3)
     sheets = support.sheets
     if level and sheets is not None and sheets.mean() < THIN:
         sheets = None
@@ -110,6 +110,6 @@ def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
     lost = int(crowded.sum())
     if not lost:
         return splats
-    warnings.warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=4)
+    warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=4)
     arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[~crowded]) for array in splats]
     return Splats(*arrays)

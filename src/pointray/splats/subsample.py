@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from ..arguments import check_callback, check_kind, check_positive, check_whole
 from ..data import Points
 from ..neighbors import distinct, kd_order, neighbors
+from ..notes import warn
 from ..points.smoothing.smooth import check_sigma, place
 from ..survey import RESIDUAL
 from .averages import attribute_averages
@@ -113,9 +113,9 @@ def subsample(
     """
     found = find_subsample(points, tolerance, count, smooth, progress)
     if found.message:
-        warnings.warn(found.message, stacklevel=2)
+        warn(found.message, stacklevel=2)
     if not found.met:
-        warnings.warn(
+        warn(
             f"{found.within:.1%} of the points lie within {tolerance:g} of the surface, not {SHARE:.1%}: {NOISY}",
             stacklevel=2,
         )

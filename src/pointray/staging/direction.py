@@ -8,11 +8,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .camera_frame import find_camera_frame
 from .sample import Sample
-from .upright import STRAY, is_depth_picture, is_flat
+from .upright import axis_direction, is_flat
 
 Floats = NDArray[np.float64]
 
+ENOUGH = 50_000  # points whose shape is looked at
+STRAY = 0.002  # share of the points at either end that counts as strays
 BODY = (25.0, 18.0)  # from the front, a little to the right and above
 TERRAIN = (25.0, 40.0)
 ASIDE = 20.0  # degrees that a scanned side is turned away, so that its depth is seen
@@ -20,6 +23,7 @@ SIDED = 0.15  # a longer mean of the level normals means that the scan has one s
 STEEPEST = 89.94  # degrees: a top view from which the front is still known
 LONG = 1.5  # a scan this many times as long as wide lies across the picture
 SECTORS = 16  # around the middle of a room
+OUTERMOST = 0.45  # share of the scan's horizontal radius: walls of a room are farther from its middle
 SURROUNDED, INWARD, CEILING = 0.9, 0.7, 0.05  # of sectors, of normals, and of normals that point down from above
 
 
@@ -71,25 +75,28 @@ def angles_of(direction: ArrayLike, up: ArrayLike) -> tuple[float, float]:
 
 def find_outlook(sample: Sample, up: ArrayLike) -> Outlook:
     """The direction from which to view the points, by their shape and normals."""
-    positions = sample.positions @ axes_of(up).T  # right, front, up
-    normals = sample.normals @ axes_of(up).T
-    if is_depth_picture(sample):
+    frame = find_camera_frame(sample.positions + sample.origin)
+    if frame and (frame.certainty == 1 or np.array_equal(axis_direction(frame.up), up)):
         azimuth, elevation = angles_of(-np.median(sample.positions + sample.origin, axis=0), up)
-        return Outlook(azimuth, elevation, "one picture of a depth camera, seen as it saw")
+        return Outlook(azimuth, elevation, "from the depth camera")
+    step = max(len(sample.positions) // ENOUGH, 1)
+    positions, normals = (
+        rows[::step] @ axes_of(up).T for rows in (sample.positions, sample.normals)
+    )  # right, front, up
     low, high = np.quantile(positions, [STRAY, 1.0 - STRAY], axis=0)
     known = normals.any(axis=1)
     facing = normals[known].mean(axis=0) if known.any() else np.zeros(3)
     if is_flat(positions):
-        return Outlook(_broadside(positions), TERRAIN[1], "flat: seen from above")
+        return Outlook(_broadside(positions), TERRAIN[1], "flat, from above")
     around, under_roof = _surroundings(positions[known], normals[known], (low + high) / 2)
     if around:
         if under_roof:
-            return Outlook(BODY[0], 0.0, "a room, seen from within", True)
-        return Outlook(BODY[0], TERRAIN[1], "walls around a place, seen from above")
+            return Outlook(BODY[0], 0.0, "room, from inside", True)
+        return Outlook(BODY[0], TERRAIN[1], "enclosed place, from above")
     if math.hypot(facing[0], facing[1]) > SIDED:
         azimuth = math.degrees(math.atan2(facing[0], facing[1]))
-        return Outlook(azimuth + ASIDE, BODY[1], "scanned from one side, seen from there")
-    return Outlook(*BODY, "a body, seen from the front")
+        return Outlook(azimuth + ASIDE, BODY[1], "the scanned side")
+    return Outlook(*BODY, "front")
 
 
 def _broadside(positions: Floats) -> float:
@@ -113,6 +120,8 @@ def _surroundings(positions: Floats, normals: Floats, middle: Floats) -> tuple[b
     sector = (np.arctan2(away[walls, 1], away[walls, 0]) / (2 * np.pi) * SECTORS).astype(int) % SECTORS
     filled = np.bincount(sector, minlength=SECTORS) > 0.1 * walls.sum() / SECTORS
     inward = (away[walls] * normals[walls]).sum(axis=1) < 0
-    around = filled.mean() >= SURROUNDED and inward.mean() >= INWARD
+    reach = np.hypot(away[:, 0], away[:, 1])
+    is_wide = np.median(reach[walls]) >= OUTERMOST * np.quantile(reach, 0.95)  # a body on a floor is narrower than that
+    around = filled.mean() >= SURROUNDED and inward.mean() >= INWARD and is_wide
     ceiling = (normals[:, 2] < -0.7) & (away[:, 2] > 0)
     return bool(around), bool(ceiling.mean() >= CEILING)

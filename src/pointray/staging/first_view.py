@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,10 @@ from ..arguments import Vector, check_choice, check_direction, check_kind, check
 from ..choices import AUTO, VIEWS
 from ..data import Points
 from ..model import Model
+from ..notes import warn
 from ..rendering.camera import SIZE, Camera
 from ..scene.scene import Scene
+from .coverage import LEAST, coverage, of_largest_cluster
 from .direction import Outlook, find_outlook, towards
 from .framing import STANDARD, WHOLE, Lens, Part, frame_points, frame_turning, magnified
 from .sample import Sample, sample_of
@@ -67,25 +70,35 @@ class Scan:
     Attributes
     ----------
     up : (3,) tuple
+    found_up : Up or None
+        None if the choice has an up direction.
     outlook : Outlook
-    found : str
-        What was found out, in one line, and how to change it on the command line; empty if nothing was.
+    ignored : str
+        Which points do not decide what is framed; empty, if all do.
     """
 
     def __init__(self, subject: Scene | Model | Points, choice: ViewChoice) -> None:
         self._sample = sample_of(subject, islands=False)
         self._choice = choice
-        self.found = ""
-        if choice.up is None:
-            up = find_up(self._sample)
-            self.up = up.direction
-            self.found = f"up is {up.axis} ({up.why})"
-        else:
-            self.up = choice.up
+        self.ignored = str(self._sample.ignored)
+        self.found_up = find_up(self._sample) if choice.up is None else None
+        self.up = choice.up or self.found_up.direction  # type: ignore[union-attr]  # one of them is there
         self.outlook = self._look()
-        options = [option for option, found in (("--up", choice.up is None), ("--view", self._is_found)) if found]
-        if options:
-            self.found += f"; {' and '.join(options)} change{'s' * (len(options) == 1)} that"
+
+    @property
+    def found(self) -> str:
+        """What was found, in one line, and the options that change it; empty if nothing was."""
+        up = self.found_up
+        view = f"view: {self.natural_outlook.kind}" if self._is_found else ""
+        parts = [view, f"up {up.axis if up.axis.startswith('-') else f'+{up.axis}'} ({up.why})" if up else ""]
+        options = " and ".join(["--view"] * self._is_found + ["--up"] * (up is not None))
+        text = f"{', '.join(filter(None, parts))}. Change with {options}." if options else ""
+        return " ".join(filter(None, (text, self.ignored)))
+
+    @cached_property
+    def natural_outlook(self) -> Outlook:
+        """The view that is found, whatever the choice is."""
+        return find_outlook(self._sample, self.up)
 
     @property
     def middle(self) -> Vector:
@@ -93,12 +106,31 @@ class Scan:
         x, y, z = (self._sample.origin + np.median(self._sample.positions, axis=0)).tolist()
         return x, y, z
 
+    @property
+    def bounds(self) -> Floats:
+        """The box of the points that are framed, (2, 3), world."""
+        low, high = self._sample.positions.min(axis=0), self._sample.positions.max(axis=0)
+        return np.asarray(self._sample.origin + [low, high])
+
     def camera(self, lens: Lens = STANDARD, free: Part = WHOLE) -> Camera:
         """The camera that frames all of it in a part of its picture: left, top, right, bottom, shares."""
         direction = towards(self.outlook, self.up)
         if self.outlook.within and lens.projection == "perspective":
             return _within(self._sample, direction, self.up, lens._replace(fov=max(lens.fov, WIDE)))
-        return self._near(frame_points(self._sample, direction, self.up, lens, free))
+        camera = self._near(frame_points(self._sample, direction, self.up, lens, free))
+        share = self.coverage(camera)
+        if share >= LEAST or self._choice.zoom > 1:
+            return camera
+        nearer = self._near(frame_points(of_largest_cluster(self._sample), direction, self.up, lens, free))
+        if self.coverage(nearer) <= share:
+            warn(f"the points cover {share:.1%} of the picture", stacklevel=3)
+            return camera
+        warn(f"the points would cover {share:.1%} of the picture: it shows the largest of their groups", stacklevel=3)
+        return nearer
+
+    def coverage(self, camera: Camera) -> float:
+        """The share of a picture that points cover, about."""
+        return coverage(self._sample.origin + self._sample.positions, camera)
 
     def turning(self, lens: Lens = STANDARD) -> Camera:
         """The camera for a turntable: the scan stays in the picture through the whole turn."""
@@ -113,12 +145,7 @@ class Scan:
 
     def _look(self) -> Outlook:
         choice = self._choice
-        if choice.view != AUTO:
-            outlook = Outlook(*VIEWS[choice.view], choice.view)
-        else:
-            outlook = find_outlook(self._sample, self.up)
-            if self._is_found:
-                self.found += ", " * bool(self.found) + outlook.kind
+        outlook = self.natural_outlook if choice.view == AUTO else Outlook(*VIEWS[choice.view], choice.view)
         if choice.azimuth is not None:
             outlook = outlook._replace(azimuth=choice.azimuth, within=False)
         if choice.elevation is not None:
@@ -149,14 +176,15 @@ def frame(
     Parameters
     ----------
     subject : Scene, Model or Points
-        Its points are framed as they are seen, the central 99.9% of them along each side of the picture; small groups
-        far from all others in a scan are left out.
+        Its points are framed as they are seen, the central 99.9% of them along each side of the picture. Clusters
+        farther away than a scan's size, with up to 2% of its points, are left out. A warning says if the points would
+        cover less than 0.5% of the picture; the largest of their groups is framed then.
     view : {"auto", "iso", "front", "back", "left", "right", "top", "bottom"}
         The front is seen from -y where z is up, from +z where y is. Auto: bodies from the front, a little from the
         right and above; flat scans from 40 degrees above; one-sided scans from that side; rooms from within.
     up : (3,) array_like, or "x", "-x", "y", "-y", "z", "-z", or "auto"
-        Auto: z for maps and flat scans; opposite to y for a depth camera's picture; otherwise the axis on which the
-        scan would stand best.
+        Auto: the axis with the most evidence: large coordinates, the file's format, a depth camera at the origin, the
+        scan's shape and normals, and habit (z, then y).
     fov, size, projection
         As for `Camera.look_at`.
     azimuth, elevation : float, optional

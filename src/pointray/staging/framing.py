@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import check_direction
 from ..rendering.camera import SIZE, Camera, view_axes
-from .sample import STRAY, Sample
+from .clusters import STRAY
+from .sample import Sample
 
 Floats = NDArray[np.float64]
 

@@ -7,21 +7,46 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from ..data import STRETCHES, Points, spread_rows
 from ..kernels.records import TO_MODEL
+from ..kernels.tree import Tree
 from ..model import Model
 from ..scene.scene import Scene
+from .clusters import find_main, places
+from .fitted import fitted_normals
 
 Floats = NDArray[np.float64]
 
 MOST = 200_000  # points; 0.05% of them are still a hundred
 COARSE = 20_000  # points of a level of detail that stands for a model in parts
-STRAY = 0.0005  # share of the points at either end of an axis that counts as strays
-CELLS = 32  # along the longest side of the others: points in neighbouring cells are connected
-ISLAND = 0.0025  # share of the points: a smaller connected group is apart from the scan
-APART = 0.02  # share of the points: where more lie in such islands the scan consists of islands
+
+
+class Ignored(NamedTuple):
+    """How many points of a sample do not decide what a picture frames.
+
+    Attributes
+    ----------
+    distant : int
+        Points far away from all others.
+    zeros : int
+        Points at 0, 0, 0, far away from all others: rows without a return in world coordinates.
+    total : int
+        Points of the sample.
+    """
+
+    distant: int = 0
+    zeros: int = 0
+    total: int = 0
+
+    def __add__(self, other: object) -> Ignored:
+        assert isinstance(other, Ignored)
+        return Ignored(*(one + another for one, another in zip(self, other, strict=True)))
+
+    def __str__(self) -> str:
+        kinds = ((self.distant, "far from all others"), (self.zeros, "at 0, 0, 0 far from all others"))
+        found = [f"{_percent(count / self.total)} of the points lie {where}" for count, where in kinds if count]
+        return f"Not framed: {', '.join(found)}." if found else ""
 
 
 class Sample(NamedTuple):
@@ -38,6 +63,11 @@ class Sample(NamedTuple):
         Whether some coordinates are as large as those of maps, so that the points have an origin of their own.
     splats : bool
         Whether all of them were Gaussian splats.
+    format : str or None
+        The format of their file, see `Survey.format`, unless a scene turns them.
+    stations : (k, 3) float64
+        Where scanners stood, about the origin.
+    ignored : Ignored
     """
 
     positions: Floats
@@ -45,27 +75,37 @@ class Sample(NamedTuple):
     origin: Floats
     far: bool
     splats: bool = False
+    format: str | None = None
+    stations: Floats = np.zeros((0, 3))
+    ignored: Ignored = Ignored()
 
     def seen_from(self, point: Floats) -> Sample:
         """The same points relative to another point: (3,), relative to the origin of this sample."""
-        return self._replace(positions=self.positions - point, origin=self.origin + point)
+        stations = self.stations - point
+        return self._replace(positions=self.positions - point, origin=self.origin + point, stations=stations)
 
     def without_islands(self) -> Sample:
-        """The connected points: without small groups far from all others, as wrongly matched cameras produce them."""
-        low, high = np.quantile(self.positions, [STRAY, 1.0 - STRAY], axis=0)
-        size = float((high - low).max()) / CELLS
-        if not size > 0:
+        """The points that a picture frames: each place once, without distant clusters, strays and small islands."""
+        rows = places(self.positions)
+        framed, distant = find_main(self.positions[rows])
+        if len(rows) == len(self.positions) and framed.all():
             return self
-        cell = np.floor((self.positions - low) / size) + 1.0  # one more cell on either side: the scan's own ends
-        within = np.flatnonzero(((cell >= 0) & (cell < CELLS + 3)).all(axis=1))
-        cells = tuple(cell[within].astype(int).T)
-        taken = np.zeros((CELLS + 3,) * 3, bool)
-        taken[cells] = True
-        island = ndimage.label(taken, np.ones((3, 3, 3)))[0][cells]
-        large = np.bincount(island)[island] >= ISLAND * len(self.positions)
-        if large.all() or large.mean() < 1.0 - APART:
-            return self
-        return self._replace(positions=self.positions[within[large]], normals=self.normals[within[large]])
+        zeros = np.count_nonzero((self.positions[rows[distant]] + self.origin == 0).all(axis=1))
+        ignored = Ignored(
+            int(np.count_nonzero(distant)) - int(zeros),
+            int(zeros) and _count_zeros(self),
+            len(self.positions),
+        )
+        rows = rows[framed]
+        return self._replace(positions=self.positions[rows], normals=self.normals[rows], ignored=ignored)
+
+
+def _count_zeros(sample: Sample) -> int:
+    return int(np.count_nonzero((sample.positions + sample.origin == 0).all(axis=1)))
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g}%" if share >= 1e-4 else "less than 0.01%"
 
 
 def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool = True) -> Sample:
@@ -75,20 +115,54 @@ def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool =
     islands : whether small groups of a model's points that are far from its others count, see `without_islands`
     """
     placed = _placed(subject)
-    total = sum(len(points) for points, _ in placed)
+    total = sum(len(one.points) for one in placed)
     if total == 0:
         raise ValueError("there are no points to look at")
-    origin = (placed[0][1] @ [*placed[0][0].origin, 1.0])[:3]
-    far = any(points.origin.any() for points, _ in placed)
-    splats = all(_were_splats(points) for points, _ in placed)
-    drawn = (_part(points, matrix, min(most / total, 1.0), origin) for points, matrix in placed)
-    parts = [Sample(positions, normals, origin, far) for positions, normals in drawn if len(positions) > 0]
+    origin = placed[0].world_origin
+    far = any(one.points.origin.any() or one.points.survey.projection for one in placed)
+    splats = all(_were_splats(one.points) for one in placed)
+    drawn = (_part(one, min(most / total, 1.0), origin) for one in placed)
+    stations = np.concatenate([one.stations for one in placed]) - origin
+    about = origin, far, splats, _format(placed), stations
+    parts = [Sample(positions, normals, *about) for positions, normals in drawn if len(positions) > 0]
     if not parts:
         raise ValueError("no point has finite coordinates")
     if not islands:
         parts = [part.without_islands() for part in parts]
     positions, normals = (np.concatenate(arrays) for arrays in zip(*(part[:2] for part in parts), strict=True))
-    return Sample(positions, normals, origin, far, splats)
+    return Sample(positions, normals, *about, sum((part.ignored for part in parts), Ignored()))
+
+
+class _Placed(NamedTuple):
+    """Points with their transform to the world, (4, 4), and the tree that has their normals, if they have none."""
+
+    points: Points
+    matrix: Floats
+    tree: Tree | None = None
+
+    @property
+    def world_origin(self) -> Floats:
+        """The world position of the points' origin, (3,)."""
+        return np.asarray((self.matrix @ [*self.points.origin, 1.0])[:3])
+
+    @property
+    def stations(self) -> Floats:
+        """The world positions of scanners, (k, 3)."""
+        local = np.reshape(self.points.survey.stations, (-1, 3))
+        return np.asarray(local @ self.matrix[:3, :3].T + self.matrix[:3, 3])
+
+    @property
+    def format(self) -> str | None:
+        """The format of the points' file, unless they are turned."""
+        linear = self.matrix[:3, :3]
+        is_turned = not np.allclose(linear, abs(linear[0, 0]) * np.eye(3))
+        return None if is_turned else self.points.survey.format
+
+
+def _format(placed: list[_Placed]) -> str | None:
+    """The format of all points' files, if it is one."""
+    formats = {one.format for one in placed}
+    return formats.pop() if len(formats) == 1 else None
 
 
 def _were_splats(points: Points) -> bool:
@@ -96,16 +170,25 @@ def _were_splats(points: Points) -> bool:
     return "opacity" in points.attributes and not points.attributes.keys().isdisjoint(("scale", "scale_0"))
 
 
-def _placed(subject: Scene | Model | Points) -> list[tuple[Points, Floats]]:
-    """Points, and the transform (4, 4) of each to the world."""
+def _placed(subject: Scene | Model | Points) -> list[_Placed]:
+    """The points of a subject, and the transform of each cloud to the world."""
     if isinstance(subject, Points):
-        return [(subject, np.eye(4))]
+        return [_Placed(subject, np.eye(4))]
     if isinstance(subject, Model):
-        return [(points, np.eye(4)) for points in _standing_for(subject)]
+        return [_Placed(points, np.eye(4), _tree_of(subject)) for points in _standing_for(subject)]
     with subject._lock:
         shapes, records = list(subject._instances.shapes), subject._instances.records.copy()
     placed = [(shape, row) for shape, row in zip(shapes, records, strict=True) if isinstance(shape, Model)]
-    return [(points, _matrix(row[TO_MODEL:], points)) for shape, row in placed for points in _standing_for(shape)]
+    return [
+        _Placed(points, _matrix(row[TO_MODEL:], points), _tree_of(shape))
+        for shape, row in placed
+        for points in _standing_for(shape)
+    ]
+
+
+def _tree_of(model: Model) -> Tree | None:
+    """The tree that has the normals of a model's points, if these have none."""
+    return None if model.parts or model.points.normals is not None else model.tree
 
 
 def _standing_for(model: Model) -> list[Points]:
@@ -150,16 +233,21 @@ def _matrix(to_model: Floats, points: Points) -> Floats:
     return np.asarray(np.linalg.inv(out))
 
 
-def _part(points: Points, matrix: Floats, share: float, origin: Floats) -> tuple[Floats, Floats]:
-    """A random share of a model's points: positions about an origin, and normals."""
+def _part(placed: _Placed, share: float, origin: Floats) -> tuple[Floats, Floats]:
+    """A random share of some points: positions about an origin, and normals."""
+    points, matrix, tree = placed
     rows = np.flatnonzero(points.finite)
     if share < 1.0:
         rows = rows[np.random.default_rng(0).random(len(rows)) < share]
     linear = matrix[:3, :3]
     positions = points.positions[rows].astype(np.float64) @ linear.T
     positions += linear @ points.origin + matrix[:3, 3] - origin
-    if points.normals is None:
+    if points.normals is not None:
+        local = points.normals[rows]
+    elif tree is not None:
+        local = fitted_normals(tree, rows, len(points))
+    else:
         return positions, np.zeros_like(positions)
-    normals = np.nan_to_num(points.normals[rows].astype(np.float64)) @ np.linalg.inv(linear)
+    normals = np.nan_to_num(local.astype(np.float64)) @ np.linalg.inv(linear)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     return positions, np.asarray(normals / np.where(lengths > 0, lengths, 1.0))

@@ -1,4 +1,8 @@
-"""Which way is up in a scan that does not tell."""
+"""Which way is up in a scan: a weighted sum of all evidence, from formats, cameras, shape and habit.
+
+Each source gives scores of the six axes, see `evidence`; they are added with the weights below. The axis with the
+largest sum is up. The source that sets it apart most from the next axis is named as the reason.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +10,70 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
+from .camera_frame import find_camera_frame
+from .evidence import AXES, Scores, Shape, faces, foliage, ground, stands, stationed, trunk, turning, walls
 from .sample import Sample
 
 Floats = NDArray[np.float64]
 
 FLAT = 0.2  # share of the width: a lower scan is terrain, a city, a floor
-STRAY = 0.002  # share of the points at either end that counts as strays
+FAR_OUT = 0.2  # share of the size: farther beyond the central 98% points are strays
 EDGE = 0.01  # the same, where the flatness of a scan is tested
-ENOUGH = 30_000  # points that are used
-SLAB = 0.05  # share of the height that counts as the base and as the top
-CELLS = 32  # across the view from above
-FEW = 10  # points in a slab that are too few to tell anything
-# Prior scores of the axes: in programs and scanners z is up, in graphics and many meshes y.
-HABIT = {"z": 0.25, "y": 0.1, "-y": -0.1, "x": -0.2, "-x": -0.2, "-z": -0.3}
-# The same for Gaussian splats: their cameras are those of computer vision, y downwards; SPZ files have y upwards.
+ENOUGH = 8_000  # points whose shape is looked at
+# Scores of axes without other evidence: in programs and scanners z is up, in graphics and many meshes y.
+HABIT = {"z": 0.2, "y": 0.08, "-y": -0.05, "x": -0.15, "-x": -0.15, "-z": -0.2}
+# The same for Gaussian splats: their cameras are those of computer vision, y downwards.
 SPLAT_HABIT = {"-y": 0.4, "y": 0.2, "z": 0.0, "x": -0.2, "-x": -0.2, "-z": -0.3}
-TIPS = 0.5  # penalty for an axis along which the body would fall over
-FACING, PLUMB = 0.5, 0.3  # weights of normals that point upwards, and of walls
-LEVEL = 0.1  # |cosine| between the axis and the normal of a wall
-SIGHT = 1.2  # tangent of half the angle that a depth camera sees
-EVEN = 0.97  # share of normals that face a depth camera
+# The up axis of a format, and how much it counts: by the standard, or by custom.
+FORMATS = {
+    "LAS": ("z", 2.0),
+    "E57": ("z", 0.5),
+    "PTX": ("z", 1.0),
+    "PTS": ("z", 1.0),
+    "KITTI": ("z", 1.0),
+    "glTF": ("y", 2.0),
+    "SPZ": ("y", 0.5),
+    "COLMAP": ("-y", 0.4),
+    "depth image": ("-y", 3.0),
+}
+# Weights of the other sources, whose scores lie between -1 and 1. Those of the shape were fitted to 500 clouds.
+WEIGHTS = {
+    "frame": 3.0,
+    "map": 3.0,
+    "flat": 0.3,
+    "stance": 0.4,
+    "feet": 0.7,
+    "base": 1.1,
+    "trunk": 1.5,
+    "ground": 0.3,
+    "things": 1.1,
+    "walls": 1.0,
+    "normals": 0.3,
+    "foliage": 0.4,
+    "turning": 1.3,
+    "stations": 0.5,
+}
+REASONS = {
+    "habit": "as in most files",
+    "splats": "as in most files of splats",
+    "frame": "a frame of a depth camera",
+    "map": "large coordinates, as on a map",
+    "flat": "the scan is flat",
+    "stance": "stable base",
+    "feet": "stands on feet",
+    "base": "flat base",
+    "trunk": "stands on a trunk or post",
+    "ground": "level ground below",
+    "things": "things stand on the ground",
+    "walls": "vertical walls",
+    "normals": "most normals point up",
+    "foliage": "foliage above",
+    "turning": "spread around the scanner or the origin",
+    "stations": "stations at one height",
+}
+HABITS = "habit", "splats"
+LEAST = 0.05  # margin of a source that is named as the reason
 
 
 class Up(NamedTuple):
@@ -38,7 +84,7 @@ class Up(NamedTuple):
     axis : str
         "x", "-x", "y", "-y", "z" or "-z".
     why : str
-        The reason, in a few words.
+        The evidence that decided, in a few words.
     """
 
     axis: str
@@ -58,97 +104,80 @@ def axis_direction(axis: str) -> tuple[float, float, float]:
 
 
 def find_up(sample: Sample) -> Up:
-    """Which way is up: z for a map; opposite to y in a depth camera's picture; else where a body would stand best."""
+    """Find which way is up from all evidence, with the source that decided."""
+    scores = weighted_evidence(sample)
+    total = np.sum(list(scores.values()), axis=0)
+    best, next_best = np.argsort(-total, kind="stable")[:2]
+    margins = {name: found[best] - found[next_best] for name, found in scores.items()}
+    source = max(margins, key=lambda name: margins[name] if name not in HABITS else LEAST)
+    axis = AXES[best]
+    if source == "format":
+        return Up(axis, f"{sample.format} files are {axis.lstrip('-')} {'down' if axis.startswith('-') else 'up'}")
+    return Up(axis, REASONS[source])
+
+
+def weighted_evidence(sample: Sample) -> dict[str, Scores]:
+    """Weighted scores of the six axes, (6,) each, by the name of their source."""
+    frame = find_camera_frame(sample.positions + sample.origin)
+    sample = _thinned(sample)
+    habit = SPLAT_HABIT if sample.splats else HABIT
+    scores = {"splats" if sample.splats else "habit": np.array([habit[axis] for axis in AXES])}
+    if sample.format in FORMATS:
+        axis, weight = FORMATS[sample.format]
+        scores["format"] = _only(axis) * weight
+    if frame:
+        scores["frame"] = WEIGHTS["frame"] * frame.certainty * _only(frame.up)
     if sample.far:
-        return Up("z", "large coordinates, as on a map")
-    step = max(len(sample.positions) // ENOUGH, 1)
-    sample = sample._replace(positions=sample.positions[::step], normals=sample.normals[::step])
+        scores["map"] = WEIGHTS["map"] * _only("z")
     if is_flat(sample.positions):
-        return Up("z", "the scan is flat")
-    if is_depth_picture(sample):
-        ahead = np.median(sample.positions[:, 2] + sample.origin[2]) > 0
-        return Up("-y" if ahead else "y", "seen from one place, as by a depth camera")
-    habits = SPLAT_HABIT if sample.splats else HABIT
-    scores = {axis: habit + _stance(sample, axis_direction(axis)) for axis, habit in habits.items()}
-    best = max(scores, key=lambda axis: scores[axis])
-    return Up(best, "splats, which would stand so" if sample.splats else "it would stand so")
+        scores["flat"] = WEIGHTS["flat"] * _only("z")
+    if frame and frame.certainty == 1:  # the shape could not change that
+        return scores
+    return scores | {name: WEIGHTS[name] * found for name, found in _of_shape(sample).items()}
+
+
+def _of_shape(sample: Sample) -> dict[str, Scores]:
+    """Scores from the points alone."""
+    kept = _without_strays(sample.positions)
+    normals = np.zeros((0, 3)) if sample.splats else sample.normals[kept]
+    eye = sample.stations[0] if len(sample.stations) == 1 else -sample.origin
+    shape = Shape.of(sample.positions[kept], normals, eye, sample.stations)
+    if len(shape.planes.positions) == 0:
+        return {}
+    stance, feet, base = stands(shape)
+    sheets, things = ground(shape)
+    return {
+        "stance": stance,
+        "feet": feet,
+        "base": base,
+        "trunk": trunk(shape),
+        "ground": sheets,
+        "things": things,
+        "walls": walls(shape),
+        "normals": faces(shape),
+        "foliage": foliage(shape),
+        "turning": turning(shape),
+        "stations": stationed(shape),
+    }
+
+
+def _thinned(sample: Sample) -> Sample:
+    step = max(len(sample.positions) // ENOUGH, 1)
+    return sample._replace(positions=sample.positions[::step], normals=sample.normals[::step])
+
+
+def _without_strays(positions: Floats) -> NDArray[np.bool_]:
+    """(n,) bool: whether a point lies within the central 98% along each axis, or not far beyond."""
+    low, high = np.quantile(positions, [EDGE, 1.0 - EDGE], axis=0)
+    margin = FAR_OUT * (high - low).max()
+    return np.asarray(((positions >= low - margin) & (positions <= high + margin)).all(axis=1))
+
+
+def _only(axis: str) -> Scores:
+    return np.array([float(name == axis) for name in AXES])
 
 
 def is_flat(positions: Floats) -> bool:
     """Whether points, (n, 3), are less than a fifth as high (the last axis) as wide."""
     across, deep, high = np.ptp(np.quantile(positions, [EDGE, 1.0 - EDGE], axis=0), axis=0)
     return bool(high <= FLAT * max(across, deep))
-
-
-def is_depth_picture(sample: Sample) -> bool:
-    """Whether all points lie in front of a camera at the world's origin that looks along z, and face it."""
-    x, y, z = (sample.positions + sample.origin).T
-    ahead = 1.0 if np.median(z) > 0 else -1.0
-    within = (ahead * z > 0) & (np.maximum(np.abs(x), np.abs(y)) < SIGHT * np.abs(z))
-    facing = np.einsum("ij,ij->i", sample.normals, sample.positions + sample.origin) < 0
-    known = sample.normals.any(axis=1)
-    return bool(within.mean() > 1 - STRAY and known.any() and facing[known].mean() > EVEN)
-
-
-def _stance(sample: Sample, up: tuple[float, float, float]) -> float:
-    """How well a scan would stand along an axis: a broad base, a small top, the body above the base; its normals."""
-    axis = np.array(up)
-    height = sample.positions @ axis
-    flat = sample.positions[:, np.flatnonzero(axis == 0)]
-    low, high = np.quantile(height, [STRAY, 1.0 - STRAY])
-    slab = SLAB * (high - low)
-    within = (height >= low) & (height <= high)
-    base, top = flat[within & (height <= low + slab)], flat[within & (height >= high - slab)]
-    whole = flat[within]
-    score = _spread(base, whole) - _spread(top, whole)
-    if not _carries(base, whole.mean(axis=0)):
-        score -= TIPS
-    known = sample.normals.any(axis=1)
-    if known.any():
-        rise = sample.normals[known] @ axis
-        around = sample.normals[known][:, np.flatnonzero(axis == 0)]
-        score += FACING * float(rise.mean()) + PLUMB * _walls(rise, around)
-    return score
-
-
-def _spread(part: Floats, whole: Floats) -> float:
-    """The share of the view from above that a part covers: geometric mean of its outline and its cells."""
-    if len(part) < FEW:
-        return 0.0
-    outline = _outline(part) / max(_outline(whole), 1e-300)
-    low, size = whole.min(axis=0), np.ptp(whole, axis=0)
-    cells = [_cells((points - low) / np.where(size > 0, size, 1.0)) for points in (part, whole)]
-    return float(np.sqrt(min(outline, 1.0) * cells[0] / cells[1]))
-
-
-def _cells(positions: Floats) -> int:
-    """How many cells of a grid over the unit square contain a point."""
-    column = np.minimum((positions * CELLS).astype(int), CELLS - 1) @ (1, CELLS)
-    return len(np.unique(column))
-
-
-def _outline(flat: Floats) -> float:
-    """The area of the convex hull of points in a plane."""
-    try:
-        return float(ConvexHull(flat).volume)
-    except QhullError:  # they lie on a line
-        return 0.0
-
-
-def _carries(base: Floats, middle: Floats) -> bool:
-    """Whether the middle of a body lies over its base."""
-    try:
-        sides = ConvexHull(base).equations
-    except (QhullError, ValueError):
-        return False
-    return bool((sides[:, :2] @ middle + sides[:, 2]).max() < 0)
-
-
-def _walls(rise: Floats, around: Floats) -> float:
-    """The share of walls: level normals, if they face several sides. On terrain all face one way or the other."""
-    level = np.abs(rise) < LEVEL
-    if not level.any():
-        return 0.0
-    angle = 2.0 * np.arctan2(around[level, 1], around[level, 0])  # opposite sides count as one
-    one_way = float(np.hypot(np.cos(angle).mean(), np.sin(angle).mean()))
-    return float(level.mean()) * (1.0 - one_way)

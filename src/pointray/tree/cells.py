@@ -20,6 +20,9 @@ from .near import Box, Span, copy_near, gather, room_for
 FEW = 3  # a voxel with no more blocks than this is not cut further
 DEEPEST = 60  # cuts below a root
 STEP_WIDTH = 8.0  # mean radii: the first ancestor that is no wider than this decides the sample step in a voxel
+# A voxel is cut while it is wider than this many of its least radii: 128 samples. Otherwise the narrowest splat decides
+# the step over a whole voxel of splats ten thousand times as wide. Voxels of even scans are narrower by themselves.
+MOST_LEAST = 64.0
 FREEDOM = 2.0  # voxels may be this many times narrower than asked for, where the costs favour it
 # The time that a ray spends, in nanoseconds, on a node, a leaf, a block of the leaf, and samples a least radius apart.
 # These are rounded between profiles of rays in tiles (3, 10, 0.5, 40) and single rays (35, 20, 3, 50). Render times
@@ -144,10 +147,11 @@ def _cut_root(work: Array, blocks: Array, numbers: Array, limits: tuple[float, f
         node, begin, end, depth = pending[waiting]
         mean, longest = radii[waiting]
         axis, edge = _longest_edge(boxes[node])
-        leaf = edge * FREEDOM <= width * mean or depth >= DEEPEST
-        if least[node] < 0.0 and (leaf or end - begin <= FEW or edge <= STEP_WIDTH * mean):
+        fine = edge <= MOST_LEAST * abs(least[node]) or depth >= DEEPEST
+        leaf = fine and (edge * FREEDOM <= width * mean or depth >= DEEPEST)
+        if least[node] < 0.0 and fine and (leaf or end - begin <= FEW or edge <= STEP_WIDTH * mean):
             end, least[node] = _decide(near, (begin, end), boxes[node], mean, step, refs)
-        leaf |= end - begin <= FEW
+        leaf |= fine and end - begin <= FEW
         if top + 2 > children.shape[0] or end + 2 * (end - begin) > floor:
             return FULL
         halves = (end, end, end)
@@ -156,7 +160,7 @@ def _cut_root(work: Array, blocks: Array, numbers: Array, limits: tuple[float, f
             # ones makes all halves list most of these (320,000 points with such splats took 22 s, now 0.3).
             most = least[node] if least[node] > 0.0 else min(longest, edge)
             halves = _halve(near, (begin, end), (node, top, axis), (step, most), radii[waiting : waiting + 2], out)
-            if edge <= width * mean:
+            if fine and edge <= width * mean:
                 parts = NODE_COST * _area(boxes[node])
                 for side in range(2):
                     child, count = top + side, halves[side + 1] - halves[side]

@@ -16,12 +16,12 @@ from __future__ import annotations
 
 import logging
 import threading
-import warnings
 from collections.abc import Callable
 
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
 from ..jit import thread_count
+from ..notes import heard
 from ..rendering.settings import Settings
 from ..rendering.warmup import wait_until_warm, warm_up
 from ..scene.scene import Scene
@@ -102,8 +102,7 @@ class Baker:
         done: tuple[Scene | None, bool] = None, False
         while (wanted := self._next(done)) is not None:
             try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # of a scene without light: it is seen
+                with heard():  # that a scene is without light: it is seen
                     self._bake(*wanted)
             except _SupersededError:
                 pass

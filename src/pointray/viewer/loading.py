@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ from ..data import Points, spread_rows
 from ..model import Model
 from ..model_cache import Entry, built
 from ..model_file import SAVED
+from ..notes import heard
 from ..points.files import read
 from ..points.strays import without_strays
 from ..points.trust import check_normals_choice, judged, replaced
@@ -162,14 +162,12 @@ class Files:
             points = points.select(np.sort(rows))
         if isinstance(cloud, Model):
             return points
-        with _named(self._groups[number]), warnings.catch_warnings():  # warnings are given for all points later
-            warnings.simplefilter("ignore")
+        with _named(self._groups[number]), heard():  # warnings are given for all points later
             points, wrong = judged(points, self.normals)
         return points.with_normals(None) if wrong else points
 
     def _coarse(self, some: Points, number: int) -> Model:
-        with _named(self._groups[number]), warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with _named(self._groups[number]), heard():
             return Model(some, **self.surface)
 
     def _whole(self, cloud: Points | Model, number: int, shared: SharedScene, notes: list[str]) -> Model:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Vector
 from ..choices import AUTO, EXPOSED
-from ..image.exposure import tone_of
+from ..image.exposure import tone_of, white_under
 from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
 from ..model import Model
 from ..rendering.settings import Settings
@@ -190,7 +190,8 @@ class ViewSettings:
         """Exposure (stops) and curve with which a picture is shown."""
         if not self.chooses:
             return tone_of(image, self.exposure, self.curve)
-        stops, curve = tone_of(image, AUTO, self.curve)
+        white = white_under(self.lights((0.0, 0.0, 1.0)), self.integrator)  # whichever way is up
+        stops, curve = tone_of(image, AUTO, self.curve, white)
         return stops + self.exposure, curve
 
     @property

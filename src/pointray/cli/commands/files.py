@@ -25,6 +25,7 @@ from ..options import (
     Normals,
     NormalsOption,
     PatchesOption,
+    PerhapsPointsArgument,
     PointsArgument,
     RadiusScaleOption,
     SamplesOption,
@@ -202,8 +203,8 @@ def prepare(
 
 @with_reading
 def info(
-    files: PointsArgument,
     reading: Reading,
+    files: PerhapsPointsArgument = None,
     deep: Annotated[
         bool, typer.Option("--deep", help="Look at the neighbours of all points: 10 million take a minute and 7 GB.")
     ] = False,
@@ -213,11 +214,23 @@ def info(
     verify: Annotated[
         bool, typer.Option("--verify", help="Of a model in parts: compare the SHA-256 of all files with the index.")
     ] = False,
+    system: Annotated[
+        bool, typer.Option("--system", help="In place of a scan: this installation, and which kernels it uses.")
+    ] = False,
 ) -> None:
     """What is in a scan or a saved model, and what is missing; of large ones a sample tells the spacing."""
     from ..facts import describe_all
     from ..tables import show_table
 
+    if system:
+        if files or deep or verify:
+            raise ValueError("--system stands alone, or with --json")
+        from ..system import describe_system
+
+        show_table(describe_system(), json)
+        return
+    if not files:
+        raise ValueError("Missing argument 'FILES...'.")
     scan = scan_of(files, reading)
     scan.check()
     if verify:

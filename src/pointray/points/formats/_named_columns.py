@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from ._source import Chunk
 
 # Names of one array with three columns, and of three arrays with one; the first that are there count.
-POSITIONS = ("positions", "position", "points", "xyz", "pos", "pts", "coords", "coord")
+POSITIONS = (
+    *("positions", "position", "points", "xyz", "pos", "pts", "coords", "coord"),
+    *("pts3d", "points3d", "world_points", "pointmap"),  # of networks that see depth: DUSt3R, VGGT and others
+)
 NORMALS = ("normals", "normal")
 COLORS = ("colors", "colours", "color", "colour", "rgb", "rgba")
 AXES = (("x", "y", "z"),)

@@ -32,11 +32,14 @@ class Request(NamedTuple):
     resolution : float or None
         The coarsest spacing that will do, in the file's unit: formats with levels of detail (COPC) stop there.
     sample : int or None
-        Points to scatter on the triangles of a mesh; None: its vertices.
+        Points to scatter on the triangles of a mesh; 0: its vertices; None: whichever shows its surface.
     opacity : float
         Splats of less opacity are left out (3D Gaussian splatting).
     intrinsics : tuple of float or None
         fx, fy, cx, cy of a depth picture, pixels; a fifth number is the depth's unit: so many to a metre.
+    strict : bool
+        Refuse files that contradict themselves, are cut off or lack a file that they name; otherwise what is there is
+        read, with a warning.
     """
 
     columns: tuple[str, ...] | None = None
@@ -45,6 +48,7 @@ class Request(NamedTuple):
     sample: int | None = None
     opacity: float = 0.1
     intrinsics: tuple[float, ...] | None = None
+    strict: bool = False
 
 
 class Chunk(NamedTuple):
@@ -96,7 +100,8 @@ class Listing:
     Attributes
     ----------
     count : int or None
-        Number of rows; None: known only when all are read. It is checked against the file's size.
+        Number of rows; None: known only when all are read. It is checked against the file's size. Fewer may come of a
+        text that is cut off.
     expected : int
         About how many rows there are, if `count` is None.
     row : int
@@ -119,10 +124,44 @@ class Listing:
         return self.expected if self.count is None else self.count
 
 
+class Faults:
+    """Faults of a file that its reader repairs. A strict reader refuses the file instead.
+
+    Parameters
+    ----------
+    strict : bool
+    """
+
+    def __init__(self, strict: bool) -> None:
+        self.strict = strict
+        self._found: list[str] = []
+
+    def add(self, message: str) -> None:
+        """Record a fault that is repaired; ValueError with this message if the reader is strict."""
+        if self.strict:
+            raise ValueError(message)
+        if message not in self._found:
+            self._found.append(message)
+
+    def __str__(self) -> str:
+        return "; ".join(self._found)
+
+
 class Source(ABC):
-    """An opened file. It is closed at the end of `with`."""
+    """An opened file. It is closed at the end of `with`.
+
+    Attributes
+    ----------
+    listing : Listing
+    faults : Faults
+        Complete when all rows have been read.
+    note : str
+        What the reader chose by itself, and how to choose otherwise; known when all rows have been read.
+    """
 
     listing: Listing
+    faults = Faults(strict=True)  # of a format that finds none
+    note: str = ""
 
     @abstractmethod
     def chunks(self) -> Iterator[Chunk]:

@@ -9,21 +9,22 @@ from numpy.typing import NDArray
 
 from ...data import Points
 from ...survey import RESIDUAL, numbers_of
+from ..geographic import in_file
 
 
 def is_float64(points: Points) -> bool:
     """Whether world coordinates need 8 bytes."""
-    return bool(points.origin.any()) or _has_grid(points)
+    return bool(points.origin.any()) or points.survey.projection is not None or _has_grid(points)
 
 
 def world_rows(points: Points, part: slice) -> NDArray[Any]:
-    """World coordinates of some rows, (m, 3) float64, or float32 where that loses nothing.
+    """World coordinates of some rows as files have them, (m, 3) float64, or float32 where that loses nothing.
 
     What float32 lost of a file's whole numbers is put back, so that these are the file's again.
     """
     if not is_float64(points):
         return points.positions[part]
-    world = points.positions[part] + points.origin
+    world = in_file(points.survey, points.positions[part] + points.origin)
     if _has_grid(points):
         survey, finite = points.survey, points.finite[part]
         numbers = numbers_of(survey, world) + points.attributes[RESIDUAL][part]

@@ -61,7 +61,7 @@ class DepthSource(Source):
         self._steps = steps[0] if steps else MILLIMETRES if self._whole else 1.0
         self._dtype = np.dtype("f4" if dtype.itemsize <= (2 if self._whole else 4) else "f8")
         self._facts: dict[str, Any] = {"width": width, "height": height, "type": str(dtype), "steps": self._steps}
-        survey = Survey(stations=((0.0, 0.0, 0.0),))
+        survey = Survey(stations=((0.0, 0.0, 0.0),), format="depth image")
         self.listing = Listing(None, 12 + 3 * self._dtype.itemsize, height * width, survey, self._facts)
 
     def chunks(self) -> Iterator[Chunk]:

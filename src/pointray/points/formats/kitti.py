@@ -1,4 +1,8 @@
-"""Sweeps of a spinning laser scanner as KITTI (.bin) and nuScenes (.pcd.bin) have them: rows of float32, no header."""
+"""Sweeps of a spinning laser scanner as KITTI (.bin) and nuScenes (.pcd.bin) have them: rows of float32, no header.
+
+The number of columns follows from the file size and from the values after x, y, z: with a wrong number of columns,
+coordinates appear there, and some of them are negative.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...survey import Survey
-from ._named_columns import own, stack
-from ._source import CHUNK, MAYBE, NO, Chunk, Format, Listing, Request, Source
+from ._named_columns import roles_of
+from ._source import CHUNK, MAYBE, NO, Chunk, Faults, Format, Listing, Request, Source
 
-LAYOUTS = {4: ("KITTI", ("reflectance",)), 5: ("nuScenes", ("intensity", "ring"))}
+# The columns after x, y, z, by the number of columns; the most specific layout comes first.
+LAYOUTS = {5: ("intensity", "ring"), 6: ("red", "green", "blue"), 4: ("reflectance",)}
+NAMES = {4: "KITTI", 5: "nuScenes", 6: "with colours"}
+LEFT_OUT = "-"
 FARTHEST = 1e4  # metres: no such scanner sees farther
 NEAREST = 1e-2  # some coordinate of a sweep's beginning is larger: zeros are no points
 TINY = 1e-20  # numbers below are bytes that mean something else
 MOST_RINGS = 256
 HEAD_ROWS = 200
+ADVICE = "; --columns x,y,z,intensity tells what each float32 of a row is (- leaves one out)"
 
 
 def recognise(head: bytes, path: Path) -> int:
@@ -29,8 +37,8 @@ def recognise(head: bytes, path: Path) -> int:
 
 
 def _widths(path: Path) -> tuple[int, ...]:
-    """Numbers in a row, the likelier first."""
-    return (5,) if path.name.lower().endswith(".pcd.bin") else (4, 5)
+    """Possible numbers of columns, the most specific layout first."""
+    return (5,) if path.name.lower().endswith(".pcd.bin") else tuple(LAYOUTS)
 
 
 def _rows(head: bytes, width: int) -> NDArray[np.float32]:
@@ -45,22 +53,39 @@ def _is_plausible(rows: NDArray[np.float32]) -> bool:
     return bool(((size == 0) | (size > TINY)).all())
 
 
-def _has_rings(rows: NDArray[np.float32]) -> bool:
-    ring = rows[:, 4]
-    return bool((ring == np.rint(ring)).all() and (ring >= 0).all() and (ring < MOST_RINGS).all())
+def _fits(rows: NDArray[np.float32]) -> bool:
+    """Whether the values after x, y, z are plausible for the layout with this number of columns."""
+    more = rows[:, 3:]
+    if not _is_plausible(rows) or (more < 0).any():
+        return False
+    if rows.shape[1] == 5:
+        return bool((more[:, 1] == np.rint(more[:, 1])).all() and (more[:, 1] < MOST_RINGS).all())
+    if rows.shape[1] == 6:
+        whole = (more == np.rint(more)).all() and more.max() <= 255
+        return bool(more.any() and (whole or more.max() <= 1))
+    return True
 
 
 class KittiSource(Source):
     """A sweep; ValueError says what is wrong with it."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        self._path = path
+        self._path, self.faults = path, Faults(request.strict)
         with path.open("rb") as file:
-            size, head = os.fstat(file.fileno()).st_size, file.read(20 * HEAD_ROWS)
-        self._width = _width(path, size, head)
-        name, self._attributes = LAYOUTS[self._width]
-        survey = Survey(stations=((0.0, 0.0, 0.0),))  # coordinates are the scanner's
-        self.listing = Listing(size // (4 * self._width), 36 + 4 * self._width, survey=survey, facts={"layout": name})
+            size, head = os.fstat(file.fileno()).st_size, file.read(24 * HEAD_ROWS)
+        self._columns = request.columns or _columns(path, size, head, self.faults)
+        self._width = width = len(self._columns)
+        twice = next((n for n in self._columns if n != LEFT_OUT and self._columns.count(n) > 1), None)
+        if twice is not None:
+            raise ValueError(f"two columns are named {twice!r}: {','.join(self._columns)}")
+        if size == 0 or (size % (4 * width) and request.columns):
+            raise ValueError(f"its {size:,} bytes are no rows of {width} float32: {','.join(self._columns)}")
+        if size % (4 * width):
+            self.faults.add(f"is cut off: its {size:,} bytes are no rows of {4 * width}")
+        self._roles = roles_of({name: (np.dtype("<f4"), 0) for name in self._columns if name != LEFT_OUT})
+        survey = Survey(stations=((0.0, 0.0, 0.0),), format="KITTI")  # coordinates are the scanner's
+        facts = {"layout": ",".join(self._columns) if request.columns else NAMES[width]}
+        self.listing = Listing(size // (4 * width), 36 + 4 * width, survey=survey, facts=facts)
 
     def chunks(self) -> Iterator[Chunk]:
         done, total = 0, self.listing.rows
@@ -71,20 +96,27 @@ class KittiSource(Source):
                     raise ValueError(f"is cut off at point {done + len(rows) // self._width:,} of {total:,}")
                 rows = rows.reshape(-1, self._width)
                 done += len(rows)
-                attributes = {name: own(rows[:, 3 + k]) for k, name in enumerate(self._attributes)}
-                yield Chunk(stack(rows[:, :3].T), attributes=attributes, share=done / total)
+                columns = {name: rows[:, k] for k, name in enumerate(self._columns) if name != LEFT_OUT}
+                yield self._roles.chunk(columns, done / total)
 
 
-def _width(path: Path, size: int, head: bytes) -> int:
-    """Numbers in a row: as the file's size allows, and if it allows both, as a column of rings tells."""
-    fitting = [width for width in _widths(path) if size % (4 * width) == 0]
-    if not fitting or size == 0:
-        sizes = " or ".join(str(4 * width) for width in _widths(path))
-        raise ValueError(f"is cut off, or no sweep of a scanner: its {size:,} bytes are no rows of {sizes} bytes")
-    if len(fitting) == 1:
-        return fitting[0]
-    rows = _rows(head, 5)
-    return 5 if _is_plausible(rows) and _has_rings(rows) else 4
+def _columns(path: Path, size: int, head: bytes, faults: Faults) -> tuple[str, ...]:
+    """The columns of a file, as its size and its numbers allow; ValueError if none of the layouts fits.
+
+    A file of no whole number of rows is cut off: its numbers alone say which layout it has.
+    """
+    widths = [width for width in _widths(path) if size >= 4 * width]
+    fitting = [width for width in widths if size % (4 * width) == 0]
+    if not fitting and (faults.strict or not widths):
+        sizes = " or ".join(str(4 * width) for width in sorted(_widths(path)))
+        raise ValueError(
+            f"is cut off, or no sweep of a scanner: its {size:,} bytes are no rows of {sizes} bytes{ADVICE}"
+        )
+    others = [] if faults.strict else [width for width in widths if width not in fitting]
+    found = next((width for width in (*fitting, *others) if _fits(_rows(head, width))), None)
+    if found is None:
+        raise ValueError(f"the numbers of its rows are not those of a known sweep{ADVICE}")
+    return ("x", "y", "z", *LAYOUTS[found])
 
 
 FORMAT = Format(
@@ -95,9 +127,9 @@ FORMAT = Format(
     {
         "positions": "x, y, z",
         "normals": "",
-        "colors": "",
-        "attributes": "reflectance (KITTI); intensity and ring (nuScenes, .pcd.bin)",
+        "colors": "of six numbers in a row the last three, 0 to 1 or to 255",
+        "attributes": "reflectance (KITTI); intensity and ring (nuScenes, .pcd.bin); or as --columns says",
         "survey": "the scanner stands at 0, 0, 0",
-        "note": "recognised by the extension, the size and plausible values",
+        "note": "recognised by the extension, the size and plausible values; rows of other numbers need --columns",
     },
 )

@@ -20,8 +20,18 @@ from .layers import Layers, sides
 from .orientation import NEAR, orient
 from .outward import looks_inward
 from .sheets import part_sheets
-from .stations import check_apart, check_eyes, eyes_of, faced, is_known, settle_unknown, warn_of_lost_scans
+from .stations import (
+    check_apart,
+    check_eyes,
+    eyes_of,
+    faced,
+    is_known,
+    settle_unknown,
+    warn_of_ignored,
+    warn_of_lost_scans,
+)
 from .units import to_units
+from .visibility import ignored_stations
 
 MENDING = 8  # good normals that stand in for a missing one
 UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before a message mentions it
@@ -52,7 +62,8 @@ def estimate_normals(
         it for a scanner that moved): every normal is turned towards the scanner, or, where it grazes the view, with the
         plane through its neighbours. Of equal positions the first row's scanner
         counts. None: the stations of `points.survey`, where the attribute "scan" tells which of them saw each point (a
-        single one without that attribute saw all). Where the scanner is unknown signs pass from point to point and from
+        single one without that attribute saw all); one from which its points cannot have been seen, as in merged
+        clouds, is ignored with a warning. Where the scanner is unknown signs pass from point to point and from
         part to part, from those that are known; a connected group without any is turned outward, or up if it has no
         outside.
     progress : callable, optional
@@ -94,7 +105,7 @@ def with_fits(
 
     Normals get signs like those of `estimate_normals`. `along`, if it is known, is the path through the points.
     """
-    eyes = eyes_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
+    eyes = _stations_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
     along = along or along_path(points)
     path, rows = along.positions, along.rows
     if len(path) < 3:
@@ -125,6 +136,13 @@ def with_fits(
     positions[~points.finite] = points.positions[~points.finite]
     assert found.noise is not None
     return points.changed(positions=positions, normals=normals), along.spread(found.noise, points)
+
+
+def _stations_of(points: Points) -> NDArray[np.float64] | None:
+    """The stations that saw the points, see `eyes_of`; a warning names those that are ignored."""
+    ignored = ignored_stations(points)
+    warn_of_ignored(ignored, len(points.survey.stations))
+    return eyes_of(points, ignored)
 
 
 def seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]) -> Floats:
@@ -167,7 +185,7 @@ def mend_normals(
     known, facing = (points.positions, unit) if whole else (points.positions[sound], unit[sound])
     share = agreement_share(known, facing, along.rows if along and whole else None)
     if share > DISAGREE:
-        eyes = eyes_of(points)
+        eyes = _stations_of(points)
         advice = "" if eyes is not None else " (pass viewpoint= to estimate_normals where it is known)"
         turned = unit
         unit = _reorient(points, unit, eyes, along)

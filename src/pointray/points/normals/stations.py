@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,9 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import check_numbers, vector
 from ...data import Points
+from ...notes import warn
 from ...survey import SCAN
 from .orientation import agree
 from .outward import inward_groups
+from .visibility import ignored_stations
 
 Floats = NDArray[np.float32]
 
@@ -20,17 +22,19 @@ CLOSE, FEW = 8, 100  # nearest points that tell whether a viewpoint lies among t
 AMONG = 1.25  # the farthest of them lies as many times as far from the viewpoint as from the nearest, at most
 
 
-def eyes_of(points: Points) -> NDArray[np.float64] | None:
+def eyes_of(points: Points, ignored: Sequence[int] | None = None) -> NDArray[np.float64] | None:
     """The station that saw each point, world: (n, 3) float64, NaN where unknown, or (3,); None if all are unknown.
 
     The attribute `SCAN` tells each point's. Without it a single station saw all points.
+    ignored : numbers of stations that are not believed. None: found by `ignored_stations`, if the points are a whole
     """
+    ignored = ignored_stations(points) if ignored is None else ignored
     stations = np.array(points.survey.stations, np.float64).reshape(-1, 3)
     scans = points.attributes.get(SCAN)
     if scans is None or scans.ndim != 1:
-        return stations[0] if len(stations) == 1 else None
+        return stations[0] if len(stations) == 1 and not ignored else None
     with np.errstate(invalid="ignore"):
-        known = (scans >= 0) & (scans < len(stations)) & (scans == np.rint(scans))
+        known = (scans >= 0) & (scans < len(stations)) & (scans == np.rint(scans)) & ~np.isin(scans, ignored)
     if not known.any():
         return None
     eyes = np.full((len(points), 3), np.nan)
@@ -66,6 +70,16 @@ def check_apart(positions: Floats, eye: NDArray[np.float64]) -> None:
         )
 
 
+def warn_of_ignored(ignored: Sequence[int], count: int) -> None:
+    """Say that stations are not believed. count : how many stations there are"""
+    if not ignored:
+        return
+    which = "the viewpoint of the file is not where a scanner stood"
+    if count > 1:
+        which = f"{len(ignored):,} of {count:,} viewpoints of the file are not where a scanner stood"
+    warn(f"{which}: ignored for normals", stacklevel=3)
+
+
 def warn_of_lost_scans(points: Points) -> None:
     """Say which numbers of scans have no station, where others have one."""
     scans, count = points.attributes.get(SCAN), len(points.survey.stations)
@@ -74,7 +88,7 @@ def warn_of_lost_scans(points: Points) -> None:
     with np.errstate(invalid="ignore"):
         lost = np.isfinite(scans) & (scans >= 0) & ~((scans < count) & (scans == np.rint(scans)))
     if lost.any():
-        warnings.warn(
+        warn(
             f"{lost.sum():,} of {len(points):,} points are of scans like {scans[lost][0]:g}, and there are stations "
             f"for 0 to {count - 1} only: they follow their neighbours; pass viewpoint= if you know who saw them",
             stacklevel=3,

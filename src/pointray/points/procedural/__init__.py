@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import check_choice, check_numbers, check_whole
-from ...jit import Array, f64, kernel, next_tile, run
+from ...jit import Array, borrow, f64, kernel, next_tile, run
 from .clay import COLUMNS, Solid
 from .creases import areas, edges_of, quarter, refine_creases, settled
 from .meshing import mesh_solid
@@ -32,14 +32,15 @@ from .solids import (
     LATTICE,
     LATTICE_END,
     LATTICE_KNOB,
+    SHORT,
+    SINGLE,
     SPHERE,
-    STENCIL,
     TORUS,
     TORUS_MAJOR,
     TORUS_MINOR,
     distances,
     settle,
-    slope,
+    slope_from,
 )
 
 if TYPE_CHECKING:
@@ -104,12 +105,13 @@ def area(name: str) -> float:
 @kernel
 def _finish(work: Array, solid: Solid, positions: Array, normals: Array, colors: Array) -> None:
     """Move points onto the exact surface, and compute normals and colours there."""
+    solid = borrow(solid)
     t = next_tile(work)
     while t >= 0:
         for i in range(t * _CHUNK, min((t + 1) * _CHUNK, positions.shape[0])):
             x, y, z = f64(positions[i, 0]), f64(positions[i, 1]), f64(positions[i, 2])
-            x, y, z = settle(solid, x, y, z, 8)
-            gx, gy, gz = slope(solid, x, y, z, STENCIL)
+            x, y, z, f = settle(solid, x, y, z, 8, SINGLE)
+            gx, gy, gz = slope_from(solid, x, y, z, f, SHORT)
             length = np.sqrt(gx * gx + gy * gy + gz * gz)
             positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
             normals[i, 0], normals[i, 1], normals[i, 2] = gx / length, gy / length, gz / length

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, kernel, next_tile, run
+from ...jit import Array, borrow, kernel, next_tile, run
 from .clay import (
     ADD,
     CARVE,
@@ -39,6 +39,7 @@ def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: flo
 
     out[i, 0] is their number, out[i, 1:] their numbers; near[i] tells whether the surface may pass through the cell.
     """
+    solid = borrow(solid)
     table = solid.table
     t = next_tile(work)
     while t >= 0:

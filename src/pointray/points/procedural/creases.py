@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, kernel, next_tile, run
+from ...jit import Array, borrow, kernel, next_tile, run
 from .clay import Solid
-from .solids import settle
+from .solids import NEARLY, settle
 
 BEND = np.cos(np.radians(20.0))  # between a face and the mean of the faces at its corner
 SAG = 0.2  # how far the surface may be from the middle of an edge, in units of the spacing
@@ -18,10 +18,11 @@ _CHUNK = 1024
 @kernel
 def settle_all(work: Array, solid: Solid, points: Array) -> None:
     """Move every point onto the surface."""
+    solid = borrow(solid)
     t = next_tile(work)
     while t >= 0:
         for i in range(t * _CHUNK, min((t + 1) * _CHUNK, points.shape[0])):
-            x, y, z = settle(solid, points[i, 0], points[i, 1], points[i, 2], 2)
+            x, y, z, _ = settle(solid, points[i, 0], points[i, 1], points[i, 2], 2, NEARLY)
             points[i, 0], points[i, 1], points[i, 2] = x, y, z
         t = next_tile(work)
 
@@ -67,8 +68,11 @@ def refine_creases(
     for _ in range(LEVELS):
         ends, sides = edges_of(rest, len(vertices))
         middles = 0.5 * (vertices[ends[:, 0]] + vertices[ends[:, 1]])
-        found = settled(solid, middles.copy())
         long = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1) > spacing
+        needed = np.zeros(len(ends), np.bool_)
+        needed[sides[long[sides].any(axis=1)]] = True
+        found = middles.copy()
+        found[needed] = settled(solid, middles[needed])
         off = np.linalg.norm(found - middles, axis=1) > SAG * spacing
         cut = (long & off)[sides].any(axis=1)
         done.append(rest[~cut])

@@ -8,17 +8,19 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, inline, kernel, next_tile, run
+from ...jit import Array, borrow, inline, kernel, next_tile, run
 from .clay import Solid
-from .solids import field, settle
+from .solids import NEARLY, field, settle
 
 BLOCK_EDGE = 8  # cells along a block's edge; blocks far from the surface are skipped whole
+PART_EDGE = 2  # cells along the edge of a block's parts; in those far from the surface only the sign is noted
+FAR_INSIDE, FAR_OUTSIDE = -1.0, 1.0  # the field where it is not evaluated
 
 Cell: TypeAlias = tuple[int, int, int]  # its position in the grid
 
 
 class Grid(NamedTuple):
-    """A grid of cells: lower corner, edge of a cell, and the field at the corners, +1 where it was not evaluated."""
+    """A grid of cells: lower corner, edge of a cell, and the field at the corners, its sign where it is far."""
 
     low: NDArray[np.float64]  # (3,)
     cell: float
@@ -28,7 +30,7 @@ class Grid(NamedTuple):
 @kernel
 def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
     """Note whether the surface may pass through each block."""
-    half = 0.5 * BLOCK_EDGE * grid.cell
+    solid, half = borrow(solid), 0.5 * BLOCK_EDGE * grid.cell
     i = next_tile(work)
     while i >= 0:
         for j in range(near.shape[1]):
@@ -40,15 +42,51 @@ def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
 
 
 @kernel
-def _fill(work: Array, solid: Solid, grid: Grid, blocks: Array) -> None:
-    """Evaluate the field at all corners of the blocks; shared corners are written twice with the same number."""
+def _find_parts(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Array) -> None:
+    """Note which parts of each block the surface may pass through, and at the corners of the others the sign."""
+    solid, grid, half = borrow(solid), borrow(grid), 0.5 * PART_EDGE * grid.cell
     t = next_tile(work)
     while t >= 0:
-        for i in range(blocks[t, 0] * BLOCK_EDGE, (blocks[t, 0] + 1) * BLOCK_EDGE + 1):
-            for j in range(blocks[t, 1] * BLOCK_EDGE, (blocks[t, 1] + 1) * BLOCK_EDGE + 1):
-                for k in range(blocks[t, 2] * BLOCK_EDGE, (blocks[t, 2] + 1) * BLOCK_EDGE + 1):
-                    x, y = grid.low[0] + i * grid.cell, grid.low[1] + j * grid.cell
-                    grid.values[i, j, k] = field(solid, x, y, grid.low[2] + k * grid.cell)
+        for part in range(near.shape[1]):
+            i, j, k = _corner_of(blocks, t, part)
+            x, y = grid.low[0] + i * grid.cell + half, grid.low[1] + j * grid.cell + half
+            f = field(solid, x, y, grid.low[2] + k * grid.cell + half)
+            near[t, part] = abs(f) < 2.0 * sqrt(3.0) * half
+            if f < 0.0 and not near[t, part]:
+                grid.values[i : i + PART_EDGE + 1, j : j + PART_EDGE + 1, k : k + PART_EDGE + 1] = FAR_INSIDE
+        t = next_tile(work)
+
+
+@inline
+def _corner_of(blocks: Array, t: int, part: int) -> Cell:
+    """The lower corner of a part of a block."""
+    parts = BLOCK_EDGE // PART_EDGE
+    i, j, k = part // (parts * parts), part // parts % parts, part % parts
+    return (
+        blocks[t, 0] * BLOCK_EDGE + i * PART_EDGE,
+        blocks[t, 1] * BLOCK_EDGE + j * PART_EDGE,
+        blocks[t, 2] * BLOCK_EDGE + k * PART_EDGE,
+    )
+
+
+@kernel
+def _fill(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Array) -> None:
+    """Evaluate the field at the corners of parts that the surface may pass through.
+
+    Shared corners may be written twice, with the same number.
+    """
+    solid, grid = borrow(solid), borrow(grid)
+    t = next_tile(work)
+    while t >= 0:
+        for part in range(near.shape[1]):
+            if near[t, part]:
+                a, b, c = _corner_of(blocks, t, part)
+                for i in range(a, a + PART_EDGE + 1):
+                    for j in range(b, b + PART_EDGE + 1):
+                        for k in range(c, c + PART_EDGE + 1):
+                            if abs(grid.values[i, j, k]) == FAR_OUTSIDE:
+                                x, y = grid.low[0] + i * grid.cell, grid.low[1] + j * grid.cell
+                                grid.values[i, j, k] = field(solid, x, y, grid.low[2] + k * grid.cell)
         t = next_tile(work)
 
 
@@ -78,6 +116,7 @@ def _vertices(
     work: Array, solid: Solid, grid: Grid, blocks: Array, first: Array, vertices: Array, numbers: Array
 ) -> None:
     """One vertex for each cell that the surface passes; with an empty `vertices`, count them only (into `first`)."""
+    solid, grid = borrow(solid), borrow(grid)
     t = next_tile(work)
     while t >= 0:
         number = first[t]
@@ -90,7 +129,7 @@ def _vertices(
                     if vertices.size > 0:
                         x, y, z = i + x / count, j + y / count, k + z / count
                         x, y, z = grid.low[0] + x * grid.cell, grid.low[1] + y * grid.cell, grid.low[2] + z * grid.cell
-                        x, y, z = settle(solid, x, y, z, 1)
+                        x, y, z, _ = settle(solid, x, y, z, 1, NEARLY)
                         vertices[number, 0], vertices[number, 1], vertices[number, 2] = x, y, z
                         numbers[i, j, k] = number
                     number += 1
@@ -152,7 +191,7 @@ def mesh_solid(
     Returns
     -------
     vertices : (v, 3) float64
-        On the surface to about cell^3.
+        On the surface to about cell^3 or 1e-6, whichever is more.
     faces : (f, 3) int32
         Counterclockwise seen from outside.
     """
@@ -162,7 +201,9 @@ def mesh_solid(
     grid = Grid(low, cell, np.ones(corners, np.float32))
     run(_near, shape[0], solid, grid, near)
     blocks = np.argwhere(near).astype(np.int32)
-    run(_fill, len(blocks), solid, grid, blocks)
+    parts = np.empty((len(blocks), (BLOCK_EDGE // PART_EDGE) ** 3), np.bool_)
+    run(_find_parts, len(blocks), solid, grid, blocks, parts)
+    run(_fill, len(blocks), solid, grid, blocks, parts)
     numbers = np.full(corners, -1, np.int32)
     counts = np.zeros(len(blocks), np.int64)
     run(_vertices, len(blocks), solid, grid, blocks, counts, np.empty((0, 3)), numbers)

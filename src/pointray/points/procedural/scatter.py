@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, f32, f64, inline, kernel, next_tile, run, u64
+from ...jit import Array, borrow, f32, f64, inline, kernel, next_tile, run, u64
 from ...kernels.vec import Vec3
 from .creases import areas as triangle_areas
 
@@ -56,6 +56,17 @@ def _unit(word: int, part: int) -> float:
 
 
 @inline
+def _is_close(x: float, y: float, z: float, p: int, following: Array, local: Array, square: float) -> bool:
+    """Whether a point of a cell, of which p is the first, lies within the distance."""
+    while p >= 0:
+        u, v, w = local[p, 0] - x, local[p, 1] - y, local[p, 2] - z
+        if u * u + v * v + w * w < square:
+            return True
+        p = following[p]
+    return False
+
+
+@inline
 def _fits(
     x: float,
     y: float,
@@ -70,16 +81,14 @@ def _fits(
     """Whether no point lies within the distance; `grid` is (lower corner, 1 / distance)."""
     i, j = int((x - grid[0]) * grid[3]), int((y - grid[1]) * grid[3])
     k = int((z - grid[2]) * grid[3])
+    if _is_close(x, y, z, heads[(i * dims + j) * dims + k], following, local, square):  # where most darts fail
+        return False
     for a in range(-1, 2):
         for b in range(-1, 2):
             base = ((i + a) * dims + j + b) * dims + k
             for c in range(base - 1, base + 2):
-                p = heads[c]
-                while p >= 0:
-                    u, v, w = local[p, 0] - x, local[p, 1] - y, local[p, 2] - z
-                    if u * u + v * v + w * w < square:
-                        return False
-                    p = following[p]
+                if _is_close(x, y, z, heads[c], following, local, square):
+                    return False
     return True
 
 
@@ -146,6 +155,7 @@ def _dart(corners: Array, t: int, word: int) -> Vec3:
 @kernel
 def _throw(work: Array, bricks: Bricks, turn: Array, areas: Array, distance: float, rounds: int, key: int) -> None:
     """Throw darts at the bricks listed in `turn`; a triangle gets area / distance^2 of them in each round."""
+    bricks, areas = borrow(bricks), borrow(areas)
     margin = bricks.margin + 1.01 * distance
     dims = int((bricks.edge + 2.0 * margin) / distance) + 3
     heads = np.empty(dims * dims * dims, np.int32)

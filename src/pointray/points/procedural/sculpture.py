@@ -14,7 +14,7 @@ from .strokes import Clay
 
 HEAD: dict[str, Any] = {"place": (0.0, -0.005, 1.315), "turn": (-3.0, 4.0, -14.0), "scale": 0.62}
 BOUNDS = np.array([[-0.70, -0.48, -0.03], [0.70, 0.52, 2.08]])
-CELL = 0.02
+CELL = 0.014
 
 
 def statue() -> Solid:

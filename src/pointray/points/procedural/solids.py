@@ -16,9 +16,11 @@ LATTICE_PITCH, LATTICE_END, LATTICE_RADIUS, LATTICE_BLEND = 0.5, 0.75, 0.035, 0.
 LATTICE_KNOB = 0.06  # radius of the balls where struts meet
 
 SETTLED = 1e-10  # a field this small is on the surface
+SINGLE, NEARLY = 1e-8, 1e-6  # what rounding to float32 hides, and what meshes need
 LOOKS = 400  # directions
 CLOSE = 0.004  # below this the surface, nowhere rounder than 0.005, has one nearest point
 STENCIL = 3e-6  # step of central differences: truncation and rounding both stay below 1e-7
+SHORT = 1e-8  # step of differences from where the field is known: 5e-8 where it is not bent, 1e-6 where it is roundest
 
 
 @inline
@@ -72,6 +74,15 @@ def slope(solid: Solid, x: float, y: float, z: float, e: float) -> Vec3:
 
 
 @inline
+def slope_from(solid: Solid, x: float, y: float, z: float, f: float, e: float) -> Vec3:
+    """Gradient of the field, which is f here, by differences over e."""
+    gx = (field(solid, x + e, y, z) - f) / e
+    gy = (field(solid, x, y + e, z) - f) / e
+    gz = (field(solid, x, y, z + e) - f) / e
+    return gx, gy, gz
+
+
+@inline
 def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
     """A surface point near one where Newton's method is stuck: search along 26 directions, farther each time."""
     distance = max(abs(f), 1e-5)
@@ -93,30 +104,28 @@ def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
 
 
 @routine
-def settle(solid: Solid, x: float, y: float, z: float, steps: int) -> Vec3:
-    """A point near the surface moved onto it: Newton's method along the gradient.
+def settle(solid: Solid, x: float, y: float, z: float, steps: int, enough: float) -> tuple[float, float, float, float]:
+    """A point near the surface moved onto it, with the field there: below `enough` if the steps suffice.
 
-    The gradient is one-sided and is used for a second step (a chord step), which saves evaluations. If `steps` is over
-    2 and the surface is not reached, it is found by bisection.
+    Newton's method along the gradient, which is one-sided and is used for a second step (a chord step): that saves
+    evaluations. If `steps` is over 2 and the field stays above 10 times `enough`, the surface is found by bisection.
     """
-    e = 1e-6
     f = field(solid, x, y, z)
     for _ in range(steps):
-        if abs(f) < SETTLED:
-            return x, y, z
-        gx = (field(solid, x + e, y, z) - f) / e
-        gy = (field(solid, x, y + e, z) - f) / e
-        gz = (field(solid, x, y, z + e) - f) / e
+        if abs(f) < enough:
+            return x, y, z, f
+        gx, gy, gz = slope_from(solid, x, y, z, f, 1e-6)
         square = max(gx * gx + gy * gy + gz * gz, 0.04)
         for _ in range(2):
             step = min(max(f / square, -0.05), 0.05)
             x, y, z = x - step * gx, y - step * gy, z - step * gz
             f = field(solid, x, y, z)
-            if abs(f) < SETTLED:
-                return x, y, z
-    if steps > 2 and abs(f) > 1e-9:
-        return _bracket(solid, x, y, z, f)
-    return x, y, z
+            if abs(f) < enough:
+                return x, y, z, f
+    if steps > 2 and abs(f) > 10.0 * enough:
+        x, y, z = _bracket(solid, x, y, z, f)
+        f = field(solid, x, y, z)
+    return x, y, z, f
 
 
 @routine
@@ -135,7 +144,7 @@ def _slide(
         tx, ty, tz = x - p - along * gx, y - q - along * gy, z - r - along * gz
         if tx * tx + ty * ty + tz * tz < 1e-5 * best * best:
             break
-        u, v, w = settle(solid, p + share * tx, q + share * ty, r + share * tz, 4)
+        u, v, w, _ = settle(solid, p + share * tx, q + share * ty, r + share * tz, 4, SETTLED)
         found = sqrt((x - u) ** 2 + (y - v) ** 2 + (z - w) ** 2)
         if found < best:
             p, q, r, best = u, v, w, found
@@ -194,7 +203,7 @@ def distance(solid: Solid, x: float, y: float, z: float) -> float:
     estimate = f / sqrt(max(gx * gx + gy * gy + gz * gz, 1e-2))
     if abs(estimate) < 1e-6:
         return estimate
-    p, q, r = settle(solid, x, y, z, 12)
+    p, q, r, _ = settle(solid, x, y, z, 12, SETTLED)
     p, q, r, best = _slide(solid, x, y, z, p, q, r)
     for _ in range(12):
         if best < CLOSE:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arguments import check_callback, check_kind
 from ...data import Points
 from ...neighbors import distinct, kd_order
+from ...notes import warn
 from ...progress import Progress, part_of, tell
 from ..normals.stations import check_eyes, eyes_of
 from .floors import LEAST, Floors, find_floors
@@ -107,7 +107,7 @@ def without_strays(
     strays = find_strays(points, viewpoint, progress)
     if not (~strays.any & points.finite).any():
         raise ValueError(f"{name}: no point is left without the {strays}")
-    warnings.warn(f"{name}: {strays} left out", stacklevel=2)
+    warn(f"{name}: {strays} left out", stacklevel=2)
     return points.select(~strays.any) if strays.any.any() else points
 
 

@@ -36,12 +36,14 @@ class Part(NamedTuple):
     numbers : (m,) int64, for each position of the part, in order, its place in the kd order of all
     usual : numbers that hold for all
     blocks : those of its positions that show layers, see `Search`; None: they are searched for
+    ignored : the numbers of stations that are not believed; None: the points show it, see `eyes_of`
     """
 
     total: int
     numbers: Rows
     usual: Usual
     blocks: Rows | None = None
+    ignored: tuple[int, ...] | None = None
 
 
 def merge_for_model(
@@ -67,7 +69,8 @@ def merge_for_model(
             points = points.changed(positions=positions)
             along = along.moved(points)
     tell(progress, SPARSE_MERGED)
-    return merge_passes(points, progress=part_of(progress, SPARSE_MERGED, 1.0), along=along, usual=part.usual)
+    rest = part_of(progress, SPARSE_MERGED, 1.0)
+    return merge_passes(points, None, rest, along, part.usual, part.ignored)
 
 
 def _shifts(points: Points, along: Path, part: Part, progress: Progress | None) -> Floats | None:

@@ -35,6 +35,7 @@ def merge_passes(
     progress: Progress | None = None,
     along: Path | None = None,
     usual: Usual | None = None,
+    ignored: tuple[int, ...] | None = None,
 ) -> Points:
     """The points with those of scans that do not fit moved onto the mean of the scans, by density and noise.
 
@@ -51,6 +52,8 @@ def merge_passes(
         The path through the points, if it is known.
     usual : Usual, optional
         Of the cloud that the points are a part of. None: they are the whole.
+    ignored : tuple of int, optional
+        The stations that are not believed, see `eyes_of`.
 
     Returns
     -------
@@ -61,7 +64,7 @@ def merge_passes(
     if scans is None:
         return points
     path, ids, rows = along or along_path(points)
-    facing = _facing(points, eyes_of(points) if eyes is None else eyes)
+    facing = _facing(points, eyes_of(points, ignored) if eyes is None else eyes)
     if facing is None or len(path) <= AROUND:
         return points
     scans, facing, tree = scans[rows], facing[rows], NeighborTree(path, in_order=True)

@@ -141,7 +141,8 @@ class Survey:
         self.known = np.zeros(-(-n // GROUP), np.bool_)
 
     def look(self, groups: Rows, progress: Progress | None = None) -> None:
-        """Look at some groups."""
+        """Look at some groups, unless they are known."""
+        groups = groups[~self.known[groups]]
         self.known[groups] = True
         for start in range(0, len(groups), ROWS):
             rows = GROUP * groups[start : start + ROWS, None] + np.arange(GROUP)

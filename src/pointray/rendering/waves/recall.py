@@ -121,7 +121,7 @@ def exchanged(functions: Sequence[Any], others: dict[Any, Any]) -> list[Any]:
             names = {name: plain.__globals__.get(name) for name in plain.__code__.co_names}
             calls = {name: copy(value) for name, value in names.items() if hasattr(value, "py_func")}
             changed = any(calls[name] is not names[name] for name in calls)
-            decorate = inline if piece.targetoptions.get("forceinline", True) else routine
+            decorate = inline if piece.is_inline else routine
             made[piece] = decorate(_with_globals(plain, calls)) if changed else piece
         return made[piece]
 

@@ -6,7 +6,7 @@ import ast
 import math
 import re
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -18,10 +18,6 @@ MAGIC = b"\x93NUMPY"
 LONGEST_HEADER = 1 << 16  # bytes: beyond, a header is no list of columns that anybody wrote
 BLOCK = 1 << 25  # bytes of rows that are read together, if they are long
 MOST_COLUMNS = 64  # unnamed ones: wider arrays are depth pictures, or have their points in columns
-COLUMNS = ("x", "y", "z")
-NORMALS = ("nx", "ny", "nz")
-COLORS = ("r", "g", "b")
-UNIT = 0.02  # a normal's length may be off by so much
 
 
 class Stream(Protocol):
@@ -160,80 +156,3 @@ def check_table(header: Header, columns: tuple[str, ...] | None) -> None:
         )
     if columns is not None and len(columns) != header.width:
         raise ValueError(f"has {header.width} columns, {len(columns)} are named")
-
-
-def default_names(width: int, triples: Iterable[str]) -> tuple[str, ...]:
-    """Names of columns. triples : what each three columns after x, y, z are: "normals", "colors" or "" """
-    names = [*COLUMNS, *(f"column_{k + 1}" for k in range(3, width))]
-    for k, triple in enumerate(triples, 1):
-        if triple:
-            names[3 * k : 3 * k + 3] = NORMALS if triple == "normals" else COLORS
-    return tuple(names)
-
-
-def judged(blocks: Iterable[NDArray[Any]], width: int) -> tuple[str, ...]:
-    """Names of the columns of (m, width) blocks: normals and colours behind x, y, z are told from all their values."""
-    triples = [Triple() for _ in range(width // 3 - 1)] if width in (6, 9) else []
-    if not triples:
-        return default_names(width, ())
-    for block in blocks:
-        for k, triple in enumerate(triples, 1):
-            triple.add(block[:, 3 * k : 3 * k + 3])
-        if not any(triple.may_be for triple in triples):
-            break
-    kinds: list[str] = []
-    for triple in triples:
-        kinds.append(triple.kind if triple.kind not in kinds else "")
-    return default_names(width, kinds)
-
-
-class Triple:
-    """What three columns are: normals of unit length, or colours from 0 to 1 or in whole numbers to 255."""
-
-    def __init__(self) -> None:
-        self._normals, self._colors, self._whole, self._floats = True, True, True, True
-        self._units, self._rows, self._most = 0, 0, 0.0
-
-    @property
-    def may_be(self) -> bool:
-        """Whether they may still be either."""
-        return self._normals or self._colors
-
-    @property
-    def kind(self) -> str:
-        """Either "normals", "colors" or "", after all blocks."""
-        if self._normals and 2 * self._units > self._rows:
-            return "normals"
-        bright = 2 < self._most if self._whole else 0 < self._most <= 1
-        return "colors" if self._colors and (bright or (self._most == 1 and self._floats)) else ""
-
-    def add(self, block: NDArray[Any]) -> None:
-        """Take (m, 3) values into account: NaN and zero are missing normals, but no colours."""
-        probe = block[:1000]
-        for part in (probe, block) if len(block) > len(probe) else (block,):
-            self._normals = self._normals and self._are_normals(part)
-            self._colors = self._colors and self._are_colors(part)
-        if self._normals:
-            self._units += int((_lengths(block) > 0.5).sum())
-            self._rows += len(block)
-
-    def _are_normals(self, block: NDArray[Any]) -> bool:
-        if block.dtype.kind != "f":
-            return False
-        lengths = _lengths(block)
-        return bool(((np.abs(lengths - 1) < UNIT) | (lengths == 0) | np.isnan(lengths)).all())
-
-    def _are_colors(self, block: NDArray[Any]) -> bool:
-        if not block.size:
-            return True
-        low, high = float(block.min()), float(block.max())
-        if not (low >= 0 and high <= 255):
-            return False
-        self._most, self._floats = max(self._most, high), block.dtype.kind == "f"
-        self._whole = self._whole and (not self._floats or bool((block == np.rint(block)).all()))
-        return self._whole or self._most <= 1
-
-
-def _lengths(block: NDArray[Any]) -> NDArray[Any]:
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.sqrt(np.einsum("ij,ij->i", block, block))

@@ -13,16 +13,18 @@ from numpy.typing import NDArray
 from ....data import Points
 from ....progress import Progress, tell
 from ....survey import RESIDUAL
+from .._counts import missing
 from .._named_columns import CHANNELS, NORMAL_AXES, Columns, roles_of
-from .._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
+from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
+from .._unnamed_columns import judge_array
 from .._world import is_float64, world_rows
 from ._array import (
     MAGIC,
     MOST_COLUMNS,
+    Header,
     blocks_of,
     check_table,
     fields_of,
-    judged,
     read_header,
     step_of,
 )
@@ -54,13 +56,13 @@ class NpySource(Source):
     """An array; ValueError says what is wrong with it."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        self._path = path
+        self._path, self.faults = path, Faults(request.strict)
         with path.open("rb") as file:
-            self._header = header = read_header(file)
+            header = read_header(file)
             left = os.fstat(file.fileno()).st_size - header.size
         if not header.dtype.hasobject and header.nbytes != left:
-            what = "is cut off" if header.nbytes > left else "goes on behind its array"
-            raise ValueError(f"{what}: {header.nbytes:,} bytes of {header.shape} are announced, {left:,} are there")
+            header = _fitted(header, left, self.faults)
+        self._header = header
         self._names = request.columns
         if header.dtype.fields:
             self._roles = roles_of(fields_of(header))
@@ -87,8 +89,23 @@ class NpySource(Source):
         if self._header.dtype.fields:
             return self._roles.chunk({name: block[name] for name in block.dtype.names or ()}, share)
         if self._names is None:
-            self._names = judged(self._blocks(), self._header.width)
+            names, self.note = judge_array(self._blocks, self._header.width)
+            self._names = tuple(names)
         return table_chunk(block, self._names, share)
+
+
+def _fitted(header: Header, left: int, faults: Faults) -> Header:
+    """The header of the rows that are there, if others are announced; ValueError if columns lie one after the other."""
+    cut = header.nbytes > left
+    message = f"{header.nbytes:,} bytes of {header.shape} are announced, {left:,} are there"
+    if not cut:
+        faults.add(f"goes on behind its array: {message}")
+        return header
+    rows = left // (header.nbytes // header.rows)
+    if header.fortran or not rows:
+        raise ValueError(f"is cut off: {message}")
+    faults.add(f"is cut off: {message}: {missing(header.rows, rows)}")
+    return header._replace(shape=(rows, *header.shape[-1:]) if len(header.shape) > 1 else (rows,))
 
 
 def table_chunk(block: NDArray[Any], names: tuple[str, ...], share: float) -> Chunk:

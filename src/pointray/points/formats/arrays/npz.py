@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
+import math
 import zipfile
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....data import Points
+from ....notes import warn
 from ....progress import Progress, tell
 from ....survey import RESIDUAL
 from .._named_columns import POSITIONS, SPECIAL, Columns, Roles, roles_of
 from .._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
+from .._unnamed_columns import judge_array
 from .._world import is_float64, world_rows
-from ._array import blocks_of, check_dtype, check_table, fields_of, judged, step_of
+from ._array import blocks_of, check_dtype, check_table, fields_of, step_of
 from ._members import SUFFIX, Member, members_of, opened, survey_of, taken_facts
 
 NAME = 30  # where the name of an archive's first member begins
@@ -48,6 +50,7 @@ class NpzSource(Source):
         self._count = members[first].header.rows
         if self._count == 0:
             raise ValueError(f"holds no points: the array {first!r} has no rows")
+        members = {name: _as_column(m, members[first].header.shape[:-1]) for name, m in members.items()}
         self._members = {name: m for name, m in members.items() if _is_column(name, m, self._count)}
         self._left_out = [name for name in members if name not in self._members]
         self._names = request.columns
@@ -58,7 +61,7 @@ class NpzSource(Source):
 
     def chunks(self) -> Iterator[Chunk]:
         if self._left_out:
-            warnings.warn(
+            warn(
                 f"left out, as they are no columns of numbers: {', '.join(map(repr, self._left_out[:20]))}",
                 stacklevel=2,
             )
@@ -89,7 +92,10 @@ class NpzSource(Source):
         header = self._members[table].header
         if header.dtype.names:
             return tuple(header.dtype.names)
-        return self._names or judged((blocks[table] for blocks in self._blocks([table])), header.width)
+        if not self._names:
+            names, self.note = judge_array(lambda: (blocks[table] for blocks in self._blocks([table])), header.width)
+            self._names = tuple(names)
+        return self._names
 
     def _types_and_roles(self, names: tuple[str, ...]) -> Roles:
         types = {n: (m.header.dtype, m.header.width) for n, m in self._members.items() if n != self._table}
@@ -132,6 +138,14 @@ def _first(members: dict[str, Member]) -> tuple[str, str]:
 def _check_table(member: Member, columns: tuple[str, ...] | None) -> None:
     if member.header.dtype.hasobject or not member.header.dtype.fields:
         check_table(member.header, columns)
+
+
+def _as_column(member: Member, pixels: tuple[int, ...]) -> Member:
+    """An array with a number for each pixel of pictures, whose positions are pictures too, as a column."""
+    header = member.header
+    if len(pixels) < 2 or header.shape != pixels or header.fortran:
+        return member
+    return member._replace(header=header._replace(shape=(math.prod(pixels),)))
 
 
 def _is_column(name: str, member: Member, count: int) -> bool:
@@ -199,7 +213,8 @@ FORMAT = Format(
     recognise,
     NpzSource,
     {
-        "positions": "positions, points, xyz, pos, pts or coords; x, y, z; a single array is read as NPY is; origin",
+        "positions": "positions, points, xyz, pos, pts, coords, pts3d, world_points (pictures of them too); x, y, z; "
+        "a single array is read as NPY is; origin",
         "normals": "normals or normal; nx, ny, nz",
         "colors": "colors, colours, color, rgb; r, g, b or red, green, blue",
         "attributes": "all other arrays with a row for each point, with their types",

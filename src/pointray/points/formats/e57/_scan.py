@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._source import Faults
 from ._header import HEADER, Node, to_number, to_whole
 
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 COLORS = ("colorRed", "colorGreen", "colorBlue")
+INVALID_COLOR = "isColorInvalid"
 NORMALS = ("normalX", "normalY", "normalZ")  # of the extension of surface normals, whatever its prefix
 STATES = ("cartesianInvalidState", "sphericalInvalidState")
 DTYPES = [np.dtype(kind) for kind in ("u1", "i1", "u2", "i2", "u4", "i4")]
@@ -36,6 +38,8 @@ class Scan:
     ----------
     index : int
         Its place in the file.
+    count, announced : int
+        Points that the file may hold, and those that it announces.
     rotation : (3, 3) float64
     station : (3,) tuple of float
         world = rotation @ own + station
@@ -47,6 +51,7 @@ class Scan:
 
     index: int
     count: int
+    announced: int
     offset: int
     fields: dict[str, Field]
     rotation: NDArray[np.float64]
@@ -55,6 +60,11 @@ class Scan:
     turned: bool
     scale: tuple[tuple[float, float], ...]
     facts: dict[str, Any]
+
+    @property
+    def bits(self) -> int:
+        """Bits of a row."""
+        return max(sum(field.bits for field in self.fields.values()), 1)
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -74,18 +84,25 @@ class Scan:
     def colors(self) -> list[str]:
         return self.named(COLORS)
 
+    @property
+    def invalid_color(self) -> str:
+        """The column that marks rows without a colour; empty if there is none."""
+        return next(iter(self.named((INVALID_COLOR,))), "")
 
-def scans_of(root: Node, size: int) -> list[Scan]:
-    """The scans that have points; ValueError if their counts do not fit into a file of this size."""
+
+def scans_of(root: Node, size: int, faults: Faults) -> list[Scan]:
+    """The scans that have points, no more than fit into a file of this size: a strict reader refuses more."""
     nodes = list(root.find("data3D") or ())
     scans = [scan for k, node in enumerate(nodes) if (scan := _scan(node, k, size)) is not None]
     if not scans:
         raise ValueError(f"holds no points: {len(nodes)} scans are there" + (", all empty" if nodes else ""))
-    need = sum(scan.count * max(sum(field.bits for field in scan.fields.values()), 1) for scan in scans)
-    if need > 8 * size:
+    need = sum(scan.count * scan.bits for scan in scans)
+    if need <= 8 * size:
+        return scans
+    if faults.strict:
         count = sum(scan.count for scan in scans)
         raise ValueError(f"is damaged: {count:,} points of {need // 8:,} bytes are announced, it has {size:,} bytes")
-    return scans
+    return [replace(scan, count=max(min(scan.count, 8 * size // scan.bits), 1)) for scan in scans]
 
 
 def _scan(node: Node, index: int, size: int) -> Scan | None:
@@ -105,6 +122,7 @@ def _scan(node: Node, index: int, size: int) -> Scan | None:
     scale = tuple(_scale(node, name, fields[name]) for name in COLORS if name in fields)
     return Scan(
         index,
+        count,
         count,
         offset,
         fields,
@@ -173,11 +191,11 @@ def _scale(node: Node, name: str, field: Field) -> tuple[float, float]:
     missing = field.largest * field.grid[0] + field.grid[1] if field.grid else field.largest
     high = node.number_at(f"colorLimits/{name}Maximum", missing)
     if not high < 2**32:  # no limits at all
-        high = 255.0 if field.dtype.kind != "f" else 1.0
+        high = 255.0
     if low < 0:
         return low, 255 / (high - low) if high > low else 1.0
-    if field.dtype.kind == "f" and high <= 1:
-        return 0.0, 255.0
+    if field.dtype.kind == "f":  # limits are often missing or wrong: the values decide
+        return 0.0, 1.0
     return 0.0, 255 / (2 ** max(int(np.ceil(high)).bit_length(), 8) - 1)
 
 

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....survey import SCAN, Survey
-from .._source import NO, SURE, Chunk, Format, Listing, Request, Source
+from ...colors import GREY
+from .._counts import unequal
+from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._header import MAGIC, read_xml
 from ._scan import CARTESIAN, SPHERICAL, STATES, Field, Scan, scans_of
 
-GREY = 128  # of a scan without colours, beside scans that have
 BLOCK = 1 << 18  # rows that are read at once: a million take 0.1 GiB more and are no faster
 MOST_STEPS = 2**31  # a file's whole numbers up to here are kept as such
 
@@ -36,9 +37,9 @@ class E57Source(Source):
     """The points of all scans; ValueError says what is wrong with its contents."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        self._path = path
+        self._path, self.faults = path, Faults(request.strict)
         root, size = read_xml(path)
-        self._scans = scans = scans_of(root, size)
+        self._scans = scans = scans_of(root, size, self.faults)
         self._dtype = np.dtype("f4" if all(map(_is_single, scans)) else "f8")
         self._columns = _columns(scans)
         facts = {"software": root.text_at("e57LibraryVersion"), "guid": root.text_at("guid")}
@@ -58,7 +59,7 @@ class E57Source(Source):
         total, done, left_out = sum(scan.count for scan in self._scans), 0, 0
         try:
             for number, scan in enumerate(self._scans):
-                for block in _blocks(libe57, file, scan):
+                for block in _blocks(libe57, file, scan, self.faults):
                     done += len(next(iter(block.values())))
                     chunk, invalid = self._to_chunk(scan, number, block, done / total)
                     left_out += invalid
@@ -94,15 +95,21 @@ class E57Source(Source):
             return np.zeros((n, 3), np.float32)
         return _turned([block[name] for name in scan.normals], scan, np.float32, (0, 0, 0))
 
-    def _colors(self, scan: Scan, block: dict[str, NDArray[Any]], n: int) -> NDArray[np.uint8] | None:
+    def _colors(self, scan: Scan, block: dict[str, NDArray[Any]], n: int) -> NDArray[Any] | None:
+        """Colours as 8 bits, or floats whose range the values of the whole file decide; grey or NaN where missing."""
         if not any(other.colors for other in self._scans):
             return None
-        out = np.full((n, 3), GREY, np.uint8)
+        floats = any(other.fields[name].dtype.kind == "f" for other in self._scans for name in other.colors)
+        dtype, missing = (np.float32, np.nan) if floats else (np.uint8, GREY)
+        out = np.full((n, 3), missing, dtype)
         for k, (name, (black, gain)) in enumerate(zip(scan.colors, scan.scale, strict=True)):
-            if gain == 1 and black == 0 and block[name].dtype == np.uint8:
+            if block[name].dtype == dtype and gain == 1 and black == 0:
                 out[:, k] = block[name]
             else:
-                out[:, k] = np.clip(np.rint(np.nan_to_num((block[name] - black) * gain)), 0, 255)
+                scaled = (block[name] - black) * gain
+                out[:, k] = scaled if floats else np.clip(np.rint(scaled), 0, 255)
+        if scan.invalid_color:
+            out[block[scan.invalid_color] != 0] = missing
         return out
 
 
@@ -125,7 +132,7 @@ def _columns(scans: list[Scan]) -> dict[str, np.dtype[Any]]:
 
 
 def _others(scan: Scan) -> list[str]:
-    used = {*CARTESIAN, *SPHERICAL, *STATES, *scan.normals, *scan.colors}
+    used = {*CARTESIAN, *SPHERICAL, *STATES, *scan.normals, *scan.colors, scan.invalid_color}
     return [name for name in scan.fields if name not in used]
 
 
@@ -138,7 +145,7 @@ def _survey(scans: list[Scan], crs: str) -> Survey:
     """The unit of E57 is the metre; scans whose pose is unknown are said to stand at 0 where others' are known."""
     stations = tuple(scan.station for scan in scans) if any(scan.posed for scan in scans) else ()
     scale, offset = _grid(scans)
-    return Survey(crs or None, "metre", scale, offset, stations)
+    return Survey(crs or None, "metre", scale, offset, stations, format="E57")
 
 
 def _grid(scans: list[Scan]) -> tuple[Any, Any]:
@@ -166,10 +173,10 @@ def _told(what: str, call: Callable[..., T], *args: Any) -> T:
         raise ValueError(f"{what}: {words}") from error
 
 
-def _blocks(libe57: Any, file: Any, scan: Scan) -> Iterator[dict[str, NDArray[Any]]]:
+def _blocks(libe57: Any, file: Any, scan: Scan, faults: Faults) -> Iterator[dict[str, NDArray[Any]]]:
     """The columns of a scan, `BLOCK` rows at a time; they are overwritten by the next ones."""
-    wanted = [*scan.places, *scan.normals, *scan.colors, *_others(scan), *(n for n in STATES if n in scan.fields)]
-    fields = [scan.fields[name] for name in dict.fromkeys(wanted)]
+    wanted = [*scan.places, *scan.normals, *scan.colors, *_others(scan), *STATES, scan.invalid_color]
+    fields = [scan.fields[name] for name in dict.fromkeys(wanted) if name in scan.fields]
     capacity, done = min(BLOCK, scan.count), 0
     arrays = [np.empty(capacity, _buffer(field.dtype)) for field in fields]
     buffers = libe57.VectorSourceDestBuffer()
@@ -180,12 +187,12 @@ def _blocks(libe57: Any, file: Any, scan: Scan) -> Iterator[dict[str, NDArray[An
     while done < scan.count:
         n = _told(f"{where} behind point {done:,}", reader.read)
         if not 0 < n <= min(capacity, scan.count - done):
-            raise ValueError(
-                f"is cut off in scan {scan.index}: {scan.count:,} points are announced, {done:,} are there"
-            )
+            break
         done += n
         yield {f.name: _fitted(f, array[:n]) for f, array in zip(fields, arrays, strict=True)}
     reader.close()
+    if done != scan.announced:
+        faults.add(f"is cut off in scan {scan.index}: {unequal(scan.announced, done, 'points')}")
 
 
 def _buffer(dtype: np.dtype[Any]) -> np.dtype[Any]:

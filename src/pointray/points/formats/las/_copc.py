@@ -13,9 +13,9 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._source import Request
+from .._source import Faults, Request
 from ._header import Header
-from ._laz import Part
+from ._laz import Part, check_total
 
 ENTRY = np.dtype([("key", "<i4", 4), ("start", "<u8"), ("size", "<i4"), ("rows", "<i4")])
 DEEPEST = 31  # levels: a node's place is int32
@@ -50,7 +50,7 @@ def copc_of(header: Header) -> Copc | None:
     return Copc(np.array([x, y, z]) - half, 2 * half, spacing, start, size)
 
 
-def nodes_of(file: BinaryIO, header: Header, copc: Copc, request: Request, size: int) -> list[Part]:
+def nodes_of(file: BinaryIO, header: Header, copc: Copc, request: Request, size: int, faults: Faults) -> list[Part]:
     """The nodes that a request needs, in the file's order; ValueError if the octree is damaged."""
     if not (np.isfinite(copc.low).all() and 0 < copc.side < math.inf and 0 < copc.spacing < math.inf):
         raise ValueError("is damaged: its octree has no size or spacing")
@@ -71,6 +71,7 @@ def nodes_of(file: BinaryIO, header: Header, copc: Copc, request: Request, size:
     nodes = np.concatenate(found)
     nodes = nodes[np.argsort(nodes["start"], kind="stable")]
     _check_nodes(nodes, header)
+    check_total(header, max(int(nodes["rows"].sum(dtype=np.int64)), header.total), faults)
     return [Part(int(n["start"]), int(n["size"]), int(n["rows"])) for n in nodes]
 
 
@@ -85,8 +86,6 @@ def _check_nodes(nodes: NDArray[Any], header: Header) -> None:
             f"is damaged: a node of its octree, {node['rows']:,} rows in {node['size']:,} bytes "
             f"at byte {node['start']:,}, cannot be"
         )
-    if nodes["rows"].sum(dtype=np.int64) > header.total:
-        raise ValueError(f"is damaged: its octree holds more than the {header.total:,} rows that the header announces")
 
 
 def _wanted(keys: NDArray[np.int32], header: Header, copc: Copc, request: Request) -> NDArray[np.bool_]:

@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from datetime import date, timedelta
 from typing import Any, BinaryIO, NamedTuple
 
+from .._source import Faults
+
 SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375, 5: 393}  # bytes of a header, by the minor version
 LARGEST = 1 << 24  # bytes of a record behind the points that is read
 WANTED = {"LASF_Projection", "LASF_Spec", "laszip encoded", "copc"}
@@ -63,11 +65,15 @@ class Header(NamedTuple):
 
     def data_of(self, user: str, id: int) -> bytes | None:
         """The data of the first record of a kind, None if there is none."""
-        return next((record.data for record in self.records if (record.user, record.id) == (user, id)), None)
+        return next(iter(self.all_of(user, id)), None)
+
+    def all_of(self, user: str, id: int) -> list[bytes]:
+        """The data of all records of a kind; equal ones once."""
+        return list(dict.fromkeys(record.data for record in self.records if (record.user, record.id) == (user, id)))
 
 
-def read_header(file: BinaryIO, size: int) -> Header:
-    """The header of a file of `size` bytes, checked."""
+def read_header(file: BinaryIO, size: int, faults: Faults) -> Header:
+    """The header of a file of `size` bytes, checked. Records that do not fit in the file are a fault."""
     file.seek(0)
     head = file.read(max(SIZES.values()))
     if len(head) < SIZES[0]:
@@ -80,17 +86,18 @@ def read_header(file: BinaryIO, size: int) -> Header:
         raise ValueError(f"is damaged: its header has {said_size} bytes (byte 94), not {SIZES[minor]} or more")
     if not said_size <= start <= size or len(head) < SIZES[minor]:
         raise ValueError(f"is cut off or damaged: its points begin at byte {start:,} (byte 96) of {size:,}")
-    found = [*_walk(file, said_size, start, records, 54)]
+    found = [*_walk(file, (said_size, start), records, 54, faults)]
     end, waves = size, 0
     if minor >= 3:
         (waves,) = struct.unpack_from("<Q", head, 227)
     if minor >= 4:
         behind, number = struct.unpack_from("<QI", head, 235)
         if number:
-            if behind < start:
-                raise ValueError(f"is damaged: the records behind its points begin at byte {behind:,} (byte 235)")
-            found += _walk(file, behind, size, number, 60)
-            end = behind
+            if start <= behind <= size:
+                found += _walk(file, (behind, size), number, 60, faults)
+                end = behind
+            else:
+                faults.add(f"its extended variable length records cannot begin at byte {behind:,} (byte 235): ignored")
     return _filled(head, minor, start, min(end, waves) if start < waves <= size else end, tuple(found))
 
 
@@ -128,24 +135,21 @@ def _filled(head: bytes, minor: int, start: int, end: int, records: tuple[Record
     )
 
 
-def _walk(file: BinaryIO, start: int, end: int, number: int, head: int) -> Iterator[Record]:
-    """The records between two bytes; `head` is the bytes before a record's data: 54, or 60 behind the points."""
-    if number * head > end - start:
-        raise ValueError(
-            f"is cut off or damaged: {number:,} records of {head} bytes or more from byte {start:,} end beyond {end:,}"
-        )
+def _walk(file: BinaryIO, where: tuple[int, int], number: int, head: int, faults: Faults) -> Iterator[Record]:
+    """The records between two bytes; `head` is the bytes before a record's data: 54, or 60 behind the points.
+
+    A record that does not fit, and those after it, are a fault.
+    """
+    start, end = where
     for k in range(number):
         file.seek(start)
-        raw = file.read(head)
-        if len(raw) < head:
-            raise ValueError(f"is cut off in record {k + 1} of {number:,}, at byte {start:,}")
+        raw = file.read(head) if head <= end - start else b""
+        size = struct.unpack_from("<H" if head == 54 else "<Q", raw, 20)[0] if raw else 0
+        if not raw or size > end - start - head:
+            kind = "" if head == 54 else "extended "
+            faults.add(f"holds {k:,} of {number:,} {kind}variable length records announced, before byte {end:,}")
+            return
         user, id = _text(raw[2:18]), struct.unpack_from("<H", raw, 18)[0]
-        (size,) = struct.unpack_from("<H" if head == 54 else "<Q", raw, 20)
-        if size > end - start - head:
-            raise ValueError(
-                f"is cut off or damaged: record {k + 1} of {number:,}, at byte {start:,}, "
-                f"has {size:,} bytes and ends beyond byte {end:,}"
-            )
         wanted = user in WANTED and size <= LARGEST
         yield Record(user, id, start + head, size, file.read(size) if wanted else b"")
         start += head + size

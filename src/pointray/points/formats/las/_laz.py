@@ -16,7 +16,8 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._source import CHUNK
+from .._counts import unequal
+from .._source import CHUNK, Faults
 from ._header import Header
 from ._rows import unpack_u16
 
@@ -84,32 +85,52 @@ def packing_of(header: Header) -> Packing:
     return Packing(data, rows, layers)
 
 
-def parts_of(file: BinaryIO, header: Header, packing: Packing, size: int) -> list[Part]:
-    """The chunks of a file of `size` bytes; ValueError if they do not hold the rows that the header announces."""
+def parts_of(file: BinaryIO, header: Header, packing: Packing, size: int, faults: Faults) -> list[Part]:
+    """The chunks of a file of `size` bytes; ValueError if they do not fill the bytes before their table.
+
+    Where only decompression tells the rows of the last chunk, it gets the most that the header leaves for it.
+    """
     import lazrs
 
-    start = header.start + 8
+    start, most = header.start + 8, max(header.total, sum(header.returns))
     at = _table_at(file, header, size)
     file.seek(at)
     head = file.read(8)
     number = struct.unpack("<4xI", head)[0] if len(head) == 8 else 0
-    if not 0 < number <= min(header.total + 1, (at - start) // header.row + 1):
+    if not 0 < number <= (at - start) // header.row + 1:
         raise ValueError(f"is damaged: the table of its chunks at byte {at:,} has {number:,} entries")
     table = io.BytesIO(head + file.read(min(16 * number + 64, size - at)))  # two numbers take fewer bytes
     with damage(f"the table of its chunks at byte {at:,}"):
         entries = lazrs.read_chunk_table_only(table, lazrs.LazVlr(packing.data))
-    sizes = [entry[1] for entry in entries]
-    rows = [entry[0] for entry in entries]
-    if packing.rows != VARIABLE:
-        rows = [packing.rows] * (number - 1) + [header.total - packing.rows * (number - 1)]
-    if rows[-1] == 0 and sizes[-1] == 0:
-        rows.pop(), sizes.pop()
-    if sum(rows) != header.total or min(rows) <= 0 or max(rows) > header.total:
-        raise ValueError(f"is damaged: the header announces {header.total:,} rows, its {number:,} chunks hold others")
-    if sum(sizes) != at - start or min(sizes) < header.row:
+    if entries[-1][1] == 0:  # written by some programs behind a full chunk
+        entries.pop()
+    rows, sizes = ([entry[k] for entry in entries] for k in (0, 1))
+    if not sizes or sum(sizes) != at - start or min(sizes) < header.row:
         raise ValueError(f"is damaged: its chunks have {sum(sizes):,} bytes, {at - start:,} are there")
     starts = np.cumsum([start, *sizes[:-1]]).tolist()
+    if packing.rows != VARIABLE:
+        rows = [packing.rows] * len(sizes)
+        rows[-1] = _rows_of_last(file, header, packing, starts[-1], most - sum(rows[:-1]))
+    if min(rows) <= 0 or (not packing.layers and max(rows) > most):
+        raise ValueError(f"is damaged: the header announces {most:,} rows, its {number:,} chunks hold others")
+    if packing.layers or packing.rows == VARIABLE:
+        check_total(header, sum(rows), faults)
     return [Part(*part) for part in zip(starts, sizes, rows, strict=True)]
+
+
+def _rows_of_last(file: BinaryIO, header: Header, packing: Packing, start: int, announced: int) -> int:
+    """The rows of the last chunk, at byte `start`: as a chunk of layers states them, else those announced."""
+    if not packing.layers:
+        return announced if 0 < announced <= packing.rows else packing.rows
+    file.seek(start + header.row)
+    raw = file.read(4)
+    return min(struct.unpack("<I", raw)[0] if len(raw) == 4 else 0, packing.rows)
+
+
+def check_total(header: Header, rows: int, faults: Faults) -> None:
+    """Record a fault if there are other rows than the header announces."""
+    if rows != header.total:
+        faults.add(unequal(header.total, rows, "rows"))
 
 
 def _table_at(file: BinaryIO, header: Header, size: int) -> int:
@@ -129,8 +150,6 @@ def unpacked_parts(
     file: BinaryIO, header: Header, packing: Packing, parts: Sequence[Part]
 ) -> Iterator[tuple[NDArray[np.uint8], int]]:
     """The bytes of rows, about `CHUNK` rows at a time, and how many of the parts that was; the bytes are used again."""
-    import lazrs
-
     whole = np.empty(0, np.uint8)
     for first, last in _groups(parts):
         group = parts[first:last]
@@ -140,10 +159,44 @@ def unpacked_parts(
         need = sum(part.rows for part in group) * header.row
         if len(whole) < need:
             whole = np.empty(need, np.uint8)
-        rows = whole[:need]
-        with damage(f"the chunk of points at byte {group[0].start:,}"):
-            lazrs.decompress_points_with_chunk_table(raw, packing.data, rows, [(p.rows, p.size) for p in group])
-        yield rows, last
+        try:
+            _decompress(raw, packing, whole[:need], group)
+        except ValueError:
+            if packing.layers or last < len(parts):
+                raise
+            rows = _rows_there(raw[-group[-1].size :], packing, header.row, group[-1])
+            group = [*group[:-1], group[-1]._replace(rows=rows)]
+            need = sum(part.rows for part in group) * header.row
+            _decompress(raw, packing, whole[:need], group)
+        yield whole[:need], last
+
+
+def _decompress(raw: bytearray, packing: Packing, out: NDArray[np.uint8], group: Sequence[Part]) -> None:
+    import lazrs
+
+    with damage(f"the chunk of points at byte {group[0].start:,}"):
+        lazrs.decompress_points_with_chunk_table(raw, packing.data, out, [(p.rows, p.size) for p in group])
+
+
+def _rows_there(raw: bytearray, packing: Packing, row: int, part: Part) -> int:
+    """The most rows that a chunk without layers can be decompressed to, found by bisection; ValueError if none.
+
+    Such a chunk does not state its rows; decompressing more of them runs out of bytes.
+
+    row : bytes of a row
+    """
+    out = np.empty(part.rows * row, np.uint8)
+    least, most = 0, part.rows  # the first succeeds, the second fails
+    while most - least > 1:
+        rows = (least + most) // 2
+        try:
+            _decompress(raw, packing, out[: rows * row], [part._replace(rows=rows)])
+            least = rows
+        except ValueError:
+            most = rows
+    if not least:
+        raise ValueError(f"is damaged: the chunk of points at byte {part.start:,} holds no rows")
+    return least
 
 
 def _groups(parts: Sequence[Part]) -> Iterator[tuple[int, int]]:

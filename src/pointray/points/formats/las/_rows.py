@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ....survey import RESIDUAL
-from .._source import Chunk
+from .._source import Chunk, Faults
 from ._header import Header, _text
 
 FORMATS = 11  # point formats 0 to 10
@@ -54,7 +55,7 @@ class Layout(NamedTuple):
         return 24 + 6 * self.colors + 12 * bool(self.normals) + sum(_size(c, self.dtype) for c in self.columns)
 
 
-def layout_of(header: Header) -> Layout:
+def layout_of(header: Header, faults: Faults) -> Layout:
     """The layout of a file's rows; ValueError if its header contradicts itself."""
     from laspy.point.dims import COMPOSED_FIELDS, POINT_FORMATS_DTYPE
 
@@ -77,7 +78,7 @@ def layout_of(header: Header) -> Layout:
     ]
     fields = [(name, standard[name].newbyteorder("<")) for name in standard.names]
     taken = {column.name for column in columns} | {RESIDUAL}
-    extras = _extras_of(header.data_of("LASF_Spec", 4) if spare else None, spare, taken)
+    extras = _extras_of(header.all_of("LASF_Spec", 4) if spare else [], spare, taken, faults)
     for k, (column, dtype) in enumerate(extras):
         fields.append((f"extra {k}", dtype))
         if dtype.itemsize:
@@ -87,23 +88,34 @@ def layout_of(header: Header) -> Layout:
     return Layout(np.dtype(fields), rest, normals, "red" in standard.names)
 
 
-def _extras_of(data: bytes | None, spare: int, taken: set[str]) -> list[tuple[Column, np.dtype[Any]]]:
-    """The extra bytes of a row, as their record describes them; those that it does not describe come last."""
+def _extras_of(
+    records: Sequence[bytes], spare: int, taken: set[str], faults: Faults
+) -> list[tuple[Column, np.dtype[Any]]]:
+    """The extra bytes of a row, as their records describe them; those that they do not describe come last.
+
+    A description of an unknown type, or of more bytes than are left, is a fault: it is ignored with those after it.
+    """
     extras: list[tuple[Column, np.dtype[Any]]] = []
-    for at in range(0, len(data or b"") - EXTRA + 1, EXTRA):
-        assert data is not None
+    data = b"".join(record[: len(record) // EXTRA * EXTRA] for record in records)
+    for at in range(0, len(data), EXTRA):
         kind, flags = data[at + 2 : at + 4]
+        name = _text(data[at + 4 : at + 36]) or "extra"
         if kind > 3 * len(TYPES):
-            raise ValueError(f"is damaged: extra bytes {len(extras)} have the unknown type {kind}")
+            faults.add(f"the extra bytes {name!r} have the unknown type {kind}: their description is ignored")
+            break
         count = (kind - 1) // len(TYPES) + 1 if kind else flags
         base = np.dtype("<" + TYPES[(kind - 1) % len(TYPES)]) if kind else np.dtype("u1")
-        name = _unique(_text(data[at + 4 : at + 36]) or "extra", taken)
+        if base.itemsize * count > spare:
+            faults.add(
+                f"the extra bytes {name!r} are described as {base.itemsize * count} bytes, its rows have {spare} left: "
+                f"the description is ignored"
+            )
+            break
         scale = np.frombuffer(data, "<f8", count, at + 112) if kind and flags & SCALED else None
         offset = np.frombuffer(data, "<f8", count, at + 136) if kind and flags & MOVED else None
-        extras.append((Column(name, "", 0, scale, offset), base if count == 1 else np.dtype((base, (count,)))))
+        column = Column(_unique(name, taken), "", 0, scale, offset)
+        extras.append((column, base if count == 1 else np.dtype((base, (count,)))))
         spare -= base.itemsize * count
-    if spare < 0:
-        raise ValueError(f"is damaged: its extra bytes have {-spare} bytes more than its rows")
     if spare:
         extras.append((Column(_unique("ExtraBytes", taken), ""), np.dtype(("u1", (spare,)) if spare > 1 else "u1")))
     return extras

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from ....data import Points
 from ....progress import Progress, tell
 from ....survey import RESIDUAL, Survey, numbers_of
+from ...geographic import in_file
 from .._source import CHUNK
 from ._crs import USER, WKT, records_for
 
@@ -19,6 +21,7 @@ CANDIDATES = (0, 2, 1, 6, 3, 7, 8)  # point formats, the smallest rows first; th
 MOST_EXTRAS, MOST_BYTES = 65535 // 192, 65535  # extra bytes that a record describes; bytes of a row
 LONGEST_NAME, LONGEST_RECORD = 32, 65535  # bytes
 SHADES = 257  # of 16 bits to one of 8
+DEGREE = 1e-6  # degrees: finer than a metre by enough that no rounding is added
 WEEK = 604800.0  # seconds: a greater GPS time is no time of a week
 NORMALS = ("NormalX", "NormalY", "NormalZ")
 PACKED = {"X", "Y", "Z", "x", "y", "z", "bit_fields", "raw_classification", "classification_flags"}
@@ -215,7 +218,8 @@ def _state_crs(header: Any, survey: Survey, words: Words) -> list[Any]:
     import laspy
 
     behind: list[Any] = []
-    for number, data in records_for(survey.crs, survey.unit, words):
+    unit = survey.unit if survey.projection is None else "degree"
+    for number, data in records_for(survey.crs, unit, words):
         record = laspy.VLR(USER, number, "coordinate system", data)
         (header.vlrs if len(data) <= LONGEST_RECORD else behind).append(record)
         header.global_encoding.wkt = number == WKT
@@ -243,7 +247,9 @@ class _Grid:
             self._residual, self._shift = None, np.zeros(3, np.int64)
             size = max(float(np.abs(points.bounds - points.origin).max()), 1e-30)
             step = float(f"1e{int(np.floor(np.log10(size * 2.0**-24)))}")  # float32 is no finer there
-            self._survey = Survey(scale=(step,) * 3, offset=tuple(points.origin.tolist()))
+            across = step if points.survey.projection is None else step * DEGREE
+            offset = in_file(points.survey, points.origin[None])[0].tolist()
+            self._survey = replace(points.survey, scale=(across, across, step), offset=tuple(offset))
         self.scale = self._survey.scale
         self.offset = tuple((np.array(self._survey.offset) + self._shift * np.array(self.scale)).tolist())
 
@@ -255,7 +261,8 @@ class _Grid:
         if residual is not None and residual.shape == (len(points), 3) and residual.dtype.kind == "i":
             self._residual = residual
         with np.errstate(over="ignore"):
-            farthest = np.abs((points.bounds - np.array(self._survey.offset)) / np.array(self._survey.scale)).max()
+            bounds = in_file(self._survey, points.bounds)
+            farthest = np.abs((bounds - np.array(self._survey.offset)) / np.array(self._survey.scale)).max()
         if farthest < 2.0**31 - 2**12:  # float32 may be wrong by 128 steps there
             return True
         if not farthest < 2.0**52:
@@ -269,7 +276,7 @@ class _Grid:
         return bool((high - low < 2**32).all())
 
     def _whole(self, points: Points, part: slice) -> NDArray[np.int64]:
-        numbers = numbers_of(self._survey, points.positions[part] + points.origin)
+        numbers = numbers_of(self._survey, in_file(self._survey, points.positions[part] + points.origin))
         if self._residual is not None:
             numbers += self._residual[part]
         return numbers

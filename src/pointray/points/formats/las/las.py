@@ -11,7 +11,6 @@ values, no longer the same bytes.
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....survey import Survey
-from .._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
+from .._counts import missing, rows_behind
+from .._source import CHUNK, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._copc import Copc, copc_of, nodes_of
 from ._crs import crs_of
 from ._header import Header, read_header
-from ._laz import Part, packing_of, parts_of, unpacked_parts
+from ._laz import Part, check_total, packing_of, parts_of, unpacked_parts
 from ._rows import Layout, chunk_of, layout_of
 from ._write import write
 
@@ -40,11 +40,11 @@ class LasSource(Source):
     """The points of a LAS, LAZ or COPC file; ValueError says what is wrong with its contents."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        self._size = path.stat().st_size
+        self._size, self.faults = path.stat().st_size, Faults(request.strict)
         self._file: BinaryIO = path.open("rb")
         try:
-            self._header = header = read_header(self._file, self._size)
-            self._layout = layout_of(header)
+            self._header = header = read_header(self._file, self._size, self.faults)
+            self._layout = layout_of(header, self.faults)
             self._copc = copc_of(header)
             self._parts = self._list_parts(request)
         except BaseException:
@@ -53,28 +53,26 @@ class LasSource(Source):
         chosen = self._copc is not None and (request.bounds is not None or request.resolution is not None)
         rows = sum(part.rows for part in self._parts)
         self.listing = Listing(
-            None if chosen else header.total,
+            None if chosen else rows,
             self._layout.size,
             rows,
-            Survey(*crs_of(header), header.scale, header.offset),
+            Survey(*crs_of(header), header.scale, header.offset, format="LAS"),
             _facts(header, self._layout, self._copc),
         )
 
     def _list_parts(self, request: Request) -> list[Part]:
         """Where the rows lie that are read; ValueError if the file does not hold what its header announces."""
         header = self._header
-        if header.total == 0:
+        if header.total == 0 and (header.compressed or self.faults.strict):
             raise ValueError("holds no points: the header announces 0; perhaps it is still being written")
         if sum(header.returns) > header.total:
-            warnings.warn(
-                f"its header announces {header.total:,} rows, but {sum(header.returns):,} returns", stacklevel=2
-            )
+            self.faults.add(f"its header announces {header.total:,} rows, but {sum(header.returns):,} returns")
         if not header.compressed:
-            return [_rows_of(header)]
+            return [_rows_of(self._file, header, self.faults)]
         self._packing = packing_of(header)
         if self._copc is not None and (request.bounds is not None or request.resolution is not None):
-            return nodes_of(self._file, header, self._copc, request, self._size)
-        return parts_of(self._file, header, self._packing, self._size)
+            return nodes_of(self._file, header, self._copc, request, self._size, self.faults)
+        return parts_of(self._file, header, self._packing, self._size, self.faults)
 
     def chunks(self) -> Iterator[Chunk]:
         for rows, share in self._unpacked() if self._header.compressed else self._plain():
@@ -93,28 +91,39 @@ class LasSource(Source):
             yield rows, min((start + CHUNK) / part.rows, 1.0)
 
     def _unpacked(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
+        there = 0
         for rows, done in unpacked_parts(self._file, self._header, self._packing, self._parts):
+            there += len(rows) // self._header.row
             yield rows, done / len(self._parts)
+        if self.listing.count is not None:
+            check_total(self._header, there, self.faults)
 
     def close(self) -> None:
         self._file.close()
 
 
-def _rows_of(header: Header) -> Part:
-    """The rows of a file that is not compressed."""
-    size, there = header.total * header.row, header.end - header.start
+def _rows_of(file: BinaryIO, header: Header, faults: Faults) -> Part:
+    """The rows of a file that is not compressed; ValueError if not one is there."""
+    rows, size, there = header.total, header.total * header.row, header.end - header.start
     if size > there:
-        raise ValueError(
+        rows = there // header.row
+        message = (
             f"is cut off: {header.total:,} rows of {header.row} bytes are announced, "
-            f"{there:,} bytes are there: {there // header.row:,} rows"
+            f"{there:,} bytes are there: {rows:,} rows"
         )
-    if there - size >= header.row:
-        warnings.warn(
-            f"its header announces {header.total:,} rows; {there - size:,} bytes follow them, "
-            f"as many as {(there - size) // header.row:,} rows more",
-            stacklevel=2,
+        faults.add(f"{message}: {missing(header.total, rows)}")
+        if not rows:
+            raise ValueError(message)
+    elif there - size >= header.row:
+        more = rows_behind(file, header.start + size, header.end, header.row)
+        faults.add(
+            f"its header announces {rows:,} rows; {there - size:,} bytes follow them, "
+            f"as many as {(there - size) // header.row:,} rows more" + ("" if more else ", which are not read")
         )
-    return Part(header.start, size, header.total)
+        rows += more
+    if not rows:
+        raise ValueError("holds no points: the header announces 0; perhaps it is still being written")
+    return Part(header.start, rows * header.row, rows)
 
 
 def _facts(header: Header, layout: Layout, copc: Copc | None) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import logging
 import re
 import warnings
@@ -17,19 +16,12 @@ from numpy.typing import NDArray
 
 from ....data import check_count
 from ....memory import check_memory
+from ...colors import ColorRange, to_shades
+from .._source import Faults
+from ._gltf import UnsupportedError, readable
+from ._text import absolute, is_text_stl, off_columns, whole_text
 
-GLB_HEADER = 20  # bytes before the JSON of a .glb file
-PACKERS = re.compile(r"draco|meshopt", re.IGNORECASE)
-SIZES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}  # bytes of glTF's types
-WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-
-
-NUMBER = rb"[ \t]+[-+]?(?:\d+\.?\d*|\.\d+|nan|inf)(?:e[-+]?\d+)?"
-BAD_LINE = re.compile(
-    rb"^[ \t]*(?:vn?(?!(?:" + NUMBER + rb"){3,8}[ \t]*(?:#.*)?\r?$)"
-    rb"|f(?!(?:[ \t]+-?\d+(?:/-?\d*){0,2})+[ \t]*(?:#.*)?\r?$))[ \t]",
-    re.MULTILINE | re.IGNORECASE,
-)
+USED = re.compile(rb"^[ \t]*usemtl[ \t]+(.*?)[ \t]*\r?$", re.MULTILINE)
 
 
 class Part(NamedTuple):
@@ -46,6 +38,8 @@ class Part(NamedTuple):
     uv : (n, 2) float64 or None
     paint : callable or None
         (k, 2) coordinates of a texture -> (k, 4) uint8 colours.
+    face_colors : (m, 3) uint8 or None
+        Colours of the triangles; `colors` are then means of them.
     """
 
     positions: NDArray[np.float64]
@@ -54,21 +48,33 @@ class Part(NamedTuple):
     colors: NDArray[Any] | None = None
     uv: NDArray[np.float64] | None = None
     paint: Callable[[NDArray[np.float64]], NDArray[np.uint8]] | None = None
+    face_colors: NDArray[np.uint8] | None = None
 
 
-def load(path: Path, kind: str) -> list[Part]:
+def counts_of(parts: list[Part]) -> tuple[int, int]:
+    """The numbers of vertices and of triangles."""
+    return sum(len(part.positions) for part in parts), sum(len(part.faces) for part in parts)
+
+
+def load(path: Path, kind: str, faults: Faults) -> list[Part]:
     """The meshes of a file, each where its scene puts it; ValueError says that it is damaged."""
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else what it logs goes to stderr
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            parts = _load_obj(path) if kind == "obj" else _load_scene(path, kind)
+            beside = _beside(path)
+            parts = _load_obj(path, beside, faults) if kind == "obj" else _load_scene(path, kind, beside, faults)
+    except UnsupportedError:
+        raise
     except ValueError as error:
         raise ValueError(f"is damaged or no {kind} file: {_words(error)}") from error
     except Exception as error:
         raise ValueError(f"is damaged: {_words(error)}") from error
     if not any(len(part.positions) for part in parts):
         raise ValueError("holds no vertices")
+    if beside.absent:
+        names = ", ".join(repr(name[:80]) for name in dict.fromkeys(beside.absent))
+        faults.add(f"names {names}, not found in its folder: colors may be missing")
     return parts
 
 
@@ -79,15 +85,23 @@ def _words(error: Exception) -> str:
     return text if isinstance(error, ValueError) and text else f"{type(error).__name__} {text}".strip()
 
 
-def _load_obj(path: Path) -> list[Part]:
-    """An OBJ file; one without faces is read directly, as a point cloud of trimesh has no normals."""
+def _load_obj(path: Path, beside: Any, faults: Faults) -> list[Part]:
+    """An OBJ file. Of several materials trimesh makes as many meshes, whose own vertices it leaves to each."""
+    data = absolute(whole_text(_bytes_of(path, "obj"), "obj", faults))
+    if not re.search(rb"^[ \t]*[fl][ \t]", data, re.MULTILINE):
+        return [_obj_points(data)]
+    if len(set(USED.findall(data))) < 2:
+        return _parts_of(data, beside, "obj", maintain_order=True)
+    parts = _parts_of(data, beside, "obj")
+    return [*parts, _without(_obj_points(data), parts)]
+
+
+def _obj_points(data: bytes) -> Part:
+    """All vertices of an OBJ file, as a point cloud: that of trimesh has no normals."""
     from trimesh.exchange.obj import load_obj
 
-    data = _bytes_of(path, "obj")
-    _check_lines(data)
-    if re.search(rb"^[ \t]*[fl][ \t]", data, re.MULTILINE):
-        return _load_scene(path, "obj")
-    found = load_obj(io.BytesIO(data), skip_materials=True)
+    lines = re.sub(rb"^[ \t]*[fl][ \t].*$", b"", data.replace(b"\\\n", b""), flags=re.MULTILINE)
+    found = load_obj(io.BytesIO(lines), skip_materials=True)
     vertices = np.asarray(found.get("vertices", np.empty((0, 3))), np.float64)
     announced = len(re.findall(rb"^[ \t]*v[ \t]", data, re.MULTILINE))
     if vertices.shape != (announced, 3):
@@ -96,25 +110,17 @@ def _load_obj(path: Path) -> list[Part]:
         column if column is not None and column.shape == vertices.shape else None
         for column in (found.get("vertex_normals"), found.get("vertex_colors"))
     )
-    return [Part(vertices, np.empty((0, 3), np.int64), normals, colors)]
+    return Part(vertices, np.empty((0, 3), np.int64), normals, colors)
 
 
-def _check_lines(data: bytes) -> None:
-    """ValueError for the first line of an OBJ file that has not the numbers it should have."""
-    bad = None if b"\\\n" in data else BAD_LINE.search(data)  # a line that goes on in the next one is let pass
-    if bad is not None:
-        line = data[bad.start() :].split(b"\n", 1)[0].strip()[:60].decode("latin-1")
-        number = data.count(b"\n", 0, bad.start()) + 1
-        raise ValueError(f"line {number:,} is {line!r}")
-
-
-def _check_off(data: bytes) -> None:
-    """ValueError for fewer lines than an OFF file announces: trimesh takes those that are there."""
-    lines = [line for line in re.sub(rb"#[^\n]*", b"", data).partition(b"OFF")[2].splitlines() if line.strip()]
-    vertices, faces = (int(word) for word in (lines[0] if lines else b"").split()[:2])
-    if len(lines) <= vertices + faces:
-        what = f"{vertices:,} vertices and {faces:,} faces"
-        raise ValueError(f"is cut off: {what} are announced, which is more than {len(lines):,} lines")
+def _without(points: Part, parts: list[Part]) -> Part:
+    """The points that are not among the vertices of meshes."""
+    rows = np.concatenate([part.positions for part in (*parts, points)])
+    first, place = places_of(rows)
+    used = len(rows) - len(points.positions)
+    loose = first[place[used:]] >= used
+    normals, colors = (None if column is None else column[loose] for column in (points.normals, points.colors))
+    return Part(points.positions[loose], points.faces, normals, colors)
 
 
 def _bytes_of(path: Path, kind: str) -> bytes:
@@ -123,7 +129,7 @@ def _bytes_of(path: Path, kind: str) -> bytes:
     if kind == "ply":
         end = data.find(b"end_header")
         return bytes(c if c < 128 else 63 for c in data[:end]) + data[end:]
-    is_text = kind in ("obj", "off") or (kind == "stl" and data.lstrip().startswith(b"solid") and b"\0" not in data)
+    is_text = kind in ("obj", "off") or (kind == "stl" and is_text_stl(data, len(data)))
     if is_text and not data.isascii():
         try:
             data.decode()
@@ -132,39 +138,49 @@ def _bytes_of(path: Path, kind: str) -> bytes:
     return data
 
 
-def _load_scene(path: Path, kind: str) -> list[Part]:
+def _load_scene(path: Path, kind: str, beside: Any, faults: Faults) -> list[Part]:
+    """The meshes of a file of another kind."""
+    data = _bytes_of(path, kind)
+    if kind in ("glb", "gltf"):
+        data = readable(data, kind, beside.get, faults)
+    return _parts_of(whole_text(data, kind, faults), beside, kind)
+
+
+def _parts_of(data: bytes, beside: Any, kind: str, **options: Any) -> list[Part]:
+    """The meshes that trimesh finds."""
     import trimesh
 
-    if kind in ("glb", "gltf"):
-        _check_gltf(path, kind)
-    options: dict[str, Any] = {"process": False} | ({"maintain_order": True} if kind == "obj" else {})
-    data = _bytes_of(path, kind)
-    if kind == "off":
-        _check_off(data)
-    file = io.BytesIO(data)
-    scene = trimesh.load_scene(file, file_type=kind, resolver=_beside(path), allow_remote=False, **options)
+    scene = trimesh.load_scene(
+        io.BytesIO(data), file_type=kind, resolver=beside, allow_remote=False, process=False, **options
+    )
     nodes: list[Any] = [scene.graph[name] for name in scene.graph.nodes_geometry]
     placed: list[tuple[Any, Any]] = [(matrix, scene.geometry[name]) for matrix, name in nodes]
     placed = [(matrix, shape) for matrix, shape in placed if np.shape(shape.vertices)[1:] == (3,)]
     count = sum(len(shape.vertices) for _, shape in placed)
     check_count(count)
     check_memory(200 * count, f"for {count:,} vertices")
-    return [_part(shape, np.asarray(matrix, np.float64)) for matrix, shape in placed]
+    parts = [_part(shape, np.asarray(matrix, np.float64)) for matrix, shape in placed]
+    if kind != "off":
+        return parts
+    normals, colors = off_columns(data)
+    shades = None if colors is None else to_shades(colors, ColorRange.of([colors]).scale(colors.dtype))
+    return [part._replace(normals=normals, colors=shades) for part in parts]
 
 
 def _beside(path: Path) -> Any:
-    """What finds the files that a file names: only below its own folder."""
+    """Return what finds the files that a file names, only below its own folder, and lists those not found."""
     from trimesh.resolvers import Resolver
 
     folder = path.resolve().parent
 
     class Beside(Resolver):
         def __init__(self) -> None:
-            pass
+            self.absent: list[str] = []
 
         def get(self, name: str) -> bytes:
             file = (folder / unquote(name.strip())).resolve()
             if folder not in file.parents or not file.is_file():
+                self.absent.append(name)
                 raise FileNotFoundError(f"names the file {name[:80]!r}, which is not in its folder")
             return file.read_bytes()
 
@@ -192,10 +208,12 @@ def _part(shape: Any, matrix: NDArray[np.float64]) -> Part:
     if (matrix != np.eye(4)).any():
         positions = positions @ matrix[:3, :3].T + matrix[:3, 3]
         if normals is not None:
-            normals = _unit(normals @ _cofactors(matrix[:3, :3]).T)
+            normals = unit(normals @ _cofactors(matrix[:3, :3]).T)
         if np.linalg.det(matrix[:3, :3]) < 0:  # a mirror turns the triangles round
             faces = faces[:, ::-1]
-    return Part(positions, faces, normals, *_colors(shape))
+    visual: Any = getattr(shape, "visual", None)
+    of_faces = np.asarray(visual.face_colors)[:, :3] if getattr(visual, "kind", None) == "face" else None
+    return Part(positions, faces, normals, *_colors(shape), of_faces)
 
 
 def _cofactors(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -204,7 +222,7 @@ def _cofactors(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)]) * (np.sign(np.linalg.det(matrix)) or 1.0)
 
 
-def _unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.divide(vectors, lengths, out=np.zeros_like(vectors), where=lengths > 0)
 
@@ -220,27 +238,34 @@ def _colors(shape: Any) -> tuple[Any, Any, Any]:
         return None, None, None
     material, uv = visual.material, visual.uv
     image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
+    if getattr(image, "format", None) is None:  # not from a file: trimesh's placeholder
+        image = None
     if image is not None and uv is not None and len(uv) == n:
         return None, np.asarray(uv, np.float64)[:, :2], material.to_color
     plain = getattr(material, "baseColorFactor", None)
-    plain = material.main_color if plain is None and hasattr(material, "diffuse") else plain
+    if plain is None and "kd" in getattr(material, "kwargs", {}):  # otherwise trimesh has a grey of its own
+        plain = material.main_color
+    own = getattr(visual, "vertex_attributes", {}).get("color")
+    if own is not None and len(own) == n and own.ndim == 2 and own.shape[1] > 2:
+        return _tinted(own[:, :3], plain), None, None
     return None if plain is None else np.tile(np.asarray(plain)[:3], (n, 1)), None, None
 
 
-def _check_gltf(path: Path, kind: str) -> None:
-    """ValueError for what would be read as zeros, or would take more memory than the file has bytes."""
-    data = path.read_bytes()
-    if kind == "glb":
-        length = int.from_bytes(data[12:16], "little")
-        announced = int.from_bytes(data[8:12], "little")
-        if announced > len(data) or length > len(data) - GLB_HEADER:
-            raise ValueError(f"is cut off: the header says {max(announced, length):,} bytes, it has {len(data):,}")
-        data = data[GLB_HEADER : GLB_HEADER + length]
-    tree = json.loads(data)
-    packed = [name for name in tree.get("extensionsRequired", ()) if PACKERS.search(name)]
-    if packed:
-        raise ValueError(f"it is compressed by {packed[0]}: save it without")
-    for number, accessor in enumerate(tree.get("accessors", ())):
-        need = int(accessor["count"]) * SIZES[accessor["componentType"]] * WIDTHS[accessor["type"]]
-        if need < 0 or ("bufferView" not in accessor and need > len(data)):
-            raise ValueError(f"accessor {number} is said to have {accessor['count']:,} rows, which are nowhere")
+def _tinted(colors: NDArray[Any], plain: Any) -> NDArray[np.uint8]:
+    """Colours of vertices, as 8 bits or from 0 to 1, times the material's."""
+    shades = colors / 255 if colors.dtype.kind in "iu" else colors
+    factor = 255 if plain is None else np.asarray(plain, np.float64)[:3]
+    return np.rint(np.clip(np.nan_to_num(shades * factor), 0, 255)).astype(np.uint8)
+
+
+def places_of(rows: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first row of each place, and the place of each row, through a hash: rows as such take ten times as long."""
+    bits = np.ascontiguousarray(rows + 0.0).view(np.uint64)  # -0 is 0
+    keys = np.zeros(len(rows), np.uint64)
+    for k in range(3):
+        keys = (keys ^ bits[:, k]) * np.uint64(0x9E3779B97F4A7C15)
+        keys ^= keys >> np.uint64(29)
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    if not (bits[first][inverse] == bits).all():  # two places with one hash
+        _, first, inverse = np.unique(bits.view("V24")[:, 0], return_index=True, return_inverse=True)
+    return first, inverse

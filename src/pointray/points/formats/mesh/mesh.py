@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ....extras import require
-from .._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
-from ..ply._header import read_header
+from ....survey import Survey
+from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
+from ..ply._header import least_size, read_header
+from ._text import STL_HEADER, check_stl, is_text_stl
 
-STL_HEADER, TRIANGLE = 84, 50  # bytes of binary STL
 OBJ_LINE = re.compile(rb"(v|vn|vt|vp|f|l|p|o|g|s|mtllib|usemtl)[ \t]")
 VERTEX = re.compile(rb"^\s*v[ \t]+[-+.\d]\S*[ \t]+[-+.\d]\S*[ \t]+[-+.\d]", re.MULTILINE)
 BYTES = {"stl": 100, "obj": 80, "off": 80, "glb": 36, "gltf": 24, "ply": 36}  # of a file for a vertex, about
 FACTOR = {"stl": 14, "obj": 12, "off": 20, "glb": 22, "gltf": 22, "ply": 20}  # bytes that trimesh takes for one of them
+
+# Positions and triangles of a file; None: only trimesh reads them.
+Surface = Callable[[Path], "tuple[NDArray[np.float64], NDArray[np.int64]] | None"]
 
 
 def recognise(head: bytes, path: Path) -> int:
@@ -33,7 +40,7 @@ def kind_of(head: bytes, path: Path) -> str:
     start = head.lstrip(b"\xef\xbb\xbf \t\r\n")
     if start.startswith(b"{") and (suffix == ".gltf" or re.search(rb'"(asset|accessors|bufferViews)"\s*:', head)):
         return "gltf"
-    if re.match(rb"(#[^\n]*\s+)*C?OFF\s", start):
+    if re.match(rb"(#[^\n]*\s+)*(ST)?C?N?OFF\s", start):
         return "off"
     if re.match(rb"solid\b[^\n]*\s+(facet\s|endsolid)", start):
         return "stl"
@@ -51,56 +58,109 @@ class MeshSource(Source):
     """The vertices of a mesh, or points on its triangles; ValueError says what is wrong with its contents."""
 
     def __init__(self, path: Path, request: Request, kind: str = "") -> None:
-        self._path, self._sample = path, request.sample
+        self._path, self._sample, self.faults = path, request.sample, Faults(request.strict)
         with path.open("rb") as file:
             head = file.read(1 << 12)
         self._kind = kind or kind_of(head, path) or "stl"
         size = path.stat().st_size
-        if self._kind == "stl" and not head.lstrip().startswith(b"solid"):
-            _check_stl(head, size)
+        if self._kind == "stl" and not is_text_stl(head, size):
+            check_stl(head, size, self.faults)
         expected = request.sample or max(size // BYTES[self._kind], 1)
         self._facts: dict[str, Any] = {"kind": self._kind}
         row = 60 + size * FACTOR[self._kind] // expected
-        self.listing = Listing(request.sample, row, expected, facts=self._facts)
+        survey = Survey(format="glTF" if self._kind in ("glb", "gltf") else None)
+        self.listing = Listing(request.sample or None, row, expected, survey, self._facts)
 
     def chunks(self) -> Iterator[Chunk]:
-        from ._load import load
-        from ._points import scatter, vertices_of
+        from ._load import counts_of, load
+        from ._points import SAMPLES, is_coarse, scatter, vertices_of
 
-        parts = load(self._path, self._kind)
-        self._facts["meshes"] = len(parts)
-        self._facts["triangles"] = sum(len(part.faces) for part in parts)
-        if self._sample is None:
-            yield vertices_of(parts)
+        parts = load(self._path, self._kind, self.faults)
+        vertices, triangles = counts_of(parts)
+        self._facts |= {"meshes": len(parts), "triangles": triangles}
+        sample = self._sample
+        if sample is None and is_coarse(parts, self._kind == "obj"):
+            sample, self.note = SAMPLES, sampled(vertices, triangles)
+        if sample:
+            yield from scatter(parts, sample)
         else:
-            yield from scatter(parts, self._sample)
+            yield vertices_of(parts, self._kind == "obj")
 
 
-def _check_stl(head: bytes, size: int) -> None:
-    """ValueError if a binary STL file has not as many bytes as its header says."""
-    count = int.from_bytes(head[STL_HEADER - 4 : STL_HEADER], "little")
-    need = STL_HEADER + count * TRIANGLE
-    if size < STL_HEADER or need > size:
-        raise ValueError(f"is cut off: {count:,} triangles of {TRIANGLE} bytes are announced, it has {size:,} bytes")
-    if need < size:
-        raise ValueError(f"is no STL file: {count:,} triangles are announced, which is {need:,} bytes, it has {size:,}")
+def sampled(vertices: int, triangles: int) -> str:
+    """The note that a mesh is sampled."""
+    from ._points import SAMPLES
+
+    return (
+        f"its {vertices:,} vertices do not show its surface: {SAMPLES:,} points are sampled on its "
+        f"{triangles:,} triangles; --sample 0 (in Python sample=0) takes the vertices"
+    )
 
 
-def on_triangles(path: Path, request: Request) -> MeshSource:
-    """Points on the triangles of a PLY file; ValueError if it cannot hold what its header announces."""
-    require("trimesh", "mesh", "--sample")
+def ply_source(path: Path, request: Request, surface: Surface) -> MeshSource | None:
+    """Points on the triangles of a PLY file, if they are asked for, or its vertices do not show its surface.
+
+    surface : reads its triangles without trimesh, whose import takes long. None : its vertices are to be read.
+    ValueError if it cannot hold what its header announces
+    """
+    if request.sample is not None:
+        require("trimesh", "mesh", "--sample")
+        _check_elements(path)
+        return MeshSource(path, request, "ply") if request.sample else None
+    stamp = path.stat()
+    version = stamp.st_size, stamp.st_mtime_ns
+    counts = _coarse_ply(path, version, surface) if has_few_vertices(path) and has_trimesh() else None
+    if counts is None:
+        return None
+    from ._points import SAMPLES
+
+    source = MeshSource(path, request._replace(sample=SAMPLES), "ply")
+    source.note = sampled(*counts)
+    return source
+
+
+def has_few_vertices(path: Path) -> bool:
+    """Whether a PLY file has triangles, and fewer vertices than would be sampled on them."""
+    from ._points import SAMPLES
+
+    with path.open("rb") as file:
+        header = read_header(file)
+    counts = {element.name: count for element, count in zip(header.elements, header.counts, strict=True)}
+    return counts.get("face", 0) > 0 and 0 < counts.get("vertex", 0) < SAMPLES
+
+
+def has_trimesh() -> bool:
+    """Whether triangles can be read."""
+    return find_spec("trimesh") is not None
+
+
+@lru_cache(maxsize=8)  # a file is opened several times
+def _coarse_ply(path: Path, version: tuple[int, int], surface: Surface) -> tuple[int, int] | None:
+    """The numbers of vertices and triangles of a PLY file whose vertices do not show its surface; None of others.
+
+    version : size and time of the file, for the cache
+    """
+    from ._load import Part, counts_of, load
+    from ._points import is_coarse
+
+    try:
+        _check_elements(path)
+        found = surface(path)
+        parts = load(path, "ply", Faults(strict=True)) if found is None else [Part(*found)]
+    except ValueError:  # its vertices may be as they should be
+        return None
+    return counts_of(parts) if is_coarse(parts) else None
+
+
+def _check_elements(path: Path) -> None:
+    """ValueError if a PLY file cannot hold what its header announces."""
     with path.open("rb") as file:
         header = read_header(file)
     left = path.stat().st_size - header.size
     for element, count in zip(header.elements, header.counts, strict=True):
-        least = sum(1 if header.format == "ascii" else _least(p) for p in element.properties)
+        least = sum(1 if header.format == "ascii" else least_size(p) for p in element.properties)
         if count * least > left:
             raise ValueError(f"is cut off: {count:,} rows of {element.name!r} are announced, {left:,} bytes are there")
-    return MeshSource(path, request, "ply")
-
-
-def _least(p: Any) -> int:
-    return int(np.dtype(p.list_dtype()[0] if hasattr(p, "list_dtype") else p.dtype()).itemsize)
 
 
 FORMAT = Format(
@@ -114,7 +174,8 @@ FORMAT = Format(
         "colors": "of vertices or triangles, of a texture in the file or in its folder, or of the material",
         "attributes": "none",
         "survey": "none",
-        "note": "--sample N scatters points on the triangles instead, also on those of PLY",
+        "note": "points are sampled on the triangles if vertices are too far apart to show the surface, also of PLY; "
+        "--sample N samples N points, --sample 0 takes the vertices",
     },
     extra=("trimesh", "mesh"),
 )

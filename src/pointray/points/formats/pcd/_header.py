@@ -8,6 +8,8 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
+from .._source import Faults
+
 LONGEST_HEADER = 1 << 20
 PADDING = "_"
 KINDS = {"I": "i", "U": "u", "F": "f"}
@@ -74,7 +76,7 @@ class Line(NamedTuple):
     values: list[str]
 
 
-def read_header(file: BinaryIO) -> Header:
+def read_header(file: BinaryIO, faults: Faults) -> Header:
     """The header at the start of a file; ValueError says what is wrong with it."""
     start = file.read(LONGEST_HEADER)
     last = re.search(rb"(?m)^[ \t]*DATA\b[^\n]*\n", start)
@@ -86,7 +88,7 @@ def read_header(file: BinaryIO) -> Header:
     if encoding not in ENCODINGS:
         raise ValueError(f"line {lines['DATA'].number}: the data are {encoding[:30]!r}, not {', '.join(ENCODINGS)}")
     fields = _fields(lines)
-    count, shape = _count(lines)
+    count, shape = _count(lines, faults)
     version = " ".join(lines["VERSION"].values) if "VERSION" in lines else ""
     return Header(version, fields, count, shape, _station(lines), encoding, last.end(), text.count("\n"))
 
@@ -123,15 +125,15 @@ def _fields(lines: dict[str, Line]) -> list[Field]:
     for name, size, kind, count in zip(names, sizes.values, types.values, counts.values, strict=True):
         if name in seen:
             raise ValueError(f"line {lines['FIELDS'].number}: there are two fields {name[:30]!r}")
-        if kind not in KINDS or size not in ("1", "2", "4", "8") or (kind, size) == ("F", "1"):
+        letter = kind.upper()
+        if letter not in KINDS or size not in ("1", "2", "4", "8") or (letter, size) == ("F", "1"):
             raise ValueError(
                 f"line {types.number}: the field {name[:30]!r} has no known type: {(kind + ' ' + size)[:30]!r}"
             )
         many = _whole(count, counts.number)
-        if many == 0:
-            raise ValueError(f"line {counts.number}: the field {name[:30]!r} has no values")
         seen |= {name} - {PADDING}
-        fields.append(Field(name, np.dtype(f"<{KINDS[kind]}{size}"), many))
+        if many > 0:  # a field without values is padding that takes no room (Ouster's)
+            fields.append(Field(name, np.dtype(f"<{KINDS[letter]}{size}"), many))
     return fields
 
 
@@ -145,7 +147,7 @@ def _row_of(lines: dict[str, Line], word: str, default: str, length: int) -> Lin
     return line
 
 
-def _count(lines: dict[str, Line]) -> tuple[int, tuple[int, int]]:
+def _count(lines: dict[str, Line], faults: Faults) -> tuple[int, tuple[int, int]]:
     """How many points there are, and width and height. Old files have no height, some have neither."""
 
     def one(word: str, default: int) -> int:
@@ -162,7 +164,8 @@ def _count(lines: dict[str, Line]) -> tuple[int, tuple[int, int]]:
         raise ValueError("the header has neither a line POINTS nor a line WIDTH")
     if points >= 0 and width * height != points:
         where = f"line {lines['POINTS'].number}"
-        raise ValueError(f"{where}: {points:,} points are announced, WIDTH x HEIGHT are {width:,} x {height:,}")
+        faults.add(f"{where}: {points:,} points are announced, WIDTH x HEIGHT are {width:,} x {height:,}")
+        width, height = points, 1
     if width * height == 0:
         raise ValueError("holds no points: the header announces 0")
     return width * height, (width, height)

@@ -18,12 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....survey import Survey
+from .._counts import most_lines, rows_behind, rows_there, unequal, whole_lines
 from .._named_columns import Columns, Roles, roles_of
-from .._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
+from .._odd_numbers import plain_lines
+from .._packed_colors import PackedColors, find_packed
+from .._source import CHUNK, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._header import PADDING, Field, Header, read_header
 
 CHUNK_BYTES = 1 << 25  # of rows that are read together, if they are long
-PACKED_COLORS = ("rgb", "rgba")
 SPARE = 1 << 13  # zeros that old versions of PCL leave behind the data, at most
 FIRST = re.compile(rb"(\s*#[^\n]*\n)*\s*(VERSION|FIELDS|COLUMNS)[ \t]")
 
@@ -37,13 +39,15 @@ class PcdSource(Source):
     """A PCD file; ValueError says what is wrong with its contents."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        self._path = path
+        self._path, self.faults = path, Faults(request.strict)
         with path.open("rb") as file:
-            self._header = header = read_header(file)
+            header = read_header(file, self.faults)
             file.seek(header.size)
-            _check_size(file, header)
-        self._packed = next((name for name in PACKED_COLORS if _is_packed(header, name)), "")
-        self._roles = _roles(header, self._packed)
+            points, self._announced = _most(file, header, self.faults), header.points
+            self._packed = find_packed((f.name, f.dtype) for f in header.kept if f.width == 1)
+            self._roles = _roles(header, self._packed)
+            points += _behind(file, header, self.faults)
+        self._header = header = header._replace(points=points)
         survey = Survey(stations=() if header.station is None else (header.station,))
         facts: dict[str, Any] = {"version": header.version, "encoding": header.encoding}
         if header.shape[1] > 1:
@@ -53,18 +57,18 @@ class PcdSource(Source):
     def chunks(self) -> Iterator[Chunk]:
         header = self._header
         read = {"ascii": _read_ascii, "binary": _read_binary, "binary_compressed": _read_packed}[header.encoding]
-        done = 0
+        done, colors = 0, PackedColors()
         with self._path.open("rb") as file:
             file.seek(header.size)
-            for columns in read(file, header, self._packed):
+            for columns in read(file, header, self._packed, self.faults):
                 if self._packed:
-                    columns[self._packed] = _unpacked_colors(columns[self._packed])
+                    columns[self._packed] = colors.unpack(columns[self._packed])
                 done += len(next(iter(columns.values())))
                 yield self._roles.chunk(columns, done / header.points)
-
-
-def _is_packed(header: Header, name: str) -> bool:
-    return any(f.name == name and f.width == 1 and f.dtype.itemsize == 4 for f in header.fields)
+        self.note = colors.note
+        if header.encoding == "ascii" and done != self._announced:
+            what = "" if done > self._announced else "is cut off: "
+            self.faults.add(f"{what}{unequal(self._announced, done, 'points')}")
 
 
 def _roles(header: Header, packed: str) -> Roles:
@@ -72,26 +76,55 @@ def _roles(header: Header, packed: str) -> Roles:
     return roles_of({name: (np.dtype("u1"), 3) if name == packed else type for name, type in types.items()})
 
 
-def _check_size(file: BinaryIO, header: Header) -> None:
-    """Check the header's count against the file's size, as a header may state anything."""
-    left = os.fstat(file.fileno()).st_size - header.size
-    row = header.row
+def _most(file: BinaryIO, header: Header, faults: Faults) -> int:
+    """How many points the file may hold, as a header may state anything."""
+    left, points, row = os.fstat(file.fileno()).st_size - header.size, header.points, header.row
+    if row == 0:
+        return points
+    if header.encoding == "binary_compressed":
+        return _packed_points(file, header, faults)
     if header.encoding == "ascii":
         row = 2 * sum(field.width for field in header.fields)  # a digit and a space, but for the file's last
-        left += 1
-    if header.encoding != "binary_compressed" and header.points * row > left:
-        raise ValueError(
-            f"is cut off: {header.points:,} points of {row} bytes or more are announced, {left:,} bytes are there"
-        )
+        return rows_there(points, row, left + 1, "points", faults) if faults.strict else max(most_lines(file), 1)
+    return rows_there(points, row, left, "points", faults)
 
 
-def _check_end(file: BinaryIO, what: str) -> None:
-    """ValueError if there are more data than announced; zeros are none."""
-    at = file.tell()
+def _behind(file: BinaryIO, header: Header, faults: Faults) -> int:
+    """How many points follow the announced ones of a binary file."""
+    at = header.size + header.points * header.row
+    if header.encoding != "binary" or not _check_end(file, at, "its last point", faults):
+        return 0
+    return rows_behind(file, at, os.fstat(file.fileno()).st_size, header.row)
+
+
+def _packed_points(file: BinaryIO, header: Header, faults: Faults) -> int:
+    """How many points the packed data hold, as their size says."""
+    sizes = np.fromfile(file, "<u4", 2)
+    size = int(sizes[-1]) if len(sizes) == 2 else 0
+    if size in (header.points * header.row, header.points * sum(field.size for field in header.kept)):
+        return header.points
+    message = (
+        f"is damaged at byte {header.size + 4:,}: {size:,} unpacked bytes are announced, "
+        f"{header.points:,} points of {header.row} bytes need {header.points * header.row:,}"
+    )
+    if len(sizes) < 2:
+        message = f"is cut off at byte {header.size:,}, in the sizes of the packed data"
+    if size == 0 or size % header.row:
+        raise ValueError(message)
+    faults.add(f"{message}: {size // header.row:,} points are there")
+    return size // header.row
+
+
+def _check_end(file: BinaryIO, at: int, what: str, faults: Faults) -> bool:
+    """Whether there are more data than announced, which is a fault; zeros do not count."""
     left = os.fstat(file.fileno()).st_size - at
-    rest = file.read(SPARE)
-    if left > SPARE or rest.strip(b"\0\r\n"):
-        raise ValueError(f"goes on for {left:,} bytes at byte {at:,}, where {what} should end: its count is wrong")
+    if left <= 0:
+        return False
+    file.seek(at)
+    more = left > SPARE or file.read(SPARE).strip(b"\0\r\n") != b""
+    if more:
+        faults.add(f"goes on for {left:,} bytes at byte {at:,}, where {what} should end: its count is wrong")
+    return more
 
 
 def _steps(header: Header) -> Iterator[int]:
@@ -116,7 +149,7 @@ def _kept(rows: NDArray[Any], header: Header) -> Columns:
     return {field.name: rows[field.name] for field in header.kept}
 
 
-def _read_binary(file: BinaryIO, header: Header, packed: str) -> Iterator[Columns]:
+def _read_binary(file: BinaryIO, header: Header, packed: str, faults: Faults) -> Iterator[Columns]:
     dtype, done = _layout(header.fields), 0
     for count in _steps(header):
         rows = np.fromfile(file, dtype, count)
@@ -124,28 +157,20 @@ def _read_binary(file: BinaryIO, header: Header, packed: str) -> Iterator[Column
         if len(rows) < count:
             raise ValueError(f"is cut off at point {done:,} of {header.points:,}")
         yield _kept(rows, header)
-    _check_end(file, "its last point")
 
 
-def _read_packed(file: BinaryIO, header: Header, packed: str) -> Iterator[Columns]:
+def _read_packed(file: BinaryIO, header: Header, packed: str, faults: Faults) -> Iterator[Columns]:
     """Columns lie one after the other in the unpacked data."""
     from ._lzf import unpack
 
     left = os.fstat(file.fileno()).st_size - header.size - 8
-    if left < 0:
-        raise ValueError(f"is cut off at byte {header.size:,}, in the sizes of the packed data")
     stored, size = (int(number) for number in np.fromfile(file, "<u4", 2))
     if stored > left:
         raise ValueError(f"is cut off: {stored:,} bytes of packed data are announced, {left:,} bytes are there")
     # PCL leaves padding out, though the header may list it.
     fields = header.fields if size == header.points * header.row else header.kept
-    if size != header.points * sum(field.size for field in fields):
-        raise ValueError(
-            f"is damaged at byte {header.size + 4:,}: {size:,} unpacked bytes are announced, "
-            f"{header.points:,} points of {header.row} bytes need {header.points * header.row:,}"
-        )
     data = unpack(np.fromfile(file, np.uint8, stored), size, header.size + 8)
-    _check_end(file, "its packed data")
+    _check_end(file, header.size + 8 + stored, "its packed data", faults)
     columns: Columns = {}
     start = 0
     for field in fields:
@@ -163,34 +188,34 @@ def _read_packed(file: BinaryIO, header: Header, packed: str) -> Iterator[Column
 # ------------------------------------------------------------------------------------------------------- ascii
 
 
-def _read_ascii(file: BinaryIO, header: Header, packed: str) -> Iterator[Columns]:
+def _read_ascii(file: BinaryIO, header: Header, packed: str, faults: Faults) -> Iterator[Columns]:
     dtype = _layout(header.fields, packed)  # a packed colour may be written as a whole number: float32 would round it
-    lines = Lines(io.TextIOWrapper(file, "latin-1", newline="\n"), header.lines)
+    text = io.TextIOWrapper(file, "latin-1", newline="\n")
+    lines = Lines(whole_lines(text, sum(field.width for field in header.fields), faults), header.lines)
     try:
-        done = 0
         for count in _steps(header):
             rows = _read_lines(lines, dtype, count)
-            done += len(rows)
+            if len(rows):
+                yield _kept(rows, header)
             if len(rows) < count:
-                raise ValueError(f"is cut off: {header.points:,} points are announced, {done:,} are there")
-            yield _kept(rows, header)
+                break
         if any(line.strip() for line in lines):
             raise ValueError(f"line {lines.number:,}: there are more points than the {header.points:,} announced")
     finally:
-        lines.stream.detach()
+        text.detach()
 
 
 class Lines:
     """The lines of a text, counted. number : that of the line that was read last"""
 
-    def __init__(self, stream: io.TextIOWrapper, number: int) -> None:
-        self.stream, self.number = stream, number
+    def __init__(self, lines: Iterator[str], number: int) -> None:
+        self._lines, self.number = lines, number
 
     def __iter__(self) -> Iterator[str]:
         return self
 
     def __next__(self) -> str:
-        line = next(self.stream)
+        line = next(self._lines)
         self.number += 1
         return line
 
@@ -200,25 +225,10 @@ def _read_lines(lines: Lines, dtype: np.dtype[Any], count: int) -> NDArray[Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # loadtxt warns of no rows, and of floats that it takes for whole numbers
         try:
-            return np.loadtxt(lines, dtype, comments=None, max_rows=count, ndmin=1)
+            return np.loadtxt(plain_lines(lines), dtype, comments=None, max_rows=count, ndmin=1)
         except (ValueError, DeprecationWarning, OverflowError) as error:
             what = re.sub(r";? (at row|use `usecols`).*", "", str(error))
             raise ValueError(f"line {lines.number:,}: {what}") from error
-
-
-def _unpacked_colors(packed: NDArray[Any]) -> NDArray[np.uint8]:
-    """(m, 3) uint8 of packed colours: bits 0xAARRGGBB, as a whole number or as the bits of a float32.
-
-    Some programs write the whole number as a float: as bits these would be colours with alphas of 63 to 79.
-    """
-    if packed.dtype.kind == "f":
-        numbers = (packed >= 1) & (packed < 2**32)
-        with np.errstate(over="ignore"):
-            bits = packed.astype(np.float32).view(np.uint32)
-        bits[numbers] = packed[numbers].astype(np.uint32)
-    else:
-        bits = packed.astype(np.uint32)
-    return np.stack([(bits >> shift) & 255 for shift in (16, 8, 0)], axis=1).astype(np.uint8)
 
 
 FORMAT = Format(

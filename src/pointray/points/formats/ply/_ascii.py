@@ -5,13 +5,16 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
-from .._source import CHUNK
+from .._counts import missing, unequal, whole_lines
+from .._odd_numbers import plain_lines
+from .._source import CHUNK, Faults
 from ._header import Header, check_size, has_lists
 
 Columns = dict[str, NDArray[Any]]
@@ -21,43 +24,64 @@ SPACE, END, LETTER = range(3)  # what a byte of ascii is; a line's end is CR or 
 LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for c in map(chr, range(256))], np.uint8)
 
 
-def read_ascii(file: BinaryIO, header: Header, index: int) -> Iterator[Columns]:
+def read_ascii(file: BinaryIO, header: Header, index: int, most: int, faults: Faults) -> Iterator[Columns]:
+    """The columns of the vertices, some rows at a time. most : rows that may be there"""
     for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
         if element.properties and count:
-            _skip_lines(file, element, count)
+            skip_lines(file, element, count)
     vertex, count = header.elements[index], header.counts[index]
     names = [p.name for p in vertex.properties]
-    check_size(file, vertex, count, 2 * len(names) - 1)  # a digit and a space, but for the file's last
-    lines = io.TextIOWrapper(file, "latin-1")
+    if faults.strict:
+        check_size(file, vertex, count, 2 * len(names) - 1)  # a digit and a space, but for the file's last
+    text = io.TextIOWrapper(file, "latin-1")
     try:
+        lines = plain_lines(text)
         if has_lists(vertex):
-            yield _numbers_beside_lists(lines, vertex, count)
-            return
-        yield from _rows_of_text(iter(lines), names, count)
+            yield _numbers_beside_lists(lines, vertex, count, min(most, count), faults)
+        else:
+            yield from _rows_of_text(whole_lines(lines, len(names), faults), names, count, most, faults)
     finally:
-        lines.detach()
+        text.detach()
 
 
-def _rows_of_text(lines: Iterator[str], names: list[str], count: int) -> Iterator[Columns]:
-    """The numbers of all vertices, some at a time: lines behind them are not read."""
-    done = 0
-    while done < count:
+def _rows_of_text(lines: Iterator[str], names: list[str], count: int, most: int, faults: Faults) -> Iterator[Columns]:
+    """The numbers of all vertices, some at a time; of more than are announced too, if nothing else follows."""
+    done, wanted, found = 0, 0, 0
+    while done < most and found == wanted:
+        wanted = min(CHUNK, (count if done < count else most) - done)
         try:
-            rows = np.loadtxt(lines, np.float64, comments=None, max_rows=min(CHUNK, count - done), ndmin=2)
-        except ValueError as error:
-            what = str(error).split("; use")[0]  # without advice about loadtxt
-            at = re.search(r" at row (\d+)", what)
-            if at is not None:
-                what = f"{what[: at.start()]} near vertex {done + int(at[1]):,}{what[at.end() :]}"
-            raise ValueError(what) from error
-        done += len(rows)
-        if rows.shape[1] != len(names) or (done < count and len(rows) < CHUNK):
-            shape = f"{done:,} of {rows.shape[1]}"
-            raise ValueError(f"{count:,} lines of {len(names)} numbers are announced, {shape} are there")
-        yield dict(zip(names, rows.T, strict=True))
+            rows = _loaded(lines, wanted, done, len(names), count)
+        except ValueError:
+            if done < count:
+                raise
+            faults.add(f"{count:,} vertices are announced, other lines follow them")
+            return
+        found = len(rows)
+        done += found
+        if found:
+            yield dict(zip(names, rows.T, strict=True))
+    if done != count:
+        message = f"{count:,} lines of {len(names)} numbers are announced, {done:,} of {len(names)} are there"
+        faults.add(message if done > count else f"{message}: {missing(count, done)}")
 
 
-def _skip_lines(file: BinaryIO, element: Any, count: int) -> None:
+def _loaded(lines: Iterator[str], wanted: int, done: int, width: int, count: int) -> NDArray[np.float64]:
+    """The numbers of the next lines; ValueError says where they are wrong."""
+    try:
+        rows = np.loadtxt(lines, np.float64, comments=None, max_rows=wanted, ndmin=2)
+    except ValueError as error:
+        what = str(error).split("; use")[0]  # without advice about loadtxt
+        at = re.search(r" at row (\d+)", what)
+        if at is not None:
+            what = f"{what[: at.start()]} near vertex {done + int(at[1]):,}{what[at.end() :]}"
+        raise ValueError(what) from error
+    if len(rows) and rows.shape[1] != width:
+        shape = f"{done + len(rows):,} of {rows.shape[1]}"
+        raise ValueError(f"{count:,} lines of {width} numbers are announced, {shape} are there")
+    return rows
+
+
+def skip_lines(file: BinaryIO, element: Any, count: int) -> None:
     """Skip `count` lines that are not blank, whatever ends them, to the start of the next such line."""
     within = False  # whether the current byte is in such a line
     while block := file.read(TEXT_BYTES):
@@ -73,27 +97,35 @@ def _skip_lines(file: BinaryIO, element: Any, count: int) -> None:
     raise ValueError(f"is cut off in the element {element.name!r}, or behind it")
 
 
-def _numbers_beside_lists(lines: Iterable[str], vertex: Any, count: int) -> Columns:
-    """Vertices with lists, which are dropped."""
+def _numbers_beside_lists(lines: Iterable[str], vertex: Any, count: int, most: int, faults: Faults) -> Columns:
+    """Vertices with lists, which are dropped. most : rows that may be there"""
     scalars = [p.name for p in vertex.properties if not isinstance(p, PlyListProperty)]
-    rows = np.empty((count, len(scalars)))
-    row = -1
-    for row, fields in zip(range(count), filter(None, map(str.split, lines)), strict=False):  # noqa: B007
-        at, numbers = 0, []
-        for p in vertex.properties:
-            if at >= len(fields):
-                break
-            if isinstance(p, PlyListProperty):
-                at += _length_of(fields[at])
-            else:
-                numbers.append(fields[at])
-            at += 1
-        if at != len(fields) or len(numbers) < len(scalars):
-            raise ValueError(f"is damaged: vertex {row:,} has not the values and lists that the header announces")
-        rows[row] = numbers
-    if row + 1 < count:
-        raise ValueError(f"is cut off: {count:,} vertices are announced, {row + 1:,} are there")
-    return dict(zip(scalars, rows.T, strict=True))
+    rows, done, filled = np.empty((most, len(scalars))), 0, filter(str.strip, lines)
+    for line in islice(filled, most):
+        numbers = _beside_lists(line.split(), vertex)
+        if numbers is None or len(numbers) < len(scalars):
+            if faults.strict or next(filled, None) is not None:
+                raise ValueError(f"is damaged: vertex {done:,} has not the values and lists that the header announces")
+            break
+        rows[done] = numbers
+        done += 1
+    if done < count:
+        faults.add(f"is cut off: {unequal(count, done, 'vertices')}")
+    return dict(zip(scalars, rows[:done].T, strict=True))
+
+
+def _beside_lists(fields: list[str], vertex: Any) -> list[str] | None:
+    """The fields of a line that are in no list, or too few; None if lists or further fields are wrong."""
+    at, numbers = 0, []
+    for p in vertex.properties:
+        if at >= len(fields):
+            break
+        if isinstance(p, PlyListProperty):
+            at += _length_of(fields[at])
+        else:
+            numbers.append(fields[at])
+        at += 1
+    return numbers if at == len(fields) else None
 
 
 def _length_of(text: str) -> int:

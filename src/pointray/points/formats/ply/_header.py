@@ -10,7 +10,12 @@ import re
 from collections.abc import Sequence
 from typing import Any, BinaryIO, NamedTuple
 
+import numpy as np
 from plyfile import PlyData, PlyListProperty, PlyParseError
+
+from .._counts import missing
+from .._source import Faults
+from ._names import VERTICES
 
 LONGEST_HEADER = 1 << 20
 
@@ -67,12 +72,25 @@ def bytes_left(file: BinaryIO) -> int:
     return end - here
 
 
-def check_size(file: BinaryIO, element: Any, count: int, row: int) -> None:
-    """Check the header's counts against the file's size, as a header may state anything."""
+def check_size(file: BinaryIO, element: Any, count: int, row: int, faults: Faults | None = None) -> int:
+    """Return how many of the announced rows can be there, as a header may state anything.
+
+    Missing rows are a fault; ValueError without `faults`, or if not one is there.
+    """
     left = bytes_left(file)
-    if count * row > left:
-        rows = "vertices" if element.name == "vertex" else f"rows of the element {element.name!r}"
-        raise ValueError(f"is cut off: {count:,} {rows} of {row} bytes or more are announced, {left:,} bytes are there")
+    if count * row <= left:
+        return count
+    rows = "vertices" if element.name.lower() in VERTICES else f"rows of the element {element.name!r}"
+    message = f"is cut off: {count:,} {rows} of {row} bytes or more are announced, {left:,} bytes are there"
+    if faults is None or left < row:
+        raise ValueError(message)
+    faults.add(f"{message}: {missing(count, left // row)}")
+    return left // row
+
+
+def least_size(p: Any) -> int:
+    """Return the bytes that a property takes at least: those of a value, or of an empty list."""
+    return int(np.dtype(p.list_dtype()[0] if isinstance(p, PlyListProperty) else p.dtype()).itemsize)
 
 
 def has_lists(element: Any) -> bool:

@@ -91,8 +91,14 @@ def _table(properties: Sequence[Any]) -> NDArray[np.int64]:
 
 
 def walk_rows(
-    data: NDArray[np.uint8], start: int, count: int, element: Any, order: str, offsets: NDArray[np.int64]
-) -> int:
+    data: NDArray[np.uint8],
+    start: int,
+    count: int,
+    element: Any,
+    order: str,
+    offsets: NDArray[np.int64],
+    partial: bool = False,
+) -> tuple[int, int]:
     """Walk the rows of an element.
 
     Parameters
@@ -105,23 +111,27 @@ def walk_rows(
     order : {"<", ">"}
     offsets : (count, scalars) or (0, scalars) int64
         Filled with where each value that is no list begins.
+    partial : bool
+        Whether the file may end before the rows do.
 
     Returns
     -------
-    int
-        Where the last row ends.
+    end : int
+        Where the last row ends, if all are there.
+    rows : int
+        The rows that are there.
 
     Raises
     ------
     ValueError
-        If a list's length is no whole number from 0, or the file ends before the rows do.
+        If a list's length is no whole number from 0, or the file ends before the rows do without `partial`.
     """
     end, row = _walk(data, start, count, order == ">", _table(element.properties), offsets)
     if end == NO_LENGTH:
         raise ValueError(f"is damaged: element {element.name!r}, row {row:,}: the length of a list is no whole number")
-    if end == CUT_OFF:
+    if end == CUT_OFF and not partial:
         raise ValueError(f"is cut off in the element {element.name!r}, row {row:,} of {count:,}")
-    return int(end)
+    return int(end), int(row)
 
 
 def scalars_at(data: NDArray[np.uint8], offsets: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -12,6 +12,7 @@ from plyfile import PlyData, PlyElement
 
 from ....data import Points
 from ....progress import Progress, tell
+from ...geographic import in_file
 from .._source import CHUNK
 from ._names import COLORS, NORMALS
 
@@ -31,7 +32,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
         flat = _fitting(values, name, words).reshape(len(points), -1)
         _add(columns, [name] if values.ndim == 1 else [f"{name}_{i}" for i in range(flat.shape[1])], flat)
     dtype = np.dtype([(name, column.dtype) for name, column in columns.items()])
-    moved = bool(points.origin.any())
+    moved = bool(points.origin.any()) or points.survey.projection is not None
     if moved:
         dtype = np.dtype([(n, np.float64 if n in ("x", "y", "z") else dtype[n]) for n in columns])
     comments = [f"crs {' '.join(points.crs.split())}"] if points.crs else []
@@ -43,8 +44,9 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
     for start in range(0, len(points), CHUNK):
         part = slice(start, start + CHUNK)
         rows = np.empty(len(points.positions[part]), dtype.newbyteorder("<"))
+        world = in_file(points.survey, points.positions[part] + points.origin) if moved else points.positions[part]
         for k, (name, column) in enumerate(columns.items()):
-            rows[name] = column[part] + points.origin[k] if moved and k < 3 else column[part]
+            rows[name] = world[:, k] if k < 3 else column[part]
         file.write(rows.data)
         tell(progress, min(part.stop / len(points), 1.0))
     return words

@@ -6,7 +6,6 @@ plyfile reads no rows, for two reasons: it reads faces and ascii row by row in P
 
 from __future__ import annotations
 
-import io
 import re
 import warnings
 from collections.abc import Iterator, Sequence
@@ -19,15 +18,17 @@ from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
 from ....survey import Survey
-from .._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
+from .._counts import most_lines, rows_behind
+from .._packed_colors import PackedColors, find_packed
+from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._ascii import read_ascii
-from ._header import Header, check_size, has_lists, read_header
-from ._names import COLORS, NORMALS
+from ._binary import read_binary
+from ._faces import read_triangles
+from ._header import Header, bytes_left, check_size, has_lists, least_size, read_header
+from ._names import COLORS, NORMALS, POSITIONS, VERTICES, find
 from ._write import write
 
-ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 SHORT = 64  # bytes of a row of which columns may be views, which keep it
-CHUNK_BYTES = 1 << 25  # bytes of a chunk's rows at most: a splat has 248
 
 Columns = dict[str, NDArray[Any]]
 
@@ -41,22 +42,20 @@ class PlySource(Source):
     """The vertices of a PLY file; ValueError says what is wrong with its contents."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        self._path = path
+        self._path, self.faults = path, Faults(request.strict)
         with path.open("rb") as file:
-            self._header = header = read_header(file)
-            found = [i for i, element in enumerate(header.elements) if element.name == "vertex"]
+            self.header = header = read_header(file)
+            kinds = [element.name.lower() for element in header.elements]
+            found = [kinds.index(name) for name in VERTICES if name in kinds]
             if not found:
                 names = ", ".join(element.name for element in header.elements)
                 raise ValueError(f"has no element 'vertex', only: {names or 'nothing'}")
             self._index = found[0]
             self._vertex, count = header.elements[self._index], header.counts[self._index]
             _check_vertex(self._vertex, count)
-            least = sum(_least_size(p) for p in self._vertex.properties)
-            if header.format == "ascii":
-                least = 2 * len(self._vertex.properties) - 1  # a digit and a space, but for the file's last
-            file.seek(header.size)
-            check_size(file, self._vertex, count, least)
+            self._most = count = _most(file, header, self._index, self.faults)
         self._scalars = [p for p in self._vertex.properties if not isinstance(p, PlyListProperty)]
+        self._packed = PackedColors()
         self._types = {p.name: np.dtype(p.dtype()) for p in self._scalars}
         row = 36 + sum(np.dtype(p.dtype()).itemsize for p in self._scalars)
         crs = next((text[4:].strip() for text in header.comments if text.startswith("crs ")), None)
@@ -64,100 +63,79 @@ class PlySource(Source):
             "encoding": header.format,
             "comments": [text for text in header.comments if not text.startswith("crs ")],
         }
+        self.has_texture = any(text.startswith("TextureFile") for text in header.comments)
         self.listing = Listing(count, row, survey=Survey(crs or None), facts=facts)
 
     def chunks(self) -> Iterator[Chunk]:
         for columns, share in self._columns():
             yield self._to_chunk(columns, share)
+            self.note = self._packed.note or self.note
 
     def _to_chunk(self, columns: Columns, share: float) -> Chunk:
-        return _to_chunk(columns, self._types, share)
+        return _to_chunk(columns, self._types, self._packed, share)
 
     def _columns(self) -> Iterator[tuple[Columns, float]]:
         """The columns of some vertices after those of others, and the share that has been read."""
-        header = self._header
-        rows = read_ascii if header.format == "ascii" else _read_binary
-        done, count = 0, header.counts[self._index]
+        header = self.header
+        rows = read_ascii if header.format == "ascii" else read_binary
+        done = 0
         with self._path.open("rb") as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")  # loadtxt warns of no rows and of empty lists
             file.seek(header.size)
-            for columns in rows(file, header, self._index):
-                done += len(columns["x"])
-                yield columns, done / count
+            for columns in rows(file, header, self._index, self._most, self.faults):
+                done += len(next(iter(columns.values())))
+                yield columns, done / self._most
+
+
+def _most(file: BinaryIO, header: Header, index: int, faults: Faults) -> int:
+    """How many vertices the file may hold: those that are announced, if its size allows it, and those behind."""
+    vertex, count = header.elements[index], header.counts[index]
+    is_text, is_last = header.format == "ascii", index == len(header.elements) - 1
+    row = 2 * len(vertex.properties) - 1 if is_text else sum(map(least_size, vertex.properties))  # the least
+    file.seek(header.size)
+    if faults.strict:
+        check_size(file, vertex, count, row)
+    if is_text:
+        most = most_lines(file) - sum(header.counts[:index])
+        return max(most if is_last else min(most, count), 1)
+    there = bytes_left(file) // row
+    if count <= there and index == 0 and is_last and not has_lists(vertex):
+        return count + _behind(file, header, count, row, faults)
+    return max(min(count, there), 1)
+
+
+def _behind(file: BinaryIO, header: Header, count: int, row: int, faults: Faults) -> int:
+    """The vertices that follow the announced ones of a binary file."""
+    extra = bytes_left(file) - count * row
+    if extra < row:
+        return 0
+    start = header.size + count * row
+    rows = rows_behind(file, start, start + extra, row)
+    what = f"{rows:,} more" if rows else "which are not read"
+    faults.add(f"{count:,} vertices are announced, {extra:,} bytes follow them, {what}")
+    return rows
 
 
 def _check_vertex(vertex: Any, count: int) -> None:
     names = [p.name for p in vertex.properties if not isinstance(p, PlyListProperty)]
-    if not {"x", "y", "z"} <= set(names):
+    if not find(POSITIONS, names):
         raise ValueError(f"its vertices have no properties x, y, z, only: {', '.join(names) or 'none'}")
     if count == 0:
         raise ValueError("holds no points: the header announces 0 vertices")
 
 
-# ------------------------------------------------------------------------------------------------------ binary
-
-
-def _read_binary(file: BinaryIO, header: Header, index: int) -> Iterator[Columns]:
-    order = ORDERS[header.format]
-    for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
-        _skip(file, element, count, order)
-    vertex, count = header.elements[index], header.counts[index]
-    if has_lists(vertex):
-        yield _read_beside_lists(file, vertex, count, order)
-        return
-    dtype = np.dtype([(p.name, p.dtype(order)) for p in vertex.properties])
-    check_size(file, vertex, count, dtype.itemsize)
-    step = max(min(CHUNK, CHUNK_BYTES // dtype.itemsize), 1)
-    for start in range(0, count, step):
-        rows = np.fromfile(file, dtype, min(step, count - start))
-        if len(rows) < min(step, count - start):
-            raise ValueError(f"is cut off at vertex {start + len(rows):,} of {count:,}")
-        yield {name: rows[name] for name in dtype.names or ()}
-
-
-def _skip(file: BinaryIO, element: Any, count: int, order: str) -> None:
-    """Skip an element that comes before the vertices."""
-    row = sum(_least_size(p) for p in element.properties)
-    check_size(file, element, count, row)
-    if not has_lists(element):
-        file.seek(count * row, io.SEEK_CUR)
-    elif count:
-        from ._lists import walk_rows
-
-        file.seek(walk_rows(*_bytes_from(file), count, element, order, np.empty((0, 0), np.int64)))
-
-
-def _read_beside_lists(file: BinaryIO, vertex: Any, count: int, order: str) -> Columns:
-    """Vertices with lists, which are dropped."""
-    from ._lists import scalars_at, walk_rows
-
-    check_size(file, vertex, count, sum(_least_size(p) for p in vertex.properties))
-    scalars = [p for p in vertex.properties if not isinstance(p, PlyListProperty)]
-    (data, start), offsets = _bytes_from(file), np.empty((count, len(scalars)), np.int64)
-    walk_rows(data, start, count, vertex, order, offsets)
-    return {p.name: scalars_at(data, offsets[:, k], np.dtype(p.dtype(order))) for k, p in enumerate(scalars)}
-
-
-def _bytes_from(file: BinaryIO) -> tuple[NDArray[np.uint8], int]:
-    """The whole file, memory-mapped, and the current position in it."""
-    here = file.tell()
-    return np.asarray(np.memmap(file, np.uint8, "r")), here
-
-
-def _least_size(p: Any) -> int:
-    return int(np.dtype(p.list_dtype()[0] if isinstance(p, PlyListProperty) else p.dtype()).itemsize)
-
-
 # ------------------------------------------------------------------------------------------------ to Points and back
 
 
-def _to_chunk(columns: Columns, types: dict[str, np.dtype[Any]], share: float) -> Chunk:
-    positions = _stack([columns.pop(name) for name in "xyz"])
-    normals = next((names for names in NORMALS if columns.keys() >= set(names)), ())
-    colors = next((names for names in COLORS if columns.keys() >= set(names)), ())
+def _to_chunk(columns: Columns, types: dict[str, np.dtype[Any]], packed: PackedColors, share: float) -> Chunk:
+    positions = _stack([columns.pop(name) for name in find(POSITIONS, columns)])
+    normals, colors = find(NORMALS, columns), find(COLORS, columns)
     stacked = [
         _stack([_typed(columns.pop(n), types[n]) for n in names]) if names else None for names in (normals, colors)
     ]
+    if not colors and (name := find_packed((name, types[name]) for name in columns)):
+        column = columns.pop(name)
+        stacked[1] = packed.unpack(column if types[name].kind == "f" else _typed(column, types[name]))
     attributes = {name: np.array(_typed(column, types[name])) for name, column in columns.items()}
     return Chunk(positions, stacked[0], stacked[1], attributes, share)
 
@@ -188,12 +166,27 @@ def _stack(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _open(path: Path, request: Request) -> Source:
-    """The vertices, or points on the triangles if these are asked for."""
-    if request.sample is None:
+    """The vertices, or points on the triangles."""
+    if request.sample == 0:
         return PlySource(path, request)
-    from ..mesh.mesh import on_triangles
+    from ..mesh.mesh import has_few_vertices, has_trimesh, ply_source
 
-    return on_triangles(path, request)
+    source: Source | None = ply_source(path, request, _surface)
+    if source is None:
+        source = PlySource(path, request)
+        if not has_trimesh() and has_few_vertices(path):
+            source.note = "its triangles are not looked at, which needs trimesh: pip install 'pointray[mesh]'"
+    return source
+
+
+def _surface(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
+    """Return vertices and triangles; None if the file has a texture, or faces that `read_triangles` leaves out."""
+    source = PlySource(path, Request(strict=True))
+    triangles = None if source.has_texture else read_triangles(path, source.header)
+    if triangles is None:
+        return None
+    positions = np.concatenate([chunk.positions for chunk in source.chunks()]).astype(np.float64)
+    return (positions, triangles) if 0 <= triangles.min() and triangles.max() < len(positions) else None
 
 
 FORMAT = Format(
@@ -202,9 +195,9 @@ FORMAT = Format(
     recognise,
     _open,
     {
-        "positions": "x, y, z of the vertices",
+        "positions": "x, y, z of the vertices, or of an element point; all names in capitals or not",
         "normals": "nx, ny, nz or normal_x, normal_y, normal_z",
-        "colors": "red, green, blue, or r, g, b, or diffuse_red, diffuse_green, diffuse_blue",
+        "colors": "red, green, blue, or r, g, b, these with diffuse_ or scalar_; rgb or rgba, packed in a number",
         "attributes": "all other properties but lists, with their types",
         "survey": "the coordinate system, as a comment that begins with crs",
     },

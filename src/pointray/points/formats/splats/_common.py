@@ -5,13 +5,13 @@ A trained scene holds many splats that are hardly seen: haze, and what makes edg
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ....notes import warn
 from .._source import Chunk, Listing
 
 ROWS = 1 << 17  # splats that are unpacked together: a multiple of 256; more take more memory and no less time
@@ -89,9 +89,7 @@ def opaque_chunks(
             "a lower threshold keeps more"
         )
     if kept < seen:
-        warnings.warn(
-            f"{seen - kept:,} of {seen:,} splats are left out, as their opacity is below {opacity:g}", stacklevel=2
-        )
+        warn(f"{seen - kept:,} of {seen:,} splats are left out, as their opacity is below {opacity:g}", stacklevel=2)
 
 
 @np.errstate(over="ignore", invalid="ignore")

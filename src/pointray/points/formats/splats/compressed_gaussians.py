@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
-from .._source import NO, SURE, Chunk, Format, Request, Source
+from .._counts import missing
+from .._source import NO, SURE, Chunk, Faults, Format, Request, Source
+from ..ply._binary import ORDERS
 from ..ply._header import Header, read_header
-from ..ply.ply import ORDERS
 from ._common import KEEPS, ROWS, Splats, listing_of, opaque_chunks, smallest_three
 
 IN_BOX = 256  # splats
@@ -51,13 +52,13 @@ class CompressedSource(Source):
     """The splats of a file; ValueError says what is wrong with its contents."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        self._path, self._opacity = path, request.opacity
+        self._path, self._opacity, self.faults = path, request.opacity, Faults(request.strict)
         with path.open("rb") as file:
             header = read_header(file)
             tables = _tables(header)
-            self._vertices = _checked(tables, "vertex", WORDS)
+            vertices = _checked(tables, "vertex", WORDS)
             boxes = _checked(tables, "chunk", PLACE + SCALE)
-            _check_counts(self._vertices, boxes, file.seek(0, io.SEEK_END))
+            self._vertices = _fitted(vertices, boxes, file.seek(0, io.SEEK_END), self.faults)
             file.seek(boxes.start)
             self._boxes = np.fromfile(file, boxes.dtype, boxes.rows)
         self._facts = {"encoding": header.format, "comments": list(header.comments), "splats": self._vertices.rows}
@@ -108,8 +109,8 @@ def _checked(tables: dict[str, Table], name: str, needed: tuple[str, ...]) -> Ta
     return tables[name]
 
 
-def _check_counts(vertices: Table, boxes: Table, size: int) -> None:
-    """Check the header's counts against each other and against the file's size in bytes."""
+def _fitted(vertices: Table, boxes: Table, size: int, faults: Faults) -> Table:
+    """The vertices that are there; ValueError if the header's counts contradict each other or the file's size."""
     if vertices.rows == 0:
         raise ValueError("holds no points: the header announces 0 vertices")
     if boxes.rows != -(-vertices.rows // IN_BOX):
@@ -118,8 +119,14 @@ def _check_counts(vertices: Table, boxes: Table, size: int) -> None:
             f"the header announces {boxes.rows:,}"
         )
     end = max(table.start + table.rows * table.dtype.itemsize for table in (vertices, boxes))
-    if end > size:
-        raise ValueError(f"is cut off: {vertices.rows:,} splats reach to byte {end:,}, {size:,} bytes are there")
+    if end <= size:
+        return vertices
+    message = f"is cut off: {vertices.rows:,} splats reach to byte {end:,}, {size:,} bytes are there"
+    rows = (size - vertices.start) // vertices.dtype.itemsize
+    if rows <= 0 or boxes.start > vertices.start:
+        raise ValueError(message)
+    faults.add(f"{message}: {missing(vertices.rows, rows)}")
+    return vertices._replace(rows=rows)
 
 
 # ------------------------------------------------------------------------------------------------------ unpacking

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from .._source import MAYBE, NO, Chunk, Format, Request, Source
+from .._source import MAYBE, NO, Chunk, Faults, Format, Request, Source
 from ._common import KEEPS, ROWS, Floats, Splats, listing_of, opaque_chunks
 
 ROW = np.dtype([("place", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("turn", "u1", 4)])
@@ -48,10 +48,13 @@ class SplatSource(Source):
             raise ValueError(
                 ".ksplat files cannot be read: convert it to .ply, .spz or .splat, with SuperSplat for instance"
             )
-        self._path, self._opacity = path, request.opacity
+        self._path, self._opacity, self.faults = path, request.opacity, Faults(request.strict)
         size = path.stat().st_size
         if size % ROW.itemsize:
-            raise ValueError(f"is cut off or no splats: its {size:,} bytes are no multiple of {ROW.itemsize}")
+            message = f"is cut off or no splats: its {size:,} bytes are no multiple of {ROW.itemsize}"
+            if size < ROW.itemsize:
+                raise ValueError(message)
+            self.faults.add(message)
         self._count = size // ROW.itemsize
         self._facts = {"splats": self._count}
         self.listing = listing_of(self._count, self._opacity, self._facts)

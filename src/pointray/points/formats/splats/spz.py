@@ -11,6 +11,7 @@ import io
 import struct
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....extras import require
+from ....survey import Survey
 from .._source import NO, SURE, Chunk, Format, Request, Source
 from ._common import HARMONIC, KEEPS, ROWS, Splats, listing_of, opaque_chunks, smallest_three
 
@@ -73,7 +75,8 @@ class SpzSource(Source):
             "harmonics": header.degree,
             "antialiased": bool(header.flags & ANTIALIASED),
         }
-        self.listing = listing_of(header.splats, self._opacity, self._facts)
+        listing = listing_of(header.splats, self._opacity, self._facts)
+        self.listing = replace(listing, survey=Survey(format="SPZ"))
 
     def chunks(self) -> Iterator[Chunk]:
         return opaque_chunks(self._splats(), self._opacity, self._facts)

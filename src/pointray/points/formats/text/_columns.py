@@ -1,7 +1,8 @@
-"""What the columns of a text file are: by name, or judged from their numbers."""
+"""What the columns of a text file are, by their names."""
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -10,11 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._source import Chunk
+from .._unnamed_columns import COLORS, NORMALS, POSITIONS
 from ._numbers import FLOAT, INT, SCAN, SKIP, Block, smallest
 
 LONGEST = 200  # letters of a name
 NONE = "-"  # the name of a column that is left out
-POSITIONS, NORMALS, COLORS = ("x", "y", "z"), ("nx", "ny", "nz"), ("r", "g", "b")
+LONGITUDES, LATITUDES = ("longitude", "lon", "long", "lng"), ("latitude", "lat")
+HEIGHTS = ("altitude", "alt", "elevation", "ellipsoidal_height", "height", "h", "z")
 OTHER_POSITIONS = (
     ("easting", "northing", "height"),
     ("easting", "northing", "elevation"),
@@ -27,29 +30,17 @@ OTHER_POSITIONS = (
     ("e", "n", "z"),
     ("e", "n", "u"),
     ("rechtswert", "hochwert", "hoehe"),
+    *itertools.product(LONGITUDES, LATITUDES, HEIGHTS),
 )
 ALIASES = {
     **{f"{word}{axis}": axis for axis in "xyz" for word in ("coord_", "point_", "pos_", "position_")},
     **{f"{axis}{word}": axis for axis in "xyz" for word in ("_coord", "_coordinate", "coord", "coordinate")},
     **{f"{word}{axis}": f"n{axis}" for axis in "xyz" for word in ("normal_", "normal", "n_")},
-    **dict.fromkeys(("red", "diffuse_red", "rgb_r", "color_r", "colour_r"), "r"),
-    **dict.fromkeys(("green", "diffuse_green", "rgb_g", "color_g", "colour_g"), "g"),
-    **dict.fromkeys(("blue", "diffuse_blue", "rgb_b", "color_b", "colour_b"), "b"),
+    **dict.fromkeys(("red", "diffuse_red", "rgb_r", "color_r", "colour_r", "rf"), "r"),
+    **dict.fromkeys(("green", "diffuse_green", "rgb_g", "color_g", "colour_g", "gf"), "g"),
+    **dict.fromkeys(("blue", "diffuse_blue", "rgb_b", "color_b", "colour_b", "bf"), "b"),
     **{"a": "alpha", "i": "intensity", "class": "classification", "gpstime": "gps_time"},
 }
-UNIT = 0.03  # how much the length of a normal may differ from 1: of one with two decimals by 0.01
-MOSTLY = 0.99  # share of rows in which normals have this length, among those that are not 0 0 0
-COLOR, NORMAL, SCALAR = "cns"
-# What may follow x, y, z, by the number of columns.
-ORDERS = {4: ["s"], 6: ["c", "n"], 7: ["sc", "cs", "sn", "ns"], 9: ["cn", "nc"]}
-ORDERS[10] = ["scn", "csn", "cns", "snc", "nsc", "ncs"]
-NAMES = {COLOR: COLORS, NORMAL: NORMALS, SCALAR: ("intensity",)}
-# Orders that a file's extension decides between.
-USUAL = {".pts": ("sc", "scn"), ".xyzn": ("n",), ".xyzrgb": ("c",)}
-
-
-class UndecidedError(ValueError):
-    """Numbers from which it cannot be told what they are."""
 
 
 def name_of(text: str) -> str:
@@ -71,71 +62,17 @@ def names_of(texts: Sequence[str]) -> list[str] | None:
     return [f"{name}_{k}" if twice else name for k, (name, twice) in enumerate(zip(names, again, strict=True), 1)]
 
 
+def has_degrees(header: str) -> bool:
+    """Return whether a line with names calls the coordinates longitude and latitude."""
+    words = set(re.findall("[a-z]+", header.lower()))
+    return bool(words & set(LONGITUDES) and words & set(LATITUDES)) and "x" not in words
+
+
 def check_names(names: Sequence[str]) -> None:
     """ValueError if a name comes twice."""
     twice = [name for name in dict.fromkeys(names) if name != NONE and names.count(name) > 1]
     if twice:
         raise ValueError(f"two columns are named {twice[0]!r}: {','.join(names)}")
-
-
-def judged(values: NDArray[np.float64], whole: Sequence[bool], extension: str) -> list[str]:
-    """What columns without names are.
-
-    Parameters
-    ----------
-    values : (n, k) float64
-        The first rows.
-    whole : sequence of bool
-        Whether all numbers of a column are written as whole ones.
-    extension : str
-        Of the file, which decides where the numbers do not.
-
-    Raises
-    ------
-    UndecidedError
-        If several orders are possible.
-    """
-    k = values.shape[1]
-    possible = [order for order in ORDERS.get(k, []) if _fits(values, whole, order)]
-    if len(possible) > 1:  # colours of 8 bits are likelier than of 16
-        possible = [order for order in possible if _fits(values, whole, order, 255)] or possible
-    if len(possible) > 1:
-        usual = [order for order in possible if order in USUAL.get(extension, ())]
-        if len(usual) != 1:
-            raise UndecidedError("which of its columns are colours, normals and intensity cannot be told")
-        possible = usual
-    if possible:
-        return [*POSITIONS, *(name for part in possible[0] for name in NAMES[part])]
-    return [*POSITIONS, *(f"column_{c}" for c in range(4, k + 1))]
-
-
-def _fits(values: NDArray[np.float64], whole: Sequence[bool], order: str, most: int = 65535) -> bool:
-    """Whether columns can be what an order says; most : of whole colours"""
-    at = 3
-    for part in order:
-        if part == SCALAR:
-            at += 1
-            continue
-        three = values[:, at : at + 3]
-        is_unit = _are_unit(three)
-        if part == NORMAL and not is_unit:
-            return False
-        if part == COLOR and (is_unit or not _are_colors(three, all(whole[at : at + 3]), most)):
-            return False
-        at += 3
-    return True
-
-
-def _are_unit(rows: NDArray[np.float64]) -> bool:
-    with np.errstate(over="ignore", invalid="ignore"):
-        length = np.sqrt((rows * rows).sum(axis=1))
-    length = length[np.isfinite(length) & (length > 0)]
-    return len(length) > 0 and bool((np.abs(length - 1) <= UNIT).mean() >= MOSTLY)
-
-
-def _are_colors(rows: NDArray[np.float64], whole: bool, most: int) -> bool:
-    """Whole numbers of 8 or 16 bits, or floats from 0 to 1."""
-    return bool((rows >= 0).all() and (rows <= (most if whole else 1)).all())
 
 
 class Layout(NamedTuple):

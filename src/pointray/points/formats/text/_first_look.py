@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,15 +10,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ._columns import Layout, UndecidedError, judged, name_of, names_of, scanning
+from .._source import Faults
+from .._unnamed_columns import UndecidedError, judge
+from ._columns import Layout, has_degrees, name_of, names_of, scanning
 from ._lines import COMMENT, FIELDS, UTF8, UTF16, Top, is_row, shortened, top_of
-from ._numbers import FLOAT, SKIP, Dialect, Reader, fields_of, number_of, stream_of
+from ._numbers import FLOAT, SKIP, Dialect, Reader, fields_of, number_of
 
 LOOK = 1 << 18  # bytes that are looked at
 ROWS = 200  # rows by which the separators are told
 MOST_COLUMNS = 1000
 LONGEST_HEADER = 1 << 14  # letters
 HOW = "say what they are: --columns x,y,z,... (- leaves one out)"
+INTENSITY_FIRST = {".pts": True, ".xyzrgb": False}  # by the extension: whether intensity stands before colours
 MIXED = "its rows have commas, and semicolons or blanks: which of them separates numbers cannot be told"
 
 
@@ -37,8 +41,12 @@ class Look(NamedTuple):
         The number of rows in a line of its own before the first (PTS).
     header : str or None
         The line with names.
+    has_degrees : bool
+        Whether coordinates are longitude and latitude.
     row : float
         Bytes of a row, on average.
+    note : str
+        What the user has to know of columns without names.
     """
 
     dialect: Dialect
@@ -47,10 +55,12 @@ class Look(NamedTuple):
     start: int
     announced: int | None
     header: str | None
+    has_degrees: bool
     row: float
+    note: str = ""
 
 
-def look_at(text: bytes, path: Path, columns: Sequence[str] | None) -> Look:
+def look_at(text: bytes, path: Path, columns: Sequence[str] | None, faults: Faults) -> Look:
     """Look at a file's beginning; ValueError says what is wrong with it."""
     if text[:2] in UTF16 or text[:200].count(0) > 20:
         raise ValueError("is text in UTF-16: save it in UTF-8 or ASCII")
@@ -66,8 +76,9 @@ def look_at(text: bytes, path: Path, columns: Sequence[str] | None) -> Look:
     if k > MOST_COLUMNS:
         raise ValueError(f"its first row has {k:,} columns, more than {MOST_COLUMNS:,}")
     start = top.rows[0][0]
-    names, whole, row = _numbers(whole_lines or text, start, dialect, names or k, path, rows[0])
-    return Look(dialect, names, whole, start, top.announced, top.header, row)
+    names, whole, row, note = _numbers(whole_lines or text, start, dialect, names or k, path, rows[0], faults)
+    degrees = columns is None and has_degrees(top.header or " ".join(top.comments[-3:]))
+    return Look(dialect, names, whole, start, top.announced, top.header, degrees, row, note)
 
 
 def _check_top(top: Top) -> None:
@@ -129,27 +140,27 @@ def _split(header: str, dialect: Dialect) -> list[list[str]]:
 
 
 def _numbers(
-    text: bytes, start: int, dialect: Dialect, names: list[str] | int, path: Path, first: str
-) -> tuple[list[str], list[bool], float]:
-    """The names of columns, judged from the first rows if there are none; which are whole; bytes of a row."""
+    text: bytes, start: int, dialect: Dialect, names: list[str] | int, path: Path, first: str, faults: Faults
+) -> tuple[list[str], list[bool], float, str]:
+    """The names of columns, judged from the first rows if there are none; which are whole; bytes of a row; a note."""
     if isinstance(names, int):
         k, modes = names, [FLOAT] * names
     else:
         k, modes = len(names), Layout.of(names).modes(len(names))
     try:
-        block = next(Reader(stream_of(text), dialect, modes, start).blocks())
-        scan = next(Reader(stream_of(text), dialect, scanning(k, range(k)), start).blocks())
+        block = next(Reader(io.BytesIO(text), dialect, modes, start, None, faults).blocks())
+        scan = next(Reader(io.BytesIO(text), dialect, scanning(k, range(k)), start, None, faults).blocks())
     except ValueError as error:
         raise _explained(error, first, dialect, modes) from None
     if not len(block):
         raise ValueError(f"has no rows of {k} numbers; the first one is {shortened(first)}")
-    whole = [bool(x) for x in scan.stats[:, 0]]
+    whole, note = [bool(x) for x in scan.stats[:, 0]], ""
     if isinstance(names, int):
         try:
-            names = judged(block.take(range(k), np.float64), whole, path.suffix.lower())
+            names, note = judge(block.take(range(k), np.float64), whole, INTENSITY_FIRST.get(path.suffix.lower()))
         except UndecidedError as error:
             raise ValueError(f"{error}: {HOW}; its first row is {shortened(first)}") from None
-    return names, whole, (block.end - start) / len(block)
+    return names, whole, (block.end - start) / len(block), note
 
 
 def _explained(error: ValueError, row: str, dialect: Dialect, modes: list[int]) -> ValueError:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
+from typing import BinaryIO, NamedTuple
 
 COMMENT = re.compile(r"\s*(#|//)")
 FIELDS = re.compile(r'[\s,;"]+')
 PLAIN = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|[+-]?(nan|inf)|[+-]?1\.#\w+", re.IGNORECASE)
 UTF8, UTF16 = b"\xef\xbb\xbf", (b"\xff\xfe", b"\xfe\xff")
 BINARY = bytes({*range(32)} - {9, 10, 11, 12, 13, 26})
+BLOCK = 1 << 22  # bytes of text that are parsed together
+LONGEST = 1 << 20  # bytes of a line
 SHOWN = 60  # characters of a line in a message
 
 
@@ -72,3 +74,21 @@ def is_binary(head: bytes) -> bool:
 def is_ptx(head: bytes) -> bool:
     """Whether a file begins as PTX does: two lines with a whole number each, then three numbers."""
     return re.match(rb"(\s*\d+[ \t]*(\r\n|\r|\n)){2}[ \t]*\S+[ \t]+\S+[ \t]+\S+[ \t]*[\r\n]", head) is not None
+
+
+def line_at(file: BinaryIO, offset: int) -> tuple[int, str, int]:
+    """The number, from 1, and the text of the line that an offset is in, and the offset's place in it."""
+    file.seek(0)
+    number, left, start, last = 1, offset, 0, b""
+    while left > 0 and (text := file.read(min(left, BLOCK))):
+        number += text.count(b"\n") + text.count(b"\r") - text.count(b"\r\n") - (last == b"\r" and text[:1] == b"\n")
+        end = max(text.rfind(b"\n"), text.rfind(b"\r"))
+        start = offset - left + end + 1 if end >= 0 else start
+        left -= len(text)
+        last = text[-1:]
+    start = max(start, offset - LONGEST)
+    file.seek(start)
+    line = file.read(offset - start + 10 * SHOWN)
+    within = offset - start
+    ends = [end for end in (line.find(b"\n", within), line.find(b"\r", within)) if end >= 0]
+    return number, line[: min(ends, default=len(line))].decode("latin-1"), within

@@ -8,7 +8,6 @@ Each number is what Python's float makes of it, to the last bit; whole numbers s
 
 from __future__ import annotations
 
-import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....jit import run
-from ._lines import SHOWN, shortened
+from .._odd_numbers import odd_number
+from .._source import Faults
+from ._lines import BLOCK, LONGEST, line_at, shortened
 from ._number_kernel import (
     BLANK,
     COLUMNS,
@@ -49,14 +50,10 @@ from ._powers_of_ten import powers_of_ten
 
 __all__ = ["FLOAT", "INT", "SCAN", "SKIP", "Block", "Dialect", "Reader", "line_at", "number_of", "smallest"]
 
-BLOCK = 1 << 22  # bytes of text that are parsed together
 ROW = 64  # bytes of a row, about
 FIRST = 1 << 14  # bytes of the first block behind a line that interrupts the rows: many of these may be close together
 PIECE = 1 << 18  # bytes of it that a thread parses at a time
-LONGEST = 1 << 20  # bytes of a line
 NUMBER = re.compile(r"[+-]?((\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII)
-# What Microsoft's library wrote for NaN and infinity.
-MICROSOFT = re.compile(r"([+-]?)1\.#(QNAN|SNAN|IND|INF)0*", re.IGNORECASE)
 
 
 class Dialect(NamedTuple):
@@ -85,7 +82,7 @@ class Dialect(NamedTuple):
         table = np.zeros(256, np.uint8)
         for kind, letters in (
             (DIGIT, b"0123456789"),
-            (BLANK, b' \t\v\f"'),  # quotes of numbers in CSV too
+            (BLANK, b' \t\v\f"\x1a'),  # quotes of numbers in CSV too, and what ends files of CP/M and MS-DOS
             (END, b"\r\n"),
             (DOT, self.decimal),
             (DELIMITER, self.delimiters),
@@ -141,6 +138,8 @@ class Reader:
     start : int
     rows : int or None
         About how many rows are expected: of few rows, few bytes are read.
+    faults : Faults, optional
+        Gets the fault of a last line that is cut off; it is left out.
 
     Attributes
     ----------
@@ -149,9 +148,15 @@ class Reader:
     """
 
     def __init__(
-        self, file: BinaryIO, dialect: Dialect, modes: Sequence[int], start: int = 0, rows: int | None = None
+        self,
+        file: BinaryIO,
+        dialect: Dialect,
+        modes: Sequence[int],
+        start: int = 0,
+        rows: int | None = None,
+        faults: Faults | None = None,
     ) -> None:
-        self._file, self._dialect = file, dialect
+        self._file, self._dialect, self._faults = file, dialect, faults
         self._modes = np.array(modes, np.uint8)
         self._setting = np.concatenate([dialect.table, [dialect.comments], self._modes]).astype(np.uint8)
         self._out = np.empty(0, np.int64)
@@ -162,7 +167,7 @@ class Reader:
         """Blocks of rows. ValueError tells the line with another number of columns, or a word that is no number."""
         while text := self._read():
             block, why, where = self._parse(text)
-            if why in (COLUMNS, NOT_WHOLE):
+            if why in (COLUMNS, NOT_WHOLE) and not self._is_cut(where):
                 raise self._error(why, where)
             self.at = where if why == SINGLE else self.at + len(text)
             self._next = min(2 * self._next, BLOCK)
@@ -203,7 +208,7 @@ class Reader:
         for t, state in enumerate(states):
             items = self._out[pieces[t] : pieces[t] + state[ROWS] * k].reshape(-1, k)
             if state[ODD]:
-                self._read_odd(text, items)
+                items = items[: self._read_odd(text, items)]
             rows.append(items)
             if state[WHY] != FINE:
                 why, where = int(state[WHY]), int(state[WHERE])
@@ -224,14 +229,29 @@ class Reader:
             starts.append(end + 1)
         return np.array([*starts, len(text)], np.int64)
 
-    def _read_odd(self, text: bytes, items: NDArray[np.int64]) -> None:
-        """Reads the tokens that are left to Python."""
+    def _read_odd(self, text: bytes, items: NDArray[np.int64]) -> int:
+        """Read the tokens that are left to Python; returns how many rows are whole."""
         for row, column in np.argwhere((items >> 48 == MARK >> 48) & (self._modes == FLOAT)):
             begin = int(items[row, column] & ((1 << 48) - 1))
             value = number_of(self._token(text, begin), self._dialect)
+            if value is None and self._is_cut(self.at + begin):
+                return int(row)
             if value is None:
                 raise self._error(NOT_WHOLE, self.at + begin)
             items[row, column] = np.float64(value).view(np.int64)
+        return len(items)
+
+    def _is_cut(self, where: int) -> bool:
+        """Whether the line at an offset is the file's last one, has no end and ends too early: it is left out."""
+        if self._faults is None or self._faults.strict:
+            return False
+        self._file.seek(where)
+        rest = self._file.read(LONGEST)
+        _, line, _ = line_at(self._file, where)
+        is_cut = not re.search(rb"[\r\n]", rest) and len(fields_of(line, self._dialect)) <= len(self._modes)
+        if is_cut:
+            self._faults.add("its last line is cut off")
+        return is_cut
 
     def _token(self, text: bytes, begin: int) -> str:
         end = re.compile(rb'[ \t\v\f"\r\n' + re.escape(self._dialect.delimiters) + b"]").search(text, begin)
@@ -255,38 +275,17 @@ def number_of(text: str, dialect: Dialect) -> float | None:
         text = "?" if "." in text else text.replace(dialect.decimal.decode(), ".")
     if NUMBER.fullmatch(text):
         return float(text)
-    word = MICROSOFT.fullmatch(text)
-    if word is None:
-        return None
-    return float(word[1] + ("inf" if word[2].upper() == "INF" else "nan"))
+    return odd_number(text)
 
 
 def fields_of(line: str, dialect: Dialect) -> list[str]:
     """The fields of a line; a delimiter at its end is none."""
-    line = line.strip().replace('"', " ")
+    line = line.replace('"', " ").replace("\x1a", " ").strip()
     if not dialect.delimiters:
         return line.split()
     delimiters = re.escape(dialect.delimiters.decode())
     fields = re.split(rf"\s*[{delimiters}]\s*|\s+", line.strip())
     return fields[:-1] if len(fields) > 1 and not fields[-1] else fields
-
-
-def line_at(file: BinaryIO, offset: int) -> tuple[int, str, int]:
-    """The number, from 1, and the text of the line that an offset is in, and the offset's place in it."""
-    file.seek(0)
-    number, left, start, last = 1, offset, 0, b""
-    while left > 0 and (text := file.read(min(left, BLOCK))):
-        number += text.count(b"\n") + text.count(b"\r") - text.count(b"\r\n") - (last == b"\r" and text[:1] == b"\n")
-        end = max(text.rfind(b"\n"), text.rfind(b"\r"))
-        start = offset - left + end + 1 if end >= 0 else start
-        left -= len(text)
-        last = text[-1:]
-    start = max(start, offset - LONGEST)
-    file.seek(start)
-    line = file.read(offset - start + 10 * SHOWN)
-    within = offset - start
-    ends = [end for end in (line.find(b"\n", within), line.find(b"\r", within)) if end >= 0]
-    return number, line[: min(ends, default=len(line))].decode("latin-1"), within
 
 
 def smallest(low: int, high: int) -> np.dtype[Any]:
@@ -295,8 +294,3 @@ def smallest(low: int, high: int) -> np.dtype[Any]:
         if np.iinfo(dtype).min <= low and high <= np.iinfo(dtype).max:
             return np.dtype(dtype)
     return np.dtype(np.int64)
-
-
-def stream_of(text: bytes) -> BinaryIO:
-    """A stream of a text."""
-    return io.BytesIO(text)

@@ -7,7 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from .._source import Chunk, Listing, Request, Source
+from ....survey import Survey
+from .._counts import unequal
+from .._source import Chunk, Faults, Listing, Request, Source
 from ._columns import Layout, merged, scanning
 from ._first_look import LOOK, look_at
 from ._lines import shortened
@@ -20,11 +22,11 @@ class TextSource(Source):
     """The rows of a text file."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        self._path = path
+        self._path, self.faults = path, Faults(request.strict)
         with path.open("rb") as file:
             head = file.read(LOOK)
-        self._look = look = look_at(head, path, request.columns)
-        self._layout = Layout.of(look.names)
+        self._look = look = look_at(head, path, request.columns, self.faults)
+        self._layout, self.note = Layout.of(look.names), look.note
         self._size = path.stat().st_size
         facts: dict[str, Any] = {"columns": look.names, "separator": (look.dialect.delimiters or b" ").decode()}
         if look.dialect.decimal == b",":
@@ -32,7 +34,10 @@ class TextSource(Source):
         if look.announced is not None:
             facts["announced"] = look.announced
         expected = max(int((self._size - look.start) / max(look.row, 1)), 1)
-        self.listing = Listing(None, self._layout.row(), expected, facts=facts)
+        survey = Survey(
+            "EPSG:4326" if look.has_degrees else None, format="PTS" if path.suffix.lower() == ".pts" else None
+        )
+        self.listing = Listing(None, self._layout.row(), expected, survey, facts)
 
     def chunks(self) -> Iterator[Chunk]:
         look, layout = self._look, self._layout
@@ -49,30 +54,42 @@ class TextSource(Source):
 
     def _blocks(self, file: BinaryIO, modes: list[int]) -> Iterator[Block]:
         """All blocks of rows, checked against the numbers that are announced before them (PTS)."""
-        reader = Reader(file, self._look.dialect, modes, self._look.start)
-        announced, line = self._look.announced, ""
+        reader = Reader(file, self._look.dialect, modes, self._look.start, None, self.faults)
+        announced, line, total, there = self._look.announced, "the line before the first row", 0, 0
         for _ in range(MOST_BLOCKS):
             count = 0
             for block in reader.blocks():
                 count += len(block)
                 yield block
-            _check_count(announced, count, line)
-            if reader.at >= self._size:
-                return
-            announced, line = _announced(file, reader, announced)
-        raise ValueError(f"has more than {MOST_BLOCKS:,} blocks of rows")
+            if self.faults.strict:
+                _check_count(announced, count, line)
+            total, there = total + (announced or 0), there + count
+            following = None if reader.at >= self._size else _announced(file, reader, announced, self.faults)
+            if following is None:
+                break
+            announced, line = following
+        else:
+            raise ValueError(f"has more than {MOST_BLOCKS:,} blocks of rows")
+        if announced is not None and total != there:
+            self.faults.add(unequal(total, there, "rows"))
 
 
 def _check_count(announced: int | None, count: int, line: str) -> None:
     if announced is not None and announced != count:
-        where = line or "the line before the first row"
         what = "is cut off" if count < announced else "is damaged"
-        raise ValueError(f"{what}: {where} announces {announced:,} rows, {count:,} are there")
+        raise ValueError(f"{what}: {line} announces {announced:,} rows, {count:,} are there")
 
 
-def _announced(file: BinaryIO, reader: Reader, before: int | None) -> tuple[int, str]:
-    """The number of rows in a line between rows, and where it is; the reader goes on behind it."""
+def _announced(file: BinaryIO, reader: Reader, before: int | None, faults: Faults) -> tuple[int, str] | None:
+    """The number of rows in a line between rows, and where it is; the reader goes on behind it.
+
+    None if the line is the file's last one, and is cut off.
+    """
     number, text, within = line_at(file, reader.at)
+    is_last = file.seek(0, 2) <= reader.at + len(text) - within
+    if is_last and not faults.strict:
+        faults.add("its last line is cut off")
+        return None
     if before is None or not re.fullmatch(r"\s*\d{1,18}\s*", text):
         raise ValueError(f"line {number:,} has 1 column, the rows before it have more: {shortened(text)}")
     reader.at += len(text) - within

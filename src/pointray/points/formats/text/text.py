@@ -1,9 +1,9 @@
 """Text with a point in each line: .xyz, .txt, .csv, .asc, .pts and the like.
 
-What the columns are is said by the caller, else by a header, else it is judged from the first rows (`_columns.judged`):
-3 columns are x y z; 4 x y z intensity; 6 have colours (whole numbers, or floats from 0 to 1) or normals (of length 1);
-7 intensity too, before or behind them; 9 and 10 all of these. Other numbers of columns: x y z and attributes column_4
-and so on. A file in which that cannot be decided is refused.
+Columns are named by the caller or a header, else recognised from the first rows (`_unnamed_columns.judge`): x y z,
+normals of length 1, colours (whole numbers, or floats from 0 to 1), and one of intensity, label or alpha beside them,
+with a point's number or a time before them. All others are attributes column_4 and so on, with a warning. A file in
+which colours may be either of two groups of columns is refused.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ FORMAT = Format(
     {
         "positions": "columns x, y, z, or easting, northing, height",
         "normals": "columns nx, ny, nz",
-        "colors": "columns r, g, b or red, green, blue: whole numbers, or floats from 0 to 1",
+        "colors": "columns r, g, b or red, green, blue: whole numbers, or floats from 0 to 1 or 255",
         "attributes": "all other columns: whole numbers stay whole",
-        "note": "columns are named by --columns or a header, else judged from the first rows",
+        "note": "columns are named by --columns or a header, else recognised from the first rows",
     },
 )

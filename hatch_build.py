@@ -1,0 +1,28 @@
+"""Wheels: pure ones, or with `POINTRAY_WHEEL=linux-x86_64` those that hold what `python -m native` has made."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from hatchling.builders.hooks.plugin.interface import BuildHookInterface
+
+
+class CustomBuildHook(BuildHookInterface):  # type: ignore[misc]
+    """Adds the libraries of a system, and the tag of its wheels."""
+
+    def initialize(self, version: str, build_data: dict[str, Any]) -> None:
+        system = os.environ.get("POINTRAY_WHEEL", "")
+        if not system or self.target_name != "wheel" or version == "editable":
+            return
+        sys.path.insert(0, self.root)
+        from native.targets import SYSTEMS
+
+        folder = Path(self.root, "build", "wheel", system)
+        if not (folder / "manifest.json").exists():
+            raise FileNotFoundError(f"{folder}: not built: make wheel, or make wheels")
+        build_data["pure_python"] = False
+        build_data["tag"] = f"py3-none-{SYSTEMS[system].wheel}"
+        build_data["force_include"][str(folder)] = "pointray/native"

@@ -1,0 +1,73 @@
+"""Build pointray's kernels as native libraries: `python -m native` in the folder of the project.
+
+Without arguments: for this processor, into the package, where tests and commands use it. An edit of a kernel compiles
+that kernel anew, and no other. `python -m native signatures` records the arguments of all kernels after they changed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import platform
+from pathlib import Path
+
+from . import signatures
+from .library import make
+from .link import compiler, zig
+from .objects import Order
+from .targets import LEVELS, SYSTEMS
+
+ROOT = Path(__file__).parents[1]
+LIBRARIES = ROOT / "src/pointray/native"
+
+
+def this_system() -> str:
+    """The name of this system in `SYSTEMS`, if it is there."""
+    return f"{platform.system().lower()}-{platform.machine().lower()}"
+
+
+def show(done: int, total: int, kernel: str) -> None:
+    """Tell which kernel is done."""
+    print(f"{done}/{total} {kernel.removeprefix('pointray.')}", flush=True)
+
+
+def best_level(system: str) -> str | None:
+    """The best level of the processor of this machine; None if it has not even the lowest."""
+    from llvmlite.binding import get_host_cpu_features
+
+    features = get_host_cpu_features()
+    fitting = [level for level in SYSTEMS[system].levels if _has(features, LEVELS[level].features)]
+    return fitting[-1] if fitting else None
+
+
+def _has(features: dict[str, bool], wanted: str) -> bool:
+    return all(features.get(name.removeprefix("+"), True) for name in wanted.split(","))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m native", description=__doc__)
+    parser.add_argument("what", nargs="?", choices=["build", "signatures"], default="build")
+    parser.add_argument("--system", choices=SYSTEMS, default=this_system())
+    parser.add_argument("--level", action="append", help="of processors (default: this one's; with --zig all)")
+    parser.add_argument("--zig", action="store_true", help="link by Zig, for old systems and other ones")
+    parser.add_argument("--out", type=Path, default=LIBRARIES)
+    parser.add_argument("--objects", type=Path, default=ROOT / "build/native", help="where objects are kept")
+    parser.add_argument("--jobs", type=int, help="processes (default: one for each core)")
+    arguments = parser.parse_args()
+    signatures.import_all()
+    if arguments.what == "signatures":
+        signatures.record()
+        return
+    if arguments.system not in SYSTEMS:
+        print(f"{arguments.system}: there is no target for it in native/targets.py; Numba compiles kernels instead")
+        return
+    command = zig(arguments.system) if arguments.zig else compiler()
+    best = None if arguments.zig else best_level(arguments.system)
+    levels = arguments.level or (SYSTEMS[arguments.system].levels if arguments.zig else [best])
+    if command is None or None in levels:
+        print("no C compiler (cc), or a processor below the lowest level: Numba compiles kernels instead")
+        return
+    make(Order(arguments.system, tuple(levels), arguments.objects, arguments.jobs), arguments.out, command, show)
+
+
+if __name__ == "__main__":
+    main()

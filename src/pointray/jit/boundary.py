@@ -1,0 +1,165 @@
+"""Calling a kernel of a library: arguments are checked and packed, results are unpacked.
+
+A type is a text, or a list of them for a tuple: `i8`, `f4`, `b1` are numbers, `f4[2C]` is an array with its number of
+axes and its layout (C, F, or A for any), `const f4[2C]` one that may be read-only, `package.module:Class` a named tuple
+of the manifest's records, `none` no result.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+# Bytes of an array's object before the address of its data: the header that all objects have.
+_BEFORE_DATA = object.__basicsize__
+_FORMATS = {"f8": "d", "f4": "f4x", "u8": "Q", "b1": "?7x", "i8": "q", "i4": "i4x", "i2": "h6x", "i1": "b7x"}
+_FORMATS |= {"u4": "I4x", "u2": "H6x", "u1": "B7x"}
+_ERRORS = {error.__name__: error for error in (IndexError, MemoryError, OverflowError, ValueError, ZeroDivisionError)}
+
+
+def packer(arguments: Sequence[Any], records: Mapping[str, Any]) -> Callable[..., bytes]:
+    """A function of a kernel's arguments that gives their slots, eight bytes each.
+
+    Its source is made from the types: a call of the largest kernel passes 88 slots, and checks 60 arrays.
+    """
+    writer = _Writer(records)
+    names = [f"a{k}" for k in range(len(arguments))]
+    for argument, kind in zip(names, arguments, strict=True):
+        writer.add(argument, kind)
+    lines = [*writer.lines, f"return pack({', '.join(writer.values)})"]
+    source = f"def pack_arguments({', '.join(names)}):\n    " + "\n    ".join(lines)
+    names_in_it: dict[str, Any] = {
+        "pack": struct.Struct("<" + " ".join(writer.formats)).pack,
+        "refuse": _refuse,
+        "ndarray": np.ndarray,
+        "word": ctypes.c_int64.from_address,
+        **{dtype: np.dtype(dtype) for dtype in writer.dtypes},
+    }
+    exec(source, names_in_it)
+    pack: Callable[..., bytes] = names_in_it["pack_arguments"]
+    return pack
+
+
+class _Writer:
+    """The source of a packer: lines that take tuples apart and check arrays, and a value for each slot."""
+
+    def __init__(self, records: Mapping[str, Any]) -> None:
+        self._records, self._count = records, 0
+        self.lines: list[str] = []
+        self.values: list[str] = []
+        self.formats: list[str] = []
+        self.dtypes: set[str] = set()
+
+    def add(self, argument: str, kind: Any) -> None:
+        """Add an argument, or an item of one, that is in a local variable."""
+        kind = self._records.get(kind, kind) if isinstance(kind, str) else kind
+        if isinstance(kind, list):
+            items = [f"t{self._count + k}" for k in range(len(kind))]
+            self._count += len(kind)
+            self.lines.append(f"({''.join(f'{item}, ' for item in items)}) = {argument}")
+            for item, part in zip(items, kind, strict=True):
+                self.add(item, part)
+        elif "[" in kind:
+            self._add_array(argument, kind)
+        else:
+            self.formats.append(_FORMATS[kind])
+            self.values.append(argument)
+
+    def _add_array(self, argument: str, kind: str) -> None:
+        dtype, axes, layout = _array(kind)
+        self.dtypes.add(dtype)
+        wrong = f"type({argument}) is not ndarray or {argument}.dtype is not {dtype} or {argument}.ndim != {axes}"
+        wrong += f" or not {_flags(argument, layout, kind.startswith('const'))}"
+        self.lines.append(f"if {wrong}: refuse({argument}, {kind!r})")
+        self.values += [f"word(id({argument}) + {_BEFORE_DATA}).value", f"*{argument}.shape"]
+        self.formats += ["q"] * (1 + axes)
+        if layout == "A":
+            self.values.append(f"*{argument}.strides")
+            self.formats += ["q"] * axes
+
+
+def _flags(array: str, layout: str, is_const: bool) -> str:
+    """The expression of what an array's flags must be."""
+    if layout == "C" and not is_const:
+        return f"{array}.flags.carray"  # one look in place of three
+    wanted = (
+        {"C": ["c_contiguous"], "F": ["f_contiguous"], "A": []}[layout] + ["aligned"] + ["writeable"] * (not is_const)
+    )
+    first, *others = [f"flags.{name}" for name in wanted]
+    return f"({' and '.join([first.replace('flags', f'(flags := {array}.flags)'), *others])})"
+
+
+def _array(kind: str) -> tuple[str, int, str]:
+    """The dtype, the number of axes and the layout in the text of an array's type."""
+    dtype, _, shape = kind.removeprefix("const ").partition("[")
+    return dtype, int(shape[:-2]), shape[-2]
+
+
+def _refuse(array: Any, kind: str) -> None:
+    """Raise unless an array has a type after all: of a class derived from arrays, with another object for the dtype."""
+    dtype, axes, layout = _array(kind)
+    if not isinstance(array, np.ndarray):
+        raise TypeError(f"{type(array).__name__} where an array is needed: {kind}")
+    flags = array.flags
+    fits = array.dtype == np.dtype(dtype) and array.ndim == axes and flags.aligned
+    fits = fits and (flags.writeable or kind.startswith("const"))
+    if not fits or not {"C": flags.c_contiguous, "F": flags.f_contiguous, "A": True}[layout]:
+        traits = [name for name in ("c_contiguous", "f_contiguous", "aligned", "writeable") if getattr(flags, name)]
+        found = f"{array.dtype.str}, {array.ndim} axes, {', '.join(traits) or 'no flags'}"
+        raise TypeError(f"an array is {found} where {kind} is needed")
+
+
+def size_of(kind: Any, records: Mapping[str, Any]) -> int:
+    """How many words a result has."""
+    kind = records.get(kind, kind) if isinstance(kind, str) else kind
+    if isinstance(kind, list):
+        return sum(size_of(item, records) for item in kind)
+    if "[" in kind:
+        return 2 + _array(kind)[1]
+    return 0 if kind == "none" else 1
+
+
+class Results:
+    """Takes the words of a kernel's result apart. release : gives an array's memory back"""
+
+    def __init__(self, kind: Any, records: Mapping[str, Any], release: Callable[[int], Any]) -> None:
+        self._kind, self._records, self._release = kind, records, release
+
+    def read(self, words: Any) -> Any:
+        """The result."""
+        return self._read(self._kind, words, 0)[0]
+
+    def _read(self, kind: Any, words: Any, k: int) -> tuple[Any, int]:
+        """The value at words[k:], and where the next one is."""
+        kind = self._records.get(kind, kind) if isinstance(kind, str) else kind
+        if isinstance(kind, list):
+            items = []
+            for part in kind:
+                item, k = self._read(part, words, k)
+                items.append(item)
+            return tuple(items), k
+        if kind == "none":
+            return None, k
+        if "[" in kind:
+            return self._array(kind, words, k)
+        if kind == "f8":
+            return ctypes.c_double.from_buffer(words, 8 * k).value, k + 1
+        return (bool(words[k]) if kind == "b1" else words[k]), k + 1
+
+    def _array(self, kind: str, words: Any, k: int) -> tuple[Any, int]:
+        """A copy of an array that a kernel has made."""
+        dtype, axes, _ = _array(kind)
+        array = np.empty(tuple(words[k + 2 : k + 2 + axes]), dtype)
+        ctypes.memmove(array.ctypes.data, words[k], array.nbytes)
+        self._release(words[k + 1])
+        return array, k + 2 + axes
+
+
+def error_at(address: int) -> Exception:
+    """The error whose text, `Name: message`, a kernel has left."""
+    name, _, message = ctypes.string_at(address).decode(errors="replace").partition(": ")
+    return _ERRORS.get(name, RuntimeError)(message)

@@ -1,0 +1,75 @@
+"""Counts that a header announces, against what the file holds."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Iterator
+from typing import BinaryIO
+
+import numpy as np
+
+from ._source import Faults
+
+BLOCK = 1 << 22  # bytes that are looked through together
+PROBE = 1 << 13  # bytes behind the announced rows that are looked at
+
+
+def rows_there(announced: int, row: int, there: int, noun: str, faults: Faults) -> int:
+    """The rows of `row` bytes that can be read of those announced, where `there` bytes are left.
+
+    Missing rows are a fault; ValueError if not one is there.
+    """
+    if announced * row <= there:
+        return announced
+    message = f"is cut off: {announced:,} {noun} of {row} bytes or more are announced, {there:,} bytes are there"
+    faults.add(f"{message}: {missing(announced, there // row)}")
+    if there < row:
+        raise ValueError(message)
+    return there // row
+
+
+def unequal(announced: int, there: int, noun: str) -> str:
+    """Say that there are other rows than announced."""
+    text = f"{announced:,} {noun} are announced, {there:,} are there"
+    return text if there > announced else f"{text}: {missing(announced, there)}"
+
+
+def missing(announced: int, there: int) -> str:
+    """How many rows are missing, in words."""
+    return f"{announced - there:,} of {announced:,} are missing"
+
+
+def rows_behind(file: BinaryIO, start: int, end: int, row: int) -> int:
+    """The rows that follow the announced ones between two bytes: whole ones only, and not zeros, as padding is."""
+    file.seek(start)
+    is_rows = (end - start) % row == 0 and file.read(min(PROBE, end - start)).strip(b"\0")
+    return (end - start) // row if is_rows else 0
+
+
+def most_lines(file: BinaryIO, end: int | None = None) -> int:
+    """How many lines that are not empty follow in a text, before a byte; a line of blanks counts."""
+    count, within = 0, False
+    here = file.tell()
+    left = (file.seek(0, io.SEEK_END) if end is None else end) - here
+    file.seek(here)
+    while block := file.read(min(BLOCK, left)):
+        left -= len(block)
+        data = np.frombuffer(block, np.uint8)
+        letters = (data != 10) & (data != 13)
+        count += int(np.count_nonzero(letters[1:] & ~letters[:-1])) + (bool(letters[0]) and not within)
+        within = bool(letters[-1])
+    return count
+
+
+def whole_lines(lines: Iterable[str], fields: int, faults: Faults) -> Iterator[str]:
+    """Yield the lines of a text without its last row if that has too few fields: the file is cut off within it."""
+    held: list[str] = []  # a row, and the blank lines behind it
+    for line in lines:
+        if held and not line.isspace():
+            yield from held
+            held.clear()
+        held.append(line)
+    if held and 0 < len(held[0].split()) < fields and not faults.strict:
+        faults.add("its last line is cut off")
+    else:
+        yield from held

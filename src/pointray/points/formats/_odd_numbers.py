@@ -1,0 +1,25 @@
+"""NaN and infinity as Microsoft's C library writes them: 1.#QNAN, -1.#IND, 1.#INF; later -nan(ind), nan(snan)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+
+_WORD = r"([+-]?)(?:1\.#(?:(INF)|QNAN|SNAN|IND)0*|nan\(\w*\))"
+_WHOLE = re.compile(_WORD, re.IGNORECASE | re.ASCII)
+_WITHIN = re.compile(rf"(?<!\S){_WORD}(?!\S)", re.IGNORECASE | re.ASCII)
+
+
+def odd_number(text: str) -> float | None:
+    """The number, NaN or infinite, that a word stands for; None if it is none of these."""
+    found = _WHOLE.fullmatch(text)
+    return None if found is None else float(_plain(found))
+
+
+def plain_lines(lines: Iterable[str]) -> Iterator[str]:
+    """Lines of numbers with such words as `nan` and `inf`, which NumPy reads."""
+    return (_WITHIN.sub(_plain, line) if "#" in line or "(" in line else line for line in lines)
+
+
+def _plain(found: re.Match[str]) -> str:
+    return found[1] + "inf" if found[2] else "nan"

@@ -1,0 +1,257 @@
+"""Columns without names: which are coordinates, normals, colours, numbers of points or times, by their values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..colors import ColorRange
+
+POSITIONS, NORMALS, COLORS = ("x", "y", "z"), ("nx", "ny", "nz"), ("r", "g", "b")
+INDEX, TIME, INTENSITY, LABEL, ALPHA = "index", "gps_time", "intensity", "label", "alpha"
+UNIT = 0.03  # how much the length of a normal may differ from 1: of one with two decimals by 0.01
+MOSTLY = 0.99  # share of rows in which normals have this length, among those that are neither 0 0 0 nor NaN
+EARLY = 1e8  # greater numbers are times: seconds since 1970 or 1980, or parts of them
+STEADY = 0.5  # least relative deviation of the steps between sorted values that are no times
+DIM, BRIGHT = 15, 30  # whole numbers up to DIM, beside others above BRIGHT, are counts or classes, not a colour
+MOST_CLASSES = 50
+MOST_NAMED = 8  # columns that a note names one by one
+CLEARLY = 0.7  # colours differ less from each other than from what stands beside them, by this factor
+HOW = "--columns x,y,z,r,g,b,... names the columns"
+SAMPLE = 10_000  # rows of an array that are looked at
+
+Values = NDArray[np.float64]
+
+
+class UndecidedError(ValueError):
+    """Numbers from which it cannot be told what they are."""
+
+
+class Judged(NamedTuple):
+    """What columns are.
+
+    Attributes
+    ----------
+    names : list of str
+        Those of unrecognised columns are column_4 and so on.
+    note : str
+        For the user; empty if all columns are recognised.
+    """
+
+    names: list[str]
+    note: str
+
+
+def judge(values: Values, is_whole: Sequence[bool], intensity_first: bool | None = None) -> Judged:
+    """Decide what columns are.
+
+    Parameters
+    ----------
+    values : (n, k) float64
+        Rows of a file's beginning.
+    is_whole : sequence of bool
+        Whether the file has a column's numbers without decimals.
+    intensity_first : bool, optional
+        Whether an intensity stands before or behind colours if their values do not decide.
+
+    Raises
+    ------
+    UndecidedError
+        If colours may be either of two groups of columns.
+    """
+    k = values.shape[1]
+    names = [f"column_{c}" for c in range(1, k + 1)]
+    first = _leading(values, is_whole)
+    begin = int(first is not None)
+    if first is not None:
+        names[0] = first
+    names[begin : begin + 3] = POSITIONS
+    begin += 3
+    more = values[:, begin:]
+    normals = next((c for c in range(more.shape[1] - 2) if are_normals(more[:, c : c + 3])), None)
+    if normals is not None:
+        names[begin + normals : begin + normals + 3] = NORMALS
+    colors, is_guess = _find_colors(more, is_whole[begin:], normals, intensity_first)
+    if colors is not None:
+        names[begin + colors : begin + colors + 3] = COLORS
+    left = [c for c, name in enumerate(names) if name.startswith("column_")]
+    if len(left) == 1:
+        names[left[0]] = _scalar(values[:, left[0]], colors is not None and left[0] == begin + colors + 3)
+    note = _note(names, begin > 3)
+    if is_guess and colors is not None:
+        note = f"columns {begin + colors + 1} to {begin + colors + 3} are taken for colours; {note or HOW}"
+    return Judged(names, note)
+
+
+def judge_array(blocks: Callable[[], Iterable[NDArray[Any]]], width: int) -> Judged:
+    """Decide what the columns of an array are. blocks : returns its rows, (m, width) blocks; it may be called twice"""
+    head = next(iter(blocks()), np.empty((0, width)))[:SAMPLE]
+    if not len(head):
+        return Judged([*POSITIONS, *(f"column_{c}" for c in range(4, width + 1))], "")
+    is_whole = [head.dtype.kind != "f"] * width
+    try:
+        found = judge(head.astype(np.float64), is_whole)
+    except UndecidedError as error:
+        raise ValueError(f"{error}; --columns x,y,z,... names them") from None
+    names = list(found.names)
+    for three, holds in ((NORMALS, _stay_normals), (COLORS, _stay_colors)):
+        if three[0] in names:
+            c = names.index(three[0])
+            if not holds([block[:, c : c + 3] for block in blocks()]):
+                names[c : c + 3] = [f"column_{c + at}" for at in (1, 2, 3)]
+    return Judged(names, _note(names, names[0] != "x"))
+
+
+def _note(names: Sequence[str], is_late: bool) -> str:
+    notes = []
+    if is_late:
+        kind = "numbers the points" if names[0] == INDEX else "is taken for a time"
+        notes.append(f"column 1 {kind}: x, y, z are columns 2 to 4")
+    left = [name for name in names if name.startswith("column_")]
+    if left:
+        first, last = left[0].removeprefix("column_"), left[-1].removeprefix("column_")
+        if len(left) > MOST_NAMED:
+            notes.append(f"{len(left)} of the columns {first} to {last} are not recognised: kept as {left[0]}, ...")
+        else:
+            numbers = ", ".join(name.removeprefix("column_") for name in left)
+            some = f"columns {numbers} are" if len(left) > 1 else f"column {numbers} is"
+            notes.append(f"{some} not recognised: kept as {', '.join(left)}")
+    return "; ".join([*notes, HOW]) if notes else ""
+
+
+# ------------------------------------------------------------------------------------------------- leading columns
+
+
+def _leading(values: Values, is_whole: Sequence[bool]) -> str | None:
+    """The name of a column before x, y, z: a point's number, the index of a scan line, or a time; None: there is none.
+
+    x, y and z have decimals, such numbers have not. Times increase in even steps, which sorted coordinates do not.
+    """
+    if values.shape[1] < 4 or len(values) < 3:
+        return None
+    column, others = values[:, 0], values[:, 1:4]
+    if not np.isfinite(column).all() or np.isnan(others).all():
+        return None
+    steps = np.diff(column)
+    if column.min() > EARLY and np.nanmax(np.abs(others)) < EARLY:
+        return TIME
+    decimals = sum(not _are_whole(others[:, c]) for c in range(3))
+    if (steps < 0).any() or not steps.any():
+        return None
+    if is_whole[0] or _are_whole(column):
+        counts = bool((steps == 1).all()) or column[0] <= 1
+        return INDEX if counts and decimals >= 2 and not any(is_whole[1:3]) else None
+    rising = steps[steps > 0]
+    is_even = len(rising) > 10 and rising.std() < STEADY * rising.mean()
+    return TIME if is_even and decimals == 3 else None
+
+
+def _are_whole(values: Values) -> bool:
+    finite = values[np.isfinite(values)]
+    return bool((finite == np.rint(finite)).all())
+
+
+# ----------------------------------------------------------------------------------------------- normals and colours
+
+
+def are_normals(rows: NDArray[Any]) -> bool:
+    """Whether (n, 3) rows have length 1, as far as they are neither zero nor NaN."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        length = np.sqrt((rows.astype(np.float64) ** 2).sum(axis=1))
+    length = length[np.isfinite(length) & (length > 0)]
+    return len(length) > 0 and bool((np.abs(length - 1) <= UNIT).mean() >= MOSTLY)
+
+
+def _find_colors(
+    more: Values, is_whole: Sequence[bool], normals: int | None, intensity_first: bool | None
+) -> tuple[int | None, bool]:
+    """Return the first of three columns of colours, or None, and whether that is a guess.
+
+    more : (n, m), what follows x, y, z
+    """
+    m = more.shape[1]
+    taken = set() if normals is None else {normals, normals + 1, normals + 2}
+    starts = [c for c in range(m - 2) if taken.isdisjoint((c, c + 1, c + 2))]
+    is_strict = m - len(taken) > 4
+    kinds: dict[int, list[int]] = {}
+    for c in starts:
+        kind = _color_kind(more[:, c : c + 3], all(is_whole[c : c + 3]), is_strict)
+        if kind is None and m == 4 and c == intensity_first and _are_bytes(more[:, c:]):  # very dark
+            kind = 0
+        if kind is not None:
+            kinds.setdefault(kind, []).append(c)
+    if not kinds:
+        return None, False
+    found = kinds[min(kinds)]
+    if len(found) == 1 or (m == 4 and _is_opaque(more[:, 3], min(kinds))):
+        return found[0], False
+    if intensity_first is not None and not is_strict:
+        return (max(found) if intensity_first else min(found)), False
+    varied = [c for c in found if np.ptp(more[:, c : c + 3], axis=0).all()] or found
+    differences = {c: _difference(more[:, c : c + 3]) for c in varied}
+    best, *others = sorted(varied, key=lambda c: differences[c])
+    if not others or differences[best] < CLEARLY * differences[others[0]]:
+        return best, True
+    if is_strict:
+        return None, False
+    raise UndecidedError("which of its columns are colours, normals and intensity cannot be told")
+
+
+def _color_kind(rows: Values, is_whole: bool, is_strict: bool) -> int | None:
+    """How (n, 3) values may be colours: 0 whole to 255, 1 whole to 65535, 2 floats to 1; None: they are not.
+
+    is_strict : whether they have to be colours rather than other numbers of this size
+    """
+    least, most = float(rows.min(initial=np.inf)), rows.max(axis=0, initial=0.0)
+    if not least >= 0 or are_normals(rows):  # NaN too
+        return None
+    if most.max() > 2 and (rows == np.rint(rows)).all():
+        varied = np.ptp(rows, axis=0) > 0
+        dim = (most > 0) & (most <= DIM)
+        if most.max() > BRIGHT and dim.any() and varied.any():
+            return None
+        if is_strict and (most.max() > 255 or most.min() <= BRIGHT or not varied.all()):
+            return None
+        return 0 if most.max() <= 255 else 1 if most.max() <= 65535 else None
+    return 2 if not is_strict and not is_whole and 0 < most.max() <= 1 else None
+
+
+def _are_bytes(rows: Values) -> bool:
+    return bool(((rows >= 0) & (rows <= 255) & (rows == np.rint(rows))).all())
+
+
+def _is_opaque(column: Values, kind: int) -> bool:
+    """Whether a column behind colours is an alpha that hides what is behind."""
+    return bool((column == (255, 65535, 1)[kind]).all())
+
+
+def _difference(rows: Values) -> float:
+    """How much neighbouring columns differ, relative to their size: colours of a scan are similar."""
+    left, right = rows[:, :-1], rows[:, 1:]
+    return float((np.abs(left - right).mean(axis=0) / np.maximum((left + right).mean(axis=0), 1e-30)).sum())
+
+
+def _scalar(column: Values, is_behind_colors: bool) -> str:
+    """The name of the only column that is left."""
+    if is_behind_colors:
+        if len(column) > 1 and (column == column[0]).all() and column[0] in (1, 255, 65535):
+            return ALPHA
+        if _are_whole(column) and 0 <= column.min() and column.max() <= MOST_CLASSES:
+            return LABEL
+    return INTENSITY
+
+
+def _stay_normals(parts: list[NDArray[Any]]) -> bool:
+    return all(are_normals(part) or not np.nan_to_num(part).any() for part in parts)
+
+
+def _stay_colors(parts: list[NDArray[Any]]) -> bool:
+    """Whether all values of columns are within the range of the first ones."""
+    kind = parts[0].dtype
+    try:
+        return ColorRange.of(parts).white(kind) == ColorRange.of([parts[0][:SAMPLE]]).white(kind)
+    except ValueError:
+        return False

@@ -1,0 +1,81 @@
+"""Frames of depth cameras: every point lies before a camera at the origin, and no two in the same direction.
+
+The camera looks along z with y down, or against z with y up. Normals are not needed.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+STRAY = 0.002  # share of the points that may lie elsewhere
+SIGHT = 1.2  # tangent of half the angle that a depth camera sees, at most
+PLACES = 250  # pixels whose neighbours are looked at
+FEWEST = 50  # points of a frame
+JUMPS = 0.2, 0.4  # largest share of neighbouring pixels that lie far apart: of any, and on an even grid
+STEEP, QUANTUM = 12.0, 0.02  # depth per distance in the picture, and share of the depth: more is a jump
+EVEN = 0.62  # distance of the nearest pixel, as a share of the fourth: 1 and 0.7 on a grid, below 0.5 at random
+BESIDE = 0.2  # a frame's middle is at most so far from the view axis, as a share of its size
+WIDE, ASPECT = 0.25, (1.0, 2.2)  # tangent of half of a whole frame's angle, at least; its width per height
+THINNED = 0.6  # certainty of a frame that has lost its grid of pixels
+
+
+class Frame(NamedTuple):
+    """A frame of a depth camera.
+
+    Attributes
+    ----------
+    up : str
+        "-y" or "y".
+    certainty : float
+        From 0 to 1.
+    """
+
+    up: str
+    certainty: float
+
+
+def find_camera_frame(positions: Floats) -> Frame | None:
+    """Return the frame that points (n, 3), world, are; None for other scans."""
+    x, y, z = positions.T
+    ahead = 1.0 if np.median(z) > 0 else -1.0
+    depth = ahead * z
+    within = (depth > 0) & (np.maximum(np.abs(x), np.abs(y)) < SIGHT * depth)
+    if within.mean() < 1 - STRAY or len(depth) < FEWEST:
+        return None
+    depth = depth[within]
+    pixels = np.stack([x[within], y[within]], axis=1) / depth[:, None]
+    rows = np.linspace(0, len(depth) - 1, min(PLACES, len(depth))).astype(int)
+    apart, near = _nearest_pixels(pixels, rows)
+    jumps = np.abs(depth[rows] - depth[near]) / depth[rows] > STEEP * apart[:, 0] + QUANTUM
+    is_even = bool(np.median(apart[:, 0] / np.maximum(apart[:, 3], 1e-300)) > EVEN)
+    if jumps.mean() > JUMPS[is_even] or not (is_even or _fills_picture(pixels)):
+        return None
+    return Frame("-y" if ahead > 0 else "y", 1.0 if is_even else THINNED)
+
+
+def _fills_picture(pixels: Floats) -> bool:
+    """Whether positions in a picture lie about its middle, in a rectangle as cameras have it."""
+    low, high = np.quantile(pixels, [STRAY, 1 - STRAY], axis=0)
+    half, middle = (high - low) / 2, (high + low) / 2
+    is_centred = bool((np.abs(middle) <= BESIDE * half).all())
+    return is_centred and half.min() > WIDE and ASPECT[0] <= half[0] / half[1] <= ASPECT[1]
+
+
+def _nearest_pixels(pixels: Floats, rows: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
+    """Distances in the picture from some points to their four nearest others, (m, 4), and the rows of the nearest."""
+    order = np.argsort(pixels[:, 0])
+    reach = min(int(4.0 * np.sqrt(len(pixels))), len(pixels) // 2)
+    middle = np.searchsorted(pixels[order, 0], pixels[rows, 0])
+    first = np.clip(middle - reach, 0, len(pixels) - 2 * reach)
+    near = order[first[:, None] + np.arange(2 * reach)]
+    squared = np.square(pixels[near, 0] - pixels[rows, None, 0]) + np.square(pixels[near, 1] - pixels[rows, None, 1])
+    squared[near == rows[:, None]] = np.inf
+    four = np.argpartition(squared, 4, axis=1)[:, :4]
+    distances = np.sqrt(np.take_along_axis(squared, four, axis=1))
+    best = np.take_along_axis(four, distances.argmin(axis=1)[:, None], axis=1)
+    return np.sort(distances, axis=1), np.take_along_axis(near, best, axis=1)[:, 0]

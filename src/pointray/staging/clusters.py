@@ -1,0 +1,126 @@
+"""Which points of a sample a picture frames: without distant clusters, small islands and repeated places."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+STRAY = 0.0005  # share of the points at either end of an axis that counts as strays
+CELLS = 32  # along the longest side of the others: points in neighbouring cells are connected
+ISLAND = 0.0025  # share of the points: a smaller connected group is apart from the scan, however near it is
+APART = 0.02  # share of the points: where more lie apart, the scan consists of several bodies
+SHRUNK = 8  # times smaller than what surrounds it: a cluster is a body by itself
+ROUNDS = 12  # each finds clusters at the scale of the last round's main cluster
+
+
+FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # of hashes
+# Half of the neighbours of a cell: the others have it among theirs.
+ASIDE = np.array([o for o in np.ndindex(3, 3, 3) if o > (1, 1, 1)]) - 1
+
+
+def places(positions: Floats) -> NDArray[np.int64]:
+    """Return the first row of each place, sorted: scanners and programs repeat a place for rows without a return."""
+    bits = np.ascontiguousarray(positions + 0.0).view(np.uint64).reshape(-1, 3)  # -0 is 0
+    _, first = np.unique(_hash(bits), return_index=True)
+    return np.sort(first)
+
+
+def find_main(positions: Floats) -> tuple[Flags, Flags]:
+    """Find the points to frame, and among the others those that lie far away.
+
+    A cluster is distant if its distance from the main cluster exceeds the size of that; up to 2% of the points may be
+    distant. Clusters are connected cells of a grid, which is refined to the main cluster until nothing is left out.
+    Smaller groups than `ISLAND` are left out too, however near they are, if they are few.
+
+    Parameters
+    ----------
+    positions : (n, 3) float64
+        Different places.
+
+    Returns
+    -------
+    framed, distant : (n,) bool
+    """
+    n = len(positions)
+    distant = np.zeros(n, bool)
+    low, high = np.quantile(positions, [STRAY, 1.0 - STRAY], axis=0)
+    for _ in range(ROUNDS):
+        rows = np.flatnonzero(~distant)
+        size = float((high - low).max())
+        if not size > 0:
+            break
+        group = clusters(positions[rows], low, size / CELLS)
+        counts = np.bincount(group)
+        main = positions[rows[group == counts.argmax()]]
+        low, high = main.min(axis=0), main.max(axis=0)
+        far = _gaps(positions[rows], group, low, high) > (high - low).max()
+        few = np.count_nonzero(distant) + counts[far].sum() <= APART * n
+        if not far.any() or not few:
+            small = counts < ISLAND * n
+            small[counts.argmax()] = False
+            framed = ~distant
+            if counts[small].sum() <= APART * n:
+                framed[rows[small[group]]] = False
+            return framed, distant
+        distant[rows[far[group]]] = True
+    return ~distant, distant
+
+
+def largest_cluster(positions: Floats) -> NDArray[np.int64]:
+    """Return the rows of the largest cluster: of the largest cluster's points again, while that is much smaller."""
+    rows = np.arange(len(positions))
+    size = float(np.ptp(positions, axis=0).max())
+    while size > 0:
+        group = clusters(positions[rows], positions[rows].min(axis=0), size / CELLS)
+        largest = rows[group == np.bincount(group).argmax()]
+        smaller = float(np.ptp(positions[largest], axis=0).max())
+        if SHRUNK * smaller > size or len(largest) < ISLAND * len(rows):
+            break
+        rows, size = largest, smaller
+    return rows
+
+
+def clusters(positions: Floats, low: Floats, cell: float) -> NDArray[np.int64]:
+    """Return the number of each point's cluster: connected cells of a grid, also across edges and corners.
+
+    Parameters
+    ----------
+    low : (3,) float64
+        A corner of a cell.
+    cell : float
+        The side of a cell.
+    """
+    at = np.clip(np.floor((positions - low) / cell), -(2.0**60), 2.0**60).astype(np.int64)
+    keys, of = np.unique(_hash(at.view(np.uint64)), return_inverse=True)
+    pairs = []
+    for offset in ASIDE:
+        beside = keys + _hash(offset.astype(np.int64).view(np.uint64)[None])
+        place = np.searchsorted(keys, beside).clip(max=len(keys) - 1)
+        found = keys[place] == beside
+        pairs.append((np.flatnonzero(found), place[found]))
+    one, other = (np.concatenate(side) for side in zip(*pairs, strict=True))
+    label: NDArray[np.int64] = np.arange(len(keys))
+    before = label[:0]
+    while not np.array_equal(label, before):
+        before = label
+        label = before.copy()
+        np.minimum.at(label, one, before[other])
+        np.minimum.at(label, other, before[one])
+        label = label[label]
+    return np.asarray(np.unique(label, return_inverse=True)[1][of], np.int64)
+
+
+def _hash(rows: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """A number for each row, (n, 3): linear, so that neighbouring cells differ by the same number everywhere."""
+    return np.asarray((rows * FACTORS).sum(axis=1, dtype=np.uint64), np.uint64)
+
+
+def _gaps(positions: Floats, group: NDArray[np.int64], low: Floats, high: Floats) -> Floats:
+    """The distance of each group from a box, by the axis along which it is largest."""
+    gap = np.maximum(low - positions, positions - high).max(axis=1)
+    out = np.full(int(group.max()) + 1, np.inf)
+    np.minimum.at(out, group, gap)
+    return out

@@ -1,0 +1,236 @@
+"""Evidence of which way is up in a scan's shape: a score of each of six axes from each source.
+
+Scores lie between -1 and 1; 0 says nothing. `WEIGHTS` in upright.py are what they are multiplied with.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .planes import Planes, fit_planes
+from .stance import Ends
+
+Floats = NDArray[np.float64]
+
+AXES = ("x", "-x", "y", "-y", "z", "-z")
+LEVEL, PLUMB = 0.95, 0.1  # |cosine| between an axis and the normals of level planes, at least, and of walls, at most
+SLABS, SLAB = 40, 2  # layers across the height; how many neighbouring ones a ground may take up
+THINNEST = 0.015  # thickness of a layer, at least, as a share of the width
+TWO_SIDED = 2.0  # how much a sheet on the other side counts against a ground
+BANDS, WALL = 8, 0.5  # of the height; a column in which this share of them is taken is a wall
+COLUMNS = 12  # across the view from above
+BELOW = 5.0  # how much planes below a ground count against it
+SLICES = 20  # of the height, in which the width is measured
+THIN = 0.4  # width of a trunk, as a share of the greatest width
+CENTRED = 0.4  # distance of a trunk from the middle, as a share of the greatest width
+CROWN = 3  # slices that are about as wide as the widest, at least
+LONG = 0.25  # length of a trunk, as a share of the height
+FEW = 5  # points in a slice that are too few to judge
+AROUND = 16  # sectors about a scanner
+BELT = 75.0  # degrees: a scanner that turns sees no more between its lowest and its highest ray
+
+
+class Shape(NamedTuple):
+    """What evidence is taken from.
+
+    Attributes
+    ----------
+    positions, normals : (n, 3) float64
+        Without strays; normals are zero where they are unknown.
+    planes : Planes
+    eye : (3,) float64
+        Where a scanner may have stood.
+    stations : (k, 3) float64
+    """
+
+    positions: Floats
+    normals: Floats
+    planes: Planes
+    eye: Floats
+    stations: Floats
+
+    @classmethod
+    def of(cls, positions: Floats, normals: Floats, eye: Floats, stations: Floats) -> Shape:
+        return cls(positions, normals, fit_planes(positions), eye, stations)
+
+
+Scores = NDArray[np.float64]  # (6,), of `AXES`
+
+
+def both_ways(scores: list[float]) -> Scores:
+    """Scores of x, y and z as scores of six axes."""
+    return np.repeat(np.array(scores, np.float64), 2)
+
+
+def opposed(scores: list[float]) -> Scores:
+    """The same, with the opposite score for the opposite axis."""
+    return both_ways(scores) * np.array([1, -1] * 3)
+
+
+def stands(shape: Shape) -> tuple[Scores, Scores, Scores]:
+    """The axes along which a body has a broad base under its middle, and a small top; feet; and a flat lower end."""
+    ends = [Ends.of(shape.positions, axis) for axis in range(3)]
+    stances = np.concatenate([end.stances() for end in ends])
+    return stances, opposed([end.feet() for end in ends]), opposed([end.flatness() for end in ends])
+
+
+def faces(shape: Shape) -> Scores:
+    """The axis to which normals are turned: what scanners see of most things are their upper sides."""
+    known = shape.normals.any(axis=1)
+    return opposed(list(shape.normals[known].mean(axis=0))) if known.any() else np.zeros(6)
+
+
+def walls(shape: Shape) -> Scores:
+    """The axis along which walls stand that face several ways: on terrain they all face one way or the other."""
+    scores = []
+    for axis in range(3):
+        upright = shape.planes.flat & (np.abs(shape.planes.normals[:, axis]) < PLUMB)
+        if not upright.any():
+            scores.append(0.0)
+            continue
+        angle = 2.0 * np.arctan2(*np.delete(shape.planes.normals[upright], axis, axis=1).T)  # opposite ways are one
+        one_way = float(np.hypot(np.cos(angle).mean(), np.sin(angle).mean()))
+        scores.append(float(upright.mean()) * (1.0 - one_way))
+    return both_ways(scores)
+
+
+def ground(shape: Shape) -> tuple[Scores, Scores]:
+    """A level sheet under everything; and things that lie on it, below the middle of the height."""
+    sheets, things = [], []
+    for axis in range(3):
+        layers = Layers.of(shape.planes, axis)
+        below, above = layers.sheet(), layers.upside_down().sheet()
+        sheets += [below * max(1 - TWO_SIDED * above, 0), above * max(1 - TWO_SIDED * below, 0)]
+        things.append(min(2 * max(below, above), 1) * layers.lowness())
+    return np.array(sheets), opposed(things)
+
+
+class Layers(NamedTuple):
+    """Planes of a scan in layers along an axis, as counts in columns.
+
+    Attributes
+    ----------
+    planes, level : (layers, COLUMNS, COLUMNS) int64
+        All planes, and those that are level.
+    """
+
+    planes: NDArray[np.int64]
+    level: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, planes: Planes, axis: int) -> Layers:
+        height = planes.positions[:, axis] - planes.positions[:, axis].min()
+        across = np.delete(planes.positions, axis, axis=1)
+        across = across - across.min(axis=0)
+        width = float(across.max()) or 1.0
+        thick = max(float(height.max()) / SLABS, THINNEST * width)
+        layer = (height / thick).astype(int)
+        cells = np.minimum((across / width * COLUMNS).astype(int), COLUMNS - 1)
+        level = planes.flat & (np.abs(planes.normals[:, axis]) > LEVEL)
+        shape = (int(layer.max()) + 1, COLUMNS, COLUMNS)
+        key = np.ravel_multi_index((layer, cells[:, 0], cells[:, 1]), shape)
+        counts = [np.bincount(rows, minlength=int(np.prod(shape))).reshape(shape) for rows in (key, key[level])]
+        return cls(*counts)
+
+    def upside_down(self) -> Layers:
+        return Layers(self.planes[::-1], self.level[::-1])
+
+    def sheet(self) -> float:
+        """How much of the view along the axis a level sheet in the lower half covers, with little below it."""
+        whole = np.asarray(self.planes.any(axis=0))
+        rim = whole & ~_within(whole)
+        best, total = 0.0, self.planes.sum()
+        for k in range((len(self.planes) + 1) // 2):
+            sheet = np.asarray(self.level[k : k + SLAB].any(axis=0))
+            shares = sheet[whole].mean(), sheet[rim].mean() if rim.any() else 0.0
+            below = float(self.planes[: max(k - 1, 0)].sum()) / total
+            best = max(best, float(np.sqrt(shares[0] * shares[1])) * max(1 - BELOW * below, 0))
+        return best
+
+    def lowness(self) -> float:
+        """How far below the middle things lie, beside walls and between bottom and top, from -1 to 1."""
+        inner = self.planes[SLAB:-SLAB]
+        if len(inner) < BANDS:
+            return 0.0
+        bands = np.stack([band.sum(axis=0) for band in np.array_split(inner, BANDS)])
+        bands = bands * ((bands > 0).mean(axis=0) < WALL)
+        counts = bands.sum(axis=(1, 2))
+        if counts.sum() < FEW:
+            return 0.0
+        middle = float(counts @ (np.arange(BANDS) + 0.5)) / float(counts.sum()) / BANDS
+        return 1.0 - 2.0 * middle
+
+
+def _within(whole: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The cells whose four neighbours are cells too."""
+    wide = np.pad(whole, 1)
+    return wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
+
+
+def foliage(shape: Shape) -> Scores:
+    """What fills a volume is above what has a surface: leaves above trunks and the ground."""
+    scattered = shape.planes.scattered
+    share = float(scattered.mean()) if len(scattered) else 0.0
+    if not 0.05 < share < 0.95:
+        return np.zeros(6)
+    middle = [shape.planes.positions[rows].mean(axis=0) for rows in (scattered, ~scattered)]
+    sizes = np.ptp(shape.positions, axis=0)
+    weight = min(share, 1 - share) * 4
+    return opposed(list(np.clip((middle[0] - middle[1]) / np.where(sizes > 0, sizes, 1.0) * weight, -1, 1)))
+
+
+def trunk(shape: Shape) -> Scores:
+    """What is wide stands on what is thin, if this is long and under its middle: trees, lamps, signs."""
+    scores = []
+    for axis in range(3):
+        runs = [_trunk_length(shape.positions, axis, sign) for sign in (1.0, -1.0)]
+        scores.append(runs[0] - runs[1])
+    return opposed(scores)
+
+
+def _trunk_length(positions: Floats, axis: int, sign: float) -> float:
+    """The length of the trunk at the lower end of an axis, from 0 to 1 for half of the height."""
+    height = sign * positions[:, axis]
+    across = np.delete(positions, axis, axis=1)
+    slice_of = np.minimum((height - height.min()) / (np.ptp(height) or 1.0) * SLICES, SLICES - 1).astype(int)
+    middles, widths = np.full((SLICES, 2), np.nan), np.full(SLICES, np.nan)
+    for k in range(SLICES):
+        rows = across[slice_of == k]
+        if len(rows) >= FEW:
+            middles[k] = np.median(rows, axis=0)
+            widths[k] = np.quantile(np.linalg.norm(rows - middles[k], axis=1), 0.8)
+    widest = float(np.sort(np.nan_to_num(widths))[-CROWN])  # not of the ground, which is in one or two slices
+    if not widest > 0:
+        return 0.0
+    thinness = np.nan_to_num(1 - widths / (THIN * widest))
+    thinness[np.linalg.norm(np.nan_to_num(middles) - np.median(across, axis=0), axis=1) > CENTRED * widest] = 0.0
+    start = int(not thinness[0] > 0)  # the first may be ground
+    ends = np.flatnonzero(thinness[start:] <= 0)
+    length = int(ends[0]) if len(ends) else SLICES - start
+    return min(2.0 * float(thinness[start : start + length].sum()) / SLICES, 1.0) if length >= LONG * SLICES else 0.0
+
+
+def turning(shape: Shape) -> Scores:
+    """The axis about which a scanner has turned that sees all around, and not far up and down."""
+    away = shape.planes.positions - shape.eye
+    far = np.linalg.norm(away, axis=1)
+    away = away[far > 0] / far[far > 0, None]
+    scores = []
+    for axis in range(3):
+        elevation = np.degrees(np.arcsin(np.clip(away[:, axis], -1, 1)))
+        sector = np.arctan2(*np.delete(away, axis, axis=1).T) / (2 * np.pi) * AROUND
+        seen = len(np.unique(np.floor(sector[np.abs(elevation) < 60]))) / AROUND
+        span = float(np.ptp(np.quantile(elevation, [0.01, 0.99]))) if len(elevation) else 180.0
+        scores.append(max(1 - span / BELT, 0.0) if seen > 0.8 else 0.0)
+    return both_ways(scores)
+
+
+def stationed(shape: Shape) -> Scores:
+    """Scanners stand beside each other, not above: the axis along which their places differ is not up."""
+    if len(shape.stations) < 2:
+        return np.zeros(6)
+    spread = shape.stations.std(axis=0)
+    return both_ways(list(-spread / (spread.max() or 1.0)))

@@ -1,0 +1,25 @@
+"""Normals that a model was built with, for points whose file has none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels.tree import BLOCK, NX, Tree
+
+
+def fitted_normals(tree: Tree, rows: NDArray[np.integer[Any]], count: int) -> NDArray[np.float32]:
+    """Normals of some of `count` points, (m, 3); zero where the tree has no splat of a row.
+
+    rows : (m,), ascending. No kernel is needed.
+    """
+    wanted = np.zeros(count, bool)
+    wanted[rows] = True
+    slots = np.flatnonzero(tree.order >= 0)
+    slots = slots[wanted[tree.order[slots]]]
+    normals = np.zeros((len(rows), 3), np.float32)
+    first = slots // 4 * BLOCK + slots % 4 + NX
+    normals[np.searchsorted(rows, tree.order[slots])] = tree.blocks[first[:, None] + 4 * np.arange(3)]
+    return normals

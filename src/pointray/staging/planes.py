@@ -1,0 +1,73 @@
+"""Local planes of a scan: undirected normals, estimated from a few points in some milliseconds, without kernels."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+PLACES = 600  # planes, at most
+AMONG = 5000  # points from which they are fitted
+NEIGHBORS = 12
+FLAT = 0.03  # largest variance across a plane, as a share of the variance along its longer side
+SCATTERED = 0.12  # the least such share of foliage
+BLOCK = 300  # places whose neighbours are sought together: 14 MB
+
+
+class Planes(NamedTuple):
+    """Planes through the neighbourhoods of places that are spread evenly over a scan's surface.
+
+    Attributes
+    ----------
+    positions, normals : (m, 3) float64
+        The sign of a normal has no meaning.
+    flat, scattered : (m,) bool
+        Whether the neighbours lie in the plane or along a line; whether they fill a volume.
+    """
+
+    positions: Floats
+    normals: Floats
+    flat: NDArray[np.bool_]
+    scattered: NDArray[np.bool_]
+
+
+def fit_planes(positions: Floats) -> Planes:
+    """Fit planes to points, (n, 3); without any if there are too few points."""
+    among = positions[:: max(len(positions) // AMONG, 1)]
+    if len(among) <= NEIGHBORS:
+        none = np.zeros((0, 3))
+        return Planes(none, none, np.zeros(0, bool), np.zeros(0, bool))
+    among = among - among.mean(axis=0)
+    size = float(np.ptp(among, axis=0).max()) or 1.0
+    places = _spread_places(among, size)
+    moments = np.empty((len(places), 3, 3))
+    for start in range(0, len(places), BLOCK):
+        rows = places[start : start + BLOCK]
+        near = among[_nearest(among[rows] / size, among / size)]
+        near -= near.mean(axis=1, keepdims=True)
+        moments[start : start + BLOCK] = np.einsum("nki,nkj->nij", near, near)
+    values, axes = np.linalg.eigh(moments)
+    across = values[:, 0] / np.maximum(values[:, 2], 1e-300)
+    shift = positions[:: max(len(positions) // AMONG, 1)][places]
+    return Planes(shift, axes[:, :, 0], across < FLAT, across > SCATTERED)
+
+
+def _spread_places(among: Floats, size: float) -> NDArray[np.int64]:
+    """Rows of one point in each occupied cell of the finest grid that has at most `PLACES` such cells."""
+    cells = 64
+    while True:
+        keys = np.floor((among - among.min(axis=0)) / size * cells).astype(np.int64) @ (1, 128, 128 * 128)
+        rows = np.unique(keys, return_index=True)[1]
+        if len(rows) <= PLACES or cells == 1:
+            return rows
+        cells = max(int(cells * 0.8), 1)
+
+
+def _nearest(places: Floats, among: Floats) -> NDArray[np.int64]:
+    """Rows of the nearest points of each place, itself among them, (m, NEIGHBORS)."""
+    a, b = places.astype(np.float32), among.astype(np.float32)
+    squared = np.square(b).sum(axis=1) - 2.0 * (a @ b.T)
+    return np.argpartition(squared, NEIGHBORS, axis=1)[:, :NEIGHBORS]

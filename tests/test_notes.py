@@ -1,0 +1,46 @@
+"""Warnings that a thread collects are its own: other threads give theirs as usual, and settings stay as they were."""
+
+import threading
+import warnings
+
+import pytest
+
+from pointray.notes import heard, warn
+
+
+def test_warnings_are_given_or_collected():
+    with pytest.warns(UserWarning, match="given") as told:
+        warn("given")
+    assert told[0].filename == __file__
+    with heard() as notes:
+        warn("first")
+        with heard() as inner:
+            warn("second", FutureWarning)
+        warn("third")
+    assert (notes, inner) == (["first", "third"], ["second"])
+
+
+def test_a_thread_that_collects_changes_nothing_for_others():
+    """`warnings.catch_warnings` of two threads that overlap leaves the filters of one of them behind."""
+    before, inside, done = list(warnings.filters), threading.Event(), threading.Event()
+
+    def collect():
+        with heard() as notes:
+            warn("of the thread")
+            inside.set()
+            done.wait()
+            warn("of the thread, later")
+        assert len(notes) == 2
+
+    thread = threading.Thread(target=collect)
+    thread.start()
+    inside.wait()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(UserWarning, match="here"):
+            warn("here")
+        done.set()
+        thread.join()
+        with pytest.raises(UserWarning, match="here"):
+            warn("here")
+    assert warnings.filters == before
