@@ -3,11 +3,15 @@
 import signal
 import subprocess
 import sys
+import threading
+import time
 
 import pytest
 
 from conftest import long
-from pointray import cli
+from pointray import alive, cli
+from pointray.cli.waiting import in_background
+from pointray.jit import threads
 
 # Interrupts at random moments while another thread keeps the interpreter busy.
 PROGRAM = """
@@ -62,3 +66,23 @@ def test_an_error_that_an_interrupt_causes_is_one(monkeypatch, capsys):
     monkeypatch.setattr("pointray.cli.commands.app", app)
     assert cli.execute(["demo"]) == cli.INTERRUPTED
     assert capsys.readouterr().err == ""
+
+
+def test_a_thread_that_ends_without_a_word_is_a_lack_of_memory(monkeypatch):
+    """Its function never ran, or found no memory to tell of its error; both waited for ever."""
+    for module in ("pointray.jit.threads", "pointray.cli.waiting"):
+        monkeypatch.setattr(f"{module}.start", lambda work: alive.start(lambda: None))
+    with pytest.raises(MemoryError):
+        threads.run(lambda shared: 1, 8)
+    with pytest.raises(MemoryError):
+        in_background(lambda: 1)
+
+
+def test_a_thread_is_there_until_it_ends():
+    go_on = threading.Lock()
+    go_on.acquire()
+    is_there = alive.start(go_on.acquire)
+    assert is_there()
+    go_on.release()
+    while is_there():
+        time.sleep(0.001)

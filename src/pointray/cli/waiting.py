@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import _thread
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
+
+from ..alive import start
 
 T = TypeVar("T")
 POLL = 0.2  # seconds between two checks of what is being compiled
@@ -103,8 +104,7 @@ def in_background(work: Callable[[], T]) -> T:
     """
     results: list[T] = []
     errors: list[BaseException] = []
-    # Held until the work is done. A Ctrl-C within the Python code of Thread.start, Thread.join or Event.wait may leave
-    # their locks held for ever, or release them twice (Python 3.11), so nothing of theirs runs in the main thread.
+    # Held until the work is done. A plain lock: see `alive.start`.
     working = threading.Lock()
     working.acquire()
 
@@ -115,15 +115,17 @@ def in_background(work: Callable[[], T]) -> T:
             errors.append(error)
         working.release()
 
-    _thread.start_new_thread(body, ())
+    is_there = start(body)
     try:
-        while not working.acquire(timeout=0.1):
+        while is_there() and not working.acquire(timeout=0.1):
             pass
     except KeyboardInterrupt:
         working.acquire(timeout=0.2)  # a picture that is just being written gets finished
         raise
     if errors:
         raise errors[0]
+    if not results:
+        raise MemoryError("for a thread")
     return results[0]
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import _thread
 import os
 import queue
 import time
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..alive import start
 from .arrays import fetch_add, peek
 from .beside import wait_for
 from .decorators import inline
@@ -94,8 +94,7 @@ def run(
         cancel.watch(work)
     results: list[Any] = []
     errors: list[BaseException] = []
-    # The caller waits in C: a Ctrl-C within the Python code of Thread.start, Thread.join or Semaphore.acquire may leave
-    # their locks held for ever, or release them twice (Python 3.11).
+    # The caller waits in C, as `alive.start` tells why.
     done: queue.SimpleQueue[None] = queue.SimpleQueue()
 
     def worker() -> None:
@@ -107,14 +106,17 @@ def run(
         finally:
             done.put(None)
 
-    started = 0
+    started: list[Callable[[], bool]] = []
     try:
         for _ in range(min(thread_count(threads), max(tiles, 1))):
-            started += _start(worker, needed=started == 0)
-        while len(results) + len(errors) < started:
+            started += _start(worker, needed=not started)
+        while len(results) + len(errors) < len(started):
             try:
                 done.get(timeout=0.1)
             except queue.Empty:
+                # All have ended, one without a word: it found no memory, not even for that.
+                if not any(is_there() for is_there in started) and len(results) + len(errors) < len(started):
+                    raise MemoryError("for a thread") from None
                 if progress is not None:
                     progress(min((work[NEXT] - first) / max(tiles, 1), 1.0))
     except BaseException:
@@ -122,7 +124,7 @@ def run(
         work[CANCEL] = 1
         end = time.monotonic() + 0.3
         with suppress(queue.Empty):
-            while len(results) + len(errors) < started:
+            while len(results) + len(errors) < len(started):
                 done.get(timeout=max(0.0, end - time.monotonic()))
         raise
     if errors:
@@ -130,12 +132,11 @@ def run(
     return results
 
 
-def _start(worker: Callable[[], None], needed: bool) -> int:
-    """Start a worker if there is memory for its stack, else the others do its work; returns how many were started."""
+def _start(worker: Callable[[], None], needed: bool) -> list[Callable[[], bool]]:
+    """Start a worker if there is memory for its stack, else the others do its work; tells whether it is still there."""
     try:
-        _thread.start_new_thread(worker, ())
+        return [start(worker)]
     except RuntimeError:
         if needed:
             raise
-        return 0
-    return 1
+        return []
