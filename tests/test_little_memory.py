@@ -37,7 +37,7 @@ for room in rooms:
             main()
         status = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
         said = open(f"{folder}/said").read()
-        # Python itself waits for ever for a thread that finds no memory before it runs: that says nothing of us.
+        # threading.Thread.start waits for ever for a thread that finds no memory before it runs.
         if status != -signal.SIGALRM or "ignored in thread started by" not in said:
             break
     ends.append((room, status, said))
@@ -71,6 +71,8 @@ def test_a_lack_of_memory_is_one_line_and_status_1(tmp_path: Path, command: str)
 def ended_well(status: int, said: str) -> bool:
     # What was found about the scan before memory ran out stays above the error.
     lines = [line for line in said.splitlines() if line and not line.startswith("pointray: note: ")]
+    if any("ignored in thread started by" in line for line in lines):  # Python's words where there is none for a frame
+        lines = [line for line in lines if line.startswith("pointray: ")]
     if status == 0:
         return "not enough memory" not in said
     return status == 1 and len(lines) == 1 and lines[0].startswith("pointray: not enough memory")
