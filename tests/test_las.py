@@ -469,6 +469,7 @@ def test_what_is_wrong_with_compressed_points_is_said(tmp_path: Path) -> None:
     (row,) = struct.unpack_from("<H", good, 105)
     assert "layers of other sizes" in error_of(path, changed(good, start + 8 + row + 4, "<I", 2**32 - 1))
     assert "compressed rows have" in error_of(path, changed(good, vlr + 34 + 2, "<H", 29))
+    assert "compressed rows have" in error_of(path, changed(good, vlr + 34 + 6, "<H", 13))  # 6 bytes of a wave packet
     assert "in a way (1, 0)" in error_of(path, changed(good, vlr, "<H", 1))
     assert "record that says how" in error_of(path, good.replace(b"laszip encoded", b"laszip_encoded"))
     path.write_bytes(good)

@@ -45,6 +45,21 @@ def test_scans_are_placed_by_their_matrices(tmp_path, end, last):
     assert next(headers(path))[2].facts["scans"] == [{"columns": 2, "rows": 2}, {"columns": 1, "rows": 2}]
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_files_that_are_cut_off_anywhere_are_read_or_refused(tmp_path, end):
+    text = (FIRST + SECOND).replace("\n", end)
+    for size in range(len(text)):
+        path = save(tmp_path, text[:size])
+        try:
+            with warnings.catch_warnings(record=True):
+                warnings.simplefilter("always")
+                count = len(read(path))
+        except ValueError as error:
+            assert str(error).startswith(str(path)) and "\n" not in str(error)
+        else:
+            assert 0 < count <= 5
+
+
 def test_a_single_scan_has_no_scan_numbers(tmp_path):
     path = save(tmp_path, FIRST)
     points = read(path)

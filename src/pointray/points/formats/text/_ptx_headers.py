@@ -97,7 +97,7 @@ def scans_of(path: Path, size: int, time: int, strict: bool) -> tuple[list[Scan]
 
 def _next_header(file: BinaryIO, scan: Scan) -> tuple[int, int]:
     """Where the header behind a scan's rows begins, or the file ends, and how many lines lie before it."""
-    offset = scan.start - 1
+    offset = end = scan.start - 1  # the end of the header's last line; it may have none in the file
     file.seek(offset)
     tail, found = b"", None
     while found is None and (block := file.read(LINES)):
