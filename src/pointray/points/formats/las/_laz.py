@@ -25,6 +25,7 @@ VARIABLE = 2**32 - 1  # as the rows of a chunk: the table tells
 DENSEST = 64  # rows in a byte, if the header announces fewer: real scans have 0.05 to 0.5
 LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of an item of a row, in chunks of layers; extra bytes have one each
 EXTRA = 14
+ENDLESS = b"\xff\xff\xff\xff"  # no arithmetic coder begins so
 SIZES = {6: 20, 7: 8, 8: 6, 9: 29, 10: 30, 11: 6, 12: 8, 13: 29}  # bytes of an item in a row; extra bytes have any
 
 
@@ -159,8 +160,7 @@ def unpacked_parts(
     for first, last in _groups(parts):
         group = parts[first:last]
         raw = _read_parts(file, group)
-        if packing.layers:
-            _check_layers(raw, group, header.row, packing.layers)
+        _check_parts(raw, group, header.row, packing.layers)
         need = sum(part.rows for part in group) * header.row
         if len(whole) < need:
             whole = np.empty(need, np.uint8)
@@ -228,15 +228,25 @@ def _read_parts(file: BinaryIO, group: Sequence[Part]) -> bytearray:
     return raw
 
 
-def _check_layers(raw: bytearray, group: Sequence[Part], row: int, layers: int) -> None:
-    """A chunk of layers begins with a row, the number of rows and the layers' sizes: lazrs asks for that memory."""
+def _check_parts(raw: bytearray, group: Sequence[Part], row: int, layers: int) -> None:
+    """A chunk begins with a row; with layers, their rows and sizes follow: lazrs asks for that memory.
+
+    Each stream of compressed bytes begins with a number below the largest one, else lazrs ends the process.
+    """
     at = 0
     for part in group:
-        head = row + 4 + 4 * layers
-        numbers: tuple[Any, ...] = struct.unpack_from(f"<{1 + layers}I", raw, at + row) if part.size >= head else (0,)
-        if numbers[0] != part.rows or sum(numbers[1:]) != part.size - head:
-            raise ValueError(
-                f"is damaged: the chunk of points at byte {part.start:,} has {numbers[0]:,} rows, not {part.rows:,}, "
-                f"or layers of other sizes"
-            )
+        head = row + 4 + 4 * layers if layers else row
+        sizes = [part.size - row]
+        if layers:
+            rows, *sizes = struct.unpack_from(f"<{1 + layers}I", raw, at + row) if part.size >= head else (0,)
+            if rows != part.rows or sum(sizes) != part.size - head:
+                raise ValueError(
+                    f"is damaged: the chunk of points at byte {part.start:,} has {rows:,} rows, not {part.rows:,}, or "
+                    "layers of other sizes"
+                )
+        first = at + head
+        for size in sizes:
+            if size >= len(ENDLESS) and raw[first : first + len(ENDLESS)] == ENDLESS:
+                raise ValueError(f"is damaged: the chunk of points at byte {part.start:,} has a stream of ones")
+            first += size
         at += part.size
