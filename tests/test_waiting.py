@@ -9,9 +9,9 @@ import time
 import pytest
 
 from conftest import long
-from pointray import alive, cli
+from pointray import cli
 from pointray.cli.waiting import in_background
-from pointray.jit import threads
+from pointray.jit import alive, threads
 
 # Interrupts at random moments while another thread keeps the interpreter busy.
 PROGRAM = """
@@ -70,8 +70,9 @@ def test_an_error_that_an_interrupt_causes_is_one(monkeypatch, capsys):
 
 def test_a_thread_that_ends_without_a_word_is_a_lack_of_memory(monkeypatch):
     """Its function never ran, or found no memory to tell of its error; both waited for ever."""
-    for module in ("pointray.jit.threads", "pointray.cli.waiting"):
-        monkeypatch.setattr(f"{module}.start", lambda work: alive.start(lambda: None))
+    start = alive.start
+    for module in (threads, alive):
+        monkeypatch.setattr(module, "start", lambda work: start(lambda: None))
     with pytest.raises(MemoryError):
         threads.run(lambda shared: 1, 8)
     with pytest.raises(MemoryError):

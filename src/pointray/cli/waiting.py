@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..alive import start
-
 T = TypeVar("T")
 POLL = 0.2  # seconds between two checks of what is being compiled
 
@@ -114,6 +112,8 @@ def in_background(work: Callable[[], T]) -> T:
         except BaseException as error:
             errors.append(error)
         working.release()
+
+    from ..jit.alive import start
 
     is_there = start(body)
     try:

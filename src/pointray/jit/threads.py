@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..alive import start
+from .alive import start
 from .arrays import fetch_add, peek
 from .beside import wait_for
 from .decorators import inline
