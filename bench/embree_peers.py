@@ -1,4 +1,4 @@
-"""The peers of the speed benchmark: the splats as Embree's oriented discs, or a mesh, traced by a loop like ours.
+"""The peers of the speed benchmark: the splats as Embree's oriented discs, spheres, or a mesh, traced by a loop like ours.
 
 Needs Embree 3 (`libembree3.so.3`; Debian and Ubuntu: `libembree3-3`); `available()` says whether it is there.
 
@@ -28,7 +28,7 @@ LIBRARY = "libembree3.so.3"
 ABSENT = f"Embree 3 ({LIBRARY}) is not installed"
 
 # From rtcore_*.h of Embree 3.13.
-TRIANGLE, ORIENTED_DISC_POINT = 0, 52
+TRIANGLE, SPHERE_POINT, ORIENTED_DISC_POINT = 0, 50, 52
 BUFFER_INDEX, BUFFER_VERTEX, BUFFER_NORMAL = 0, 1, 3
 UINT3, FLOAT3, FLOAT4 = 0x5003, 0x9003, 0x9004
 QUALITY_HIGH, SCENE_NONE = 2, 0
@@ -221,6 +221,23 @@ class Discs(Peer):
         discs[:, :3], discs[:, 3] = positions, radii
         buffers = (BUFFER_VERTEX, FLOAT4, discs), (BUFFER_NORMAL, FLOAT3, np.asarray(normals, np.float32))
         super().__init__(ORIENTED_DISC_POINT, buffers, config)
+
+
+class Spheres(Peer):
+    """Spheres.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+    radii : (n,) float32, or one for all
+    config : str
+        See `Peer`.
+    """
+
+    def __init__(self, positions: Any, radii: Any, config: str = "") -> None:
+        spheres = np.empty((len(positions), 4), np.float32)
+        spheres[:, :3], spheres[:, 3] = positions, radii
+        super().__init__(SPHERE_POINT, ((BUFFER_VERTEX, FLOAT4, spheres),), config)
 
 
 class Mesh(Peer):

@@ -9,6 +9,8 @@ import numpy as np
 
 from pointray.intersect.march import BORDER_SHARE
 from pointray.jit import inline, kernel, next_tile, run
+from pointray.kernels.tree import SCATTER, SPHERES, first_scattered
+from pointray.tree.scattered import scattered_of
 
 KINDS = {"paper": 0, "imls": 1, "apss": 2}
 STEPS = 40  # samples in a radius
@@ -157,9 +159,10 @@ def _walk(work, splats, origins, directions, settings, out):  # type: ignore[no-
 
 
 def splats_of(model):  # type: ignore[no-untyped-def]
-    """A model's splats, (n, 13) float64, as `field` takes them."""
+    """The splats of a model's surface, (n, 13) float64, as `field` takes them."""
     tree = model.tree
     used = tree.order >= 0
+    used[4 * first_scattered(tree) :] = False
     splats = np.zeros((used.sum(), 13))
     splats[:, :7] = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used]
     splats[:, 6] = 1 / np.sqrt(splats[:, 6])
@@ -188,3 +191,47 @@ def _walk_one(model, splats, origins, directions, sought_side):  # type: ignore[
     settings = (KINDS[model.surface], *trims, float(BORDER_SHARE), sought_side)
     run(_walk, n, splats, np.ascontiguousarray(origins - model.points.origin), directions, settings, tuple(twin))
     return twin
+
+
+class Met(NamedTuple):
+    """The nearest scattered point on each ray.
+
+    t : (n,) float64, inf for a miss; row : (n,), the caller's, -1 for a miss
+    doubtful : (n,) bool: a ray that touches a sphere or starts on it, or meets two at the same t
+    """
+
+    t: np.ndarray
+    row: np.ndarray
+    doubtful: np.ndarray
+
+
+def meet_scattered(model, origins, directions, t_max=np.inf):  # type: ignore[no-untyped-def]
+    """The nearest scattered points along world rays (n, 3) with unit directions, each against all in float64."""
+    scattered = scattered_of(model.tree, model.radii)
+    centers, radii = scattered.positions + model.points.origin, scattered.radii.astype(np.float64)
+    normals = scattered.normals.astype(np.float64)
+    t, row, doubtful = np.full(len(origins), np.inf), np.full(len(origins), -1), np.zeros(len(origins), np.bool_)
+    for i, (o, d) in enumerate(zip(origins, directions, strict=True)):
+        to = centers - o
+        if model.tree.head[SCATTER] == SPHERES:
+            along = to @ d
+            rest = radii**2 - ((to - along[:, None] * d) ** 2).sum(axis=1)
+            half = np.sqrt(np.maximum(rest, 0))
+            each = np.where(along - half > 0, along - half, along + half)
+            away = np.abs(np.linalg.norm(to, axis=1) / radii - 1)
+            unsure = (np.abs(rest) < 1e-3 * radii**2) | (away < 0.012)
+            each[(rest < 0) | (each < 0)] = np.inf
+        else:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                each = (to * normals).sum(axis=1) / (normals @ d)
+                rest = radii**2 - ((to - each[:, None] * d) ** 2).sum(axis=1)
+            unsure = np.abs(rest) < 1e-3 * radii**2
+            each[~((rest >= 0) & (each > 0))] = np.inf
+        each[each > t_max] = np.inf
+        k = each.argmin()
+        if each[k] < np.inf:
+            t[i], row[i] = each[k], scattered.rows[k]
+        doubtful[i] = (unsure & (each <= t[i] + radii)).any()
+        doubtful[i] |= (each < t[i] + 1e-4 * radii[k]).sum() > 1
+        doubtful[i] |= (unsure & (np.abs(to @ d) < t[i] + 2 * radii)).any()
+    return Met(t, row, doubtful)

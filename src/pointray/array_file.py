@@ -51,6 +51,8 @@ class Kind(NamedTuple):
         What messages call it.
     outdated : str
         What a message says of another version or layout.
+    older : tuple of int
+        Earlier versions that are read too.
     """
 
     format: str
@@ -58,6 +60,7 @@ class Kind(NamedTuple):
     layout: list[int]
     noun: str
     outdated: str
+    older: tuple[int, ...] = ()
 
 
 def write_arrays(
@@ -128,7 +131,7 @@ def _description(head: NDArray[Any], kind: Kind) -> dict[str, Any]:
         raise ValueError(f"not {kind.noun}, or its description is damaged") from error
     if known[0] != kind.format:
         raise ValueError(f"not {kind.noun}")
-    if known[1:] != (kind.version, kind.layout):
+    if known[1] not in (kind.version, *kind.older) or known[2] != kind.layout:
         raise ValueError(kind.outdated)
     return {**about, "arrays": names}
 

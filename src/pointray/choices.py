@@ -12,6 +12,13 @@ AUTO = "auto"
 
 SURFACES = {"paper": "the paper's", "imls": "imls", "apss": "spheres (apss)", "disc": "discs"}
 
+SCATTER = {  # how points are drawn that lie on no surface
+    "surface": "as all others",
+    "spheres": "spheres",
+    "discs": "single discs",
+    "none": "left out",
+}
+
 INTEGRATORS = {
     "phong": "Phong: direct light, shadows",
     "ao": "Ambient occlusion",

@@ -15,16 +15,18 @@ from numpy.typing import ArrayLike, NDArray
 from .arguments import check_callback, check_choice, check_path, check_positive, check_whole
 from .choices import SURFACES
 from .data import Points, spread_rows
-from .kernels.tree import LONGEST, Tree
+from .kernels.tree import LONGEST, Tree, no_tree
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
 from .points.ready import check_model_memory, finite_rows, placed_for_model
 from .points.smoothing.smooth import Placed, check_sigma
 from .residence import Key, OnDisk, Residence, Source
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
-from .splats.make import Made, Sizes, make_splats
+from .splats.make import Made, Sizes, check_size, make_splats
 from .splats.radii import check_radii
-from .tree.build import build_tree
+from .splats.scattered import Drawing, check_drawing, check_mask, make_scattered
+from .tree.build import Splats, build_tree
+from .tree.scattered import scattered_of, scattered_rows, with_scattered
 from .tree.settings import LOOSE_TRIM, check_settings, settings_of
 from .tree.stored import longest_leaf, reach_of, stored_splats
 
@@ -62,6 +64,12 @@ class Model(OnDisk):
         neighbours show (`pr.smooth`), and those of sparse second layers on the surface beside them (docs/strays.md).
         "auto": measured, place by place; 0: where the points are. With given radii "auto" is 0, and no layer is moved.
         Rows, attributes and `points` stay as given.
+    scatter : {"surface", "spheres", "discs", "none"}
+        How points are drawn that lie on no surface, such as those of leaves, wires and strays: as all others, as
+        spheres, as single flat discs that face along their normals, or not at all. With given radii spheres and discs
+        have these.
+    scatter_size : float
+        Factor for the radii of scattered points, which are 0.35 of the local spacing.
     progress : callable, optional
         Called with the stage's name and the share done.
 
@@ -81,6 +89,7 @@ class Model(OnDisk):
 
     parts: tuple[Model, ...] = ()
     _saved: tuple[Place, tuple[Model, ...]] | None = None  # the file that holds it, with which levels of detail
+    drawing = Drawing()  # how scattered points are drawn
     _residence: Residence[Model] | None = None  # of a model in parts: what is open of it
 
     def __init__(
@@ -94,7 +103,10 @@ class Model(OnDisk):
         trim: str | float | None = "auto",
         radius_scale: float = 1.0,
         smooth: str | float = "auto",
+        scatter: str = "surface",
+        scatter_size: float = 1.0,
         progress: Callable[[str, float], None] | None = None,
+        _scattered: ArrayLike | None = None,
     ) -> None:
         check_callback(progress)
         self.points = points if isinstance(points, Points) else _points_of(points)
@@ -111,6 +123,11 @@ class Model(OnDisk):
         used = finite_rows(self.points)
         say("normals", 0.0)
         cloud = self.points if len(used) == len(self.points) else self.points.select(used)
+        self.drawing = check_drawing(scatter, scatter_size)
+        mask = check_mask(_scattered, len(self.points))
+        if mask is not None and self.drawing.scatter != "surface" and mask[used].any():
+            self._build_both(cloud, used, mask[used], (given, scale), say)
+            return
         made = make_splats(  # which alone holds the placed points, and frees them
             placed_for_model(cloud, self.smooth, given is None, partial(say, "normals")),
             used,
@@ -120,14 +137,47 @@ class Model(OnDisk):
         )
         self._build(made, say)
 
-    def _build(self, made: Made, say: Callable[[str, float], None]) -> None:
-        """Build the tree over splats of the model's points."""
-        if made.tight:
+    def _build_both(
+        self,
+        cloud: Points,
+        used: NDArray[np.int32],
+        mask: NDArray[np.bool_],
+        sizes: tuple[NDArray[np.float32] | None, float],
+        say: Callable[[str, float], None],
+    ) -> None:
+        """Build the tree over a surface and scattered points; these stay where they are. mask : which they are"""
+        radii, scale = sizes
+        made, scattered = None, None
+        if self.drawing.scatter != "none":
+            given = None if radii is None else radii[used]
+            scattered = make_scattered(cloud, mask, used, self.drawing, given)
+        if not mask.all():
+            rows = used[~mask]
+            made = make_splats(
+                placed_for_model(cloud.select(~mask), self.smooth, radii is None, partial(say, "normals")),
+                rows,
+                Sizes(None if radii is None else radii[rows], scale),
+                self.settings,
+                partial(say, "radii"),
+            )
+        self._build(made, say, scattered)
+
+    def _build(
+        self, made: Made | None, say: Callable[[str, float], None], scattered: Splats | None = None
+    ) -> None:
+        """Build the tree over splats of the model's points, and over scattered ones."""
+        if made is not None and made.tight:
             self.settings = self.settings._replace(trim=LOOSE_TRIM)
         self._bounds = self.points.bounds
         self.radii: NDArray[np.float32] = np.zeros(len(self.points), np.float32)
-        self.radii[made.rows] = made.radii
-        self.tree: Tree = build_tree(made.splats, self.settings, progress=partial(say, "tree"), in_order=True)
+        self.tree: Tree = no_tree(np.zeros(6, np.float32))
+        if made is not None:
+            self.radii[made.rows] = made.radii
+            self.tree = build_tree(made.splats, self.settings, progress=partial(say, "tree"), in_order=True)
+        if scattered is not None:
+            check_size(scattered.radii)
+            self.radii[scattered.rows] = scattered.radii
+            self.tree = with_scattered(self.tree, scattered, self.drawing.kind)
 
     def remade(
         self,
@@ -147,14 +197,22 @@ class Model(OnDisk):
         scale, surface = check_positive(radius_scale, "radius_scale"), check_choice(surface, "surface", SURFACES)
         options: dict[str, Any] = {"surface": surface, "samples": samples, "refine": refine}
         if check_sigma(smooth, "smooth") != self.smooth:
-            return Model(self.points, smooth=smooth, radius_scale=scale, progress=progress, **options)
+            options |= {"scatter": self.drawing.scatter, "scatter_size": self.drawing.size}
+            mask = self.scattered
+            return Model(
+                self.points, smooth=smooth, radius_scale=scale, progress=progress, _scattered=mask, **options
+            )
         model = Model.__new__(Model)
         model.settings = check_settings(**options, trim="auto")
         model.points, model.surface, model.smooth, model.levels = self.points, surface, self.smooth, ()
-        used = np.flatnonzero(self.points.finite).astype(np.int32)
+        model.drawing = self.drawing
+        used = np.flatnonzero(self.points.finite & (self.radii > 0) & ~self.scattered).astype(np.int32)
         sizes = Sizes(self.radii[used], scale)
         say = progress or (lambda stage, share: None)
-        model._build(make_splats(self._placed(used), used, sizes, model.settings, partial(say, "radii")), say)
+        made = None
+        if len(used):
+            made = make_splats(self._placed(used), used, sizes, model.settings, partial(say, "radii"))
+        model._build(made, say, scattered_of(self.tree, self.radii))
         return model
 
     def _placed(self, used: NDArray[np.int32]) -> Placed:
@@ -188,9 +246,10 @@ class Model(OnDisk):
         self._saved = place_of(path), self.levels
 
     def _kept(self) -> Level:
-        return Level(
-            {**self.settings._asdict(), "smooth": self.smooth}, self.points, self.radii, self._bounds, self.tree
-        )
+        settings = {**self.settings._asdict(), "smooth": self.smooth}
+        if self.drawing != Drawing():
+            settings |= {"scatter": self.drawing.scatter, "scatter_size": self.drawing.size}
+        return Level(settings, self.points, self.radii, self._bounds, self.tree)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], memory: int | None = None) -> Model:
@@ -271,6 +330,7 @@ class Model(OnDisk):
         model = cls.__new__(cls)
         settings = dict(level.settings)
         model.smooth = check_sigma(settings.pop("smooth", 0.0), "smooth")
+        model.drawing = check_drawing(settings.pop("scatter", "surface"), settings.pop("scatter_size", 1.0))
         model.settings = settings_of(settings)
         model.points, model.radii, model._bounds, model.tree = level.points, level.radii, level.bounds, level.tree
         model.surface, model.levels = model.settings.surface, ()
@@ -351,6 +411,14 @@ class Model(OnDisk):
         self.check_whole()
         rows, positions, normals, _ = stored_splats(self.tree)
         return self.points.select(rows).changed(positions=positions, normals=normals), rows
+
+    @property
+    def scattered(self) -> NDArray[np.bool_]:
+        """Which points are drawn as spheres or as single discs, (n,) bool; a new array."""
+        mask = np.zeros(len(self.points), np.bool_)
+        if not self.parts:
+            mask[scattered_rows(self.tree)] = True
+        return mask
 
     @property
     def has_levels(self) -> bool:

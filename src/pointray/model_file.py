@@ -16,13 +16,17 @@ from numpy.typing import NDArray
 
 from .array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
 from .data import FARTHEST, Points
-from .kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, STEP, Tree
+from .kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, SCATTER, STEP, Tree
 from .survey import Survey
 from .tree.indices import check_indices
 
 SAVED = ".pointray"  # the usual end of such a file's name
 LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]
-KIND = Kind("pointray model", 2, LAYOUT, "a saved model", "saved by another version of pointray: save it anew")
+# Version 3 has leaves of scattered points; a model without any is written as version 2, which earlier releases read.
+SURFACE_ONLY = 2
+KIND = Kind(
+    "pointray model", 3, LAYOUT, "a saved model", "saved by another version of pointray: save it anew", (SURFACE_ONLY,)
+)
 
 
 class Level(NamedTuple):
@@ -96,7 +100,9 @@ def write_model(
     }
     settings = [level.settings for level in levels]
     about = {"settings": settings[0], "levels": settings[1:], "survey": levels[0].points.survey.facts}
-    write_arrays(path, KIND, {**about, **(more or {})}, named, say)
+    scattered = any(level.tree.head[SCATTER] for level in levels)
+    kind = KIND if scattered else KIND._replace(version=SURFACE_ONLY)
+    write_arrays(path, kind, {**about, **(more or {})}, named, say)
 
 
 def _prefix(k: int) -> str:

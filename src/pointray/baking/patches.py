@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
-from ..kernels.tree import BLOCK, FAR, INV_R2, NX, PX, Tree
+from ..kernels.tree import BLOCK, FAR, INV_R2, NX, PX, Tree, first_scattered
 from ..kernels.vec import Vec3
 from ..neighbors import NeighborTree
 
@@ -45,7 +45,8 @@ class Blend(NamedTuple):
 class PatchSet(NamedTuple):
     """The patches of one model, in its own space about the points' origin.
 
-    positions, normals : (m, 3) float32; radii : (m,) float32, support radii: of the splats that are patches
+    positions, normals : (m, 3) float32; radii : (m,) float32, support radii: of the splats that are patches, and
+        diameters of scattered points: where their normals leave them is found by a ray that starts outside
     near : (m, NEAR) int32, neighbours of each patch; -1: fewer
     blends : of the model, then of its levels of detail
     """
@@ -74,6 +75,7 @@ def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
     trees : its own, and its levels'
     """
     x, n, radii = splats_of(trees[0])
+    radii[BLOCK_SPLATS * first_scattered(trees[0]) :] *= np.float32(2.0)
     used = np.flatnonzero(x[:, 0] < FAR)
     count = min(most, len(used))
     places = np.arange(count) + np.arange(count) * GOLDEN % 1.0

@@ -12,6 +12,7 @@ below, part by part: each name is where its rows begin in the part's array.
 | START, HEADING, SPEED, LOW | `instance` | `instance` | while the tile is in one model |
 | TOP_*, top_what, top_rays, top_near | `instance_bvh` | `world`, `instance_bvh` | one `trace_tile` |
 | OX to BEGIN but TOP_*, FOUND | `instance`, `tile`, `leaf` | the same | while the tile is in one model |
+| SCATTER_* | `scattered` | `scattered`, `tile` | one walk through a model |
 | CUT | `trace/world.py` | `plane`, `instance` | one `trace_tile` |
 | ASIDE, FOUND_ASIDE | `group` | `group` | while a group of the rays is in one model |
 | stack, stack_near | `traverse`, `tile` | the same | one walk through a model |
@@ -78,6 +79,7 @@ INSTANCE_OF, LEAF_OF, SLOT_OF = _rows(), _rows(), _rows()  # of the nearest hit,
 FOUND = _rows()  # leaf of the hit in the current model, -1 for none
 WAITING_COUNT = _rows()  # rays that wait at each shading point
 FOUND_ASIDE = _rows()  # FOUND of all the tile's rays, while a group of them is in the rows above
+SCATTER_SLOT = _rows()  # slot of the nearest scattered point hit in the current model, -1 for none
 NUMBERS_SIZE = _rows.size
 
 # model, float32: the rays in the current model, see `kernels.tree.Ray`, and what is computed of them at a leaf.
@@ -95,6 +97,8 @@ TOP_OX, TOP_IX, TOP_LENGTH = _rows(3), _rows(3), _rows()  # in the tree over the
 # Where the ray begins, from where it enters the bounds on: nothing before counts. Negative where a clip plane has cut
 # it, so that it begins on no surface; then never 0.
 BEGIN = _rows()
+SCATTER_T = _rows()  # t of the nearest hit of a scattered point in this model; inf: none
+SCATTER_END = _rows()  # how far scattered points are searched for: to the nearest hit of any kind; below 0: nowhere
 CUT = _rows()  # 1 where a clip plane has cut the ray, in any model; else 0
 ASIDE = _rows(_rows.size // TILE)  # the same rows of all the tile's rays, while a group of them is in the rows above
 MODEL_SIZE = _rows.size

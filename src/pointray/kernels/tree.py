@@ -50,6 +50,10 @@ NO_SURFACE = f32(1e30)
 WIDTH = 8
 NODE = 6 * WIDTH
 NO_CHILD = -(2**31)  # else: a child >= 0 is a node, a child < 0 is leaf ~child
+# Leaves from this number on hold scattered points: leaf SCATTERED + b is block b, whose splats are drawn as spheres or
+# as single discs of their radius, and whose normals are the mean directions of their neighbourhoods. As the leaf of a
+# hit, SCATTERED + s is slot s. These blocks follow those of the surface, and no group lists them.
+SCATTERED = 1 << 30
 
 # A group: 16 bounding spheres of blocks, 4 rows (centre x y z, radius) of 16 float32.
 GROUP = 64
@@ -63,6 +67,9 @@ REFINE = 7  # secant steps after the bracket
 TRIM = 8  # largest |x - P(x)| of a hit, in local radii; inf: no limit
 OVERHANG = 9  # how far a hit may lie out of an open border, in local radii; inf: no limit
 LONGEST = 10  # longest step of the samples in any leaf
+SCATTER = 11  # how scattered points are drawn: one of the next two; 0: the tree has none
+SPHERES, DISCS = 1, 2
+SCATTER_LEAVES = 12  # the number of leaves of scattered points, rounded to float32
 
 
 class Tree(NamedTuple):
@@ -111,6 +118,13 @@ def no_tree(bounds: Array) -> Tree:
     children = np.full(WIDTH, NO_CHILD, np.int32)
     real, whole, small = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.int8)
     return Tree(head, boxes, children, real, real, whole, real, whole, real, whole, small, small, whole, real)
+
+
+def first_scattered(tree: Tree) -> int:
+    """Return the number of the first block of scattered points, or of all blocks if there are none."""
+    leaf = ~tree.children[(tree.children < 0) & (tree.children != NO_CHILD)].astype(np.int64)
+    scattered = leaf[leaf >= SCATTERED] - SCATTERED
+    return int(scattered.min(initial=tree.blocks.size // BLOCK))
 
 
 _F32, _I32, _I8 = f32(0), i32(0), np.int8(0)

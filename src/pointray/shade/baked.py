@@ -44,7 +44,7 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.tree import BLOCK, LEAF, NX, NY, NZ, SHEETED, Tree, tree_at
+from ..kernels.tree import BLOCK, LEAF, NX, NY, NZ, SCATTERED, SHEETED, Tree, tree_at
 from ..kernels.vec import BLACK
 from ..simd import (
     ONE,
@@ -113,10 +113,17 @@ def _normals(world: World, instance: int, four: Four, scratch: Scratch) -> FourP
 def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
     """List the blocks that have weight at one of four hits of one leaf, and store the weights: in `Scratch.splats`.
 
-    Lane 4 r + j is that of splat j at point r. Where no splat has weight, the nearest one has.
+    Lane 4 r + j is that of splat j at point r. Where no splat has weight, the nearest one has. A scattered point has
+    its own record.
     """
     part, splats = scratch.part, scratch.splats
     leaf, instance = scratch.numbers[LEAF_OF + four[0]], scratch.numbers[INSTANCE_OF + four[0]]
+    if leaf >= SCATTERED:
+        scratch.counts[COUNT_NEAR] = 0
+        for r in range(4):
+            part[SUM_WEIGHTS + 4 * r] = f32(1.0)
+            list_record((leaf - SCATTERED) // 4, r, (leaf - SCATTERED) % 4, 1.0, scratch)
+        return
     nx, ny, nz = _normals(world, instance, four, scratch)
     sheet = tree.leaves[leaf * LEAF + SHEETED] != ZERO, (f64(lane(nx, 0)), f64(lane(ny, 0)), f64(lane(nz, 0)))
     places = list_around(tree, four, scratch)
@@ -217,7 +224,8 @@ def _is_sheeted(world: World, i: int, scratch: Scratch) -> bool:
     if world.instances[instance + KIND] != MODEL:
         return False
     tree = tree_at(world.table, i64(world.instances[instance + SHAPE_ROW]))
-    return tree.leaves[scratch.numbers[LEAF_OF + i] * LEAF + SHEETED] != ZERO
+    leaf = scratch.numbers[LEAF_OF + i]
+    return leaf < SCATTERED and tree.leaves[leaf * LEAF + SHEETED] != ZERO
 
 
 @routine

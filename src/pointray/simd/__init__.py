@@ -67,6 +67,7 @@ __all__ = [
     "shift_lane",
     "shift_quarter",
     "broadcast16",
+    "broadcast4",
     "broadcast8",
     "broadcast_from",
     "square_sum",

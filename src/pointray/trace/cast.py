@@ -24,7 +24,7 @@ from ..kernels.scratch import (
     new_scratch,
     store3,
 )
-from ..kernels.tree import tree_at
+from ..kernels.tree import SCATTERED, tree_at
 from ..kernels.vec import Vec3, add, along_curve, dot, load3_flat, scale
 from ..simd import lane
 from .hits import describe_tile, tile_hit
@@ -211,7 +211,9 @@ def _blend_attribute(
         for h in range(block * BATCH, min((block + 1) * BATCH, hits.size)):
             i = hits[h]
             x = (f32(local[3 * i]), f32(local[3 * i + 1]), f32(local[3 * i + 2]))
-            list_blocks(tree, leaf[i], segment(x, (one, zero, zero), zero, zero), scratch)
+            scratch.counts[COUNT_NEAR] = 0
+            if leaf[i] < SCATTERED:  # a scattered point has its own value
+                list_blocks(tree, leaf[i], segment(x, (one, zero, zero), zero, zero), scratch)
             total = 0.0
             for c in range(width):
                 out[h * width + c] = 0.0

@@ -28,7 +28,7 @@ from ..kernels.scratch import (
     TILE,
     Scratch,
 )
-from ..kernels.tree import Tree
+from ..kernels.tree import SCATTER_LEAVES, Tree
 from ..simd import (
     ONE,
     ZERO,
@@ -60,7 +60,8 @@ FAILURES = 4  # after this many rays with too few similar neighbours the others 
 def leaf_edge(tree: Tree) -> float:
     """The approximate width of a leaf, as if the leaves covered the bounds."""
     x, y, z = tree.head[3] - tree.head[0], tree.head[4] - tree.head[1], tree.head[5] - tree.head[2]
-    return f32(math.sqrt(f32(4.0) * (x * y + y * z + z * x) / f32(tree.spans.size)))
+    numbers = f32(tree.spans.size) + f32(2.0) * tree.head[SCATTER_LEAVES]
+    return f32(math.sqrt(f32(4.0) * (x * y + y * z + z * x) / numbers))
 
 
 @inline

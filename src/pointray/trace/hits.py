@@ -23,7 +23,7 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.tree import LEAF, SHEETED, Tree, tree_at
+from ..kernels.tree import LEAF, SCATTERED, SHEETED, Tree, tree_at
 from ..kernels.vec import transform
 from ..simd import (
     F16,
@@ -40,7 +40,7 @@ from ..simd import (
     vmax,
     vsqrt,
 )
-from .paint import Four, paint_four
+from .paint import Four, paint_four, paint_one
 from .space import matrix_at
 
 
@@ -149,6 +149,23 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
 
 
 @inline
+def _describe_scattered(world: World, i: int, scratch: Scratch) -> None:
+    """Colour and slot of ray i's hit on a scattered point: its own."""
+    numbers = scratch.numbers
+    offset = numbers[INSTANCE_OF + i] * INSTANCE
+    tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
+    slot = numbers[LEAF_OF + i] - SCATTERED
+    numbers[SLOT_OF + i] = slot
+    color = (1.0, 1.0, 1.0)
+    if tree.colors.size > 0:
+        packed = tree.colors[slot]
+        color = f64(world.tone[packed & 255]), f64(world.tone[(packed >> 8) & 255]), f64(world.tone[(packed >> 16) & 255])
+    store3(scratch.world, COLOR + i, color)
+    if world.instances[offset + PAINT] >= 0.0:
+        paint_one(world, i, scratch)
+
+
+@inline
 def material_at(world: World, instance: int) -> int:
     """Offset of an instance's material in world.materials."""
     return int(world.instances[instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
@@ -178,7 +195,10 @@ def describe_tile(world: World, seen_only: bool, scratch: Scratch) -> None:
         numbers[SLOT_OF + i] = -1
         if numbers[INSTANCE_OF + i] >= 0 and numbers[LEAF_OF + i] >= 0:
             if not seen_only or _shows_colors(world, numbers[INSTANCE_OF + i]):
-                left |= i64(1) << i
+                if numbers[LEAF_OF + i] >= SCATTERED:
+                    _describe_scattered(world, i, scratch)
+                else:
+                    left |= i64(1) << i
             else:
                 store3(scratch.world, COLOR + i, (1.0, 1.0, 1.0))
     while left != 0:

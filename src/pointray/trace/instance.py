@@ -40,7 +40,7 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.tree import DISC, LONGEST, SURFACE, tree_at
+from ..kernels.tree import DISC, LONGEST, SCATTER, SURFACE, tree_at
 from ..kernels.vec import add, dot, either, scale, transform_transposed
 from ..simd import ONE, ZERO, Bits, broadcast16, count_bits, count_trailing_zeros, load16, select, store
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
@@ -53,17 +53,18 @@ from .traverse import closest, make_ray
 # 4; larger ones take the same. With 64, 24 statues a hundred pixels high take 1.11 times as long.
 LONELY = 24
 
-Box: TypeAlias = tuple[Bounds, tuple[float, float], bool]  # see `_enter`
+Box: TypeAlias = tuple[Bounds, tuple[float, float], bool, bool]  # see `_enter`
 
 
 @inline
 def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
     """Put ray i into a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them.
 
-    box : the model's bounds, the longest step of the samples in it, see `into_model`, and whether it is of discs: a ray
-        starts on no disc if it starts on no surface, or comes from outside of the bounds, which may be flat
+    box : the model's bounds, the longest step of the samples in it, see `into_model`, whether it is of discs: a ray
+        starts on no disc if it starts on no surface, or comes from outside of the bounds, which may be flat; and
+        whether it has scattered points: a ray starts on none of them if it comes from outside
     """
-    wide, rows, (bounds, step, discs) = scratch.world, scratch.model, box
+    wide, rows, (bounds, step, discs, scattered) = scratch.world, scratch.model, box
     ray = (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
     start, d, low, high, speed, begin = into_model(matrix, bounds, ray, step)
     store3(wide, START + i, start)
@@ -71,8 +72,9 @@ def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
     wide[LOW + i], wide[SPEED + i] = low, speed
     rows[LENGTH + i] = f32(high - low + step[0]) if low <= high else -ONE
     begin = f32(begin)
-    outside = ((low > 0.0) & (begin == ZERO)) | (wide[SIDE_OF + i] == ANYWHERE)
-    elsewhere = (rows[CUT + i] > ZERO) | (discs & outside)
+    outside = (low > 0.0) & (begin == ZERO)
+    on_none = outside | (wide[SIDE_OF + i] == ANYWHERE)
+    elsewhere = (rows[CUT + i] > ZERO) | (discs & on_none) | (scattered & outside)
     rows[BEGIN + i] = -max(begin, BEHIND) if elsewhere else begin
 
 
@@ -165,7 +167,8 @@ def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scrat
     model = i64(world.instances[offset + SHAPE_ROW])
     tree = tree_at(world.table, model)
     step = f64(tree.head[LONGEST])
-    box = model_bounds(tree.head), (step, 1.0 / step), int(tree.head[SURFACE]) == DISC
+    kinds = int(tree.head[SURFACE]) == DISC, tree.head[SCATTER] > ZERO
+    box = model_bounds(tree.head), (step, 1.0 / step), kinds[0], kinds[1]
     matrix = matrix_at(world, offset)
     rows, numbers = scratch.model, scratch.numbers
     few = count_bits(rays) <= LONELY
@@ -178,7 +181,7 @@ def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scrat
     while alone != 0:
         i = count_trailing_zeros(alone)
         alone &= alone - 1
-        hit = closest(world.table, model, tile_ray(rows, i), scratch)
+        hit = closest(world.table, model, tile_ray(rows, i), any_hit, scratch)
         numbers[FOUND + i] = hit.leaf
         rows[HIT_T + i] = hit.t
         store3(rows, NX + i, (hit.nx, hit.ny, hit.nz))

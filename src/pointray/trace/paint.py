@@ -98,8 +98,7 @@ def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scrat
 
     points, sheet : see `surface.weights_seen`
     """
-    wide, numbers = scratch.world, scratch.numbers
-    offset = numbers[INSTANCE_OF + four[0]] * INSTANCE
+    offset = scratch.numbers[INSTANCE_OF + four[0]] * INSTANCE
     tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
     paint = int(world.instances[offset + PAINT]) * PAINT_SIZE
     kind = world.paints[paint + PAINT_KIND]
@@ -107,12 +106,33 @@ def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scrat
     if kind == BLENDED:
         sums = _blend(world, paint, tree, points, sheet, scratch)
     for r in range(4):
-        i, map_position = four[r], np.nan
+        i, own = four[r], np.nan
         if kind != BY_COORDINATE:
-            map_position = f64(world.map_positions[int(world.paints[paint + PAINT_POSITIONS]) + numbers[SLOT_OF + i]])
-        if kind == BLENDED:
-            map_position = _blended(sums, r, map_position, scratch)
-        elif kind == BY_COORDINATE:
-            x = add(load3(wide, ORIGIN + i), scale(load3(wide, DIRECTION + i), wide[NEAREST + i]))
-            map_position = dot(load3_flat(world.paints, paint + PAINT_ALONG), x) + world.paints[paint + PAINT_START]
-        store3(wide, COLOR + i, _map_color(world, paint, map_position))
+            own = _own_position(world, paint, i, scratch)
+        _paint(world, paint, i, _blended(sums, r, own, scratch) if kind == BLENDED else own, scratch)
+
+
+@inline
+def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
+    """The map position of the splat that ray i has hit."""
+    return f64(world.map_positions[int(world.paints[paint + PAINT_POSITIONS]) + scratch.numbers[SLOT_OF + i]])
+
+
+@inline
+def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scratch) -> None:
+    """Colour of ray i's hit by a map position, or by its coordinate."""
+    wide = scratch.world
+    if world.paints[paint + PAINT_KIND] == BY_COORDINATE:
+        x = add(load3(wide, ORIGIN + i), scale(load3(wide, DIRECTION + i), wide[NEAREST + i]))
+        map_position = dot(load3_flat(world.paints, paint + PAINT_ALONG), x) + world.paints[paint + PAINT_START]
+    store3(wide, COLOR + i, _map_color(world, paint, map_position))
+
+
+@inline
+def paint_one(world: World, i: int, scratch: Scratch) -> None:
+    """Colour of ray i's hit on a painted instance, whose slot is found: by the value of that splat alone."""
+    paint = int(world.instances[scratch.numbers[INSTANCE_OF + i] * INSTANCE + PAINT]) * PAINT_SIZE
+    own = np.nan
+    if world.paints[paint + PAINT_KIND] != BY_COORDINATE:
+        own = _own_position(world, paint, i, scratch)
+    _paint(world, paint, i, own, scratch)

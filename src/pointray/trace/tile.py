@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone, search_together, together
+from ..intersect.scattered import begin_scattered, finish_scattered, search_block
 from ..jit import Array, f32, i32, i64, inline
 from ..kernels.scratch import (
     BEGIN,
@@ -35,11 +36,28 @@ from ..kernels.scratch import (
     OX,
     OY,
     OZ,
+    SCATTER_END,
+    SCATTER_T,
     SIDE,
     TILE,
     Scratch,
 )
-from ..kernels.tree import CELL, GROUP, LEAF, LONGEST, NODE, SLAB, SLAB_HI, SLAB_LO, WIDTH, Ray, Tree, tree_at
+from ..kernels.tree import (
+    CELL,
+    GROUP,
+    LEAF,
+    LONGEST,
+    NODE,
+    SCATTER,
+    SCATTERED,
+    SLAB,
+    SLAB_HI,
+    SLAB_LO,
+    WIDTH,
+    Ray,
+    Tree,
+    tree_at,
+)
 from ..simd import (
     ONE,
     ZERO,
@@ -60,10 +78,9 @@ from ..simd import (
     vmax,
     vmin,
 )
-from .traverse import Planes, far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
+from .traverse import ROUNDING, Planes, far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
 
 ALL = -1  # all rays, as bits of an int64
-ROUNDING = f32(1e-6)
 
 
 @inline
@@ -176,13 +193,60 @@ def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
 @inline
 def _prefetch_search(tree: Tree, child: int) -> None:
     """Prefetch what a search of the next leaf reads first."""
-    if child < 0:
+    if child < 0 and i64(~child) < SCATTERED:
         first, count = tree.spans[2 * ~child], tree.spans[2 * ~child + 1]
         for group in range(first, first + count):
             for k in range(0, GROUP, 16):
                 prefetch(tree.spheres, i64(group) * GROUP + k)
             prefetch(tree.refs, i64(group) * 16)
         prefetch_columns(tree, ~child)
+
+
+@inline
+def _search_scattered(
+    tree: Tree, block: int, box: int, planes: tuple[Planes, Planes, float], span: tuple[int, int], scratch: Scratch
+) -> None:
+    """Search a block of scattered points for the rays that pass through its box."""
+    near, far, begin = planes
+    rows, boxes = scratch.model, tree.boxes
+    for v in range(span[0], span[1], LANES):
+        ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
+        ix, iy, iz = load16(rows, IX + v), load16(rows, IY + v), load16(rows, IZ + v)
+        enter = vmax(
+            vmax((boxes[box + near[0] * WIDTH] - ox) * ix, (boxes[box + near[1] * WIDTH] - oy) * iy),
+            vmax((boxes[box + near[2] * WIDTH] - oz) * iz, broadcast16(begin)),
+        )
+        leave = vmin(
+            vmin((boxes[box + far[0] * WIDTH] - ox) * ix, (boxes[box + far[1] * WIDTH] - oy) * iy),
+            vmin((boxes[box + far[2] * WIDTH] - oz) * iz, load16(rows, SCATTER_END + v)),
+        )
+        passing = bits(enter <= leave)
+        if passing != 0:
+            search_block(tree, block, passing, v, scratch)
+
+
+@inline
+def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> float:
+    """End the rays at what they have hit, in a tree with scattered points; returns how far the farthest goes on.
+
+    Scattered points are searched for as far as the nearest hit, and the surface a step farther than to the nearest of
+    them: a shorter ray hits what the whole one does.
+    """
+    rows, longest = scratch.model, tree.head[LONGEST]
+    ended = broadcast16(-ONE)
+    farthest = ended
+    for v in range(span[0], span[1], LANES):
+        surface, scattered = load16(rows, HIT_T + v), load16(rows, SCATTER_T + v)
+        length, end = load16(rows, LENGTH + v), vmin(load16(rows, SCATTER_END + v), surface)
+        length = vmin(length, scattered + longest)
+        if any_hit:
+            sure = vmin(surface, scattered) < (ONE - ROUNDING) * load16(rows, END + v) - (longest + longest)
+            length = select(sure, ended, length)
+        end = select(length < ZERO, ended, end)
+        store(rows, LENGTH + v, length)
+        store(rows, SCATTER_END + v, end)
+        farthest = vmax(farthest, vmax(length, end))
+    return reduce_max(farthest)
 
 
 @inline
@@ -222,7 +286,9 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
     px, py, pz = planes[0][0] * WIDTH, planes[0][1] * WIDTH, planes[0][2] * WIDTH
     qx, qy, qz = planes[1][0] * WIDTH, planes[1][1] * WIDTH, planes[1][2] * WIDTH
     stack, stack_near = scratch.stack, scratch.stack_near
-    farthest = range_of(rows, LENGTH, span)[1]
+    farthest, scattered = range_of(rows, LENGTH, span)[1], tree.head[SCATTER] > ZERO
+    if scattered:
+        begin_scattered(rows, scratch.numbers, LENGTH, span)
     node, top, lifted = 0, 0, i64(0)
     while True:
         scratch.counts[COUNT_NODES] += 1
@@ -247,6 +313,8 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
             prefetch_child(tree, tree.children[node * WIDTH + k])
         while True:
             if top == 0:
+                if scattered:
+                    finish_scattered(tree, span, scratch)
                 return lifted
             top -= 1
             if stack_near[top] > farthest:
@@ -256,15 +324,22 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
             if node >= 0:
                 break
             scratch.counts[COUNT_LEAVES] += 1
-            leaf = ~node
+            leaf = i64(~node)
             if top > 0:
                 _prefetch_search(tree, tree.children[i64(stack[top - 1])])
             box = slot // WIDTH * NODE + slot % WIDTH
+            if leaf >= SCATTERED:
+                _search_scattered(tree, leaf - SCATTERED, box, planes, span, scratch)
+                farthest = _shorten(tree, span, any_hit, scratch)
+                continue
             passing = i64(0)
             for v in range(span[0], span[1], LANES):
                 passing |= _leaf_intervals(tree, leaf, box, planes, rows, v) << v
             if passing != 0:
                 lifted |= _search(tree, leaf, passing, scratch)
+                if scattered:
+                    farthest = _shorten(tree, span, any_hit, scratch)
+                    continue
                 if any_hit:
                     _end_where_hit(tree, span, scratch)
                 farthest = range_of(rows, LENGTH, span)[1]

@@ -6,13 +6,32 @@ from typing import TypeAlias
 
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone
+from ..intersect.scattered import hit_scattered, nearest_of_block
 from ..jit import Array, f32, i64, inline
 from ..kernels.scratch import COUNT_LEAVES, COUNT_NODES, Scratch
-from ..kernels.tree import CELL, LEAF, LONGEST, NODE, PATCH, SLAB, SLAB_HI, SLAB_LO, WIDTH, Hit, Ray, Tree, tree_at
+from ..kernels.tree import (
+    BLOCK,
+    CELL,
+    LEAF,
+    LONGEST,
+    NODE,
+    PATCH,
+    SCATTER,
+    SCATTERED,
+    SLAB,
+    SLAB_HI,
+    SLAB_LO,
+    WIDTH,
+    Hit,
+    Ray,
+    Tree,
+    tree_at,
+)
 from ..kernels.vec import Vec3
 from ..simd import INF, ONE, ZERO, bits, broadcast8, count_trailing_zeros, lane, load8, prefetch, vmax, vmin
 
 TINY = f32(1e-20)
+ROUNDING = f32(1e-6)
 
 Planes: TypeAlias = tuple[int, int, int]  # rows of a box: one plane for each axis
 
@@ -45,9 +64,12 @@ def far_planes(near: Planes) -> Planes:
 
 
 @inline
-def _voxel_interval(tree: Tree, leaf: int, ray: Ray, rows: tuple[Planes, Planes], begin: float) -> tuple[float, float]:
-    """Where the ray enters and leaves the leaf's voxel, behind begin and before it ends."""
+def _voxel_interval(
+    tree: Tree, leaf: int, ray: Ray, rows: tuple[Planes, Planes], limits: tuple[float, float]
+) -> tuple[float, float]:
+    """Where the ray enters and leaves the leaf's voxel, within the limits: where the search begins and ends."""
     near, far = rows
+    begin, end = limits
     offset, leaves = leaf * LEAF + CELL, tree.leaves
     enter = max(
         max((leaves[offset + near[0]] - ray.ox) * ray.ix, (leaves[offset + near[1]] - ray.oy) * ray.iy),
@@ -55,7 +77,7 @@ def _voxel_interval(tree: Tree, leaf: int, ray: Ray, rows: tuple[Planes, Planes]
     )
     leave = min(
         min((leaves[offset + far[0]] - ray.ox) * ray.ix, (leaves[offset + far[1]] - ray.oy) * ray.iy),
-        min((leaves[offset + far[2]] - ray.oz) * ray.iz, ray.t_max),
+        min((leaves[offset + far[2]] - ray.oz) * ray.iz, end),
     )
     return enter, leave
 
@@ -77,6 +99,10 @@ def prefetch_child(tree: Tree, child: int) -> None:
     """Prefetch what a traversal reads of a child: in distant views rays wait for memory a quarter of their time."""
     if child < 0:
         leaf = i64(~child)
+        if leaf >= SCATTERED:
+            prefetch(tree.blocks, (leaf - SCATTERED) * BLOCK)
+            prefetch(tree.blocks, (leaf - SCATTERED) * BLOCK + 16)
+            return
         prefetch(tree.leaves, leaf * LEAF)
         prefetch(tree.spans, 2 * leaf)
     else:
@@ -99,10 +125,23 @@ def walk_begin(tree: Tree, begin: float) -> float:
 
 
 @inline
-def closest(table: Array, model: int, ray: Ray, scratch: Scratch) -> Hit:
-    """The first hit of a ray with a model. It also counts nodes and leaves."""
+def is_sure(tree: Tree, t: float, end: float) -> bool:
+    """Whether there is no doubt that a hit is before a ray's end: it was followed a step farther, see `scratch.END`."""
+    return t < (ONE - ROUNDING) * end - (tree.head[LONGEST] + tree.head[LONGEST])
+
+
+@inline
+def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch) -> Hit:
+    """The first hit of a ray with a model. It also counts nodes and leaves.
+
+    any_hit : whether any hit will do that is surely before the ray's end
+    Leaves of the surface come one after the other along the ray, so that the first hit in one of them ends the search;
+    those of scattered points overlap each other and the surface.
+    """
     tree = tree_at(table, model)
-    lift = ZERO
+    lift, scattered = ZERO, tree.head[SCATTER] > ZERO
+    first = Hit(INF, ZERO, ZERO, ZERO, -1)  # on the surface
+    nearest, slot, end = ray.t_max, i64(-1), ray.t_max  # of scattered points; `end`: how far to search at all
     begin = walk_begin(tree, ray.t_min)
     ix, iy, iz = ray.ix, ray.iy, ray.iz
     rows: Planes | tuple[Planes, Planes]
@@ -121,7 +160,7 @@ def closest(table: Array, model: int, ray: Ray, scratch: Scratch) -> Hit:
         )
         far = vmin(
             vmin((load8(tree.boxes, offset + fx) - ray.ox) * ix, (load8(tree.boxes, offset + fy) - ray.oy) * iy),
-            vmin((load8(tree.boxes, offset + fz) - ray.oz) * iz, broadcast8(ray.t_max)),
+            vmin((load8(tree.boxes, offset + fz) - ray.oz) * iz, broadcast8(end)),
         )
         left = bits(near <= far)
         if left & (left - 1) == 0 and left != 0:
@@ -135,24 +174,41 @@ def closest(table: Array, model: int, ray: Ray, scratch: Scratch) -> Hit:
             left &= left - 1
             child = tree.children[node * WIDTH + k]
             prefetch_child(tree, child)  # 1 to 6% of the time of bounces
-            if child < 0:
+            if child < 0 and i64(~child) < SCATTERED:
                 prefetch_columns(tree, ~child)
             top = insert(stack, stack_near, bottom, top, child, lane(near, k))
         while True:
             if top == 0:
-                return Hit(INF, ZERO, ZERO, ZERO, -1)
+                if slot >= 0:
+                    return hit_scattered(tree, slot, nearest, (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz))
+                return first
             top -= 1
             node = stack[top]
+            if scattered and stack_near[top] > end:
+                continue
             if node >= 0:
                 break
             scratch.counts[COUNT_LEAVES] += 1
-            leaf = ~node
-            enter, leave = _voxel_interval(tree, leaf, ray, rows, begin)
+            leaf = i64(~node)
+            if leaf >= SCATTERED:
+                nearest, slot = nearest_of_block(tree, leaf - SCATTERED, ray, nearest, slot)
+                if slot >= 0:
+                    end = min(end, nearest + tree.head[LONGEST])
+                    if any_hit and is_sure(tree, nearest, ray.t_max):
+                        end = -ONE
+                continue
+            if first.leaf >= 0:
+                continue
+            enter, leave = _voxel_interval(tree, leaf, ray, rows, (begin, end))
             low, high = _slab_interval(tree, leaf, ray, (max(stack_near[top], enter), leave))
             if low <= high:
                 hit, lift = search_alone(tree, leaf, ray, (enter, leave, low, high), lift, scratch)
                 if hit.leaf >= 0:
-                    return hit
+                    if not scattered:
+                        return hit
+                    first = hit
+                    if hit.t <= nearest:
+                        nearest, slot, end = hit.t, i64(-1), hit.t
 
 
 @inline

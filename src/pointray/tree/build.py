@@ -153,9 +153,9 @@ def build_tree(
         spheres,
         refs,
         blocks,
-        _rows(order, splats.rows, len(bounds)),
+        rows_of_slots(order, splats.rows, len(bounds)),
         *marks,
-        _colors(order, splats.colors, len(bounds)),
+        packed_colors(order, splats.colors, len(bounds)),
         _noise(order, splats.noise, len(bounds)),
     )
 
@@ -198,20 +198,25 @@ def _directions(
     return out.reshape(-1)
 
 
-def _rows(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDArray[np.int32]:
+def rows_of_slots(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDArray[np.int32]:
     """The caller's row of each slot, -1 where it is empty."""
     out = np.full(slots, -1, np.int32)
     out[: len(order)] = rows[order]
     return out
 
 
-def _colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, slots: int) -> NDArray[np.int32]:
+def packed_colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, slots: int) -> NDArray[np.int32]:
     """The packed colour of each slot; empty if the points have no colours."""
     if colors is None:
         return np.zeros(0, np.int32)
     out = np.zeros((slots, 4), np.uint8)
     out[: len(order), :3] = colors[order]
     return out.reshape(-1).view("<i4").astype(np.int32, copy=False)
+
+
+def unpacked_colors(colors: NDArray[np.int32]) -> NDArray[np.uint8]:
+    """Colours (n, 3) of packed ones (n,)."""
+    return np.ascontiguousarray(colors.astype("<i4").view(np.uint8).reshape(-1, 4)[:, :3])
 
 
 def _noise(order: NDArray[np.int32], noise: NDArray[np.float32] | None, slots: int) -> NDArray[np.float32]:

@@ -24,6 +24,7 @@ from ..kernels.tree import (
     PATCH_HIGH,
     PATCH_LOW,
     RADIUS,
+    SCATTERED,
     SLAB,
     SLAB_HI,
     SLAB_LO,
@@ -31,6 +32,7 @@ from ..kernels.tree import (
     TRIM,
     WIDTH,
     Tree,
+    first_scattered,
 )
 from .columns import across
 from .indices import check_lengths
@@ -55,6 +57,8 @@ def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
     boxes, parents, problems = _check_nodes(tree)
     if problems:
         return problems
+    if not first_scattered(tree):
+        return []
     return problems + _check_spheres(tree) + _check_positions(tree, boxes, parents, positions, seed)
 
 
@@ -73,6 +77,8 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
             if child == NO_CHILD:
                 if (box[:3] <= box[3:]).all():
                     problems.append(f"node {node}: a child that is none has a box")
+            elif child < 0 and SCATTERED <= ~child < SCATTERED + tree.blocks.size // BLOCK:
+                problems += _check_scattered(tree, ~int(child) - SCATTERED, box)
             elif child >= len(children) or ~child >= leaves:
                 problems.append(f"node {node}: child {child} does not exist")
             elif child >= 0:
@@ -92,9 +98,17 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
     return boxes, seen_leaves, problems
 
 
+def _check_scattered(tree: Tree, block: int, box: Floats) -> list[str]:
+    """Check that the box of a leaf of scattered points encloses their spheres."""
+    rows = tree.blocks[block * BLOCK : (block + 1) * BLOCK].reshape(7, 4)[:, tree.order[4 * block : 4 * block + 4] >= 0]
+    x, radius = rows[:3], 1 / np.sqrt(rows[6])
+    inside = (x - radius >= box[:3, None]).all() and (x + radius <= box[3:, None]).all()
+    return [] if inside else [f"block {block}: the box of its leaf does not enclose its spheres"]
+
+
 def _splats(tree: Tree) -> tuple[Floats, NDArray[np.int64]]:
-    """Rows x y z nx ny nz r of the splats, and the block of each splat."""
-    used = np.flatnonzero(tree.order >= 0)
+    """Rows x y z nx ny nz r of the surface's splats, and the block of each splat."""
+    used = np.flatnonzero(tree.order[: 4 * first_scattered(tree)] >= 0)
     rows = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used].copy()
     rows[:, 6] = 1 / np.sqrt(rows[:, 6])
     return rows, used // 4

@@ -12,6 +12,7 @@ from ..kernels.tree import (
     BLOCK,
     BORDERED,
     BOUNDS,
+    DISCS,
     GROUP,
     HEAD,
     LEAF,
@@ -22,7 +23,11 @@ from ..kernels.tree import (
     OVERHANG,
     PATCH,
     REFINE,
+    SCATTER,
+    SCATTER_LEAVES,
+    SCATTERED,
     SHEETED,
+    SPHERES,
     STEP,
     SURFACE,
     TRIM,
@@ -81,6 +86,8 @@ def check_indices(tree: Tree, points: int) -> list[str]:
         return ["trim, overhang or bounds are no numbers"]
     if not ((tree.noise >= 0) & (tree.noise < np.inf)).all():
         return ["the noise is no number"]
+    if head[SCATTER] not in (0, SPHERES, DISCS) or not 0 <= head[SCATTER_LEAVES] < np.inf:
+        return ["invalid kind or number of scattered points"]
     if not 0 <= head[LONGEST] < np.inf:
         return ["the longest step is no number"]
     if tree.order.min(initial=-1) < -1 or tree.order.max(initial=-1) >= points:
@@ -100,7 +107,9 @@ def _check_children(tree: Tree) -> list[str]:
     children = tree.children.reshape(-1, WIDTH).astype(np.int64)
     number = np.arange(len(children))[:, None]
     none, inner = children == NO_CHILD, children >= 0
-    leaf = ~none & (children < 0) & (~children < tree.leaves.size // LEAF)
+    leaf = ~none & (children < 0) & (~children < min(tree.leaves.size // LEAF, SCATTERED))
+    if tree.head[SCATTER]:
+        leaf |= ~none & (~children >= SCATTERED) & (~children < SCATTERED + tree.blocks.size // BLOCK)
     if not (none | leaf | (inner & (children > number) & (children < len(children)))).all():
         return ["a node's child is none"]
     boxes = tree.boxes.reshape(-1, 6, WIDTH)
