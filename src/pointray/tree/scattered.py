@@ -173,7 +173,7 @@ def _nodes(blocks: NDArray[np.float32], first: int, threads: int | None) -> tupl
     _halve(boxes, np.arange(count), children, leaf_of)
     of_node = np.empty((len(children), 6))
     leaf = leaf_of >= 0
-    number = np.where(leaf, leaf_of - SCATTERED, -1).astype(np.int64)
+    number = np.where(leaf, leaf_of - SCATTERED, -1).astype(np.int32)
     enclose(children, number, boxes, of_node)
     wide_boxes = np.empty(len(children) * NODE, np.float32)
     wide_children = np.empty(len(children) * WIDTH, np.int32)
