@@ -1,4 +1,4 @@
-"""Scattered points, drawn as spheres or as single flat discs: where rays meet those of one block.
+"""Scattered points, drawn as spheres or as single flat discs: where rays meet those of one leaf.
 
 The discriminant comes from the vector between the ray and the centre, not from the difference of two large squares
 (Haines et al., Precision Improvements for Ray/Sphere Intersection, Ray Tracing Gems, 2019, chapter 7).
@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from ..jit import Array, f32, inline
+from ..jit import Array, f32, i64, inline
 from ..kernels.scratch import (
     BEGIN,
     DX,
@@ -32,22 +32,23 @@ from ..kernels.scratch import (
     Scratch,
     store3,
 )
-from ..kernels.tree import BLOCK, FAR, INV_R2, PX, PY, PZ, SCATTER, SCATTERED, SPHERES, Hit, Ray, Tree
+from ..kernels.tree import BLOCK, FAR, INV_R2, LEAF_BLOCKS, PX, PY, PZ, SCATTER, SCATTERED, SPHERES, Hit, Ray, Tree
 from ..kernels.tree import NX as MEAN_X
 from ..kernels.tree import NY as MEAN_Y
 from ..kernels.tree import NZ as MEAN_Z
 from ..kernels.vec import Vec3
 from ..simd import (
+    F8,
     INF,
     ONE,
     ZERO,
     Bits,
     Real,
     bits,
-    broadcast4,
+    broadcast8,
     count_trailing_zeros,
+    join2,
     lane,
-    load4,
     load16,
     select,
     vabs,
@@ -64,7 +65,7 @@ FLAT2 = f32(0.01**2)  # squared radii: the distance from a disc's plane within w
 def meet_sphere(
     to: tuple[Real, Real, Real], d: tuple[Real, Real, Real], start: tuple[Real, Real], square: Real
 ) -> Real:
-    """t where a ray meets a sphere, inf where it does not; one ray and four spheres, or one sphere and sixteen rays.
+    """t where a ray meets a sphere, inf where it does not; one ray and eight spheres, or one sphere and sixteen rays.
 
     to : from the ray's origin to the centre; d : unit direction; start : `Ray.t_min` and `Ray.side`
     square : of the radius
@@ -102,23 +103,24 @@ def meet_disc(
 
 
 @inline
-def nearest_of_block(tree: Tree, block: int, ray: Ray, nearest: float, slot: int) -> tuple[float, int]:
-    """(t, slot) of the nearest scattered point that the ray meets, of a block and what was found before.
+def _row(tree: Tree, at: int) -> F8:
+    """A row of two blocks."""
+    return join2(tree.blocks, at, at + BLOCK)
+
+
+@inline
+def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int) -> tuple[float, int]:
+    """(t, slot) of the nearest scattered point that the ray meets, of a leaf and what was found before.
 
     nearest, slot : what was found before, or how far to search and -1. Of points at the same t the first slot counts.
     """
     at = block * BLOCK
-    to = (
-        load4(tree.blocks, at + PX) - ray.ox,
-        load4(tree.blocks, at + PY) - ray.oy,
-        load4(tree.blocks, at + PZ) - ray.oz,
-    )
-    d, square = (ray.dx, ray.dy, ray.dz), ONE / load4(tree.blocks, at + INV_R2)
+    to = _row(tree, at + PX) - ray.ox, _row(tree, at + PY) - ray.oy, _row(tree, at + PZ) - ray.oz
+    d, square, begin = (ray.dx, ray.dy, ray.dz), ONE / _row(tree, at + INV_R2), broadcast8(ray.t_min)
     if tree.head[SCATTER] == SPHERES:
-        t = meet_sphere(to, d, (broadcast4(ray.t_min), broadcast4(ray.side)), square)
+        t = meet_sphere(to, d, (begin, broadcast8(ray.side)), square)
     else:
-        m = load4(tree.blocks, at + MEAN_X), load4(tree.blocks, at + MEAN_Y), load4(tree.blocks, at + MEAN_Z)
-        t = meet_disc(to, d, broadcast4(ray.t_min), (*m, square))
+        t = meet_disc(to, d, begin, (_row(tree, at + MEAN_X), _row(tree, at + MEAN_Y), _row(tree, at + MEAN_Z), square))
     left = bits(t <= nearest)
     while left != 0:
         k = count_trailing_zeros(left)
@@ -138,14 +140,17 @@ def begin_scattered(rows: Array, numbers: Array, length: int, span: tuple[int, i
 
 
 @inline
-def search_block(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch) -> None:
-    """Nearest hits of 16 rays of the tile, from v on, with the scattered points of a block. passing : which, as bits"""
+def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch) -> Bits:
+    """Nearest hits of 16 rays of the tile, from v on, with the scattered points of a leaf.
+
+    passing : which rays, as bits; those that have hit one are returned, and perhaps some at the same t
+    """
     rows, numbers = scratch.model, scratch.numbers
     ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
     d = load16(rows, DX + v), load16(rows, DY + v), load16(rows, DZ + v)
-    begin, side = load16(rows, BEGIN + v), load16(rows, SIDE + v)
-    for j in range(4):
-        at = block * BLOCK + j
+    begin, side, found = load16(rows, BEGIN + v), load16(rows, SIDE + v), i64(0)
+    for j in range(4 * LEAF_BLOCKS):
+        at = (block + j // 4) * BLOCK + j % 4
         if tree.blocks[at + PX] > FAR:
             break
         to = tree.blocks[at + PX] - ox, tree.blocks[at + PY] - oy, tree.blocks[at + PZ] - oz
@@ -156,6 +161,7 @@ def search_block(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch
             m = tree.blocks[at + MEAN_X], tree.blocks[at + MEAN_Y], tree.blocks[at + MEAN_Z]
             t = meet_disc(to, d, begin, (*m, square))
         left, slot = bits(t <= load16(rows, SCATTER_END + v)) & passing, 4 * block + j
+        found |= left
         while left != 0:
             k = count_trailing_zeros(left) + v
             left &= left - 1
@@ -163,6 +169,7 @@ def search_block(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch
             if t_k < rows[SCATTER_END + k] or slot < numbers[SCATTER_SLOT + k]:
                 rows[SCATTER_T + k] = rows[SCATTER_END + k] = t_k
                 numbers[SCATTER_SLOT + k] = slot
+    return found
 
 
 @inline

@@ -22,7 +22,6 @@ def _maker(vector: Vector, doc: str) -> Any:
     return intrinsic(make)
 
 
-broadcast4 = _maker(F4, "The number in all 4 lanes.")
 broadcast8 = _maker(F8, "The number in all 8 lanes.")
 broadcast16 = _maker(F16, "The number in all 16 lanes.")
 

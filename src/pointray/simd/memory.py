@@ -180,6 +180,20 @@ def join4(array: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     return _join4(load4(array, a), load4(array, b), load4(array, c), load4(array, d))
 
 
+@intrinsic
+def _join2(typingctx: Any, a: Any, b: Any) -> Any:
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return shuffle(builder, args[0], args[1], list(range(8)))
+
+    return F8(F4, F4), codegen
+
+
+@inline
+def join2(array: Any, a: Any, b: Any) -> Any:
+    """array[a : a + 4] in the first half of 8 lanes, array[b : b + 4] in the second."""
+    return _join2(load4(array, a), load4(array, b))
+
+
 @inline
 def move4(source: Any, index: Any, target: Any, start: Any) -> None:
     """target[at : at + 4] = source[index : index + 4]."""

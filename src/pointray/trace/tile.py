@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone, search_together, together
-from ..intersect.scattered import begin_scattered, finish_scattered, search_block
+from ..intersect.scattered import begin_scattered, finish_scattered, search_leaf
 from ..jit import Array, f32, i32, i64, inline
 from ..kernels.scratch import (
     BEGIN,
@@ -205,10 +205,10 @@ def _prefetch_search(tree: Tree, child: int) -> None:
 @inline
 def _search_scattered(
     tree: Tree, block: int, box: int, planes: tuple[Planes, Planes, float], span: tuple[int, int], scratch: Scratch
-) -> None:
-    """Search a block of scattered points for the rays that pass through its box."""
+) -> bool:
+    """Search a leaf of scattered points for the rays that pass through its box; returns whether any hits."""
     near, far, begin = planes
-    rows, boxes = scratch.model, tree.boxes
+    rows, boxes, found = scratch.model, tree.boxes, i64(0)
     for v in range(span[0], span[1], LANES):
         ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
         ix, iy, iz = load16(rows, IX + v), load16(rows, IY + v), load16(rows, IZ + v)
@@ -222,7 +222,8 @@ def _search_scattered(
         )
         passing = bits(enter <= leave)
         if passing != 0:
-            search_block(tree, block, passing, v, scratch)
+            found |= search_leaf(tree, block, passing, v, scratch)
+    return found != 0
 
 
 @inline
@@ -329,8 +330,8 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
                 _prefetch_search(tree, tree.children[i64(stack[top - 1])])
             box = slot // WIDTH * NODE + slot % WIDTH
             if leaf >= SCATTERED:
-                _search_scattered(tree, leaf - SCATTERED, box, planes, span, scratch)
-                farthest = _shorten(tree, span, any_hit, scratch)
+                if _search_scattered(tree, leaf - SCATTERED, box, planes, span, scratch):
+                    farthest = _shorten(tree, span, any_hit, scratch)
                 continue
             passing = i64(0)
             for v in range(span[0], span[1], LANES):

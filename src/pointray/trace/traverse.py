@@ -6,13 +6,14 @@ from typing import TypeAlias
 
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone
-from ..intersect.scattered import hit_scattered, nearest_of_block
+from ..intersect.scattered import hit_scattered, nearest_of_leaf
 from ..jit import Array, f32, i64, inline
 from ..kernels.scratch import COUNT_LEAVES, COUNT_NODES, Scratch
 from ..kernels.tree import (
     BLOCK,
     CELL,
     LEAF,
+    LEAF_BLOCKS,
     LONGEST,
     NODE,
     PATCH,
@@ -100,8 +101,8 @@ def prefetch_child(tree: Tree, child: int) -> None:
     if child < 0:
         leaf = i64(~child)
         if leaf >= SCATTERED:
-            prefetch(tree.blocks, (leaf - SCATTERED) * BLOCK)
-            prefetch(tree.blocks, (leaf - SCATTERED) * BLOCK + 16)
+            for k in range(0, LEAF_BLOCKS * BLOCK, 16):
+                prefetch(tree.blocks, (leaf - SCATTERED) * BLOCK + k)
             return
         prefetch(tree.leaves, leaf * LEAF)
         prefetch(tree.spans, 2 * leaf)
@@ -191,7 +192,7 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
             scratch.counts[COUNT_LEAVES] += 1
             leaf = i64(~node)
             if leaf >= SCATTERED:
-                nearest, slot = nearest_of_block(tree, leaf - SCATTERED, ray, nearest, slot)
+                nearest, slot = nearest_of_leaf(tree, leaf - SCATTERED, ray, nearest, slot)
                 if slot >= 0:
                     end = min(end, nearest + tree.head[LONGEST])
                     if any_hit and is_sure(tree, nearest, ray.t_max):

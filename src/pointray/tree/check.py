@@ -16,6 +16,7 @@ from ..kernels.tree import (
     DISC,
     IMLS,
     LEAF,
+    LEAF_BLOCKS,
     NO_CHILD,
     PAPER,
     PATCH,
@@ -100,7 +101,9 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
 
 def _check_scattered(tree: Tree, block: int, box: Floats) -> list[str]:
     """Check that the box of a leaf of scattered points encloses their spheres."""
-    rows = tree.blocks[block * BLOCK : (block + 1) * BLOCK].reshape(7, 4)[:, tree.order[4 * block : 4 * block + 4] >= 0]
+    end = block + LEAF_BLOCKS
+    rows = np.concatenate(list(tree.blocks[block * BLOCK : end * BLOCK].reshape(-1, 7, 4)), axis=1)
+    rows = rows[:, tree.order[4 * block : 4 * end] >= 0]
     x, radius = rows[:3], 1 / np.sqrt(rows[6])
     inside = (x - radius >= box[:3, None]).all() and (x + radius <= box[3:, None]).all()
     return [] if inside else [f"block {block}: the box of its leaf does not enclose its spheres"]

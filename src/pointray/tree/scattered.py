@@ -1,6 +1,6 @@
 """Scattered points -> a tree of their own under the root of the surface's: spheres, or single flat discs.
 
-Four of them, neighbours in the kd order, make a leaf. The leaves' boxes are halved by the surface area heuristic
+Eight of them, neighbours in the kd order, make a leaf. The leaves' boxes are halved by the surface area heuristic
 (binned: Wald, On fast Construction of SAH-based Bounding Volume Hierarchies, 2007), then gathered into nodes of eight.
 """
 
@@ -13,8 +13,10 @@ from ..jit import Array, inline, kernel, next_tile, run
 from ..kernels.tree import (
     BLOCK,
     BOUNDS,
+    EMPTY,
     FAR,
     INV_R2,
+    LEAF_BLOCKS,
     NO_CHILD,
     NODE,
     PX,
@@ -30,7 +32,8 @@ from .blocks import PER_BLOCK, make_blocks
 from .build import Splats, bounds_of, packed_colors, rows_of_slots, unpacked_colors
 from .wide import collapse, enclose
 
-CHUNK = 4096  # blocks that a thread bounds at a time
+PER_LEAF = LEAF_BLOCKS * PER_BLOCK
+CHUNK = 4096  # leaves that a thread bounds at a time
 BINS = 16  # places where a node may be cut along each axis
 DEEP = 32  # levels below which nodes are halved by their numbers: a file with more than 64 levels is refused
 ROOM = 1.01  # radii: rays that start on a sphere start within the bounds
@@ -41,14 +44,14 @@ Boxes = NDArray[np.float64]
 
 @kernel
 def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> int:
-    """Boxes of blocks of spheres, (n, 6) float64."""
+    """Boxes of leaves of spheres, (n, 6) float64."""
     tile = next_tile(work)
     while tile >= 0:
         for b in range(tile * CHUNK, min((tile + 1) * CHUNK, len(boxes))):
             for c in range(3):
                 boxes[b, c], boxes[b, 3 + c] = np.inf, -np.inf
-            for k in range(PER_BLOCK):
-                at = b * BLOCK + k
+            for k in range(PER_LEAF):
+                at = (LEAF_BLOCKS * b + k // PER_BLOCK) * BLOCK + k % PER_BLOCK
                 if blocks[at + PX] > FAR:
                     continue
                 radius = 1.00001 / np.sqrt(blocks[at + INV_R2]) + pad
@@ -138,7 +141,10 @@ def _cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory:
 
 @kernel
 def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
-    """Build a binary tree over boxes (n, 6): its nodes are written to children (2 n - 1, 2) and leaf_of (2 n - 1,)."""
+    """Build a binary tree over boxes (n, 6): its nodes are written to children (2 n - 1, 2) and leaf_of (2 n - 1,).
+
+    A leaf's children are -1, and leaf_of of other nodes is -1.
+    """
     bins, memory = np.empty((BINS + 1, 6)), (np.empty(BINS, np.int64), np.empty(BINS + 1))
     stack = np.empty((len(boxes) + 1, 4), np.int64)  # node, first, end, depth
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, 0, len(boxes), 0
@@ -147,7 +153,7 @@ def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
         top -= 1
         node, first, end, depth = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
         if end - first == 1:
-            children[node, 0], children[node, 1], leaf_of[node] = -1, -1, SCATTERED + order[first]
+            children[node, 0], children[node, 1], leaf_of[node] = -1, -1, order[first]
             continue
         middle = _cut(boxes, order, (first, end), bins, memory, depth)
         children[node, 0], children[node, 1], leaf_of[node] = total, total + 1, -1
@@ -164,21 +170,18 @@ def _nodes(blocks: NDArray[np.float32], first: int, threads: int | None) -> tupl
 
     first : the number of the first block in the tree
     """
-    count = blocks.size // BLOCK
+    count = blocks.size // (LEAF_BLOCKS * BLOCK)
     places = blocks.reshape(-1, 7, PER_BLOCK)[:, :3]
-    pad = PAD * float(np.abs(places, where=places < FAR, out=np.zeros_like(places)).max(initial=0.0))
-    boxes = np.empty((count, 6))
+    pad = PAD * float(np.abs(places[places < FAR]).max(initial=0.0))
+    boxes, around = np.empty((count, 6)), np.empty((2 * count - 1, 6))
     run(_bound, -(-count // CHUNK), blocks, pad, boxes, threads=threads)
     children, leaf_of = np.empty((2 * count - 1, 2), np.int32), np.empty(2 * count - 1, np.int32)
     _halve(boxes, np.arange(count), children, leaf_of)
-    of_node = np.empty((len(children), 6))
-    leaf = leaf_of >= 0
-    number = np.where(leaf, leaf_of - SCATTERED, -1).astype(np.int32)
-    enclose(children, number, boxes, of_node)
+    enclose(children, leaf_of, boxes, around)
+    numbers = np.where(leaf_of >= 0, SCATTERED + first + LEAF_BLOCKS * leaf_of.astype(np.int64), -1).astype(np.int32)
     wide_boxes = np.empty(len(children) * NODE, np.float32)
     wide_children = np.empty(len(children) * WIDTH, np.int32)
-    leaf_of[leaf] += first
-    wide = collapse(children, leaf_of, of_node, (wide_boxes, wide_children))
+    wide = collapse(children, numbers, around, (wide_boxes, wide_children))
     return wide_boxes[: wide * NODE].copy(), wide_children[: wide * WIDTH].copy()
 
 
@@ -200,6 +203,14 @@ def _under_one_root(
     return np.concatenate([boxes.reshape(-1), a[0], b[0]]), np.concatenate([root, *moved])
 
 
+def _whole_leaves(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Blocks, with empty ones that the last leaf lacks."""
+    empty = np.zeros((7, PER_BLOCK), np.float32)
+    empty[:3], empty[INV_R2 // PER_BLOCK] = EMPTY, 1.0
+    missing = -(blocks.size // BLOCK) % LEAF_BLOCKS
+    return np.concatenate([blocks, *[empty.reshape(-1)] * missing])
+
+
 def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None = None) -> Tree:
     """The tree with scattered points beside its surface; it may have no surface at all.
 
@@ -211,7 +222,7 @@ def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None
         SPHERES or DISCS.
     """
     order = kd_order(scattered.positions, threads)
-    added, _ = make_blocks(scattered.positions, scattered.normals, scattered.radii, order, threads)
+    added = _whole_leaves(make_blocks(scattered.positions, scattered.normals, scattered.radii, order, threads)[0])
     first, slots = tree.blocks.size // BLOCK, added.size // BLOCK * PER_BLOCK
     boxes, children = _nodes(added, first, threads)
     if tree.blocks.size:
@@ -222,7 +233,7 @@ def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None
         head[BOUNDS + 3 : BOUNDS + 6] = np.maximum(head[BOUNDS + 3 : BOUNDS + 6], bounds[3:])
     else:
         head[BOUNDS : BOUNDS + 6] = bounds
-    head[SCATTER], head[SCATTER_LEAVES] = kind, added.size // BLOCK
+    head[SCATTER], head[SCATTER_LEAVES] = kind, added.size // (LEAF_BLOCKS * BLOCK)
     none = np.zeros(0, np.int8)
     return tree._replace(
         head=head,
