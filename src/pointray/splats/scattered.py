@@ -20,7 +20,7 @@ AROUND = 24  # neighbours that the direction of a neighbourhood follows from
 SIZE = 0.35  # a radius, in local spacings
 CLOSEST = 0.75  # the most, in distances to the nearest other place: spheres overlap by up to a half
 LEAST = 0.5  # the least of a chosen radius that is left, however close the nearest place is: double points stay visible
-WIDEST = 2.0  # the most, in radii of the neighbours: isolated points are not drawn much larger than others
+WIDEST = 1.5  # the most, in radii of the neighbours: isolated points are not drawn much larger than others
 PIECE = 1 << 18  # rows whose neighbours are held at once
 
 Floats = NDArray[np.float32]
