@@ -321,3 +321,29 @@ def test_the_scattered_points_are_read_back(rng):
     assert np.isin(found.rows, np.flatnonzero(model.scattered)).all() and len(found.rows) == model.scattered.sum()
     np.testing.assert_allclose(found.positions, model.points.positions[found.rows])
     assert first_scattered(model.tree) > 0
+
+
+@pytest.mark.parametrize("scatter", ["spheres", long("discs")])
+def test_levels_hide_as_much_as_all_points(rng, tmp_path, scatter):
+    positions = crown(rng, 20_000)
+    model = model_of(positions, scatter=scatter, colors=np.full((20_000, 3), 90, np.uint8))
+    model.make_levels()
+    assert len(model.levels) >= 1
+    origins, directions = rays_at(rng, 3000)
+    seen = scene_of(model).occluded(origins, directions).mean()
+    for level in model.levels:
+        assert level.scattered.all() and check_tree(level.tree) == []
+        assert scene_of(level).occluded(origins, directions).mean() == pytest.approx(seen, abs=0.08)
+    model.save(tmp_path / "a.pointray")
+    loaded = pr.Model.load(tmp_path / "a.pointray")
+    assert [level.spacing for level in loaded.levels] == [level.spacing for level in model.levels]
+    spacings = [model.spacing, *(level.spacing for level in model.levels)]
+    np.testing.assert_allclose(np.diff(np.log2(spacings)), 1, atol=0.01)
+
+
+def test_levels_of_surface_and_spheres(rng):
+    model = tree_on_ground(rng, n=20_000)
+    model.make_levels()
+    for level in model.levels:
+        assert 0.02 < level.scattered.mean() < 0.9
+        assert check_indices(level.tree, len(level.points)) == []

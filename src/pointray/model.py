@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .arguments import check_callback, check_choice, check_path, check_positive, check_whole
 from .choices import SURFACES
 from .data import Points, spread_rows
-from .kernels.tree import LONGEST, Tree, no_tree
+from .kernels.tree import LONGEST, SCATTER, Tree, no_tree
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
 from .points.ready import check_model_memory, finite_rows, placed_for_model
@@ -25,6 +25,7 @@ from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from .splats.make import Made, Sizes, check_size, make_splats
 from .splats.radii import check_radii
 from .splats.scattered import Drawing, check_drawing, check_mask, make_scattered
+from .splats.scattered_levels import Loose, coarsen_scattered, joined, spacing_of
 from .tree.build import Splats, build_tree
 from .tree.scattered import scattered_of, scattered_rows, with_scattered
 from .tree.settings import LOOSE_TRIM, check_settings, settings_of
@@ -356,27 +357,48 @@ class Model(OnDisk):
         colors = None if points.colors is None else points.colors[rows]
         attributes = {name: values[rows] for name, values in points.attributes.items()}
         cloud = Points.about(points.origin, positions, normals, colors, attributes, points.survey)
-        radii, levels = self.radii[rows], []
-        spacing = float(np.median(radii))
+        radii, levels, some = self.radii[rows], [], self.scattered[rows]
+        fine: Points | None = cloud
+        loose: Loose | None = None
+        if some.any():
+            loose = Loose(cloud.select(some), radii[some])
+            fine = None if some.all() else cloud.select(~some)
+            radii, noise = radii[~some], None if noise is None else noise[~some]
+        spacing, count, limits = self.spacing if fine is None else float(np.median(radii)), len(rows), radii
         while True:
             spacing *= COARSER
-            coarse, limits, noise = coarsen(cloud, radii, spacing, noise)
-            if len(coarse) < LEAST_POINTS or len(coarse) * LEAST_GAIN > len(cloud):
+            if fine is not None:
+                fine, limits, noise = coarsen(fine, radii, spacing, noise)
+            loose = None if loose is None else coarsen_scattered(loose, spacing)
+            before, count = count, (0 if fine is None else len(fine)) + (0 if loose is None else len(loose.points))
+            if count < LEAST_POINTS or count * LEAST_GAIN > before:
                 break
-            say("levels", 1.0 - len(coarse) / len(self.points))
-            levels.append(Model._level(Placed(coarse, noise), (SUPPORT * spacing, limits)))
-            cloud, radii = coarse, levels[-1].radii
+            say("levels", 1.0 - count / len(self.points))
+            drawing = self.drawing if loose is None else loose.drawing(self.drawing.scatter, spacing)
+            placed = None if fine is None else Placed(fine, noise)
+            levels.append(Model._level(placed, (SUPPORT * spacing, limits), loose, drawing))
+            radii = levels[-1].radii[: len(limits)]
         self.levels = tuple(levels)
 
     @classmethod
-    def _level(cls, placed: Placed, within: tuple[float, NDArray[np.float32]]) -> Model:
+    def _level(
+        cls,
+        placed: Placed | None,
+        within: tuple[float, NDArray[np.float32]],
+        loose: Loose | None = None,
+        drawing: Drawing = Drawing(),  # noqa: B008  # never changes
+    ) -> Model:
         """A level of detail. Its supports have limits: isolated points stay about as small as they were."""
-        model = cls.__new__(cls)
-        model.points, model.surface, model.levels, model.smooth = placed.points, "paper", (), 0.0
+        model, fine = cls.__new__(cls), None if placed is None else placed.points
+        model.points = joined(fine, None if loose is None else loose.points)
+        model.surface, model.levels, model.smooth, model.drawing = "paper", (), 0.0, drawing
         model.settings = check_settings(model.surface, LEVEL_SAMPLES, 1, "auto")
-        used = np.arange(len(placed.points), dtype=np.int32)
-        made = make_splats(placed, used, Sizes(within=within), model.settings)
-        model._build(made, lambda stage, share: None)  # normals are not mended: neighbours may face opposite sides
+        made, count = None, 0
+        if placed is not None:
+            count = len(placed.points)
+            made = make_splats(placed, np.arange(count, dtype=np.int32), Sizes(within=within), model.settings)
+        # Normals are not mended: neighbours may face opposite sides.
+        model._build(made, lambda stage, share: None, None if loose is None else loose.splats(count))
         return model
 
     def check_whole(self) -> None:
@@ -469,6 +491,10 @@ class Model(OnDisk):
         radii = self.radii
         if self.parts:  # reading all of them would take seconds
             radii = radii[spread_rows(len(radii), SAMPLE)]
+        elif self.tree.head[SCATTER]:
+            scattered = self.scattered
+            surface = radii[~scattered & (radii > 0)]
+            return float(np.median(surface)) if len(surface) else spacing_of(radii[scattered], self.drawing)
         return float(np.median(radii))
 
     @cached_property

@@ -96,7 +96,7 @@ def make_scattered(
         directions = np.asarray((points if points.normals is not None else estimate_normals(points)).normals)
     return Splats(
         positions[some],
-        _unit(directions[some]),
+        unit_vectors(directions[some]),
         np.asarray(radii[some] * np.float32(drawing.size), np.float32),
         rows[some],
         None if points.colors is None else points.colors[some],
@@ -117,14 +117,14 @@ def _at_places(places: Floats) -> tuple[Floats, Floats]:
         spacing = distances.mean(axis=1)
         radii[part] = SIZE * np.minimum(spacing, np.maximum(CLOSEST / SIZE * distances[:, 0], LEAST * spacing))
         near[part] = found.indices[:, 1 : NEIGHBORS + 1]
-        outwards[part] = _unit(x[part] - x[found.indices].mean(axis=1))
+        outwards[part] = unit_vectors(x[part] - x[found.indices].mean(axis=1))
     limited, directions = np.empty_like(radii), np.empty_like(outwards)
     limited[order] = np.minimum(radii, WIDEST * np.median(radii[near], axis=1))
-    directions[order] = _unit(outwards + outwards[near].sum(axis=1))
+    directions[order] = unit_vectors(outwards + outwards[near].sum(axis=1))
     return limited, directions
 
 
-def _unit(vectors: Floats) -> Floats:
+def unit_vectors(vectors: Floats) -> Floats:
     """Vectors of unit length; up where there is no direction."""
     size = np.linalg.norm(vectors, axis=1, keepdims=True)
     known = size > 0
