@@ -68,7 +68,7 @@ def split(
     OSError
         If the folder or a file cannot be written.
     ValueError
-        If the folder is not empty, or the model is in parts itself.
+        If the folder is not empty, the model is in parts itself, or it has scattered points.
     """
     check_path(path)
     check_callback(progress)
@@ -76,6 +76,8 @@ def split(
     wanted = PART if part_points is None else check_whole(part_points, "part_points", 1)
     folder = check_new(path)
     model.check_whole()
+    if model.scattered.any():
+        raise ValueError("models in parts cannot have scattered points yet: build the model with scatter='surface'")
     there = folder.exists()
     folder.mkdir(exist_ok=True)
     try:
