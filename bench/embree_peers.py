@@ -1,4 +1,4 @@
-"""The peers of the speed benchmark: the splats as Embree's oriented discs, spheres, or a mesh, traced by a loop like ours.
+"""The peers of the speed benchmark: Embree's oriented discs, spheres, or a mesh, traced by a loop like ours.
 
 Needs Embree 3 (`libembree3.so.3`; Debian and Ubuntu: `libembree3-3`); `available()` says whether it is there.
 

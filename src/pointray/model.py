@@ -163,9 +163,7 @@ class Model(OnDisk):
             )
         self._build(made, say, scattered)
 
-    def _build(
-        self, made: Made | None, say: Callable[[str, float], None], scattered: Splats | None = None
-    ) -> None:
+    def _build(self, made: Made | None, say: Callable[[str, float], None], scattered: Splats | None = None) -> None:
         """Build the tree over splats of the model's points, and over scattered ones."""
         if made is not None and made.tight:
             self.settings = self.settings._replace(trim=LOOSE_TRIM)
@@ -200,9 +198,7 @@ class Model(OnDisk):
         if check_sigma(smooth, "smooth") != self.smooth:
             options |= {"scatter": self.drawing.scatter, "scatter_size": self.drawing.size}
             mask = self.scattered
-            return Model(
-                self.points, smooth=smooth, radius_scale=scale, progress=progress, _scattered=mask, **options
-            )
+            return Model(self.points, smooth=smooth, radius_scale=scale, progress=progress, _scattered=mask, **options)
         model = Model.__new__(Model)
         model.settings = check_settings(**options, trim="auto")
         model.points, model.surface, model.smooth, model.levels = self.points, surface, self.smooth, ()

@@ -7,6 +7,7 @@ lattice : which samples along the rays are evaluated
 march : the search along them, where f changes its sign or might
 refine : from two samples to the root between them
 leaf : puts these together
+scattered : spheres and single discs, in leaves of their own
 
 Pairs that do the same for one ray and for several rays of a tile:
 
@@ -15,6 +16,7 @@ Pairs that do the same for one ray and for several rays of a tile:
 | `columns.narrow_one` | `columns.narrow` |
 | `march.search_one` | `march.search` |
 | `leaf.search_alone` | `leaf.search_together` |
+| `scattered.nearest_of_leaf` | `scattered.search_leaf`, `scattered.finish_scattered` |
 
 Begin with surface, then leaf, then march.
 """

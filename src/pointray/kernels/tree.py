@@ -54,7 +54,9 @@ NO_CHILD = -(2**31)  # else: a child >= 0 is a node, a child < 0 is leaf ~child
 # spheres or as single discs of their radius, and whose normals are the mean directions of their neighbourhoods. As the
 # leaf of a hit, SCATTERED + s is slot s. These blocks follow those of the surface, and no group lists them.
 SCATTERED = 1 << 30
-LEAF_BLOCKS = 2  # of scattered points: with one, bounces among a million spheres take 1.7 times as long, shadow rays 1.2
+LEAF_BLOCKS = (
+    2  # of scattered points: with one, bounces among a million spheres take 1.7 times as long, shadow rays 1.2
+)
 
 # A group: 16 bounding spheres of blocks, 4 rows (centre x y z, radius) of 16 float32.
 GROUP = 64

@@ -159,7 +159,11 @@ def _describe_scattered(world: World, i: int, scratch: Scratch) -> None:
     color = (1.0, 1.0, 1.0)
     if tree.colors.size > 0:
         packed = tree.colors[slot]
-        color = f64(world.tone[packed & 255]), f64(world.tone[(packed >> 8) & 255]), f64(world.tone[(packed >> 16) & 255])
+        color = (
+            f64(world.tone[packed & 255]),
+            f64(world.tone[(packed >> 8) & 255]),
+            f64(world.tone[(packed >> 16) & 255]),
+        )
     store3(scratch.world, COLOR + i, color)
     if world.instances[offset + PAINT] >= 0.0:
         paint_one(world, i, scratch)

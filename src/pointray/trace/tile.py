@@ -10,7 +10,7 @@ from __future__ import annotations
 from ..intersect.columns import FLAT
 from ..intersect.leaf import search_alone, search_together, together
 from ..intersect.scattered import begin_scattered, finish_scattered, search_leaf
-from ..jit import Array, f32, i32, i64, inline
+from ..jit import Array, i32, i64, inline
 from ..kernels.scratch import (
     BEGIN,
     COUNT_LEAVES,

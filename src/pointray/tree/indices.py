@@ -110,7 +110,9 @@ def _check_children(tree: Tree) -> list[str]:
     none, inner = children == NO_CHILD, children >= 0
     leaf = ~none & (children < 0) & (~children < min(tree.leaves.size // LEAF, SCATTERED))
     if tree.head[SCATTER]:
-        leaf |= ~none & (~children >= SCATTERED) & (~children < SCATTERED + tree.blocks.size // BLOCK - (LEAF_BLOCKS - 1))
+        leaf |= (
+            ~none & (~children >= SCATTERED) & (~children < SCATTERED + tree.blocks.size // BLOCK - (LEAF_BLOCKS - 1))
+        )
     if not (none | leaf | (inner & (children > number) & (children < len(children)))).all():
         return ["a node's child is none"]
     boxes = tree.boxes.reshape(-1, 6, WIDTH)

@@ -121,7 +121,9 @@ def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, me
 
 
 @inline
-def _cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory: tuple[Array, Array], depth: int) -> int:
+def _cut(
+    boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory: tuple[Array, Array], depth: int
+) -> int:
     """Bring the two halves of a span of the order apart; returns where the second begins."""
     middle = (span[0] + span[1]) // 2
     if depth > DEEP:
@@ -165,7 +167,9 @@ def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
     return total
 
 
-def _nodes(blocks: NDArray[np.float32], first: int, threads: int | None) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+def _nodes(
+    blocks: NDArray[np.float32], first: int, threads: int | None
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Wide nodes over blocks of scattered points: boxes (nodes * 48,) and children (nodes * 8,).
 
     first : the number of the first block in the tree
@@ -234,7 +238,6 @@ def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None
     else:
         head[BOUNDS : BOUNDS + 6] = bounds
     head[SCATTER], head[SCATTER_LEAVES] = kind, added.size // (LEAF_BLOCKS * BLOCK)
-    none = np.zeros(0, np.int8)
     return tree._replace(
         head=head,
         boxes=boxes,
