@@ -57,6 +57,12 @@ MATERIALS = {  # of the command line; Python and scene files have the classes of
 
 LIGHTS = {"sun": "Sun", "point": "Point light", "sky": "Sky"}  # of command line and panel
 
+SAME, MUTED = "same", "muted"
+BACKFACES = {
+    MUTED: "greyer, and never black: holes of a scan are seen as holes",
+    SAME: "lit as front faces are",
+}
+
 NORMALS = {
     "auto": "the file's unless they are a median of more than 15 degrees off the surface",
     "file": "the file's",

@@ -140,6 +140,8 @@ class FilmSource(NamedTuple):
         Takes a Progress; gives the scene baked light that `build` has not given it.
     bakes : bool
         Whether light is baked.
+    shadow : callable, optional
+        Returns the contact shadow, or None; after `build`.
     """
 
     build: Callable[[Progress], tuple[Any, Any, Any]]
@@ -151,6 +153,7 @@ class FilmSource(NamedTuple):
     backdrop: Any = None
     light: Callable[[Progress], None] | None = None
     bakes: bool = False
+    shadow: Callable[[], Any] = lambda: None
 
 
 def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: float | str) -> FilmSource:
@@ -159,13 +162,15 @@ def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: floa
     def build(progress: Progress) -> tuple[Any, Any, Any]:
         scene, _, scan = scan_scene.build(progress)
         scan_scene.keep(progress)
-        return scene, view.turning(scan), scan_scene.shown_with(settings)
+        camera = view.turning(scan)
+        return scene, camera, scan_scene.shown_with(settings, camera)
 
     def light(progress: Progress) -> None:
         scan_scene.light(progress, ONCE)
 
     inputs, leveled = scan_scene.inputs, settings.levels and scan_scene.may_level
-    return FilmSource(build, settings, exposure, AUTO, inputs, leveled, scan_scene.backdrop, light, scan_scene.bakes)
+    shown = exposure, AUTO, inputs, leveled, scan_scene.backdrop, light, scan_scene.bakes
+    return FilmSource(build, settings, *shown, lambda: scan_scene.shadow(settings))
 
 
 def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, client: Any = None) -> str:
@@ -229,12 +234,14 @@ def _render(
     if isinstance(exposure, str):
         progress.show("choosing the exposure", 0.0)
         exposure, curve = in_background(lambda: _exposure(scene, cameras, settings))
+    shadow = source.shadow()
     with writing(frames.pattern):
         frames.begin()
     pictures = _pictures((scene, [cameras[k] for k in missing], settings), missing, progress, client)
     for k in missing:
         image = in_background(lambda: next(pictures))
         with writing(frames.path(k)):
+            image = image if shadow is None else shadow.put_under(image, cameras[k])
             frames.keep(k, image, exposure, curve, source.backdrop)
 
 

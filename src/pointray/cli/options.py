@@ -14,6 +14,7 @@ import typer
 
 from ..choices import (
     AUTO,
+    BACKFACES,
     EXPOSED,
     FILTERS,
     INTEGRATORS,
@@ -36,6 +37,7 @@ Side = StrEnum("Side", [AUTO, *VIEWS])  # type: ignore[misc]
 Look = StrEnum("Look", list(MATERIALS))  # type: ignore[misc]
 Normals = StrEnum("Normals", list(NORMALS))  # type: ignore[misc]
 Filter = StrEnum("Filter", list(FILTERS))  # type: ignore[misc]
+Backfaces = StrEnum("Backfaces", list(BACKFACES))  # type: ignore[misc]
 
 SCANS = "a file of points: .ply, .las, .laz, .e57, .pcd, .xyz and more (docs/formats.md)"
 TOGETHER = "Several are one cloud; a folder stands for the scans in it."
@@ -86,6 +88,13 @@ SamplesOption = Annotated[int, typer.Option(min=2, max=64, help="Samples along a
 NormalsOption = Annotated[
     Normals,
     typer.Option(help=f"Which normals. {listed(NORMALS)}."),
+]
+BackfacesOption = Annotated[
+    Backfaces,
+    typer.Option(
+        help=f"How phong and baked show back faces. {listed(BACKFACES)}. Where more than a quarter of the surface that "
+        "is seen are back faces, as in trees, same is used."
+    ),
 ]
 RadiusScaleOption = Annotated[float, typer.Option(help="All radii are multiplied by this.")]
 SmoothOption = Annotated[

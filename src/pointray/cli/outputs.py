@@ -57,12 +57,15 @@ class Shown(NamedTuple):
     curve : str
     legend : Attribute or None
     backdrop : two sRGB colours, or None
+    shadow : ContactShadow or None
+        Under the picture.
     """
 
     exposure: float | str = 0.0
     curve: str = "srgb"
     legend: Any = None
     backdrop: Any = None
+    shadow: Any = None
 
 
 def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progress: Progress, client: Any = None) -> str:
@@ -86,6 +89,8 @@ def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progres
         with writing(output):
             white = white_under(job[0].lights, job[2].integrator)
             exposure, curve = tone_of(image, shown.exposure, shown.curve, white)
+            if shown.shadow is not None:
+                image = shown.shadow.put_under(image, job[1])
             pr.write_image(output, image, exposure, curve, shown.legend, shown.backdrop)
         soft = ", highlights softened" if shown.curve != curve == "soft" else ""
         return f", exposure {exposure:g}{soft}" if shown.exposure == "auto" else ""

@@ -10,15 +10,18 @@ from typing import Any
 import numpy as np
 
 from ..arguments import check_positive
-from ..choices import AUTO
+from ..choices import AUTO, EXPOSED, SAME
 from ..data import Points
 from ..points.trust import trusted
+from ..shade.lights import SunLight
 from ..splats.radii import radii_in
+from ..staging import STUDIO
 from ..staging.first_view import ViewChoice
 from .baked_light import FIRST, LightSource, light_source
-from .options import background_of, color_of, numbers, settings_of
+from .options import background_of, settings_of
 from .scan_files import ScanFiles, is_saved
 from .scan_lights import ScanLights
+from .scan_material import ScanMaterial
 from .views import View
 from .waiting import Progress, in_background
 
@@ -28,7 +31,6 @@ PLAIN = {
     "radius_scale": 1.0,
     "smooth": "auto",
 }  # the surface without options
-HEIGHT = "height"  # a value of --color-by: the coordinate along --up
 
 
 def check_saved(file: Path, is_plain: bool) -> None:
@@ -54,7 +56,7 @@ def smooth_of(text: str) -> str | float:
 SURFACE = ("surface", "samples", "radius_scale", "smooth")
 LENS = ("fov", "projection", "aperture", "focus")
 FRAMING = ("eye", "target", "view", "azimuth", "elevation", "zoom")
-EFFORT = ("spp", "max_depth", "time_limit", "noise", "denoise", "seed", "threads", "levels")
+EFFORT = ("spp", "max_depth", "time_limit", "noise", "denoise", "seed", "threads", "levels", "backfaces")
 APPEARANCE = ("light", "fill", "background", "ground", "material", "color", "color_by")
 
 
@@ -119,7 +121,8 @@ class ScanScene:
         surface = {**surface, "smooth": smooth_of(str(surface["smooth"]))}
         self.files, self._surface, self._appearance = files, surface, appearance
         self._choice = choice
-        self._normals, self._baked = normals, baked
+        self._normals, self._baked, self._layers = normals, baked, layers
+        self._scan: Any = None  # what was found about the model, unless it is in parts
         check_saved(files.files[0], surface == PLAIN and normals == AUTO)
         self.read: Points | None = None
         self._unkept: tuple[Any, Any, list[str]] | None = None  # what `keep` keeps
@@ -175,13 +178,35 @@ class ScanScene:
         if self._appearance["ground"]:
             self._scene.add(ground_under(bounds, scan.up))
         self._scene.lights = self._lights.make(bounds.mean(axis=0), scan.up, self._front(model, scan))
+        self._scan = None if model.parts else scan
         return self._scene, model, scan
 
-    def shown_with(self, settings: Any) -> Any:
-        """The settings for pictures of what `build` has made: without baked light where that was not worth it."""
+    def shown_with(self, settings: Any, camera: Any) -> Any:
+        """The settings for pictures of what `build` has made.
+
+        Without baked light where that was not worth it, and without muted back faces where many would be muted.
+        """
+        from ..staging.fronts import shows_backs
         from ..staging.studio import with_direct_light
 
-        return with_direct_light(settings) if self._baked is None else settings
+        settings = with_direct_light(settings) if self._baked is None else settings
+        if settings.backfaces != SAME and (self._scan is None or shows_backs(self._scene, camera)):
+            return replace(settings, backfaces=SAME)
+        return settings
+
+    def shadow(self, settings: Any) -> Any:
+        """The contact shadow of what `build` has made; None if it does not stand, or pictures have no room for one.
+
+        Its light is the studio's, and what is behind it is a backdrop.
+        """
+        from ..staging.contact import contact_shadow
+
+        fits = settings.integrator in EXPOSED and self._lights.look == STUDIO and not self._appearance["ground"]
+        if not fits or self.backdrop is None or self._layers or self._scan is None or not self._scan.stands:
+            return None
+        scan = self._scan
+        key = next((light.direction for light in self._scene.lights if isinstance(light, SunLight)), None)
+        return in_background(lambda: contact_shadow(self._scene, scan.positions, scan.up, key))
 
     def _front(self, model: Any, scan: Any) -> float | None:
         """Where the key light stands, see `ScanLights.make`; a room, or a model in parts, is not baked unasked."""
@@ -261,75 +286,6 @@ class ScanScene:
             return in_background(lambda: pr.Model(trusty, radii, **self._surface, progress=progress.show))
         except ValueError as error:
             raise ValueError(f"{files.name}: {error}") from error
-
-
-class ScanMaterial:
-    """The material and colour of a scan. A wrong option raises ValueError at once.
-
-    Parameters
-    ----------
-    material : {"own", "clay", "phong", "metal", "glass"}
-    color : str or None
-        Linear r,g,b.
-    color_by : str or None
-        What the colour shows, as for `color_of`.
-    """
-
-    def __init__(self, material: str, color: str | None = None, color_by: str | None = None) -> None:
-        if color is not None and color_by is not None:
-            raise ValueError("--color and --color-by exclude each other")
-        if material == "glass" and (color is not None or color_by is not None):
-            raise ValueError("--material glass has no colour")
-        self._kind = material
-        self.attribute = None if color_by is None else color_of(color_by)
-        self._color = None if color is None else numbers(color, "--color")
-        if self._color is not None and not all(0 <= part <= 1 for part in self._color):
-            raise ValueError(f"--color must be linear r,g,b from 0 to 1, not {color}")
-
-    @property
-    def one_color(self) -> tuple[float, float, float] | None:
-        """The linear colour that it gives to all points; None: they may have their own."""
-        from ..staging.studio import CLAY
-
-        clay = self._kind == "clay" and self._color is None and self.attribute is None
-        return CLAY if clay else self._color
-
-    def build(self, points: Any, up: Any) -> Any:
-        """The material for points, grey if nothing gives them a colour.
-
-        up : (3,) tuple; None if it is not known yet, in which case it will be an axis
-        """
-        from ..scene.paints import check_attribute
-        from ..shade.materials.diffuse import Diffuse
-        from ..shade.materials.phong import Phong
-        from ..shade.materials.principled import Principled
-        from ..shade.materials.specular import Dielectric
-        from ..staging.studio import ALBEDO, CLAY
-
-        color: Any = self._color
-        if self.attribute is not None:
-            color = self.attribute
-            if color.name == HEIGHT and HEIGHT not in points.attributes:
-                color = replace(color, name=_axis_of(up or (0.0, 0.0, 1.0)))
-            check_attribute(points, color)
-        elif color is None and (points.colors is None or self._kind == "clay"):
-            color = CLAY if self._kind == "clay" else (ALBEDO, ALBEDO, ALBEDO)
-        made: dict[str, Any] = {
-            "own": lambda: Diffuse(color),
-            "clay": lambda: Diffuse(color),
-            "phong": lambda: Phong(color),
-            "metal": lambda: Principled(color, 0.35, 1.0),
-            "glass": Dielectric,
-        }
-        return made[self._kind]()
-
-
-def _axis_of(up: tuple[float, float, float]) -> str:
-    """The name of the coordinate that increases upwards."""
-    axes = sorted(map(abs, up))
-    if axes[:2] != [0, 0] or max(up) <= 0:
-        raise ValueError(f"--color-by {HEIGHT} is for --up along x, y or z, not {up}: name the coordinate")
-    return "xyz"[up.index(max(up))]
 
 
 def ground_under(bounds: Any, up: tuple[float, float, float]) -> Any:

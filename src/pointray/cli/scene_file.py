@@ -18,7 +18,19 @@ if TYPE_CHECKING:
 
 VECTORS = ("eye", "target")
 CAMERA = (*VECTORS, "up", "fov", "size", "projection", "aperture", "focus")
-SETTINGS = ("integrator", "spp", "max_depth", "time_limit", "noise", "denoise", "filter", "seed", "threads", "levels")
+SETTINGS = (
+    "integrator",
+    "spp",
+    "max_depth",
+    "time_limit",
+    "noise",
+    "denoise",
+    "filter",
+    "seed",
+    "threads",
+    "levels",
+    "backfaces",
+)
 ROOT = ("background", "exposure")
 LIGHT = ("bake",)
 WORKERS = ("cluster", "workers", "spread")  # who renders

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import rgb
+from ..arguments import rgb, unit_vector
 from ..choices import AUTO
 from ..kernels.vec import LUMINANCE
 from ..shade.environment import EnvironmentLight, harmonics
@@ -95,12 +95,8 @@ def white_under(lights: Iterable[Any], integrator: str = "phong") -> float | Non
         return 1.0  # an even white sky, or a headlight of irradiance pi
     if not found or not all(isinstance(light, SunLight | EnvironmentLight) for light in found):
         return None
-    total = 0.0
-    for light in found:
-        if isinstance(light, SunLight):
-            total += float(rgb(light.irradiance, "irradiance") @ np.array(LUMINANCE))
-        else:
-            total += _brightest_side(light)
+    suns = [light for light in found if isinstance(light, SunLight)]
+    total = _from_suns(suns) + sum(_brightest_side(light) for light in found if isinstance(light, EnvironmentLight))
     return total / np.pi if total > 0.0 else None
 
 
@@ -117,6 +113,22 @@ def tone_of(
     if exposure != AUTO:
         return float(exposure), "srgb" if curve == AUTO else curve
     return auto_tone(image, white) if curve == AUTO else (auto_exposure(image, curve, white), curve)
+
+
+def _from_suns(suns: list[SunLight]) -> float:
+    """The greatest luminance of the irradiance that a surface receives from suns: it may face away from some of them.
+
+    Where only some of them follow the camera all are added: the angles between them are unknown.
+    """
+    if not suns:
+        return 0.0
+    towards = np.array([-unit_vector(sun.direction, "direction") for sun in suns])
+    power = np.array([rgb(sun.irradiance, "irradiance") for sun in suns]) @ np.array(LUMINANCE)
+    if len({sun.camera for sun in suns}) > 1:
+        return float(power.sum())
+    together = power @ towards
+    facing = np.vstack([towards, together / max(float(np.linalg.norm(together)), 1e-30)])
+    return float((np.maximum(facing @ towards.T, 0.0) @ power).max())
 
 
 @lru_cache(maxsize=1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from ..jit import Array, i64, inline, kernel
 from ..kernels.records import World
 from ..kernels.scratch import DIRECTION, TILE, Scratch, load3
+from ..shade.backfaces import mute_back_faces
 from ..shade.baked_light import add_baked, add_live, meet_lamps
 from ..shade.shading_points import add_radiance, begin_radiance, is_shaded, store_shading_points
 from ..shade.sky import sky_radiance
@@ -57,6 +58,8 @@ def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratc
         if first:
             met = found
             add_live(world, job.shadows, draw, scratch)
+            if job.muted:
+                mute_back_faces(world, scratch)
         if not set_specular_rays(scratch):
             break
         first = False

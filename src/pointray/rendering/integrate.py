@@ -37,6 +37,7 @@ from ..kernels.scratch import (
 )
 from ..kernels.vec import Vec3, add, scale
 from ..shade.ambient import see_sky
+from ..shade.backfaces import mute_back_faces
 from ..shade.bsdf import base_color
 from ..shade.catcher import catch_direct, catch_occlusion, find_caught, show_caught
 from ..shade.direct import light_tile
@@ -72,6 +73,7 @@ class Pass(NamedTuple):
     """What kernels need to know of a pass of samples, besides the world and the camera.
 
     integrator : number in `choices.INTEGRATORS`; shadows : whether direct light has shadows
+    muted : whether back faces are muted, see `shade/backfaces.py`
     max_depth : limit of scatterings, or of mirrors and panes one behind the other
     sky_shows : whether a camera's ray that meets nothing sees the sky
     sky_rays, ao_distance : number of rays that look for the sky, and how far these and ambient occlusion look
@@ -84,6 +86,7 @@ class Pass(NamedTuple):
 
     integrator: int
     shadows: bool
+    muted: bool
     max_depth: int
     sky_shows: bool
     sky_rays: int
@@ -234,6 +237,8 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
         # Shadow rays replace the tile's rays, so the specular ones are stored before.
         spawn_specular(world, job.max_depth, scratch)
         light_tile(world, job.shadows, (sample, job.sky_rays, job.ao_distance), scratch)
+        if first and job.muted:
+            mute_back_faces(world, scratch)
         if not set_specular_rays(scratch):
             break
         trace_tile(world, scratch)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..choices import EXPOSED, FILTERS, INTEGRATORS, NOISY, number_of
+from ..choices import EXPOSED, FILTERS, INTEGRATORS, MUTED, NOISY, number_of
 from ..kernels.records import (
     DISK_LIGHT,
     EMISSIVE,
@@ -62,6 +62,7 @@ def plan(
     job = Pass(
         integrator=integrator,
         shadows=settings.shadows,
+        muted=settings.backfaces == MUTED and integrator in (PHONG, BAKED),
         max_depth=min(settings.depth, MOST_SPECULAR) if integrator in (PHONG, BAKED) else settings.depth,
         sky_shows=scene.shows_sky and settings.integrator in EXPOSED,
         sky_rays=settings.sky_rays if looks_up else 0,

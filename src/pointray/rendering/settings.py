@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..arguments import check_choice, check_flag, check_positive, check_whole
-from ..choices import FILTERS, INTEGRATORS, NOISY, number_of
+from ..choices import BACKFACES, FILTERS, INTEGRATORS, NOISY, SAME, number_of
 
 PHONG, AO, PATH, NORMAL, DEPTH, COLOR, COST, BAKED = (
     number_of(INTEGRATORS, name) for name in ("phong", "ao", "path", "normal", "depth", "color", "cost", "baked")
@@ -62,6 +62,10 @@ class Settings:
     sky_rays : int
         Of "phong": rays a sample, 0 to 64, that find how much of the sky a surface point sees, no farther than
         `ao_distance`: contact shadows. 0: all of it, nothing is in the way of its light.
+    backfaces : {"same", "muted"}
+        Of "phong" and "baked": how the inner side of models is shown, from which normals point away. "same": by the
+        light that arrives there. "muted": greyer, and lit by the sky or the headlight without shadows, so that holes of
+        a scan are not black. Mirrors and glass stay as they are, and so does everything if only lamps give light.
     """
 
     integrator: str = "phong"
@@ -77,11 +81,13 @@ class Settings:
     levels: bool = True
     filter: str = "blackman-harris"
     sky_rays: int = 0
+    backfaces: str = SAME
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
             "integrator": check_choice(self.integrator, "integrator", INTEGRATORS),
             "filter": check_choice(self.filter, "filter", FILTERS),
+            "backfaces": check_choice(self.backfaces, "backfaces", BACKFACES),
             "spp": check_whole(self.spp, "spp", 1, MOST_SAMPLES),
             "sky_rays": check_whole(self.sky_rays, "sky_rays", 0, MOST_SKY_RAYS),
             "seed": check_whole(self.seed, "seed", 0, 2**31 - 1),

@@ -22,6 +22,7 @@ ASIDE = 20.0  # degrees that a scanned side is turned away, so that its depth is
 SIDED = 0.15  # a longer mean of the level normals means that the scan has one side only
 STEEPEST = 89.94  # degrees: a top view from which the front is still known
 LONG = 1.5  # a scan this many times as long as wide lies across the picture
+OBJECT = "front"  # the kind of a scan that shows a body from all sides
 SECTORS = 16  # around the middle of a room
 OUTERMOST = 0.45  # share of the scan's horizontal radius: walls of a room are farther from its middle
 SURROUNDED, INWARD, CEILING = 0.9, 0.7, 0.05  # of sectors, of normals, and of normals that point down from above
@@ -96,7 +97,7 @@ def find_outlook(sample: Sample, up: ArrayLike) -> Outlook:
     if math.hypot(facing[0], facing[1]) > SIDED:
         azimuth = math.degrees(math.atan2(facing[0], facing[1]))
         return Outlook(azimuth + ASIDE, BODY[1], "the scanned side")
-    return Outlook(*BODY, "front")
+    return Outlook(*BODY, OBJECT)
 
 
 def _broadside(positions: Floats) -> float:

@@ -17,10 +17,10 @@ from ..notes import warn
 from ..rendering.camera import SIZE, Camera
 from ..scene.scene import Scene
 from .coverage import LEAST, coverage, of_largest_cluster
-from .direction import Outlook, find_outlook, towards
+from .direction import OBJECT, Outlook, find_outlook, towards
 from .framing import STANDARD, WHOLE, Lens, Part, frame_points, frame_turning, magnified
 from .sample import Sample, sample_of
-from .upright import find_up
+from .upright import find_up, stands_along
 
 Floats = NDArray[np.float64]
 
@@ -99,6 +99,18 @@ class Scan:
     def natural_outlook(self) -> Outlook:
         """The view that is found, whatever the choice is."""
         return find_outlook(self._sample, self.up)
+
+    @cached_property
+    def stands(self) -> bool:
+        """Whether it is an object, seen from all sides, that stands on a base, feet or a trunk."""
+        if self.natural_outlook.kind != OBJECT:
+            return False
+        return self.found_up.stands if self.found_up is not None else stands_along(self._sample, self.up)
+
+    @property
+    def positions(self) -> Floats:
+        """The points that are framed, (n, 3), world."""
+        return np.asarray(self._sample.origin + self._sample.positions)
 
     @property
     def middle(self) -> Vector:

@@ -1,4 +1,4 @@
-"""Lights for a scan without any: a key light beside the camera, and a sky that leaves nothing black."""
+"""Lights for a scan without any: a key light, a rim light behind the scan, and a sky that leaves nothing black."""
 
 from __future__ import annotations
 
@@ -13,21 +13,25 @@ from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light, SunLight
 from .direction import axes_of, direction_of
 
-# The direction in which the key light travels, in the camera's axes: from above its left shoulder.
-KEY_DIRECTION = (0.55, -0.65, -0.6)
-KEY = 0.9 * np.pi  # irradiance: a white surface that faces it has radiance 0.9
+# The directions in which the lights travel, in the camera's axes: the key light from the left and above, the rim light
+# from the right behind the scan.
+KEY_DIRECTION = (0.7, -0.72, -0.47)
+RIM_DIRECTION = (-0.65, -0.35, 0.7)
+KEY = 1.0 * np.pi  # irradiance: a white surface that faces it has radiance 1
+RIM = 0.5 * np.pi
 KEY_ANGLE = 5.0  # degrees: soft shadow edges for path tracing
-STILL_ANGLE = 2.0  # of a key light that stands still: few samples leave no grain in its shadows' edges
-ZENITH, HORIZON, GROUND = 0.34, 0.26, 0.14  # radiance of the sky, and of what lies below it
-ALBEDO = 0.65  # linear, of points without colours
-CLAY = (0.58, 0.37, 0.27)  # linear
+STILL_ANGLE = 3.0  # of lights that stand still: few samples leave little grain in their shadows' edges
+ZENITH, HORIZON, GROUND = 0.30, 0.18, 0.08  # radiance of the sky, and of what lies below it
+CLAY = (0.58, 0.44, 0.35)  # linear, of points without colours
 SKY_RAYS = 4  # rays for each sample, for contact shadows
+SUNS = ((KEY_DIRECTION, KEY), (RIM_DIRECTION, RIM))
 
 
 def studio(up: ArrayLike = (0, 0, 1), azimuth: float | None = None) -> list[Light | EnvironmentLight]:
     """Lights that show a scan well from every side.
 
-    A sun follows the camera, above its left shoulder; the sky is a gradient, bright above and darker below.
+    Two suns follow the camera: the key light shines from its left and above, the rim light, half as bright, from the
+    right behind the scan, so that edges in the shadow stand out. The sky is a gradient, bright above and darker below.
     With `Settings(sky_rays=4)` the sky's light leaves contact shadows.
 
     Parameters
@@ -35,8 +39,8 @@ def studio(up: ArrayLike = (0, 0, 1), azimuth: float | None = None) -> list[Ligh
     up : (3,) array_like
         The direction of the sky.
     azimuth : float, optional
-        Degrees, as for `frame`: the sun stands still, above the left shoulder of a viewer on this side. Light that
-        follows the camera is not baked, see `bake`. None: it follows the camera.
+        Degrees, as for `frame`: the suns stand still, as a viewer on this side has them. Light that follows the camera
+        is not baked, see `bake`. None: they follow the camera.
 
     Examples
     --------
@@ -45,10 +49,10 @@ def studio(up: ArrayLike = (0, 0, 1), azimuth: float | None = None) -> list[Ligh
     top = check_direction(up, "up")
     sky = EnvironmentLight(ZENITH, horizon=HORIZON, ground=GROUND, up=top)
     if azimuth is None:
-        return [SunLight(KEY_DIRECTION, KEY, KEY_ANGLE, camera=True), sky]
+        return [*(SunLight(d, power, KEY_ANGLE, camera=True) for d, power in SUNS), sky]
     back, upward = direction_of(check_number(azimuth, "azimuth", "degrees"), 0.0, top), axes_of(top)[2]
     axes = np.stack([np.cross(upward, back), upward, back])  # of the viewer's camera
-    return [SunLight((KEY_DIRECTION @ axes).tolist(), KEY, STILL_ANGLE), sky]
+    return [*(SunLight((d @ axes).tolist(), power, STILL_ANGLE) for d, power in SUNS), sky]
 
 
 def fill(strength: float, up: ArrayLike = (0, 0, 1)) -> EnvironmentLight:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .camera_frame import find_camera_frame
 from .evidence import AXES, Scores, Shape, faces, foliage, ground, stands, stationed, trunk, turning, walls
@@ -73,6 +73,8 @@ REASONS = {
     "stations": "stations at one height",
 }
 HABITS = "habit", "splats"
+SUPPORTS = "base", "feet", "trunk"  # evidence of what a body stands on
+STANDING = 0.3  # weighted score of one of these, at least, of a body that stands; Nefertiti on her neck has 0.49
 LEAST = 0.05  # margin of a source that is named as the reason
 
 
@@ -85,10 +87,13 @@ class Up(NamedTuple):
         "x", "-x", "y", "-y", "z" or "-z".
     why : str
         The evidence that decided, in a few words.
+    stands : bool
+        Whether the shape has a flat base, feet or a trunk at the lower end.
     """
 
     axis: str
     why: str
+    stands: bool = False
 
     @property
     def direction(self) -> tuple[float, float, float]:
@@ -110,10 +115,21 @@ def find_up(sample: Sample) -> Up:
     best, next_best = np.argsort(-total, kind="stable")[:2]
     margins = {name: found[best] - found[next_best] for name, found in scores.items()}
     source = max(margins, key=lambda name: margins[name] if name not in HABITS else LEAST)
-    axis = AXES[best]
+    axis, stands = AXES[best], _stands(scores, int(best))
     if source == "format":
-        return Up(axis, f"{sample.format} files are {axis.lstrip('-')} {'down' if axis.startswith('-') else 'up'}")
-    return Up(axis, REASONS[source])
+        down = axis.startswith("-")
+        return Up(axis, f"{sample.format} files are {axis.lstrip('-')} {'down' if down else 'up'}", stands)
+    return Up(axis, REASONS[source], stands)
+
+
+def stands_along(sample: Sample, up: ArrayLike) -> bool:
+    """Whether a body stands on a flat base, feet or a trunk if a direction is up; False if that is no axis."""
+    found = [k for k, axis in enumerate(AXES) if np.allclose(axis_direction(axis), up)]
+    return bool(found) and _stands(weighted_evidence(sample), found[0])
+
+
+def _stands(scores: dict[str, Scores], axis: int) -> bool:
+    return max(float(scores[name][axis]) if name in scores else 0.0 for name in SUPPORTS) >= STANDING
 
 
 def weighted_evidence(sample: Sample) -> dict[str, Scores]:

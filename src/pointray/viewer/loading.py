@@ -26,7 +26,7 @@ from ..scenefile import Plan
 from ..shade.materials.diffuse import Diffuse
 from ..splats.radii import radii_in
 from ..staging.first_view import Scan, ViewChoice
-from ..staging.studio import ALBEDO, with_direct_light
+from ..staging.studio import CLAY, with_direct_light
 from .niceness import LEVELS, yielding
 from .shared_scene import SharedScene
 from .sketch import Sketch
@@ -190,7 +190,7 @@ class Files:
     def _scene(self, models: Sequence[Model], shared: SharedScene) -> Scene:
         scene = Scene()
         for model in models:
-            scene.add(model, material=None if model.points.colors is not None else Diffuse(ALBEDO))
+            scene.add(model, material=None if model.points.colors is not None else Diffuse(CLAY))
         shared.up = self.furnish(scene)
         return scene
 

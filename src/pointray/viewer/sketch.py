@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..data import Points
 from ..image.tone import srgb_to_linear
 from ..rendering.camera import Camera, view_axes
-from ..staging.studio import ALBEDO, HORIZON, KEY, KEY_DIRECTION
+from ..staging.studio import CLAY, HORIZON, KEY, KEY_DIRECTION
 
 MOST = 60_000  # points that are drawn: a picture takes some 30 ms
 NEIGHBORS = 12  # neighbours for fitting normals that the file lacks
@@ -145,7 +145,7 @@ def _together(parts: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32
 
 def _linear_colors(cloud: Points) -> NDArray[np.float32]:
     if cloud.colors is None:
-        return np.full((len(cloud), 3), ALBEDO, np.float32)
+        return np.full((len(cloud), 3), CLAY, np.float32)
     return np.asarray(srgb_to_linear(cloud.colors / 255.0), np.float32)
 
 

@@ -30,7 +30,7 @@ from ..shade.materials.principled import Principled
 from ..shade.materials.specular import Dielectric, Mirror
 from ..staging import HEADLIGHT, STUDIO
 from ..staging.direction import axes_of
-from ..staging.studio import ALBEDO
+from ..staging.studio import CLAY
 from ..survey import RESIDUAL
 from .light_control import Color, LightControl, controls_of, light_controls_of, new_light_control
 from .shared_scene import SharedScene
@@ -241,7 +241,7 @@ class ViewSettings:
             limits = None if self.low is None or self.high is None else (self.low, self.high)
             color = Attribute(self.color_by, self.colormap, limits)
         elif uncolored:
-            color = (ALBEDO, ALBEDO, ALBEDO)
+            color = CLAY
         return Diffuse(color) if self.material == OWN else MATERIALS[self.material](self, color)
 
 

@@ -14,6 +14,8 @@ from ..options import (
     TOGETHER,
     ApertureOption,
     AzimuthOption,
+    Backfaces,
+    BackfacesOption,
     BackgroundOption,
     BakeOption,
     CacheOption,
@@ -107,6 +109,7 @@ def render(
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
     normals: NormalsOption = Normals["auto"],
+    backfaces: BackfacesOption = Backfaces["muted"],
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
@@ -137,8 +140,10 @@ def render(
     with working_on(cluster, workers, spread) as client, Progress(settings, scan_scene.bakes) as progress:
         scene, model, scan = scan_scene.build(progress)
         scan_scene.light(progress)
-        settings, camera = scan_scene.shown_with(settings), scan_view.camera(scan)
-        shown = Shown(stops, AUTO, scan_scene.legend if legend else None, scan_scene.backdrop)
+        camera = scan_view.camera(scan)
+        settings = scan_scene.shown_with(settings, camera)
+        shadow = scan_scene.shadow(settings)
+        shown = Shown(stops, AUTO, scan_scene.legend if legend else None, scan_scene.backdrop, shadow)
         ending = write_picture(output, (scene, camera, settings), shown, progress, client)
         scan_scene.keep(progress)
     print(f"{output}: {camera.size[0]}x{camera.size[1]}, {len(model.points):,} points{ending}")
@@ -193,6 +198,7 @@ def animate(
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
     normals: NormalsOption = Normals["auto"],
+    backfaces: BackfacesOption = Backfaces["muted"],
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
@@ -250,6 +256,7 @@ def view(
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
     normals: NormalsOption = Normals["auto"],
+    backfaces: BackfacesOption = Backfaces["muted"],
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
@@ -270,7 +277,9 @@ def view(
 
     use_threads(threads)
     options = picture_options(context)
-    options["settings"] = with_contact(Settings(integrator=options["integrator"].value, levels=levels))
+    options["settings"] = with_contact(
+        Settings(integrator=options["integrator"].value, levels=levels, backfaces=backfaces.value)
+    )
     surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
     surface_options["smooth"] = smooth_of(smooth)
     check_positive(radius_scale, "--radius-scale")

@@ -1,0 +1,44 @@
+"""Muted back faces: what the camera sees of a surface's inner side is a grey tone under an even sky, without shadows.
+
+A scan has no inside. Through its holes one looks at the back of the surface, where little light arrives: holes would be
+black. The tone is that of light which nothing blocks, as by GL's two-sided lighting.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..jit import inline
+from ..kernels.records import INSTANCE, KIND, MODEL, World
+from ..kernels.scratch import RADIANCE, SHADING_INSTANCE, SHADING_SIDE, TILE, Scratch, store3
+from ..kernels.vec import add, dot, luminance, scale
+from .bsdf import emitted, is_specular
+from .shading_points import is_shaded, shading_point
+from .sky import has_sky, sky_irradiance
+
+SATURATION = 0.4  # share of the surface's colour; the rest is grey of the same luminance
+LEVEL = 0.7  # share of the sky's light, or the headlight's, on a surface that faces the camera
+EDGE_LEVEL = 0.45  # and on one seen edge-on
+
+
+@inline
+def mute_back_faces(world: World, scratch: Scratch) -> None:
+    """Replace the radiance of the camera's first hits on back faces of models; mirrors, glass and lamps stay."""
+    points = scratch.shading_points
+    for i in range(TILE):
+        if not is_shaded(scratch, i) or points[SHADING_SIDE + i] > 0.0:
+            continue
+        instance = int(points[SHADING_INSTANCE + i])
+        material, point = shading_point(world, scratch, i)
+        if world.instances[instance * INSTANCE + KIND] != MODEL or is_specular(world, material):
+            continue
+        if not has_sky(world) and world.lights.size > 0:  # lamps alone: nothing tells how bright even light is
+            continue
+        light = 1.0
+        if has_sky(world):
+            light = luminance(sky_irradiance(world, point.normal)) / math.pi
+        cosine = dot(point.normal, point.wo)
+        light *= EDGE_LEVEL + (LEVEL - EDGE_LEVEL) * cosine
+        grey = luminance(point.color) * (1.0 - SATURATION)
+        tone = add(scale(point.color, SATURATION), (grey, grey, grey))
+        store3(points, RADIANCE + i, add(emitted(world, material), scale(tone, light)))
