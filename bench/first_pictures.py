@@ -3,8 +3,8 @@
 python bench/first_pictures.py SCAN... -o sheet.jpg [--page]
 
 The figures of each are the scan's distance from the middle of its picture, its margin, the mean of its pixels (sRGB, 0
-to 1), the shares of burnt pixels (250 and above) and of black ones (5 and below), and its contrast to the background.
-With --page the sheet shows `pointray view SCAN` in Debian's chromium before any input.
+to 1), the shares of burnt pixels (250 and above) and of black ones (5 and below), its contrast to the background, and
+its tonal range. With --page the sheet shows `pointray view SCAN` in Debian's chromium before any input.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from PIL import Image, ImageDraw
 
 from pointray.cli import execute
 from pointray.image.tone import GRADIENT, backdrop_rows, linear_to_srgb
+from pointray.kernels.vec import LUMINANCE
 
 BURNT, BLACK = 250, 5
 CENTRAL = 0.001  # share of the scan's pixels that are ignored as strays
@@ -46,6 +47,8 @@ class Measured(NamedTuple):
         Shares of its pixels.
     contrast : float
         Mean difference from the backdrop, sRGB.
+    range : float
+        From the 5th to the 95th percentile of the luminance of its pixels, of sRGB values.
     """
 
     off: float
@@ -54,6 +57,7 @@ class Measured(NamedTuple):
     burnt: float
     black: float
     contrast: float
+    range: float
 
 
 def measure(levels: NDArray[np.uint8], alpha: NDArray[np.uint8]) -> Measured:
@@ -77,6 +81,7 @@ def measure(levels: NDArray[np.uint8], alpha: NDArray[np.uint8]) -> Measured:
         float((brightest >= BURNT).mean()),
         float((brightest <= BLACK).mean()),
         float(np.abs(pixels - behind).mean()) / 255,
+        float(np.subtract(*np.quantile(pixels @ LUMINANCE, [0.95, 0.05]))) / 255,
     )
 
 

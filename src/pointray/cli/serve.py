@@ -7,10 +7,11 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..choices import AUTO
+from ..choices import AUTO, SAME
 from .baked_light import FIRST, light_source
 from .options import background_of
 from .read_options import Reading
@@ -38,8 +39,9 @@ def shared_scene_of(
     cached : whether the scans' model may come from the cache, and is kept there
     surface : as `Model` takes it; only the default surface gets levels of detail
     """
-    from ..rendering.warmup import warm_up
+    from ..rendering.warmup import has_clicks, warm_up
     from ..staging.first_view import Scan
+    from ..staging.fronts import shows_backs
     from ..staging.studio import with_direct_light
     from ..viewer.loading import Described, Files
     from ..viewer.shared_scene import SharedScene
@@ -68,6 +70,8 @@ def shared_scene_of(
                 outlook, shared.settings = None, with_direct_light(settings)
             front = None if outlook is None else float(round(outlook.azimuth))
             known.extend((scan.up, lights.make(scan.bounds.mean(axis=0), scan.up, front), bool(scan.ignored)))
+            if not has_clicks() or any(model.parts for model in scene.models) or shows_backs(scene, scan.camera()):
+                shared.settings = replace(shared.settings, backfaces=SAME)
         up, scene.lights, has_strays = known
         bounds = Scan(scene, choice).bounds if has_strays else scene.bounds
         if options["ground"]:

@@ -40,7 +40,7 @@ class Progress:
         if self._settings is not None or self._bakes:
             from ..rendering.warmup import warm_up
 
-            warm_up(self._settings, bakes=self._bakes)
+            warm_up(self._settings, clicks=self._settings is not None, bakes=self._bakes)
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -16,8 +16,8 @@ Floats = NDArray[np.float32]
 BLACK_POINT, SHOULDER = 0.01, 0.79
 SOFT_WHITE = 16.0  # what the soft curve makes white: four stops more than 1
 MOST_STOPS = 100  # that float32 can hold
-# sRGB, above and below, behind a scan: darker than its lit side, lighter than its shadows.
-GRADIENT = ((0.22, 0.25, 0.29), (0.46, 0.48, 0.51))
+# sRGB, above and below, behind a scan: cool beside clay, and darker than its lit side; a shadow on the ground is seen.
+GRADIENT = ((0.15, 0.18, 0.22), (0.50, 0.53, 0.57))
 Backdrop = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 

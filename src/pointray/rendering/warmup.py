@@ -81,6 +81,11 @@ def is_warm(settings: Settings) -> bool:
     return kernel_for(settings).is_compiled
 
 
+def has_clicks() -> bool:
+    """Whether `Scene.intersect` answers at once."""
+    return bool(KERNELS[_full(CLICK)].is_compiled)
+
+
 def wait_until_warm(settings: Settings | None) -> None:
     """Wait until another process has compiled the kernel of pictures; None: that of the rays of a bake."""
     wait_for(send_rays if settings is None else kernel_for(settings), lambda: False)

@@ -1,7 +1,6 @@
-"""Muted back faces: what the camera sees of a surface's inner side is a grey tone under an even sky, without shadows.
+"""Muted back faces: the inner side of a surface has a duller colour, and the light of the sky without shadows.
 
-A scan has no inside. Through its holes one looks at the back of the surface, where little light arrives: holes would be
-black. The tone is that of light which nothing blocks, as by GL's two-sided lighting.
+Holes of a scan show the back of the surface, where little light arrives: they would be black.
 """
 
 from __future__ import annotations
@@ -16,9 +15,9 @@ from .bsdf import emitted, is_specular
 from .shading_points import is_shaded, shading_point
 from .sky import has_sky, sky_irradiance
 
-SATURATION = 0.4  # share of the surface's colour; the rest is grey of the same luminance
-LEVEL = 0.7  # share of the sky's light, or the headlight's, on a surface that faces the camera
-EDGE_LEVEL = 0.45  # and on one seen edge-on
+SATURATION = 0.75  # share of the surface's colour; the rest is grey of the same luminance
+LEVEL = 0.8  # share of the sky's light, or the headlight's, on a surface that faces the camera
+EDGE_LEVEL = 0.6  # and on one seen edge-on
 
 
 @inline

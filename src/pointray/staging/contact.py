@@ -26,8 +26,9 @@ CELLS = 72  # of the grid, a side
 SKY_RAYS, KEY_RAYS = 16, 8  # from each cell
 KEY_SHARE = 0.35  # of the light, the rest is the sky's: less than the studio's, so that the shadow stays soft
 KEY_CONE = 14.0  # degrees: half the angle of the key light
-MARGIN = 0.8  # width of the ground beyond the object's box, and the length of rays, as shares of its largest side
-STRENGTH = 0.75  # most that a shadow takes off the background
+MARGIN = 0.8  # width of the ground beyond the object's box, as a share of its largest side
+LENGTH = 1.25  # of rays, as a share of the same: from below the base they reach the other side of the object
+STRENGTH = 0.8  # most that a shadow takes off the background
 FADE = 0.6  # share of the ground's half width from which shadows fade out towards its edge
 LEVEL = 0.001  # share of the points that may lie below the ground
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
@@ -122,7 +123,8 @@ def contact_shadow(scene: Scene, positions: Floats, up: ArrayLike, key: ArrayLik
     side = ((np.arange(CELLS) + 0.5) / CELLS * 2 - 1) * half
     ground = np.stack([*np.meshgrid(side, side, indexing="ij"), np.zeros((CELLS, CELLS))], axis=-1)
     origins = np.broadcast_to((middle + ground @ axes)[:, :, None], directions.shape)
-    blocked = scene.occluded(origins, directions @ axes, 0.0, MARGIN * size)
+    # Not `occluded`: this kernel is compiled already, and most rays meet nothing.
+    blocked = np.isfinite(scene.intersect(origins, directions @ axes, 0.0, LENGTH * size).t)
     return ContactShadow(middle, axes, half, _finished((blocked * weights).sum(axis=-1), ground / half))
 
 

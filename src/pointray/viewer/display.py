@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from ..choices import AUTO, VIEWS
@@ -178,7 +179,9 @@ class Display:
         assert self.camera is not None and self.view is not None and shared.scene is not None
         built = not shared.is_building
         bakes = not shared.is_coarse
-        return FrameRequest(self.camera, self.view, shared.scene, version, shared.up, built, self.time, bakes=bakes)
+        scan = partial(shared.scan, AUTO) if shared.look == STUDIO and bakes else None
+        seen = self.camera, self.view, shared.scene, version, shared.up
+        return FrameRequest(*seen, built, self.time, bakes=bakes, scan=scan)
 
     def control(self, name: str) -> Control:
         """The panel's control of this name; ValueError if there is none."""

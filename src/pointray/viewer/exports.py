@@ -16,6 +16,7 @@ import numpy as np
 from ..arguments import Vector
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
+from ..choices import MUTED
 from ..image.frames import Frames
 from ..image.mp4 import check_mp4, write_mp4
 from ..image.tone import srgb_to_linear
@@ -27,6 +28,8 @@ from ..scene.scene import Scene
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import PointLight, SunLight
 from ..staging import HEADLIGHT, STUDIO
+from ..staging.contact import ContactShadow
+from .contacts import Contacts
 from .outbox import Outbox
 from .painter import FrameRequest
 from .panel import Output
@@ -56,7 +59,7 @@ class Exports:
 
     def __init__(self, outbox: Outbox, light_of: Callable[[Scene], Baked | None]) -> None:
         self._outbox, self._light_of, self._time_left = outbox, light_of, TimeLeft()
-        self._stop = threading.Event()
+        self._stop, self._contacts = threading.Event(), Contacts()
         self._thread: threading.Thread | None = None
 
     def start(self, name: str, request: FrameRequest, output: Output, shared: SharedScene) -> None:
@@ -112,7 +115,10 @@ class Exports:
         image = render(scene, camera, settings, lambda share: self._tell("picture", share))
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
         backdrop = None if output.format == "exr" else request.view.behind
-        write_image(path, image, *request.view.tone(image), legend, backdrop)
+        tone = request.view.tone(image)
+        shadow = None if backdrop is None else self._shadow(request, scene)
+        image = image if shadow is None else shadow.put_under(image, camera)
+        write_image(path, image, *tone, legend, backdrop)
         del image  # the file to send needs the memory
         self._give(path)
 
@@ -136,6 +142,8 @@ class Exports:
             self._tell("film", (k + 1) / count)
             if k == 0:  # once for the whole film
                 stops, curve = request.view.tone(image)
+                shadow = self._shadow(request, scene)
+            image = image if shadow is None else shadow.put_under(image, camera)
             frames.keep(k, image, stops, curve, request.view.behind)
         write_mp4(path, frames.pattern, count, output.fps, size)
         self._give(path)
@@ -147,6 +155,9 @@ class Exports:
         own = shown.baked  # from a file, say
         light = own if isinstance(own, Baked) and own.fits(scene) else self._light_of(scene)
         scene.baked = light or bake(scene.copy(), BakeSettings(), lambda share: self._tell("baking light", share))
+
+    def _shadow(self, request: FrameRequest, scene: Scene) -> ContactShadow | None:
+        return self._contacts.of(request.scan, (scene, request.version), request.view)
 
     def _tell(self, stage: str, share: float) -> None:
         if self._stop.is_set():
@@ -169,6 +180,7 @@ def _command(request: FrameRequest, output: Output, source: str) -> str:
     words += [] if view.levels else ["--no-levels"]
     if not source.endswith(".toml"):
         words += _light_words(view, request.up)
+        words += [] if view.base.backfaces == MUTED else ["--backfaces", view.base.backfaces]
         words += ["--ground"] if view.ground else []
         color = _commas(srgb_to_linear(np.array(view.backdrop)))
         words += ["--background", {"sky": "sky", "gradient": "auto"}.get(view.around, color)]

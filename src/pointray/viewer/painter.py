@@ -23,8 +23,10 @@ from ..rendering.camera import Camera
 from ..rendering.picture import Picture
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
+from ..staging.first_view import Scan
 from ..staging.studio import with_direct_light
 from .baker import Baker
+from .contacts import Contacts
 from .fetcher import Fetcher
 from .pace import MOVING, REFINED, REST, STILL, Pace, Stage, next_pass
 from .sketch import Sketch
@@ -54,6 +56,8 @@ class FrameRequest(NamedTuple):
     time : time of the page's message
     sketch : Sketch or None
         What is drawn instead of the scene.
+    scan : callable or None
+        Returns what was found out about the scene: whether it stands, and casts a contact shadow.
     """
 
     camera: Camera
@@ -65,6 +69,7 @@ class FrameRequest(NamedTuple):
     time: float
     sketch: Sketch | None = None
     bakes: bool = True
+    scan: Callable[[], Scan] | None = None
 
     def same_picture(self, other: FrameRequest | None) -> bool:
         """Whether both requests give the same picture."""
@@ -114,6 +119,7 @@ class Painter:
         self._open, self._cancel = True, Cancel()
         self._drawn, self._seen = 0, 0
         self._pace = Pace()
+        self._contacts = Contacts()
         self._dressed: tuple[FrameRequest, Scene] | None = None
         self._toned: tuple[ViewSettings, tuple[int, int], tuple[float, str]] | None = (
             None  # what was chosen, for which view settings
@@ -290,9 +296,14 @@ class Painter:
         self, request: FrameRequest, image: NDArray[np.float32], stage: Stage, samples: tuple[int, int], seconds: float
     ) -> None:
         """Send a picture. samples : a pixel's total; and the number that was added in the given seconds."""
-        view = request.view
+        view, tone = request.view, self._tone(request, image, stage)
         behind = backdrop_rows(view.behind, len(image))[:, 0]
-        pixels = to_8bit(image, behind, *self._tone(request, image, stage))
+        if request.sketch is None:
+            seen = self.apply(request), request.version
+            shadow = self._contacts.of(request.scan, seen, view, stage is REFINED)
+            if shadow is not None:
+                image = shadow.put_under(image, replace(request.camera, size=(image.shape[1], image.shape[0])))
+        pixels = to_8bit(image, behind, *tone)
         jpeg = encode(pixels, stage)
         height, width = pixels.shape[:2]
         with self._changed:

@@ -1,0 +1,58 @@
+"""The contact shadows of the viewer's pictures: found while a picture is refined, shown with all that follow."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from ..choices import EXPOSED
+from ..scene.scene import Scene
+from ..shade.lights import SunLight
+from ..staging import STUDIO
+from ..staging.contact import ContactShadow, contact_shadow
+from ..staging.first_view import Scan
+from .view_settings import ViewSettings
+
+
+class Contacts:
+    """The contact shadow of the last scene that was asked for."""
+
+    def __init__(self) -> None:
+        self._key: Any = None
+        self._found: ContactShadow | None = None
+
+    def of(
+        self,
+        scan: Callable[[], Scan] | None,
+        seen: tuple[Scene, tuple[int, int]],
+        view: ViewSettings,
+        may_trace: bool = True,
+    ) -> ContactShadow | None:
+        """The contact shadow of a scene in the studio before a backdrop; None if there is none, or it is not known yet.
+
+        Parameters
+        ----------
+        scan : callable, optional
+            Returns what was found out about the scene. None: nothing stands.
+        seen : (Scene, version)
+            The scene with its view settings, and the version of the scene.
+        view : ViewSettings
+        may_trace : bool
+            Whether it may be computed now, which takes about a tenth of a second.
+        """
+        scene, version = seen
+        plain = view.around == "gradient" or (view.around == "color" and view.exposes)
+        if scan is None or view.look != STUDIO or view.integrator not in EXPOSED or view.ground or not plain:
+            return None
+        key = version, view.cuts, tuple(map(id, view.lamps))
+        if key != self._key and may_trace:
+            self._key, self._found = key, _found(scan(), scene)
+        return self._found if key == self._key else None
+
+
+def _found(scan: Scan, scene: Scene) -> ContactShadow | None:
+    """The contact shadow of a scan that stands and is in memory."""
+    if any(model.parts for model in scene.models) or not scan.stands:
+        return None
+    still = (light.direction for light in scene.lights if isinstance(light, SunLight) and not light.camera)
+    return contact_shadow(scene, scan.positions, scan.up, next(still, None))
