@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.cli import execute
 from pointray.kernels.vec import LUMINANCE
+from pointray.rendering import picture
 from pointray.shade.backfaces import EDGE_LEVEL, LEVEL, SATURATION
 from pointray.shade.environment import harmonics
 from pointray.staging.fronts import shows_backs
@@ -111,3 +113,21 @@ def test_a_view_of_backs_is_noticed(bowl):
 def test_wrong_values(value):
     with pytest.raises(ValueError, match="unknown backfaces"):
         pr.Settings(backfaces=value)
+
+
+@pytest.mark.parametrize(
+    ("options", "shown"), [([], "muted"), (["--backfaces", "same"], "same"), (["--elevation", "60"], "same")]
+)
+def test_commands_mute_them_unless_many_would_be_muted(bowl, tmp_path, monkeypatch, options, shown):
+    """From below the bowl shows its fronts, from above its backs."""
+    asked, real = [], picture.render
+
+    def render(scene, camera, settings, *more):
+        asked.append(settings.backfaces)
+        return real(scene, camera, settings, *more)
+
+    monkeypatch.setattr(picture, "render", render)
+    pr.write(tmp_path / "bowl.ply", bowl.points)
+    small = ["--size", "24x18", "--up", "z", "--view", "bottom", "--light", "headlight"]
+    assert execute(["render", str(tmp_path / "bowl.ply"), "-o", str(tmp_path / "a.png"), *small, *options]) == 0
+    assert asked == [shown]

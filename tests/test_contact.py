@@ -1,14 +1,20 @@
 """The contact shadow of an object that stands, beside a twin that intersects a sphere by formula, and plain loops."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from PIL import Image
 
 import pointray as pr
 from conftest import long, shared_model
+from pointray.cli import execute
 from pointray.kernels.records import PROJECTION
 from pointray.staging import contact
 from pointray.staging.contact import CELLS, contact_shadow
 from pointray.staging.first_view import Scan, ViewChoice
+from pointray.viewer.contacts import Contacts
+from pointray.viewer.view_settings import ViewSettings
 
 UP = (0.0, 0.0, 1.0)
 KEY = (0.5, 0.3, -0.8)
@@ -141,3 +147,77 @@ def test_scans_that_stand(name):
 )
 def test_rooms_terrain_and_scans_of_one_side_do_not_stand(name):
     assert not Scan(pr.read(shared_model(f"points/{name}.ply")), ViewChoice()).stands
+
+
+# ------------------------------------------------------------------------------------------ commands and the viewer
+
+
+@pytest.fixture(scope="module")
+def standing(tmp_path_factory):
+    """A file of a statue."""
+    path = tmp_path_factory.mktemp("standing") / "statue.ply"
+    pr.write(path, pr.procedural("statue", 3_000))
+    return path
+
+
+def shaded(path, camera, options):
+    """The share of a white background that is darker, around the scan."""
+    levels = []
+    for more in (options, ALPHA):
+        out = path.with_suffix(".png")
+        assert execute(["render", str(path), "-o", str(out), *SMALL, *camera, *more]) == 0
+        levels.append(np.asarray(Image.open(out).convert("RGBA")))
+    dark = (levels[0][..., :3] < 245).all(axis=-1) & (levels[0][..., 3] > 0)
+    return float(dark[levels[1][..., 3] == 0].mean())
+
+
+SMALL = ("--size", "48x36", "--spp", "1")
+ALPHA = ("--background", "none", "--integrator", "color")
+WHITE = ("--background", "1,1,1")
+
+
+@pytest.mark.parametrize(
+    ("camera", "options", "least", "most"),
+    [
+        ((), WHITE, 0.02, 0.5),
+        ((), (*WHITE, "--integrator", "phong"), 0.02, 0.5),  # the key light goes with the camera: the sky's shadow
+        ((), (*WHITE, "--light", "headlight"), 0, 0),
+        long((), (*WHITE, "--integrator", "color"), 0, 0),
+        long((), ("--background", "none"), 0, 0),
+        (("--up", "x"), WHITE, 0, 0),
+        (("--elevation", "-20"), WHITE, 0, 0),
+    ],
+)
+def test_commands_draw_it_where_there_is_a_backdrop_and_the_studio(standing, camera, options, least, most):
+    assert least <= shaded(standing, camera, options) <= most
+
+
+@pytest.mark.long
+def test_a_film_has_it(standing):
+    folder = standing.parent / "film"
+    arguments = ["--seconds", "0.1", "--fps", "20", "--size", "48x36", "--spp", "1", *WHITE]
+    assert execute(["animate", str(standing), "-o", str(folder), *arguments]) == 0
+    frames = [np.asarray(Image.open(path)) for path in sorted(folder.glob("*.png"))]
+    assert len(frames) == 2 and all((frame[30:, :, :3] < 245).all(axis=-1).mean() > 0.05 for frame in frames)
+
+
+def test_the_viewer_finds_it_while_it_refines_and_shows_it_from_then_on():
+    model = pr.Model(pr.procedural("statue", 3_000))
+    scene, contacts, asked = pr.Scene(), Contacts(), []
+    scene.add(model)
+    scene.lights = pr.studio(UP, 25.0)
+
+    def scan():
+        asked.append(1)
+        return Scan(scene, ViewChoice(up=UP))
+
+    view = ViewSettings(exposes=True).in_studio(scene.lights, UP)
+    assert contacts.of(scan, (scene, (1, 0)), view, False) is None and not asked
+    found = contacts.of(scan, (scene, (1, 0)), view)
+    assert found.shadow.max() > 0.3
+    assert contacts.of(scan, (scene, (1, 0)), view, False) is found and len(asked) == 1
+    assert contacts.of(scan, (scene, (2, 0)), view, False) is None  # another scene
+    for other in (replace(view, ground=True), replace(view, around="sky"), replace(view, integrator="normal")):
+        assert contacts.of(scan, (scene, (1, 0)), other) is None
+    assert contacts.of(None, (scene, (1, 0)), view) is None
+    assert contacts.of(scan, (scene, (1, 0)), view.lit_by([], UP, "phong")) is None  # a headlight
