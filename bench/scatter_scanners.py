@@ -21,6 +21,7 @@ Floats = NDArray[np.float64]
 SAMPLINGS = "airborne 4", "airborne 1", "terrestrial", "vehicle"
 RETURNS, GOES_ON = 4, 0.7  # of one beam from the air, and the share of beams that go on behind leaves
 STEP = 0.008  # angle between the rays of a station, radians
+BEAM = 0.006  # width of the beams, radians
 STATIONS = (-9.0, -10.0, 1.7), (10.0, 16.0, 1.7), (19.0, -10.0, 1.7)
 LINES, ALONG = 0.25, 0.012  # distance between a vehicle's profiles, metres; angle between rays of a profile
 FAR = 32.0  # reach of the vehicle's scanner
@@ -203,7 +204,7 @@ def _from_place(
     c = np.cos(elevation)
     directions = np.column_stack([c * np.cos(azimuth), c * np.sin(azimuth), np.sin(elevation)])
     origins = np.broadcast_to(place, directions.shape)
-    t, labels = caster.cast(origins, directions, np.full(len(directions), 1.0), 0.003)
+    t, labels = caster.cast(origins, directions, np.full(len(directions), 1.0), BEAM)
     _with_strays(t, labels, rng, (0.3, 0.9))
     return _returns(origins, directions, t, labels, STEP * np.where(np.isfinite(t), t, 0))
 
@@ -220,7 +221,7 @@ def _vehicle(caster: Caster, rng: np.random.Generator) -> list[tuple[Floats, ...
     directions = np.column_stack([ahead * np.cos(angle), aside * np.cos(angle), np.sin(angle)])
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     origins = origins + rng.normal(scale=0.002, size=(len(x), 1)) * [1, 0, 0]
-    t, labels = caster.cast(origins, directions, np.full(len(x), 0.5), 0.003)
+    t, labels = caster.cast(origins, directions, np.full(len(x), 0.5), BEAM)
     labels[t > FAR] = -1
     _with_strays(t, labels, rng, (0.3, 0.9))
     return [_returns(origins, directions, t, labels, np.sqrt(LINES * ALONG * np.where(np.isfinite(t), t, 0)))]

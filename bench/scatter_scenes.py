@@ -168,7 +168,7 @@ def _fence(height: Callable[[Floats, Floats], Floats], rng: np.random.Generator)
 def _wires(height: Callable[[Floats, Floats], Floats], rng: np.random.Generator) -> list[tuple[Floats, int]]:
     """Return three wires that sag, over the street."""
     wires = []
-    for y, tall in zip((-7.5, -6.5, -5.5), rng.uniform(7, 9, 3), strict=True):
+    for y, tall in zip((-9.0, -7.0, -5.0), rng.uniform(7, 9, 3), strict=True):
         x = np.linspace(-30, 30, 13)
         z = float(height(np.float64(0), np.float64(y))) + tall + 1.2 * (x / 30) ** 2 + 3.0
         line = np.column_stack([x, np.full(13, y), z])

@@ -1,0 +1,207 @@
+"""Planes through each point's nearest neighbours, sixteen points at once, and how far neighbouring planes agree."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..jit import Array, borrow, f32, inline, kernel, next_tile, run
+from ..points.normals.axes import principal_axes
+from ..points.normals.sixteen import Triple, inner, zeros
+from ..simd import F16, ONE, broadcast16, gather16, load16, store, vabs, vmax, vsqrt
+
+LANES = 16
+CHUNK = 2048  # points that a thread takes at a time
+TINIEST = 1e-18  # the least reach that is divided by; its square is within float32
+
+Floats = NDArray[np.float32]
+Xyz: TypeAlias = tuple[Array, Array, Array]  # x, y and z of each point
+
+
+class LocalPlanes(NamedTuple):
+    """Planes through the neighbours of n points, (n,) float32 each.
+
+    x, y, z : the unit normal, of either sign
+    thickness : standard deviation of the neighbours off the plane
+    slimness : second largest variance of the neighbours over the largest: 0 on a line
+    offset : signed distance of the point itself from the plane
+    reach : distance of the farthest neighbour
+    """
+
+    x: Floats
+    y: Floats
+    z: Floats
+    thickness: Floats
+    slimness: Floats
+    offset: Floats
+    reach: Floats
+
+
+@inline
+def load_triple(xyz: Xyz, at: int) -> Triple:
+    """The vectors of sixteen points."""
+    return load16(xyz[0], at), load16(xyz[1], at), load16(xyz[2], at)
+
+
+@inline
+def gather_triple(xyz: Xyz, near: Array, start: int, width: int) -> Triple:
+    """The vectors of one neighbour of each of sixteen points."""
+    return (
+        gather16(xyz[0], near, start, width),
+        gather16(xyz[1], near, start, width),
+        gather16(xyz[2], near, start, width),
+    )
+
+
+@inline
+def difference(a: Triple, b: Triple) -> Triple:
+    """a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@kernel
+def _fit(
+    work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, ...]
+) -> int:
+    """Fit a plane to the neighbours in columns[0]:columns[1] of each point; near : flat; out : as in `LocalPlanes`."""
+    xyz, near, out = borrow(xyz), borrow(near), borrow(out)
+    first, end = columns
+    tile = next_tile(work)
+    while tile >= 0:
+        for begin in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out[0])), LANES):
+            at = min(begin, len(out[0]) - LANES)
+            own = load_triple(xyz, at)
+            far = difference(gather_triple(xyz, near, at * width + end - 1, width), own)
+            reach = vsqrt(inner(far, far))
+            inverse = ONE / vmax(reach, broadcast16(f32(TINIEST)))
+            x = y = z = xx = xy = xz = yy = yz = zz = zeros()
+            for j in range(first, end):
+                p, q, r = difference(gather_triple(xyz, near, at * width + j, width), own)
+                p, q, r = p * inverse, q * inverse, r * inverse
+                x, y, z = x + p, y + q, z + r
+                xx, xy, xz = xx + p * p, xy + p * q, xz + p * r
+                yy, yz, zz = yy + q * q, yz + q * r, zz + r * r
+            share = f32(1.0 / (end - first))
+            x, y, z = x * share, y * share, z * share
+            xx, xy, xz = xx * share - x * x, xy * share - x * y, xz * share - x * z
+            yy, yz, zz = yy * share - y * y, yz * share - y * z, zz * share - z * z
+            n, _, _, slimness = principal_axes((xx, xy, xz, yy, yz, zz))
+            a, b, c = xx * n[0] + xy * n[1] + xz * n[2], xy * n[0] + yy * n[1] + yz * n[2], xz * n[0] + yz * n[1] + zz * n[2]
+            store(out[0], at, n[0])
+            store(out[1], at, n[1])
+            store(out[2], at, n[2])
+            store(out[3], at, reach * vsqrt(vmax(a * n[0] + b * n[1] + c * n[2], zeros())))
+            store(out[4], at, vmax(slimness, zeros()))
+            store(out[5], at, zeros() - reach * inner(n, (x, y, z)))
+            store(out[6], at, reach)
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Array) -> int:
+    """Write the mean square of the sine between each point's normal and those of its neighbours in some columns."""
+    normals, near, out = borrow(normals), borrow(near), borrow(out)
+    first, end = columns
+    tile = next_tile(work)
+    while tile >= 0:
+        for begin in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out)), LANES):
+            at = min(begin, len(out) - LANES)
+            own, total = load_triple(normals, at), zeros()
+            for j in range(first, end):
+                cosine = inner(own, gather_triple(normals, near, at * width + j, width))
+                total = total + cosine * cosine
+            store(out, at, vmax(ONE - total * f32(1.0 / (end - first)), zeros()))
+        tile = next_tile(work)
+    return 0
+
+
+@inline
+def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F16, F16]:
+    """How far a neighbour lies off the arc through both, and off the plane of the point, over its distance."""
+    away = difference(place, own)
+    size = vmax(vsqrt(inner(away, away)), broadcast16(f32(TINIEST)))
+    cosine, plane, back = inner(normal, other), inner(away, normal), inner(away, other)
+    sign = cosine / vmax(vabs(cosine), broadcast16(f32(TINIEST)))
+    return vabs(plane + sign * back) * 0.5 / size, vabs(plane) / size
+
+
+@kernel
+def _off_arcs(
+    work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, Array]
+) -> int:
+    """Write the means of `_bend` over the neighbours in some columns."""
+    xyz, normals, near, out = borrow(xyz), borrow(normals), borrow(near), borrow(out)
+    first, end = columns
+    tile = next_tile(work)
+    while tile >= 0:
+        for begin in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out[0])), LANES):
+            at = min(begin, len(out[0]) - LANES)
+            own, normal, arc, plane = load_triple(xyz, at), load_triple(normals, at), zeros(), zeros()
+            for j in range(first, end):
+                start = at * width + j
+                off = _bend(own, normal, gather_triple(xyz, near, start, width), gather_triple(normals, near, start, width))
+                arc, plane = arc + off[0], plane + off[1]
+            share = f32(1.0 / (end - first))
+            store(out[0], at, arc * share)
+            store(out[1], at, plane * share)
+        tile = next_tile(work)
+    return 0
+
+
+def columns_of(rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """The three columns of an (n, 3) array, each contiguous."""
+    x, y, z = (np.ascontiguousarray(rows[:, c], np.float32) for c in range(3))
+    return x, y, z
+
+
+def fit_planes(
+    xyz: tuple[Floats, ...], near: NDArray[np.int32], columns: tuple[int, int], threads: int | None = None
+) -> LocalPlanes:
+    """Fit a plane to some neighbours of each point.
+
+    Parameters
+    ----------
+    xyz : three of (n,) float32
+        At least sixteen points.
+    near : (n, k) int32
+        Rows of neighbours, nearest first.
+    columns : (first, end)
+        Which of the columns of `near` are used; the last one is the farthest neighbour.
+    """
+    out = LocalPlanes(*np.empty((len(LocalPlanes._fields), len(near)), np.float32))
+    run(_fit, -(-len(near) // CHUNK), xyz, near.reshape(-1), near.shape[1], columns, tuple(out), threads=threads)
+    return out
+
+
+def disagreement(
+    normals: tuple[Floats, ...], near: NDArray[np.int32], columns: tuple[int, int], threads: int | None = None
+) -> Floats:
+    """Return the mean square of the sine between each normal and those of some neighbours, (n,): 2/3 at random."""
+    out = np.empty(len(near), np.float32)
+    run(_disagree, -(-len(out) // CHUNK), normals, near.reshape(-1), near.shape[1], columns, out, threads=threads)
+    return out
+
+
+def off_arcs(
+    xyz: tuple[Floats, ...],
+    normals: tuple[Floats, ...],
+    near: NDArray[np.int32],
+    columns: tuple[int, int],
+    threads: int | None = None,
+) -> tuple[Floats, Floats]:
+    """Return how far neighbours lie off circular arcs at right angles to both normals, and off each point's plane.
+
+    Both are means over some neighbours of the height over the distance, (n,) each. On a curved surface with true
+    normals the first is much smaller than the second; normals fitted to scattered points leave both alike.
+    """
+    arc, plane = np.empty((2, len(near)), np.float32)
+    run(
+        _off_arcs,
+        -(-len(arc) // CHUNK),
+        *(xyz, normals, near.reshape(-1), near.shape[1], columns, (arc, plane)),
+        threads=threads,
+    )
+    return arc, plane
