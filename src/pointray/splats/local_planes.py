@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..jit import Array, borrow, f32, inline, kernel, next_tile, run
 from ..points.normals.axes import principal_axes
 from ..points.normals.sixteen import Triple, inner, zeros
-from ..simd import F16, ONE, broadcast16, gather16, load16, store, vabs, vmax, vsqrt
+from ..simd import F16, ONE, ZERO, broadcast16, gather16, load16, select, store, vabs, vmax, vsqrt
 
 LANES = 16
 CHUNK = 2048  # points that a thread takes at a time
@@ -119,34 +119,42 @@ def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple
 
 
 @inline
-def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F16, F16]:
-    """How far a neighbour lies off the arc through both, and off the plane of the point, over its distance."""
+def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F16, F16, F16]:
+    """Height of a neighbour over the arc through both, and over the point's plane, as shares of its distance.
+
+    The third number is 1, or 0 if the neighbour faces the other way: then all are 0.
+    """
     away = difference(place, own)
     size = vmax(vsqrt(inner(away, away)), broadcast16(f32(TINIEST)))
-    cosine, plane, back = inner(normal, other), inner(away, normal), inner(away, other)
-    sign = cosine / vmax(vabs(cosine), broadcast16(f32(TINIEST)))
-    return vabs(plane + sign * back) * 0.5 / size, vabs(plane) / size
+    plane, back, faces = inner(away, normal), inner(away, other), inner(normal, other) > ZERO
+    one, none = zeros() + ONE, zeros()
+    return (
+        select(faces, vabs(plane + back) * 0.5 / size, none),
+        select(faces, vabs(plane) / size, none),
+        select(faces, one, none),
+    )
 
 
 @kernel
 def _off_arcs(
     work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, Array]
 ) -> int:
-    """Write the means of `_bend` over the neighbours in some columns."""
+    """Write the means of `_bend` over the neighbours in some columns; 1 if none faces the point's way."""
     xyz, normals, near, out = borrow(xyz), borrow(normals), borrow(near), borrow(out)
     first, end = columns
     tile = next_tile(work)
     while tile >= 0:
         for begin in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out[0])), LANES):
             at = min(begin, len(out[0]) - LANES)
-            own, normal, arc, plane = load_triple(xyz, at), load_triple(normals, at), zeros(), zeros()
+            own, normal, arc, plane, count = load_triple(xyz, at), load_triple(normals, at), zeros(), zeros(), zeros()
             for j in range(first, end):
                 start = at * width + j
-                off = _bend(own, normal, gather_triple(xyz, near, start, width), gather_triple(normals, near, start, width))
-                arc, plane = arc + off[0], plane + off[1]
-            share = f32(1.0 / (end - first))
-            store(out[0], at, arc * share)
-            store(out[1], at, plane * share)
+                place, other = gather_triple(xyz, near, start, width), gather_triple(normals, near, start, width)
+                off = _bend(own, normal, place, other)
+                arc, plane, count = arc + off[0], plane + off[1], count + off[2]
+            some, share = count > ZERO, ONE / vmax(count, broadcast16(ONE))
+            store(out[0], at, select(some, arc * share, zeros() + ONE))
+            store(out[1], at, select(some, plane * share, zeros() + ONE))
         tile = next_tile(work)
     return 0
 

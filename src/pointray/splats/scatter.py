@@ -7,6 +7,8 @@ Coarse scales see through noise and across scan lines, fine ones see details.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,7 +16,7 @@ from ..arguments import check_callback
 from ..neighbors import NeighborTree, distinct, kd_order, take
 from ..progress import Progress, tell
 from .local_planes import LocalPlanes, columns_of, disagreement, fit_planes, off_arcs
-from .scatter_rules import AROUND, KEEP, LOSE, VOTERS, Evidence, judge, medians, vote
+from .scatter_rules import AROUND, KEEP, LOSE, SPACING, VOTERS, Evidence, judge, medians, vote
 
 Floats = NDArray[np.float32]
 
@@ -22,6 +24,8 @@ FEW = VOTERS + 1  # different positions; fewer are no surface
 NEAR = 8  # neighbours of the finest scale
 COARSE, COARSEST = 4, 16  # the coarse scales look at every so many points in kd order
 ROUNDS = 2  # of votes in which points are lost, then of those in which they are only won
+MOSTLY, MOSTLY_OFF = 0.75, 0.7  # of some 68 points around: then a point no farther off its plane is one, too
+SPARSE = 2.0  # times the mean distance of the 8th neighbour around: scattered points so far apart do not vote
 BLOCK = 256  # points in kd order whose normals are judged together
 # Normals of a file prove a surface if they turn with it: heights off the arcs, over those off the planes, with 1 for
 # fitted normals of scattered points. Of leaves in Autzen's blocks 95% have over 0.82, of Lucy's less than 0.77.
@@ -96,9 +100,38 @@ def _scattered(
         _follow_normals(xyz, normals, near, surface, alone, threads)
     tell(progress, JUDGED)
     surface[alone > 0] = 0
+    parts = _parts_around(positions)
+    reach = evidence.reaches[0]
+    alone[(surface == 0) & (reach > SPARSE * parts.means(reach))] = 1
     for limits in [(KEEP, LOSE)] * ROUNDS + [(KEEP, 0)] * ROUNDS:
         surface = vote(surface, alone, near, limits, threads)
+    close = np.abs(evidence.offsets[1]) < MOSTLY_OFF * SPACING * evidence.reaches[0]
+    surface[close & (alone == 0) & (parts.means(surface) >= MOSTLY)] = 1
     return np.asarray(surface == 0)
+
+
+class _Parts(NamedTuple):
+    """Parts of the kd order, and those around each.
+
+    starts : (m,) int64, their first points; part : (n,) int32, that of each point; near : (m, k) int32
+    """
+
+    starts: NDArray[np.int64]
+    part: NDArray[np.int32]
+    near: NDArray[np.int32]
+
+    def means(self, values: Floats) -> Floats:
+        """Return the mean over a point's part and those around it, for each point."""
+        sums = np.add.reduceat(values, self.starts) / np.diff(np.append(self.starts, len(values)))
+        return take(sums[self.near].mean(axis=1, dtype=np.float32), self.part)
+
+
+def _parts_around(positions: Floats) -> _Parts:
+    """Parts of COARSE points, and the 16 nearest of each with itself: some 68 points."""
+    step = COARSE if len(positions) >= FEW * COARSE else 1
+    some = np.ascontiguousarray(positions[step // 2 :: step])
+    part = np.minimum(np.arange(len(positions), dtype=np.int32) // step, len(some) - 1)
+    return _Parts(np.arange(len(some)) * step, part, NeighborTree(some, in_order=True).rows(FEW))
 
 
 def _evidence(

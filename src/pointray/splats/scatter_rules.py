@@ -43,9 +43,10 @@ WIDE = Limits(0.24, 0.7, 1.0, 0.27)  # of the 16 nearest neighbours
 COARSE = Limits(0.16, 0.45, 1.2, 0.27)  # of every 4th point
 COARSEST = Limits(0.16, 0.44, 0.8, 0.27)  # of every 16th point
 LINE_COARSE, LINE_COARSEST = 0.2, 0.34  # thickness where the two fine scales are too slim: scan lines of a surface
-LINE_GAP = 2.3  # reach of every 4th point over that of all; of scan lines farther apart than that: wires
-STRIP_GAP, STRIP_SLIMNESS, STRIP_COARSE, STRIP_COARSEST = 2.2, 0.42, 0.3, 0.5  # a few wires side by side
+LINE_GAP = 1.9  # reach of every 4th point over that of all; of scan lines farther apart than that: wires
+STRIP_GAP, STRIP_SLIMNESS, STRIP_COARSE, STRIP_COARSEST = 2.0, 0.42, 0.3, 0.5  # a few wires side by side
 ALONE, ALONE_OFF = 1.35, 0.42  # farther from others than these from each other, and off both planes, in spacings
+ALONE_BOTH = 0.4  # the excess of the first times the second
 KEEP, LOSE = 10, 7  # of 16 neighbours: so many surface points make a point one, fewer than that take it away
 
 
@@ -180,8 +181,10 @@ def _judge(
             thin = coarsest < LINE_COARSEST * spacing
             is_coarsest = is_coarsest & (select(thin, no, select(is_line, yes, no)) < ONE)
             store(surface, at, select(fine | is_coarse | is_coarsest, yes, no))
-            is_alone = (load16(reaches[0], at) * SPACING > ALONE * spacing) & (off_near > ALONE_OFF * spacing)
-            store(alone, at, select(is_alone & (off_wide > ALONE_OFF * spacing), yes, no))
+            own, off = load16(reaches[0], at) * SPACING, vmin(off_near, off_wide)
+            is_alone = (own > ALONE * spacing) & (off > ALONE_OFF * spacing)
+            is_alone = is_alone & ((own - spacing) * off > ALONE_BOTH * spacing * spacing)
+            store(alone, at, select(is_alone, yes, no))
         tile = next_tile(work)
     return 0
 
