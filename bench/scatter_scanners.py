@@ -55,7 +55,9 @@ class Caster:
             warnings.simplefilter("ignore")  # of normals that differ: so they do
             self._leaves.add(pr.Model(cloud, leaves[:, 6].astype(np.float32), surface="disc", trim=None))
 
-    def cast(self, origins: Floats, directions: Floats, t_min: Floats, width: float) -> tuple[Floats, NDArray[np.int64]]:
+    def cast(
+        self, origins: Floats, directions: Floats, t_min: Floats, width: float
+    ) -> tuple[Floats, NDArray[np.int64]]:
         """Return the distance and the label of what each ray hits first beyond t_min; inf and -1 of a miss.
 
         width : the beam's, per unit of distance
@@ -168,7 +170,11 @@ def _airborne(caster: Caster, density: float, rng: np.random.Generator) -> list[
     """Beams in zigzag lines from a height of 400 metres, 20 degrees aside, several returns each."""
     step = 1 / math.sqrt(density)
     x, y = np.meshgrid(np.arange(-SIDE, SIDE, step), np.arange(-SIDE, SIDE, step))
-    x = x + np.where(np.arange(len(x))[:, None] % 2 == 0, 0.35, -0.35) * step + rng.normal(scale=0.15 * step, size=x.shape)
+    x = (
+        x
+        + np.where(np.arange(len(x))[:, None] % 2 == 0, 0.35, -0.35) * step
+        + rng.normal(scale=0.15 * step, size=x.shape)
+    )
     y = y + 0.5 * x % step + rng.normal(scale=0.15 * step, size=x.shape)
     ground = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
     plane = np.column_stack([np.full(x.size, 145.0 * rng.choice([-1, 1])), ground[:, 1], np.full(x.size, 400.0)])

@@ -12,6 +12,7 @@ AUTO = "auto"
 
 SURFACES = {"paper": "the paper's", "imls": "imls", "apss": "spheres (apss)", "disc": "discs"}
 
+UNCLASSIFIED = "surface"  # of SCATTER: nobody asks which points are scattered
 SCATTER = {  # how points are drawn that lie on no surface
     "surface": "as all others",
     "spheres": "spheres",

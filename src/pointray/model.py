@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arguments import check_callback, check_choice, check_path, check_positive, check_whole
-from .choices import SURFACES
+from .choices import SURFACES, UNCLASSIFIED
 from .data import Points, spread_rows
 from .kernels.tree import LONGEST, SCATTER, Tree, no_tree
 from .model_file import Level, Place, place_of, read_model, write_model
@@ -24,6 +24,7 @@ from .residence import Key, OnDisk, Residence, Source
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from .splats.make import Made, Sizes, check_size, make_splats
 from .splats.radii import check_radii
+from .splats.scatter import find_scattered
 from .splats.scattered import Drawing, check_drawing, check_mask, make_scattered
 from .splats.scattered_levels import Loose, coarsen_scattered, joined, spacing_of
 from .tree.build import Splats, build_tree
@@ -126,9 +127,12 @@ class Model(OnDisk):
         cloud = self.points if len(used) == len(self.points) else self.points.select(used)
         self.drawing = check_drawing(scatter, scatter_size)
         mask = check_mask(_scattered, len(self.points))
-        if mask is not None and self.drawing.scatter != "surface" and mask[used].any():
-            self._build_both(cloud, used, mask[used], (given, scale), say)
-            return
+        if self.drawing.scatter != UNCLASSIFIED:
+            say_found = partial(say, "scattered points")
+            found = find_scattered(cloud.positions, cloud.normals, progress=say_found) if mask is None else mask[used]
+            if found.any():
+                self._build_both(cloud, used, found, (given, scale), say)
+                return
         made = make_splats(  # which alone holds the placed points, and frees them
             placed_for_model(cloud, self.smooth, given is None, partial(say, "normals")),
             used,
@@ -186,18 +190,26 @@ class Model(OnDisk):
         samples: int = 4,
         refine: int = 1,
         radius_scale: float = 1.0,
+        scatter: str | None = None,
+        scatter_size: float | None = None,
         progress: Callable[[str, float], None] | None = None,
     ) -> Model:
-        """A model of the same points with other settings, see the class. Radii, normals and noise are not sought again,
-        unless other noise is to be smoothed away.
+        """A model of the same points with other settings, see the class; scatter, scatter_size: None: as they are.
+
+        Radii, normals and noise are not sought again, unless other noise is to be smoothed away, or scattered points
+        are to be drawn otherwise; nor are scattered points, if this model has any.
         """
         check_callback(progress)
         self.check_whole()
         scale, surface = check_positive(radius_scale, "radius_scale"), check_choice(surface, "surface", SURFACES)
         options: dict[str, Any] = {"surface": surface, "samples": samples, "refine": refine}
-        if check_sigma(smooth, "smooth") != self.smooth:
-            options |= {"scatter": self.drawing.scatter, "scatter_size": self.drawing.size}
-            mask = self.scattered
+        drawing = check_drawing(
+            self.drawing.scatter if scatter is None else scatter,
+            self.drawing.size if scatter_size is None else scatter_size,
+        )
+        if check_sigma(smooth, "smooth") != self.smooth or drawing != self.drawing:
+            options |= {"scatter": drawing.scatter, "scatter_size": drawing.size}
+            mask = self.scattered if self.tree.head[SCATTER] else None
             return Model(self.points, smooth=smooth, radius_scale=scale, progress=progress, _scattered=mask, **options)
         model = Model.__new__(Model)
         model.settings = check_settings(**options, trim="auto")

@@ -22,6 +22,7 @@ from ..choices import (
     MATERIALS,
     NORMALS,
     PROJECTIONS,
+    SCATTER,
     SURFACES,
     VIEWS,
     listed,
@@ -38,6 +39,7 @@ Look = StrEnum("Look", list(MATERIALS))  # type: ignore[misc]
 Normals = StrEnum("Normals", list(NORMALS))  # type: ignore[misc]
 Filter = StrEnum("Filter", list(FILTERS))  # type: ignore[misc]
 Backfaces = StrEnum("Backfaces", list(BACKFACES))  # type: ignore[misc]
+Scatter = StrEnum("Scatter", list(SCATTER))  # type: ignore[misc]
 
 SCANS = "a file of points: .ply, .las, .laz, .e57, .pcd, .xyz and more (docs/formats.md)"
 TOGETHER = "Several are one cloud; a folder stands for the scans in it."
@@ -95,6 +97,12 @@ BackfacesOption = Annotated[
         help=f"How phong and baked show back faces. {listed(BACKFACES)}. Where more than a quarter of the surface that "
         "is seen are back faces, as in trees, same is used."
     ),
+]
+ScatterOption = Annotated[
+    Scatter, typer.Option(help=f"How points are drawn that lie on no surface: leaves, wires. {listed(SCATTER)}.")
+]
+ScatterSizeOption = Annotated[
+    float, typer.Option(help="The radii of these are multiplied by this; 1: 0.35 of the local spacing.")
 ]
 RadiusScaleOption = Annotated[float, typer.Option(help="All radii are multiplied by this.")]
 SmoothOption = Annotated[

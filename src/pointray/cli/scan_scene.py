@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import check_positive
-from ..choices import AUTO, EXPOSED, SAME
+from ..choices import AUTO, EXPOSED, SAME, UNCLASSIFIED
 from ..data import Points
 from ..points.trust import trusted
 from ..shade.lights import SunLight
@@ -30,6 +30,8 @@ PLAIN = {
     "samples": 4,
     "radius_scale": 1.0,
     "smooth": "auto",
+    "scatter": UNCLASSIFIED,
+    "scatter_size": 1.0,
 }  # the surface without options
 
 
@@ -37,7 +39,8 @@ def check_saved(file: Path, is_plain: bool) -> None:
     """Raise ValueError if options ask for another surface or other normals than a saved model has."""
     if is_saved(file) and not is_plain:
         raise ValueError(
-            f"{file}: --surface, --samples, --radius-scale, --smooth and --normals are part of a saved model"
+            f"{file}: --surface, --samples, --radius-scale, --smooth, --scatter, --scatter-size and --normals are part "
+            "of a saved model"
         )
 
 
@@ -53,7 +56,7 @@ def smooth_of(text: str) -> str | float:
         raise ValueError(f"--smooth must be auto or a finite number from 0, not {text!r}") from None
 
 
-SURFACE = ("surface", "samples", "radius_scale", "smooth")
+SURFACE = tuple(PLAIN)
 LENS = ("fov", "projection", "aperture", "focus")
 FRAMING = ("eye", "target", "view", "azimuth", "elevation", "zoom")
 EFFORT = ("spp", "max_depth", "time_limit", "noise", "denoise", "seed", "threads", "levels", "backfaces")
@@ -86,7 +89,7 @@ class ScanScene:
     ----------
     files : ScanFiles
     surface : dict
-        surface, samples, radius_scale and smooth (a text or a number), as `Model` takes them.
+        The parameters of `Model` in PLAIN; smooth is a text or a number.
     appearance : dict
         Texts of the options light, background, material and perhaps color and color_by; fill, a number or None;
         ground, a bool.
@@ -118,6 +121,7 @@ class ScanScene:
         import pointray as pr
 
         check_positive(surface["radius_scale"], "--radius-scale")
+        check_positive(surface["scatter_size"], "--scatter-size")
         surface = {**surface, "smooth": smooth_of(str(surface["smooth"]))}
         self.files, self._surface, self._appearance = files, surface, appearance
         self._choice = choice

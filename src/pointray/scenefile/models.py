@@ -23,12 +23,13 @@ from ..points.smoothing.smooth import check_sigma
 from ..points.trust import trusted
 from ..points.unpacking import PACKED
 from ..splats.radii import radii_in
+from ..splats.scattered import check_drawing
 from ..tree.settings import check_settings
 from .lines import Key
 from .source import Source
 from .words import TEXT, WHOLE, Word, check_table, optional, unknown, value_at, words_of
 
-WORDS = words_of(Model, "points", "radii")
+WORDS = words_of(Model, "points", "radii", "_scattered")
 LEVELS_OPTION = {"levels": Word(("bool",), False)}
 NORMALS_OPTION = {"normals": Word(("str",), False)}
 READING = {  # the choices of `read`; annotations of some are none that TOML has
@@ -93,6 +94,7 @@ def check_model(source: Source, key: Key) -> Recipe:
         check_settings(arguments["surface"] or SURFACE, arguments["samples"], arguments["refine"], arguments["trim"])
         check_positive(arguments["radius_scale"], "radius_scale")
         check_sigma(arguments["smooth"], "smooth")
+        check_drawing(arguments["scatter"], arguments["scatter_size"])
     return recipe
 
 

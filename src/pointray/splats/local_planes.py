@@ -62,9 +62,7 @@ def difference(a: Triple, b: Triple) -> Triple:
 
 
 @kernel
-def _fit(
-    work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, ...]
-) -> int:
+def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, ...]) -> int:
     """Fit a plane to the neighbours in columns[0]:columns[1] of each point; near : flat; out : as in `LocalPlanes`."""
     xyz, near, out = borrow(xyz), borrow(near), borrow(out)
     first, end = columns
@@ -88,7 +86,11 @@ def _fit(
             xx, xy, xz = xx * share - x * x, xy * share - x * y, xz * share - x * z
             yy, yz, zz = yy * share - y * y, yz * share - y * z, zz * share - z * z
             n, _, _, slimness = principal_axes((xx, xy, xz, yy, yz, zz))
-            a, b, c = xx * n[0] + xy * n[1] + xz * n[2], xy * n[0] + yy * n[1] + yz * n[2], xz * n[0] + yz * n[1] + zz * n[2]
+            a, b, c = (
+                xx * n[0] + xy * n[1] + xz * n[2],
+                xy * n[0] + yy * n[1] + yz * n[2],
+                xz * n[0] + yz * n[1] + zz * n[2],
+            )
             store(out[0], at, n[0])
             store(out[1], at, n[1])
             store(out[2], at, n[2])

@@ -134,9 +134,7 @@ def _parts_around(positions: Floats) -> _Parts:
     return _Parts(np.arange(len(some)) * step, part, NeighborTree(some, in_order=True).rows(FEW))
 
 
-def _evidence(
-    positions: Floats, xyz: tuple[Floats, ...], near: NDArray[np.int32], threads: int | None
-) -> Evidence:
+def _evidence(positions: Floats, xyz: tuple[Floats, ...], near: NDArray[np.int32], threads: int | None) -> Evidence:
     fine = [fit_planes(xyz, near, (1, k + 1), threads) for k in (NEAR, VOTERS)]
     coarse = [_coarse_planes(positions, xyz, step, threads) for step in (COARSE, COARSEST)]
     scales = (*fine, *coarse)

@@ -190,7 +190,9 @@ def _judge(
 
 
 @kernel
-def _vote(work: Array, before: Array, alone: Array, near: Array, width: int, limits: tuple[int, int], out: Array) -> int:
+def _vote(
+    work: Array, before: Array, alone: Array, near: Array, width: int, limits: tuple[int, int], out: Array
+) -> int:
     """Let each point that is not alone follow its VOTERS neighbours; limits : surface points that make or lose one."""
     before, alone, near, out = borrow(before), borrow(alone), borrow(near), borrow(out)
     keep, lose = f32(limits[0]), f32(limits[1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..choices import AUTO, COLORMAPS, CURVES, INTEGRATORS, LIGHTS, SURFACES
+from ..choices import AUTO, COLORMAPS, CURVES, INTEGRATORS, LIGHTS, SCATTER, SURFACES
 from ..model import SURFACE
 from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES
@@ -207,6 +207,15 @@ def _surface(build: Build) -> Folder:
                 step=0.05,
                 hint="All radii times this",
             ),
+            Control(
+                "build.scatter",
+                "Scattered points",
+                "choice",
+                build.scatter,
+                list(SCATTER.items()),
+                hint="Those that lie on no surface: leaves, wires",
+            ),
+            *_scattered(build),
             Control("build.measured", "Noise as measured", "switch", build.measured, hint="What is smoothed away"),
             Control(
                 "build.noise",
@@ -220,6 +229,14 @@ def _surface(build: Build) -> Folder:
             ),
         ],
     )
+
+
+def _scattered(build: Build) -> list[Control]:
+    """How large scattered points are, where they are drawn by themselves."""
+    if build.scatter not in ("spheres", "discs"):
+        return []
+    size = build.scatter_size
+    return [Control("build.scatter_size", "Their size", "range", size, low=0.2, high=3.0, step=0.05)]
 
 
 def _cut(view: ViewSettings) -> Folder:

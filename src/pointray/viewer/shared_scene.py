@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..arguments import check_direction
-from ..choices import AUTO
+from ..choices import AUTO, UNCLASSIFIED
 from ..jit import BACKLOG
 from ..memory import give_back
 from ..model import Model
@@ -30,6 +30,7 @@ class Build:
     """How models are built: the parameters of `Model` in the panel.
 
     measured : whether noise is smoothed away as it is measured; noise : else so much of it, in the median radius
+    scatter, scatter_size : how scattered points are drawn
     """
 
     surface: str
@@ -37,15 +38,18 @@ class Build:
     radius_scale: float = 1.0
     measured: bool = True
     noise: float = 0.0
+    scatter: str = UNCLASSIFIED
+    scatter_size: float = 1.0
 
 
 def build_of(model: Model) -> Build:
     """How a model was built; its noise, where that was measured, is the median."""
     size, found = model.spacing or 1.0, model.tree.noise
+    build = Build(model.surface, model.settings.samples, scatter=model.drawing.scatter, scatter_size=model.drawing.size)
     if isinstance(model.smooth, str):
         noise = float(np.median(found)) / size if found.size else 0.0
-        return Build(model.surface, model.settings.samples, noise=round(noise, 2))
-    return Build(model.surface, model.settings.samples, measured=False, noise=round(model.smooth / size, 2))
+        return replace(build, noise=round(noise, 2))
+    return replace(build, measured=False, noise=round(model.smooth / size, 2))
 
 
 @dataclass(frozen=True)
@@ -242,6 +246,8 @@ class SharedScene:
             "surface": build.surface,
             "samples": build.samples,
             "radius_scale": build.radius_scale,
+            "scatter": build.scatter,
+            "scatter_size": build.scatter_size,
         }
         options["refine"] = model.settings.refine
         smooth: str | float = AUTO if build.measured else build.noise * model.spacing

@@ -45,6 +45,9 @@ from ..options import (
     ProjectionOption,
     RadiusScaleOption,
     SamplesOption,
+    Scatter,
+    ScatterOption,
+    ScatterSizeOption,
     SeedOption,
     Side,
     SizeOption,
@@ -108,6 +111,8 @@ def render(
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
+    scatter: ScatterOption = Scatter["surface"],
+    scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
     backfaces: BackfacesOption = Backfaces["muted"],
     background: BackgroundOption = AUTO,
@@ -197,6 +202,8 @@ def animate(
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
+    scatter: ScatterOption = Scatter["surface"],
+    scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
     backfaces: BackfacesOption = Backfaces["muted"],
     background: BackgroundOption = AUTO,
@@ -255,6 +262,8 @@ def view(
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
+    scatter: ScatterOption = Scatter["surface"],
+    scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
     backfaces: BackfacesOption = Backfaces["muted"],
     background: BackgroundOption = AUTO,
@@ -281,8 +290,9 @@ def view(
         Settings(integrator=options["integrator"].value, levels=levels, backfaces=backfaces.value)
     )
     surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    surface_options["smooth"] = smooth_of(smooth)
+    surface_options |= {"smooth": smooth_of(smooth), "scatter": scatter.value, "scatter_size": scatter_size}
     check_positive(radius_scale, "--radius-scale")
+    check_positive(scatter_size, "--scatter-size")
     options["normals"] = normals.value
     options["memory"] = None if memory is None else bytes_of(memory)
     shared, loader = shared_scene_of(files, reading, given(context), options, surface_options, cache)
