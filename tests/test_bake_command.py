@@ -17,6 +17,7 @@ from pointray.cli import bake as command
 from pointray.cli import execute, serve
 from pointray.cli.commands.files import bake as bake_command
 from pointray.cli.read_options import Reading
+from pointray.cli.scan_scene import PLAIN
 from pointray.image.tone import linear_to_srgb, srgb_to_linear, tone
 from pointray.points.trust import trusted
 from pointray.scenefile import plan
@@ -608,7 +609,7 @@ def viewed(files: list[Path], **options) -> tuple[object, list]:
     typed = {name: value for name, value in options.items() if name in ("bake", "integrator")}
     told = {"up": "auto", "light": None, "fill": None, "background": "auto", "ground": False, "normals": "auto"}
     told |= {"settings": pr.Settings("baked"), "bake": None, "quick": False, **options}
-    surface = {"surface": None, "samples": 4, "radius_scale": 1.0, "smooth": "auto"}
+    surface = dict(PLAIN)
     shared, loader = serve.shared_scene_of(files, Reading(), typed, told, surface)
     stages = []
     shared.subscribe(lambda: stages.append(shared.progress.stage))

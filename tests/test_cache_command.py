@@ -11,6 +11,7 @@ import pytest
 import pointray as pr
 from pointray import model_cache
 from pointray.cli import execute
+from pointray.cli.scan_scene import PLAIN
 from pointray.viewer import loading
 
 SIZE = ["--size", "64x48", "--spp", "1", "--light", "headlight"]
@@ -83,7 +84,7 @@ def test_the_viewer_loads_what_it_has_kept(scan, monkeypatch):
     monkeypatch.setattr(loading, "WORTH", 4000)
     monkeypatch.setattr(loading, "COARSE", 2000)
     entry = model_cache.entry_of([scan], {"surface": None})
-    surface = {"surface": None, "samples": 4, "radius_scale": 1.0, "smooth": "auto"}
+    surface = dict(PLAIN)
 
     def load(leveled=True):
         shared = Shared()

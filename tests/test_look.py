@@ -14,6 +14,7 @@ from pointray.choices import AUTO
 from pointray.cli import baked_light, execute, serve
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_lights import ScanLights
+from pointray.cli.scan_scene import PLAIN
 from pointray.staging.studio import studio
 from pointray.viewer.baker import ROUGH, Baker
 from pointray.viewer.exports import Exports, _command
@@ -151,9 +152,7 @@ def viewed(file, *, look=None, quick=True):
     """The shared scene of `pointray view` of a file, loaded."""
     options = {"up": AUTO, "light": look, "fill": None, "background": AUTO, "ground": False, "normals": AUTO}
     options |= {"settings": pr.Settings("baked" if quick else "phong"), "bake": None, "quick": quick}
-    shared, loader = serve.shared_scene_of(
-        [file], Reading(), {}, options, {"surface": None, "samples": 4, "radius_scale": 1.0, "smooth": "auto"}
-    )
+    shared, loader = serve.shared_scene_of([file], Reading(), {}, options, dict(PLAIN))
     shared.load(loader).join(120)
     assert shared.problem == ""
     return shared

@@ -20,6 +20,7 @@ from pointray import residence
 from pointray.array_file import drop_pages
 from pointray.cli import execute
 from pointray.cli.read_options import Reading
+from pointray.cli.scan_scene import PLAIN
 from pointray.cli.serve import shared_scene_of
 from pointray.model_file import check_level
 from pointray.model_folder import INDEX, read_folder, read_part, write_index, write_level, write_part
@@ -647,7 +648,7 @@ def test_a_folder_is_viewed_with_direct_light_and_a_budget(made: Path, monkeypat
     pr.render(scene_of(pr.Model.load(made)), FAR)  # loads the kernel that a picture needs
     options = {"settings": pr.Settings("baked"), "up": "auto", "light": None, "fill": None, "background": "auto"}
     options |= {"ground": False, "normals": "auto", "bake": None, "quick": True, "memory": 1 << 20}
-    surface = {"surface": None, "samples": 4, "radius_scale": 1.0, "smooth": "auto"}
+    surface = dict(PLAIN)
     shared, load = shared_scene_of([made], Reading(), {}, options, surface)
     load(shared)
     assert shared.problem == ""

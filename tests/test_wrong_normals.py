@@ -10,6 +10,7 @@ import pytest
 import pointray as pr
 from conftest import long, shared_model, sphere_points
 from pointray.cli import execute
+from pointray.cli.scan_scene import PLAIN
 from pointray.points import nearby
 from pointray.points.normals.given import WRONG
 from pointray.points.trust import trusted
@@ -307,7 +308,7 @@ def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
     if coarse:
         monkeypatch.setattr("pointray.viewer.loading.COARSE", 4_000)
         monkeypatch.setattr("pointray.viewer.loading.WORTH", 8_000)
-    shared, plain = SharedScene("a"), {"surface": None, "samples": 4, "radius_scale": 1.0, "smooth": "auto"}
+    shared, plain = SharedScene("a"), dict(PLAIN)
     shown: list[pr.Scene] = []
     monkeypatch.setattr(shared, "show", lambda scene, home=None, coarse=False: shown.append(scene))
     for choice in ("auto", "file"):
