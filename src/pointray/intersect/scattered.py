@@ -12,6 +12,7 @@ deeper inside meets the far side. A ray that a clip plane cuts starts on nothing
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 from ..jit import Array, f32, i64, inline
 from ..kernels.scratch import (
@@ -55,6 +56,8 @@ from ..simd import (
     vsqrt,
 )
 
+Three: TypeAlias = tuple[Real, Real, Real]
+
 # A ray starts on a sphere from 1% of the radius below it to 0.2% above: above it, a ray of another surface that
 # touches the sphere must still meet it.
 BELOW, ABOVE = f32(1.0 - 0.99**2), f32(1.002**2 - 1.0)  # squared radii
@@ -62,18 +65,24 @@ FLAT2 = f32(0.01**2)  # squared radii: the distance from a disc's plane within w
 
 
 @inline
-def meet_sphere(
-    to: tuple[Real, Real, Real], d: tuple[Real, Real, Real], start: tuple[Real, Real], square: Real
-) -> Real:
-    """t where a ray meets a sphere, inf where it does not; one ray and eight spheres, or one sphere and sixteen rays.
+def approach(to: Three, d: Three, square: Real) -> tuple[Real, Real]:
+    """Where a ray is nearest to a sphere's centre, and the squared half of the chord, below 0 where it misses.
 
-    to : from the ray's origin to the centre; d : unit direction; start : `Ray.t_min` and `Ray.side`
-    square : of the radius
+    to : from the ray's origin to the centre; d : unit direction; square : of the radius
+    Of one ray and eight spheres, or of one sphere and sixteen rays.
     """
-    begin, side = start
     along = to[0] * d[0] + to[1] * d[1] + to[2] * d[2]
     x, y, z = to[0] - along * d[0], to[1] - along * d[1], to[2] - along * d[2]
-    rest = square - (x * x + y * y + z * z)
+    return along, square - (x * x + y * y + z * z)
+
+
+@inline
+def meet_sphere(chord: tuple[Real, Real], start: tuple[Real, Real], square: Real) -> Real:
+    """t where a ray meets a sphere, inf where it does not.
+
+    chord : see `approach`; start : `Ray.t_min` and `Ray.side`; square : of the radius
+    """
+    (along, rest), (begin, side) = chord, start
     half = vsqrt(rest)
     ahead = along - vabs(begin)
     near, anywhere = ahead * ahead, begin < ZERO
@@ -86,8 +95,8 @@ def meet_sphere(
 
 @inline
 def meet_disc(
-    to: tuple[Real, Real, Real],
-    d: tuple[Real, Real, Real],
+    to: Three,
+    d: Three,
     begin: Real,
     disc: tuple[Real, Real, Real, Real],
 ) -> Real:
@@ -118,7 +127,7 @@ def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int)
     to = _row(tree, at + PX) - ray.ox, _row(tree, at + PY) - ray.oy, _row(tree, at + PZ) - ray.oz
     d, square, begin = (ray.dx, ray.dy, ray.dz), ONE / _row(tree, at + INV_R2), broadcast8(ray.t_min)
     if tree.head[SCATTER] == SPHERES:
-        t = meet_sphere(to, d, (begin, broadcast8(ray.side)), square)
+        t = meet_sphere(approach(to, d, square), (begin, broadcast8(ray.side)), square)
     else:
         t = meet_disc(to, d, begin, (_row(tree, at + MEAN_X), _row(tree, at + MEAN_Y), _row(tree, at + MEAN_Z), square))
     left = bits(t <= nearest)
@@ -156,7 +165,10 @@ def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch)
         to = tree.blocks[at + PX] - ox, tree.blocks[at + PY] - oy, tree.blocks[at + PZ] - oz
         square = ONE / tree.blocks[at + INV_R2]
         if tree.head[SCATTER] == SPHERES:
-            t = meet_sphere(to, d, (begin, side), square)
+            chord = approach(to, d, square)
+            if bits(chord[1] >= ZERO) & passing == 0:  # 6% of the time from afar; for one ray there is no gain
+                continue
+            t = meet_sphere(chord, (begin, side), square)
         else:
             m = tree.blocks[at + MEAN_X], tree.blocks[at + MEAN_Y], tree.blocks[at + MEAN_Z]
             t = meet_disc(to, d, begin, (*m, square))

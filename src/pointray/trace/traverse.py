@@ -196,7 +196,7 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
                 if slot >= 0:
                     end = min(end, nearest + tree.head[LONGEST])
                     if any_hit and is_sure(tree, nearest, ray.t_max):
-                        end = -ONE
+                        top = 0
                 continue
             if first.leaf >= 0:
                 continue
