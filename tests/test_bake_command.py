@@ -227,14 +227,15 @@ def test_no_light_gives_black_and_says_so(scan, capsys):
 # ------------------------------------------------------------------------------------------------------- the options
 
 
-def test_without_lights_there_is_a_sun_that_stands_still_and_a_sky(scan, bakes, capsys):
+def test_without_lights_there_are_suns_that_stand_still_and_a_sky(scan, bakes, capsys):
     assert run(capsys, "bake", scan, "-o", scan.with_name("a.ply"), "--up", "z")[0] == 0
-    sun, sky = bakes[0][0].lights
+    sun, rim, sky = bakes[0][0].lights
     assert not sun.camera and sun.direction[2] < 0 and isinstance(sky, pr.EnvironmentLight)
     camera = pr.frame(bakes[0][0], up="z")
     right = np.cross(np.subtract(camera.target, camera.eye), (0, 0, 1))
     assert right @ sun.direction > 0  # it comes from the left of the view that is found
     assert np.subtract(camera.target, camera.eye) @ sun.direction > 0  # and from in front
+    assert right @ rim.direction < 0 > np.subtract(camera.target, camera.eye) @ rim.direction  # from behind, right
 
 
 def test_each_option_reaches_the_bake(scan, bakes, capsys):
