@@ -38,15 +38,15 @@ class Limits(NamedTuple):
 AROUND = 9  # a point and its nearest neighbours, over which medians are taken
 VOTERS = 16  # neighbours that vote
 SPACING = f32(math.sqrt(math.pi / 8))  # spacing of an even surface, over the distance of the 8th neighbour
-NEAR = Limits(0.33, 0.42, 0.7, 0.2)  # of the 8 nearest neighbours
-WIDE = Limits(0.32, 0.72, 1.0, 0.27)  # of the 16 nearest neighbours
-COARSE = Limits(0.2, 0.52, 1.2, 0.27)  # of every 4th point
+NEAR = Limits(0.34, 0.42, 0.7, 0.2)  # of the 8 nearest neighbours
+WIDE = Limits(0.3, 0.72, 1.0, 0.27)  # of the 16 nearest neighbours
+COARSE = Limits(0.2, 0.55, 1.2, 0.27)  # of every 4th point
 COARSEST = Limits(0.2, 0.52, 0.9, 0.27)  # of every 16th point
 LINE_COARSE, LINE_COARSEST = 0.2, 0.34  # thickness where the two fine scales are too slim: scan lines of a surface
 LINE_GAP = 1.9  # reach of every 4th point over that of all; of scan lines farther apart than that: wires
 STRIP_GAP, STRIP_SLIMNESS, STRIP_COARSE, STRIP_COARSEST = 2.0, 0.42, 0.3, 0.5  # a few wires side by side
 ALONE, ALONE_OFF = 1.35, 0.42  # farther from others than these from each other, and off both planes, in spacings
-ALONE_BOTH = 0.4  # the excess of the first times the second
+ALONE_BOTH = 1.2  # the excess of the first times the second
 KEEP, LOSE = 10, 7  # of 16 neighbours: so many surface points make a point one, fewer than that take it away
 
 
