@@ -84,13 +84,14 @@ def scattered(positions: np.ndarray) -> np.ndarray:
     surface |= on & ((thick[1] < rules.LINE_COARSEST * h) | ~line)
     own, least = fine[0].reach * rules.SPACING, np.minimum(*off)
     alone = (own > rules.ALONE * h) & (least > rules.ALONE_OFF * h) & ((own - h) * least > rules.ALONE_BOTH * h**2)
-    surface &= ~alone
     some = x[2::4]
     part, around = np.minimum(np.arange(len(x)) // 4, len(some) - 1), nearest(some, 17)
 
     def share(values: np.ndarray) -> np.ndarray:
         return np.array([values[4 * k : 4 * k + 4].mean() for k in range(len(some))])[around].mean(axis=1)[part]
 
+    alone |= fine[0].reach > scatter.SPARSEST * share(fine[0].reach)
+    surface &= ~alone
     alone |= ~surface & (fine[0].reach > scatter.SPARSE * share(fine[0].reach))
     for keep, lose in [(rules.KEEP, rules.LOSE)] * scatter.ROUNDS + [(rules.KEEP, 0)] * scatter.ROUNDS:
         votes = surface[near[:, 1:]].sum(axis=1)

@@ -14,6 +14,7 @@ from ..simd import F16, ONE, ZERO, broadcast16, gather16, load16, select, store,
 
 LANES = 16
 CHUNK = 2048  # points that a thread takes at a time
+PARALLEL, IN_PLANE = 0.95, 0.1  # cosine of two normals, and height over distance, of points in one plane
 TINIEST = 1e-18  # the least reach that is divided by; its square is within float32
 
 Floats = NDArray[np.float32]
@@ -121,42 +122,47 @@ def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple
 
 
 @inline
-def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F16, F16, F16]:
+def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F16, F16, F16, F16]:
     """Height of a neighbour over the arc through both, and over the point's plane, as shares of its distance.
 
-    The third number is 1, or 0 if the neighbour faces the other way: then all are 0.
+    The third number is 1, or 0 if the neighbour faces the other way: then all are 0. The fourth is 1 if both lie in
+    one plane by their normals.
     """
     away = difference(place, own)
     size = vmax(vsqrt(inner(away, away)), broadcast16(f32(TINIEST)))
-    plane, back, faces = inner(away, normal), inner(away, other), inner(normal, other) > ZERO
-    one, none = zeros() + ONE, zeros()
+    plane, back, cosine = inner(away, normal) / size, inner(away, other) / size, inner(normal, other)
+    faces, one, none = cosine > ZERO, zeros() + ONE, zeros()
+    in_plane = (cosine > f32(PARALLEL)) & (vmax(vabs(plane), vabs(back)) < f32(IN_PLANE))
     return (
-        select(faces, vabs(plane + back) * 0.5 / size, none),
-        select(faces, vabs(plane) / size, none),
+        select(faces, vabs(plane + back) * 0.5, none),
+        select(faces, vabs(plane), none),
         select(faces, one, none),
+        select(in_plane, one, none),
     )
 
 
 @kernel
 def _off_arcs(
-    work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, Array]
+    work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Xyz
 ) -> int:
-    """Write the means of `_bend` over the neighbours in some columns; 1 if none faces the point's way."""
+    """Write the means of `_bend` over the neighbours in some columns, 1 if none faces the point's way; and the fourth."""
     xyz, normals, near, out = borrow(xyz), borrow(normals), borrow(near), borrow(out)
     first, end = columns
     tile = next_tile(work)
     while tile >= 0:
         for begin in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out[0])), LANES):
             at = min(begin, len(out[0]) - LANES)
-            own, normal, arc, plane, count = load_triple(xyz, at), load_triple(normals, at), zeros(), zeros(), zeros()
+            own, normal, arc, plane = load_triple(xyz, at), load_triple(normals, at), zeros(), zeros()
+            count = same = zeros()
             for j in range(first, end):
                 start = at * width + j
                 place, other = gather_triple(xyz, near, start, width), gather_triple(normals, near, start, width)
                 off = _bend(own, normal, place, other)
-                arc, plane, count = arc + off[0], plane + off[1], count + off[2]
+                arc, plane, count, same = arc + off[0], plane + off[1], count + off[2], same + off[3]
             some, share = count > ZERO, ONE / vmax(count, broadcast16(ONE))
             store(out[0], at, select(some, arc * share, zeros() + ONE))
             store(out[1], at, select(some, plane * share, zeros() + ONE))
+            store(out[2], at, same)
         tile = next_tile(work)
     return 0
 
@@ -201,17 +207,17 @@ def off_arcs(
     near: NDArray[np.int32],
     columns: tuple[int, int],
     threads: int | None = None,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     """Return how far neighbours lie off circular arcs at right angles to both normals, and off each point's plane.
 
-    Both are means over some neighbours of the height over the distance, (n,) each. On a curved surface with true
+    The third number is how many lie in one plane with the point by both normals. The first two are means over some neighbours of the height over the distance, (n,) each. On a curved surface with true
     normals the first is much smaller than the second; normals fitted to scattered points leave both alike.
     """
-    arc, plane = np.empty((2, len(near)), np.float32)
+    arc, plane, same = np.empty((3, len(near)), np.float32)
     run(
         _off_arcs,
         -(-len(arc) // CHUNK),
-        *(xyz, normals, near.reshape(-1), near.shape[1], columns, (arc, plane)),
+        *(xyz, normals, near.reshape(-1), near.shape[1], columns, (arc, plane, same)),
         threads=threads,
     )
-    return arc, plane
+    return arc, plane, same

@@ -25,11 +25,14 @@ NEAR = 8  # neighbours of the finest scale
 COARSE, COARSEST = 4, 16  # the coarse scales look at every so many points in kd order
 ROUNDS = 2  # of votes in which points are lost, then of those in which they are only won
 MOSTLY, MOSTLY_OFF = 0.75, 0.7  # of some 68 points around: then a point no farther off its plane is one, too
-SPARSE = 2.0  # times the mean distance of the 8th neighbour around: scattered points so far apart do not vote
+# Times the mean distance of the 8th neighbour around: scattered points that are sparser than the first do not follow
+# their neighbours; what is sparser than the second is scattered.
+SPARSE, SPARSEST = 2.0, 5.0
 BLOCK = 256  # points in kd order whose normals are judged together
 # Normals of a file prove a surface if they turn with it: heights off the arcs, over those off the planes, with 1 for
-# fitted normals of scattered points. Of leaves in Autzen's blocks 95% have over 0.82, of Lucy's less than 0.77.
-BLOCK_ARCS, ARCS, ARCS_OFF, FLAT = 0.8, 0.7, 0.33, 0.17
+# fitted normals of scattered points: 95% of the blocks of Autzen have over 0.79, of those of Lucy less than 0.77.
+BLOCK_ARCS, ARCS, ARCS_OFF, FLAT = 0.72, 0.6, 0.3, 0.17
+IN_PLANE = 3  # of 8 neighbours that lie in one plane with a point by both normals: an edge
 SORTED, FOUND, FITTED, JUDGED = 0.2, 0.5, 0.8, 0.95  # shares of the time
 
 
@@ -96,13 +99,14 @@ def _scattered(
     evidence = _evidence(positions, xyz, near, threads)
     tell(progress, FITTED)
     surface, alone = judge(xyz, near, evidence, threads)
+    parts, reach = _parts_around(positions), evidence.reaches[0]
+    usual = parts.means(reach)
+    alone[reach > SPARSEST * usual] = 1
     if normals is not None:
         _follow_normals(xyz, normals, near, surface, alone, threads)
     tell(progress, JUDGED)
     surface[alone > 0] = 0
-    parts = _parts_around(positions)
-    reach = evidence.reaches[0]
-    alone[(surface == 0) & (reach > SPARSE * parts.means(reach))] = 1
+    alone[(surface == 0) & (reach > SPARSE * usual)] = 1
     for limits in [(KEEP, LOSE)] * ROUNDS + [(KEEP, 0)] * ROUNDS:
         surface = vote(surface, alone, near, limits, threads)
     close = np.abs(evidence.offsets[1]) < MOSTLY_OFF * SPACING * evidence.reaches[0]
@@ -174,13 +178,14 @@ def _follow_normals(
     threads: int | None,
 ) -> None:
     """Make points surface points whose normals turn as those of a curved surface do, in place."""
-    found = off_arcs(xyz, normals, near, (1, AROUND), threads)
+    *found, same = off_arcs(xyz, normals, near, (1, AROUND), threads)
     arc, plane = (medians(values, near, threads) for values in found)
     known = plane > 0
     open_ = surface == 0
     starts = np.arange(0, len(surface), BLOCK)
     turned = np.add.reduceat(arc * open_, starts) < BLOCK_ARCS * np.add.reduceat(plane * open_, starts)
     turned = np.repeat(turned, BLOCK)[: len(surface)]
+    follows = turned | (known & (plane < FLAT)) | ((arc < ARCS_OFF) & (arc < ARCS * plane))
+    follows |= same >= IN_PLANE
+    surface[follows] = 1
     alone[turned] = 0
-    flat = known & (plane < FLAT)
-    surface[turned | flat | ((arc < ARCS_OFF) & (arc < ARCS * plane))] = 1
