@@ -19,7 +19,6 @@ import pointray as pr
 from pointray.splats.scatter import find_scattered
 from scatter_scanners import SAMPLINGS, scan
 from scatter_scenes import CLASSES, make_scene
-from truth import FOLDER
 
 NOISES = 0.0, 0.1, 0.25, 0.5  # spacings
 SURFACE, SCATTERED = ("ground", "wall", "roof"), ("crown", "shrub", "wire", "stray")
@@ -34,6 +33,7 @@ CLEAN = (
     "outcrop_qcompass_rgb",
 )
 STATUE = 200_000
+FOLDER = Path(__file__).resolve().parents[2] / "shared" / "models" / "points"
 OTHERS = "autzen_stadium_crop_rgb", "sfm_garden_rgb_nonormals", "tls_pumpA_rgb", "tls_tower_wall_ghost_nonormals"
 SIZE = 1000  # pixels of a picture
 

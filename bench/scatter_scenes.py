@@ -154,15 +154,12 @@ def _unit(rows: Floats) -> Floats:
 
 def _fence(height: Callable[[Floats, Floats], Floats], rng: np.random.Generator) -> list[tuple[Floats, int]]:
     """Return posts and three rails, two and a half metres at a time."""
-    y, posts = -8.5 + rng.uniform(-0.3, 0.3), []
+    y = -8.5 + rng.uniform(-0.3, 0.3)
     xs = np.arange(-22.0, 22.1, 2.5)
     feet = np.column_stack([xs, np.full(len(xs), y), height(xs, np.full(len(xs), y))])
-    for foot in feet:
-        posts.append((np.concatenate([foot - [0, 0, 0.2], foot + [0, 0, 1.2], [0.05]]), FENCE))
-    for a, b in zip(feet[:-1], feet[1:], strict=True):
-        for level in (0.4, 0.8, 1.1):
-            posts.append((np.concatenate([a + [0, 0, level], b + [0, 0, level], [0.03]]), FENCE))
-    return posts
+    posts = [(np.concatenate([foot - [0, 0, 0.2], foot + [0, 0, 1.2], [0.05]]), FENCE) for foot in feet]
+    spans = [(a, b, [0, 0, level]) for a, b in zip(feet[:-1], feet[1:], strict=True) for level in (0.4, 0.8, 1.1)]
+    return [*posts, *((np.concatenate([a + up, b + up, [0.03]]), FENCE) for a, b, up in spans)]
 
 
 def _wires(height: Callable[[Floats, Floats], Floats], rng: np.random.Generator) -> list[tuple[Floats, int]]:

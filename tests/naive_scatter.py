@@ -43,7 +43,9 @@ def bends(normals: np.ndarray, near: np.ndarray) -> np.ndarray:
     return np.array([np.mean(1 - (normals[js] @ normals[i]) ** 2) for i, js in enumerate(near)])
 
 
-def within(limits: scatter_rules.Limits, h: np.ndarray, bend: np.ndarray, thickness: np.ndarray, off: np.ndarray) -> np.ndarray:
+def within(
+    limits: scatter_rules.Limits, h: np.ndarray, bend: np.ndarray, thickness: np.ndarray, off: np.ndarray
+) -> np.ndarray:
     """Whether a scale is a surface, but for its slimness."""
     return (bend < limits.bend) & (thickness < limits.thickness * h) & (off < limits.offset * h)
 

@@ -142,10 +142,8 @@ def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F1
 
 
 @kernel
-def _off_arcs(
-    work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Xyz
-) -> int:
-    """Write the means of `_bend` over the neighbours in some columns, 1 if none faces the point's way; and the fourth."""
+def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Xyz) -> int:
+    """Write means of `_bend` over the neighbours in some columns, 1 if none faces the point's way; and the fourth."""
     xyz, normals, near, out = borrow(xyz), borrow(normals), borrow(near), borrow(out)
     first, end = columns
     tile = next_tile(work)
@@ -210,8 +208,10 @@ def off_arcs(
 ) -> tuple[Floats, Floats, Floats]:
     """Return how far neighbours lie off circular arcs at right angles to both normals, and off each point's plane.
 
-    The third number is how many lie in one plane with the point by both normals. The first two are means over some neighbours of the height over the distance, (n,) each. On a curved surface with true
-    normals the first is much smaller than the second; normals fitted to scattered points leave both alike.
+    The third number is how many lie in one plane with the point by both normals. The first two are means over some
+    neighbours of the height over the distance, (n,) each. On a curved surface with true normals the first is much
+    smaller than the second; normals fitted to scattered points leave both alike. Neighbours that face the other way
+    do not count.
     """
     arc, plane, same = np.empty((3, len(near)), np.float32)
     run(
