@@ -5,6 +5,7 @@ radii, voronoi, strays : the smallest radii that cover the surface; its cells; d
 medians : what is usual around each point
 borders, sheets : where the surface ends; where two of it are close together
 levels : levels of detail
+scatter : which points are on no surface; its steps: local_planes, scatter_rules
 scattered, scattered_levels : radii of points that are drawn as spheres; their levels of detail
 subsample : fewer points; its steps: grow (candidates), cover (the choice), subset (the fit), deviation (the error)
 heap : what grow and cover sort with

@@ -96,11 +96,12 @@ def _scattered(
     near = NeighborTree(positions, in_order=True).rows(VOTERS + 1)
     xyz = columns_of(positions)
     tell(progress, FOUND)
-    evidence = _evidence(positions, xyz, near, threads)
+    parts = [_parts(positions, step) for step in (COARSE, COARSEST)]
+    evidence = _evidence(positions, xyz, near, parts, threads)
     tell(progress, FITTED)
     surface, alone = judge(xyz, near, evidence, threads)
-    parts, reach = _parts_around(positions), evidence.reaches[0]
-    usual = parts.means(reach)
+    reach = evidence.reaches[0]
+    usual = parts[0].means(reach)
     alone[reach > SPARSEST * usual] = 1
     if normals is not None:
         _follow_normals(xyz, normals, near, surface, alone, threads)
@@ -110,16 +111,18 @@ def _scattered(
     for limits in [(KEEP, LOSE)] * ROUNDS + [(KEEP, 0)] * ROUNDS:
         surface = vote(surface, alone, near, limits, threads)
     close = np.abs(evidence.offsets[1]) < MOSTLY_OFF * SPACING * evidence.reaches[0]
-    surface[close & (alone == 0) & (parts.means(surface) >= MOSTLY)] = 1
+    surface[close & (alone == 0) & (parts[0].means(surface) >= MOSTLY)] = 1
     return np.asarray(surface == 0)
 
 
 class _Parts(NamedTuple):
-    """Parts of the kd order, and those around each.
+    """Parts of the kd order, each with its middle point, and those around each.
 
-    starts : (m,) int64, their first points; part : (n,) int32, that of each point; near : (m, k) int32
+    rows : (m,) int64, the middle points; starts : (m,) int64, the first points; part : (n,) int32, that of each point
+    near : (m, 17) int32, the part itself and the 16 nearest ones, by their middle points
     """
 
+    rows: NDArray[np.int64]
     starts: NDArray[np.int64]
     part: NDArray[np.int32]
     near: NDArray[np.int32]
@@ -130,17 +133,19 @@ class _Parts(NamedTuple):
         return take(sums[self.near].mean(axis=1, dtype=np.float32), self.part)
 
 
-def _parts_around(positions: Floats) -> _Parts:
-    """Parts of COARSE points, and the 16 nearest of each with itself: some 68 points."""
-    step = COARSE if len(positions) >= FEW * COARSE else 1
-    some = np.ascontiguousarray(positions[step // 2 :: step])
-    part = np.minimum(np.arange(len(positions), dtype=np.int32) // step, len(some) - 1)
-    return _Parts(np.arange(len(some)) * step, part, NeighborTree(some, in_order=True).rows(FEW))
+def _parts(positions: Floats, step: int) -> _Parts:
+    """Parts of so many points, or of fewer if there would be less than 17 parts."""
+    while len(positions) // step < FEW and step > 1:
+        step //= 2
+    rows = np.arange(step // 2, len(positions), step)
+    part = np.minimum(np.arange(len(positions), dtype=np.int32) // step, len(rows) - 1)
+    near = NeighborTree(np.ascontiguousarray(positions[rows]), in_order=True).rows(FEW)
+    return _Parts(rows, np.arange(len(rows)) * step, part, near)
 
 
 def _evidence(positions: Floats, xyz: tuple[Floats, ...], near: NDArray[np.int32], threads: int | None) -> Evidence:
     fine = [fit_planes(xyz, near, (1, k + 1), threads) for k in (NEAR, VOTERS)]
-    coarse = [_coarse_planes(positions, xyz, step, threads) for step in (COARSE, COARSEST)]
+    coarse = [_coarse_planes(positions, xyz, some, threads) for some in parts]
     scales = (*fine, *coarse)
     bends = [disagreement(planes[:3], near, (1, VOTERS + 1), threads) for planes in fine]
     bends += [disagreement(planes[:3], near, (0, AROUND), threads) for planes in coarse]
@@ -155,16 +160,12 @@ def _evidence(positions: Floats, xyz: tuple[Floats, ...], near: NDArray[np.int32
     )
 
 
-def _coarse_planes(positions: Floats, xyz: tuple[Floats, ...], step: int, threads: int | None) -> LocalPlanes:
-    """Planes through neighbours among every `step`-th point, and each point's own offset from that of its part."""
-    while len(positions) // step < FEW and step > 1:
-        step //= 2
-    some = np.ascontiguousarray(positions[step // 2 :: step])
-    near = NeighborTree(some, in_order=True).rows(FEW)
-    planes = fit_planes(columns_of(some), near, (0, FEW), threads)
-    part = np.minimum(np.arange(len(positions), dtype=np.int32) // step, len(some) - 1)
-    spread = LocalPlanes(*(take(values, part) for values in planes))
-    middle = columns_of(take(some, part))
+def _coarse_planes(positions: Floats, xyz: tuple[Floats, ...], parts: _Parts, threads: int | None) -> LocalPlanes:
+    """Planes through the middle points around each part, for each point, with its own offset from that of its part."""
+    middles = positions[parts.rows]
+    planes = fit_planes(columns_of(middles), parts.near, (0, FEW), threads)
+    spread = LocalPlanes(*(take(values, parts.part) for values in planes))
+    middle = columns_of(take(middles, parts.part))
     away = [(own - other) * n for own, other, n in zip(xyz, middle, spread[:3], strict=True)]
     return spread._replace(offset=spread.offset + away[0] + away[1] + away[2])
 
