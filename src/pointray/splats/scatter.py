@@ -143,7 +143,9 @@ def _parts(positions: Floats, step: int) -> _Parts:
     return _Parts(rows, np.arange(len(rows)) * step, part, near)
 
 
-def _evidence(positions: Floats, xyz: tuple[Floats, ...], near: NDArray[np.int32], threads: int | None) -> Evidence:
+def _evidence(
+    positions: Floats, xyz: tuple[Floats, ...], near: NDArray[np.int32], parts: list[_Parts], threads: int | None
+) -> Evidence:
     fine = [fit_planes(xyz, near, (1, k + 1), threads) for k in (NEAR, VOTERS)]
     coarse = [_coarse_planes(positions, xyz, some, threads) for some in parts]
     scales = (*fine, *coarse)
