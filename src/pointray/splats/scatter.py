@@ -24,7 +24,7 @@ FEW = VOTERS + 1  # different positions; fewer are no surface
 NEAR = 8  # neighbours of the finest scale
 COARSE, COARSEST = 4, 16  # the coarse scales look at every so many points in kd order
 ROUNDS = 2  # of votes in which points are lost, then of those in which they are only won
-MOSTLY, MOSTLY_OFF = 0.75, 0.7  # of some 68 points around: then a point no farther off its plane is one, too
+MOSTLY, MOSTLY_OFF = 0.72, 0.8  # of some 68 points around: then a point no farther off its plane is one, too
 # Times the mean distance of the 8th neighbour around: scattered points that are sparser than the first do not follow
 # their neighbours; what is sparser than the second is scattered.
 SPARSE, SPARSEST = 2.0, 5.0
