@@ -2,7 +2,7 @@
 
     python bench/scatter.py [--seeds 100 101 102] [--samplings ...] [--pictures FOLDER]
 
-Scenes: percentages of scattered points by class; right are none of ground, wall, roof and car, and all of crown,
+Scenes: percentage of scattered points by class. Ideal is 0 for ground, wall, roof and car, and 100 for crown,
 shrub, wire and stray. Trunks and fences may be either: their points are a surface near by and a line far away.
 """
 

@@ -38,7 +38,7 @@ class Labelled(NamedTuple):
     spacing: Floats
 
     def noisy(self, noise: float, rng: np.random.Generator) -> NDArray[np.float32]:
-        """Return the positions with Gaussian noise of so many spacings in each coordinate."""
+        """Return the positions with Gaussian noise in each coordinate; `noise` is in spacings."""
         moved = self.positions + noise * self.spacing[:, None] * rng.normal(size=self.positions.shape)
         return moved.astype(np.float32)
 

@@ -23,8 +23,11 @@ Floats = NDArray[np.float32]
 FEW = VOTERS + 1  # different positions; fewer are no surface
 NEAR = 8  # neighbours of the finest scale
 COARSE, COARSEST = 4, 16  # the coarse scales look at every so many points in kd order
-ROUNDS = 2  # of votes in which points are lost, then of those in which they are only won
-MOSTLY, MOSTLY_OFF = 0.72, 0.8  # of some 68 points around: then a point no farther off its plane is one, too
+ROUNDS = 2  # of votes that make and lose surface points, then of votes that only make them
+MOSTLY, MOSTLY_OFF = (
+    0.72,
+    0.8,
+)  # share of surface among 68 points around, and distance from its plane, at which a point follows
 # Times the mean distance of the 8th neighbour around: scattered points that are sparser than the first do not follow
 # their neighbours; what is sparser than the second is scattered.
 SPARSE, SPARSEST = 2.0, 5.0
@@ -46,8 +49,8 @@ def find_scattered(
     positions : (n, 3) float32
         Finite.
     normals : (n, 3) float32, optional
-        Unit normals that were measured or belong to a mesh, of either sign; zero where unknown. They can only turn
-        scattered points into surface points, and only if they follow the curvature.
+        Unit normals of a mesh or a scanner, oriented alike on each sheet; zero where unknown. They can only turn
+        scattered points into surface points, and only if they follow the curvature. Do not pass fitted normals.
     threads : int, optional
         Number of threads. Default: `POINTRAY_THREADS`, else all processors.
     progress : callable, optional
@@ -92,7 +95,7 @@ def _rows(values: Floats, name: str) -> Floats:
 def _scattered(
     positions: Floats, normals: tuple[Floats, ...] | None, threads: int | None, progress: Progress | None
 ) -> NDArray[np.bool_]:
-    """Which of some different positions in kd order are scattered."""
+    """Return which of some different positions in kd order are scattered."""
     near = NeighborTree(positions, in_order=True).rows(VOTERS + 1)
     xyz = columns_of(positions)
     tell(progress, FOUND)
@@ -134,7 +137,7 @@ class _Parts(NamedTuple):
 
 
 def _parts(positions: Floats, step: int) -> _Parts:
-    """Parts of so many points, or of fewer if there would be less than 17 parts."""
+    """Split the kd order into parts of `step` points, or fewer where that gives less than 17 parts."""
     while len(positions) // step < FEW and step > 1:
         step //= 2
     rows = np.arange(step // 2, len(positions), step)
@@ -180,15 +183,14 @@ def _follow_normals(
     alone: Floats,
     threads: int | None,
 ) -> None:
-    """Make points surface points whose normals turn as those of a curved surface do, in place."""
+    """Mark points as surface, in place, where the normals turn as those of a curved surface do."""
     *found, same = off_arcs(xyz, normals, near, (1, AROUND), threads)
     arc, plane = (medians(values, near, threads) for values in found)
-    known = plane > 0
     open_ = surface == 0
     starts = np.arange(0, len(surface), BLOCK)
     turned = np.add.reduceat(arc * open_, starts) < BLOCK_ARCS * np.add.reduceat(plane * open_, starts)
     turned = np.repeat(turned, BLOCK)[: len(surface)]
-    follows = turned | (known & (plane < FLAT)) | ((arc < ARCS_OFF) & (arc < ARCS * plane))
+    follows = turned | (plane < FLAT) | ((arc < ARCS_OFF) & (arc < ARCS * plane))
     follows |= same >= IN_PLANE
     surface[follows] = 1
     alone[turned] = 0

@@ -51,7 +51,7 @@ KEEP, LOSE = 10, 7  # of 16 neighbours: so many surface points make a point one,
 
 
 class Evidence(NamedTuple):
-    """What is known of n points, (n,) float32 each, of the four scales in turn: see `LocalPlanes`.
+    """Measurements of n points at the four scales in turn, (n,) float32 each: see `LocalPlanes`.
 
     The offset at the two coarse scales is from the plane of the point's own part of the kd order; normals are those
     of these planes. reaches : of the 8 nearest, of the 16 nearest, and of every 4th point.
@@ -132,7 +132,7 @@ def _median_off(xyz: Xyz, normals: Xyz, offsets: Array, at: int, near: Array, wi
 
 @inline
 def _within(limits: Limits, bend: F16, thickness: F16, offset: F16, spacing: F16) -> Mask:
-    """Whether a scale is thin, smooth, and the point on it."""
+    """Return whether a neighbourhood is thin and smooth, and the point on its plane."""
     thin = thickness < limits.thickness * spacing
     return (bend < limits.bend) & thin & (offset < limits.offset * spacing)
 
