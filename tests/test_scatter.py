@@ -8,6 +8,7 @@ import pytest
 import naive_scatter
 import pointray as pr
 from conftest import shared_model
+from pointray.splats.local_planes import columns_of, disagreement, fit_planes
 from pointray.splats.scatter import FEW, find_scattered
 from scatter_scanners import scan
 from scatter_scenes import CLASSES, CROWN, GROUND, ROOF, STRAY, WALL, make_scene
@@ -42,6 +43,24 @@ def test_a_slow_twin_finds_the_same(rng):
     found, expected = find_scattered(x), naive_scatter.scattered(x)
     assert 0.2 < expected.mean() < 0.6
     assert (found != expected).mean() < 0.002, "float32 and float64 may differ at a threshold"
+
+
+@pytest.mark.parametrize(("first", "end"), [(1, 9), (1, 17), (0, 17)])
+def test_planes_and_their_bends_are_those_of_a_slow_twin(rng, first, end):
+    x = (rng.normal(size=(200, 3)) * [5, 3, 1] + 100).astype(np.float32)
+    near = naive_scatter.nearest(x.astype(np.float64), 17).astype(np.int32)
+    found = fit_planes(columns_of(x), near, (first, end))
+    expected = naive_scatter.planes(x.astype(np.float64), near[:, first:end])
+    normals = np.column_stack(found[:3])
+    cosine = (normals * expected.normals).sum(axis=1)
+    assert np.abs(cosine).min() > 0.999
+    assert np.abs(found.thickness - expected.thickness).max() < 1e-4
+    assert np.abs(found.slimness - expected.slimness).max() < 1e-3
+    assert np.abs(found.reach - np.linalg.norm(x[near[:, end - 1]] - x, axis=1)).max() < 1e-4
+    offset = np.sign(cosine) * ((x - expected.means) * expected.normals).sum(axis=1)
+    assert np.abs(found.offset - offset).max() < 1e-2
+    bends = naive_scatter.bends(normals, near[:, first:end])
+    assert np.abs(disagreement(found[:3], near, (first, end)) - bends).max() < 1e-4
 
 
 @pytest.mark.parametrize("name", ["sphere", "torus"])
