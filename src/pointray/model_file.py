@@ -23,6 +23,7 @@ from .tree.indices import check_indices
 SAVED = ".pointray"  # the usual end of such a file's name
 LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]
 # Version 3 has leaves of scattered points; a model without any is written as version 2, which earlier releases read.
+# Another number of LEAF_BLOCKS needs another version.
 SURFACE_ONLY = 2
 KIND = Kind(
     "pointray model", 3, LAYOUT, "a saved model", "saved by another version of pointray: save it anew", (SURFACE_ONLY,)
