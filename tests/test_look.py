@@ -4,6 +4,7 @@ import re
 import threading
 import time
 from dataclasses import replace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from pointray.cli.scan_lights import ScanLights
 from pointray.cli.scan_scene import PLAIN
 from pointray.staging.studio import studio
 from pointray.viewer.baker import ROUGH, Baker
+from pointray.viewer.display import Display
 from pointray.viewer.exports import Exports, _command
 from pointray.viewer.painter import FrameRequest, Painter
 from pointray.viewer.panel import Output, folders
@@ -288,3 +290,15 @@ def test_an_export_bakes_with_a_bar_unless_there_is_light(known):
     assert page.made.wait(120)
     assert ("baking light" in page.stages) != known
     assert "picture" in page.stages
+
+
+def test_the_lights_of_a_loaded_scan_are_the_studio():
+    """Of the coarse version and of all points, whose lights are the same ones or others."""
+    shared = SharedScene("a")
+    shared.look = "studio"
+    display = Display(shared, MagicMock(), MagicMock(), MagicMock())
+    for azimuth in (25.0, 25.0, 30.0):
+        scene = ball()
+        scene.lights = studio(UP, azimuth)
+        display._take(scene)
+        assert display.view.look == "studio" and len(display.view.lamps) == 3

@@ -214,7 +214,9 @@ class Display:
         if self.view is None:
             self.view = ViewSettings.of(self._shared, scene)
         if len(lights) != len(self._lights) or any(a is not b for a, b in zip(lights, self._lights, strict=True)):
-            self.view = replace(self.view, lamps=light_controls_of(scene, self._shared.up))
+            lamps = light_controls_of(scene, self._shared.up)
+            studio_lamps = lamps if self._shared.look == STUDIO else self.view.studio
+            self.view = replace(self.view, lamps=lamps, studio=studio_lamps)
         if around != self._around:
             self.view = self.view.before(scene)
         self._lights, self._around = lights, around
