@@ -52,7 +52,7 @@ def find_scattered(
         Unit normals of a mesh or a scanner, oriented alike on each sheet; zero where unknown. They can only turn
         scattered points into surface points, and only if they follow the curvature. Do not pass fitted normals.
     threads : int, optional
-        Number of threads. Default: `POINTRAY_THREADS`, else all processors.
+        Number of threads of all but the neighbour search. Default: `POINTRAY_THREADS`, else all processors.
     progress : callable, optional
         Called with the share done, 0 to 1.
 
