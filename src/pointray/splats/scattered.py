@@ -51,9 +51,12 @@ def check_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_] | None:
     """Which of so many points are scattered, as a caller gives it."""
     if mask is None:
         return None
-    checked = np.asarray(mask)
+    try:
+        checked = np.asarray(mask)
+    except ValueError as error:  # of rows of several lengths
+        raise ValueError(f"_scattered must be {count} bools: {error}") from None
     if checked.dtype != np.bool_ or checked.shape != (count,):
-        raise ValueError(f"scattered must be {count} bools, not {checked.dtype} of shape {checked.shape}")
+        raise ValueError(f"_scattered must be {count} bools, not {checked.dtype} of shape {checked.shape}")
     return checked
 
 
