@@ -250,6 +250,13 @@ def test_radii_follow_the_spacing_and_its_neighbours(rng):
     np.testing.assert_allclose(larger.radii, 2 * model.radii, rtol=1e-6)
 
 
+def test_a_few_points_far_off_are_no_balloons(rng):
+    """Their spacing is that to the others, or between them."""
+    positions = np.concatenate([crown(rng), rng.uniform(-1, 1, (12, 3)) * 20 + [100, 0, 0]])
+    radii = model_of(positions).radii
+    assert radii[-12:].max() <= 1.001 * np.quantile(radii, 0.98) < 0.1
+
+
 def test_points_that_are_left_out_are_not_hit(rng):
     positions = crown(rng, 400) + [0, 0, 3]
     ground = np.column_stack([rng.uniform(-2, 2, (2000, 2)), np.zeros(2000)])

@@ -21,6 +21,7 @@ SIZE = 0.35  # a radius, in local spacings
 CLOSEST = 0.75  # the most, in distances to the nearest other place: spheres overlap by up to a half
 LEAST = 0.5  # the least of a chosen radius that is left, however close the nearest place is: double points stay visible
 WIDEST = 1.5  # the most, in radii of the neighbours: isolated points are not drawn much larger than others
+LARGEST = 0.98  # share of all places whose radii limit those of the others: a few points far off are no balloons
 PIECE = 1 << 18  # rows whose neighbours are held at once
 
 Floats = NDArray[np.float32]
@@ -79,7 +80,8 @@ def make_scattered(
     drawing : Drawing
         How they are drawn.
     given : (n,) float32, optional
-        Radii of all points. None: 0.35 of the mean distance to the 8 nearest other places, limited by the neighbours.
+        Radii of all points. None: 0.35 of the mean distance to the 8 nearest other places, limited by the neighbours,
+        and by the 98th percentile of all.
 
     Raises
     ------
@@ -123,6 +125,7 @@ def _at_places(places: Floats) -> tuple[Floats, Floats]:
         outwards[part] = unit_vectors(x[part] - x[found.indices].mean(axis=1))
     limited, directions = np.empty_like(radii), np.empty_like(outwards)
     limited[order] = np.minimum(radii, WIDEST * np.median(radii[near], axis=1))
+    np.minimum(limited, np.quantile(limited, LARGEST), out=limited)
     directions[order] = unit_vectors(outwards + outwards[near].sum(axis=1))
     return limited, directions
 
