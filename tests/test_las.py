@@ -473,6 +473,8 @@ def test_what_is_wrong_with_compressed_points_is_said(tmp_path: Path) -> None:
     streams = start + 8 + row + 4 + 4 * 12  # behind the sizes of the layers: nine, colours, two extra bytes
     for skipped in (0, sum(struct.unpack_from("<8I", good, start + 8 + row + 4))):  # lazrs crashed on the times
         assert "a stream of ones" in error_of(path, changed(good, streams + skipped, "<I", 2**32 - 1))
+    many = changed(good, vlr + 12, "<I", 2**31)  # rows in a chunk, and in this one: lazrs would fill 80 GB
+    assert "its 1 chunks hold others" in error_of(path, changed(bytes(many), start + 8 + row, "<I", 2**31))
     assert "in a way (1, 0)" in error_of(path, changed(good, vlr, "<H", 1))
     assert "record that says how" in error_of(path, good.replace(b"laszip encoded", b"laszip_encoded"))
     path.write_bytes(good)

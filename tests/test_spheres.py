@@ -264,8 +264,11 @@ def test_points_that_are_left_out_are_not_hit(rng):
     model = model_of(np.concatenate([ground, positions]), mask, "none", smooth=0.0)
     hits = scene_of(model).intersect(positions + [0, 0, 5], -UP)
     assert (hits.point < 2000).all() and not model.scattered.any()
-    alone = model_of(positions, scatter="none")
-    assert not scene_of(alone).occluded(positions + [0, 0, 5], -UP).any()
+
+
+def test_something_must_be_left(rng):
+    with pytest.raises(ValueError, match="scatter: all 1,500 points are scattered"):
+        model_of(crown(rng), scatter="none")
 
 
 def test_as_surface_nothing_changes(rng):

@@ -60,7 +60,7 @@ class Model(OnDisk):
         (0.95 where the radii are too small to cover the surface), and no farther than 0.2 out of the splats on an
         open border, so that no skirt grows. None: the paper.
     radius_scale : float
-        Factor for all radii.
+        Factor for all radii of the surface.
     smooth : "auto" or float
         Standard deviation of the points' noise, in their unit: splats lie on the surface that noisy points and their
         neighbours show (`pr.smooth`), and those of sparse second layers on the surface beside them (docs/strays.md).
@@ -153,6 +153,8 @@ class Model(OnDisk):
         """Build the tree over a surface and scattered points; these stay where they are. mask : which they are"""
         radii, scale = sizes
         made, scattered = None, None
+        if self.drawing.scatter == "none" and mask.all():
+            raise ValueError(f"scatter: all {len(mask):,} points are scattered, so that 'none' leaves nothing")
         if self.drawing.scatter != "none":
             given = None if radii is None else radii[used]
             scattered = make_scattered(cloud, mask, used, self.drawing, given)

@@ -104,7 +104,7 @@ ScatterOption = Annotated[
 ScatterSizeOption = Annotated[
     float, typer.Option(help="The radii of these are multiplied by this; 1: 0.35 of the local spacing.")
 ]
-RadiusScaleOption = Annotated[float, typer.Option(help="All radii are multiplied by this.")]
+RadiusScaleOption = Annotated[float, typer.Option(help="All radii of the surface are multiplied by this.")]
 SmoothOption = Annotated[
     str,
     typer.Option(help="Noise that is smoothed away: auto: as measured; 0: none; else its standard deviation (units)."),

@@ -44,12 +44,12 @@ class Drawing(NamedTuple):
 
 
 def check_drawing(scatter: str, scatter_size: float) -> Drawing:
-    """What a caller gives, checked; see `Model`."""
+    """Check the parameters `scatter` and `scatter_size` of `Model`."""
     return Drawing(check_choice(scatter, "scatter", SCATTER), check_positive(scatter_size, "scatter_size"))
 
 
 def check_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_] | None:
-    """Which of so many points are scattered, as a caller gives it."""
+    """Check a mask of scattered points: `count` bools, or None."""
     if mask is None:
         return None
     try:

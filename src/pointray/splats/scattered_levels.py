@@ -25,13 +25,13 @@ class Loose(NamedTuple):
     radii: Floats
 
     def splats(self, first: int) -> Splats:
-        """They as splats, whose rows begin at a number."""
+        """Return the points as splats, in rows from `first` on."""
         points = self.points
         rows = np.arange(first, first + len(points), dtype=np.int32)
         return Splats(points.positions, np.asarray(points.normals), self.radii, rows, points.colors)
 
     def drawing(self, scatter: str, cell: float) -> Drawing:
-        """How they are drawn, with the size that makes the cells' edge their spacing."""
+        """Return how the points are drawn; the size makes `cell` their spacing."""
         return Drawing(scatter, float(np.median(self.radii)) * TYPICAL / (SIZE * cell))
 
 

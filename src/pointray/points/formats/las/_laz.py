@@ -22,7 +22,7 @@ from ._header import Header
 from ._rows import unpack_u16
 
 VARIABLE = 2**32 - 1  # as the rows of a chunk: the table tells
-DENSEST = 64  # rows in a byte, if the header announces fewer: real scans have 0.05 to 0.5
+DENSEST = 64  # rows in a byte, if the header announces fewer; real scans have 0.1 to 0.3
 LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of an item of a row, in chunks of layers; extra bytes have one each
 EXTRA = 14
 ENDLESS = b"\xff\xff\xff\xff"  # no arithmetic coder begins so
