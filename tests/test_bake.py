@@ -136,6 +136,17 @@ def test_stale_light_is_never_shown_silently(ball):
     pr.render(scene, camera, pr.Settings("baked"))  # once
 
 
+def test_a_light_that_follows_the_camera_does_not_make_it_stale(ball):
+    """Warnings are errors in tests."""
+    scene = pr.Scene()
+    scene.add(ball)
+    scene.lights = [pr.SunLight((0, 0, -1)), pr.SunLight((0, 0, -1), camera=True)]
+    scene.baked = pr.bake(scene, pr.BakeSettings(**FEW))
+    lit = pr.render(scene, pr.frame(scene, size=(8, 8)), pr.Settings("baked"))
+    scene.lights = scene.lights[:1]
+    assert lit[..., :3].mean() > pr.render(scene, pr.frame(scene, size=(8, 8)), pr.Settings("baked"))[..., :3].mean()
+
+
 def test_the_light_does_not_depend_on_threads(ball):
     scene = pr.Scene()
     scene.add(ball, material=pr.Diffuse(0.5))

@@ -128,12 +128,16 @@ class Snapshot(NamedTuple):
         return self._replace(world=world_showing(self.world, records, self.models, used, self.painting))
 
     def seen_by(self, record: NDArray[np.float64]) -> Snapshot:
-        """The scene in front of a camera, given its record: lights that follow the camera are placed by it."""
+        """The scene in front of a camera, given its record: lights that follow the camera are placed by it.
+
+        `lamps` are as they were, so that it is known which of them follow.
+        """
         if not any(goes_along(light) for light in self.lamps):
             return self
         right, up, ahead = (record[k : k + 3] / np.linalg.norm(record[k : k + 3]) for k in (ACROSS, UPWARD, FORWARD))
         axes = np.stack([right, up, -ahead])
-        return self._lit_by(tuple(fixed(light, record[EYE : EYE + 3], axes) for light in self.lamps))
+        placed = self._lit_by(tuple(fixed(light, record[EYE : EYE + 3], axes) for light in self.lamps))
+        return placed._replace(lamps=self.lamps)
 
     def without_camera_lights(self) -> Snapshot:
         """The scene without the lights that follow the camera."""

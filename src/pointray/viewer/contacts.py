@@ -19,6 +19,7 @@ class Contacts:
 
     def __init__(self) -> None:
         self._key: Any = None
+        self._lamps: Any = None  # which the key names by their ids: none of these is used again while they are kept
         self._found: ContactShadow | None = None
 
     def of(
@@ -46,7 +47,7 @@ class Contacts:
             return None
         key = version, view.cuts, tuple(map(id, view.lamps))
         if key != self._key and may_trace:
-            self._key, self._found = key, _found(scan(), scene)
+            self._key, self._lamps, self._found = key, view.lamps, _found(scan(), scene)
         return self._found if key == self._key else None
 
 
