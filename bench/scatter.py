@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pointray as pr
-from pointray.splats.scatter import find_scattered
+from pointray.points.ready import placed_for_model
+from pointray.splats.scatter import find_scattered, find_scattered_placed
 from scatter_scanners import SAMPLINGS, scan
 from scatter_scenes import CLASSES, make_scene
 
@@ -38,6 +39,11 @@ OTHERS = "autzen_stadium_crop_rgb", "sfm_garden_rgb_nonormals", "tls_pumpA_rgb",
 SIZE = 1000  # pixels of a picture
 
 
+def found_in(points: pr.Points) -> NDArray[np.bool_]:
+    """Which points a model of them takes for scattered."""
+    return find_scattered_placed(points, placed_for_model(points, "auto", True, lambda share: None))
+
+
 def scene_rows(seeds: list[int], sampling: str) -> dict[float, tuple[NDArray[np.int64], NDArray[np.int64]]]:
     """Return how many points each class has, and how many of them are found scattered, for each noise."""
     rows = {noise: (np.zeros(len(CLASSES), np.int64), np.zeros(len(CLASSES), np.int64)) for noise in NOISES}
@@ -45,7 +51,7 @@ def scene_rows(seeds: list[int], sampling: str) -> dict[float, tuple[NDArray[np.
         labelled = scan(make_scene(seed), sampling, np.random.default_rng([seed, 1]))
         for k, noise in enumerate(NOISES):
             positions = labelled.noisy(noise, np.random.default_rng([seed, 2, k]))
-            scattered = find_scattered(positions)
+            scattered = found_in(pr.Points(positions))
             rows[noise][0][:] += np.bincount(labelled.labels, minlength=len(CLASSES))
             rows[noise][1][:] += np.bincount(labelled.labels[scattered], minlength=len(CLASSES))
     return rows
@@ -82,10 +88,11 @@ def clean(pictures: Path | None) -> None:
         points = pr.procedural("statue", STATUE) if path is None else pr.read(path)
         find_scattered(points.positions)  # kernels are loaded
         begin = time.perf_counter()
-        without = find_scattered(points.positions)
+        find_scattered(points.positions)
         seconds = time.perf_counter() - begin
         known = points.normals is not None
-        scattered = find_scattered(points.positions, points.normals) if known else without
+        without = found_in(pr.Points(points.positions))
+        scattered = found_in(points) if known else without
         given = f"{100 * scattered.mean():.3f}" if known else "-"
         print(
             f"| {name} | {len(points):,} | {given} | {100 * without.mean():.3f} | {1e6 * seconds / len(points):.2f} |",

@@ -8,6 +8,9 @@ import numpy as np
 
 from pointray.neighbors import kd_order
 from pointray.splats import scatter, scatter_rules
+from pointray.splats.scatter_islands import CLOSED_IN, ISLANDS, SPECKS
+
+ISLAND_LIMITS = CLOSED_IN, SPECKS, ISLANDS
 
 
 class Planes(NamedTuple):
@@ -48,6 +51,36 @@ def within(
 ) -> np.ndarray:
     """Whether a scale is a surface, but for its slimness."""
     return (bend < limits.bend) & (thickness < limits.thickness * h) & (off < limits.offset * h)
+
+
+def follow_around(
+    surface: np.ndarray, alone: np.ndarray, near: np.ndarray, limits: tuple[float, int, int]
+) -> np.ndarray:
+    """Marks after small groups have followed what closes them in; limits : CLOSED_IN, SPECKS, ISLANDS."""
+    n, (closed_in, specks, islands) = len(near), limits
+    links = {i: set() for i in range(n)}
+    for i in range(n):
+        for j in near[i]:
+            links[i].add(int(j))
+            links[int(j)].add(i)
+    out, seen = np.array(surface, np.float32), np.zeros(n, np.bool_)
+    for start in range(n):
+        if seen[start]:
+            continue
+        group, todo = set(), [start]
+        while todo:
+            i = todo.pop()
+            if i not in group:
+                group.add(i)
+                todo += [j for j in links[i] if surface[j] == surface[i]]
+        rows = np.array(sorted(group))
+        seen[rows] = True
+        inside = np.isin(near, rows)
+        contacts = (~inside[rows]).sum() + np.delete(inside, rows, axis=0).sum()
+        small = len(rows) < islands if surface[start] else len(rows) >= specks
+        if small and contacts > closed_in * near.shape[1] * len(rows):
+            out[rows] = np.where((surface[rows] > 0) | (alone[rows] == 0), 1 - surface[rows], surface[rows])
+    return out
 
 
 def scattered(positions: np.ndarray) -> np.ndarray:
@@ -100,6 +133,7 @@ def scattered(positions: np.ndarray) -> np.ndarray:
         surface = np.where(votes >= keep, True, np.where(votes < lose, False, surface)) & ~alone
     close = off[1] < scatter.MOSTLY_OFF * rules.SPACING * fine[0].reach
     surface |= close & ~alone & (share(surface) >= scatter.MOSTLY)
+    surface = follow_around(surface, alone, near[:, 1:9], ISLAND_LIMITS) > 0
     out = np.empty(len(x), np.bool_)
     out[order] = ~surface
     return out

@@ -8,8 +8,10 @@ import pytest
 import naive_scatter
 import pointray as pr
 from conftest import shared_model
+from pointray.points.ready import placed_for_model
 from pointray.splats.local_planes import columns_of, disagreement, fit_planes
-from pointray.splats.scatter import FEW, find_scattered
+from pointray.splats.scatter import FEW, find_scattered, find_scattered_placed
+from pointray.splats.scatter_islands import CLOSED_IN, ISLANDS, SPECKS, follow_around
 from scatter_scanners import scan
 from scatter_scenes import CLASSES, CROWN, GROUND, ROOF, STRAY, WALL, make_scene
 
@@ -20,6 +22,12 @@ def plane(rng: np.random.Generator, n: int = 5000, noise: float = 0.0) -> np.nda
     """Random points of a square with noise in spacings, (n, 3) float32."""
     x = np.column_stack([rng.random((n, 2)) * SIDE, np.zeros(n)])
     return (x + rng.normal(scale=noise * SIDE / np.sqrt(n), size=x.shape)).astype(np.float32)
+
+
+def found_in(positions: np.ndarray, normals: np.ndarray | None = None) -> np.ndarray:
+    """Which points a model of them takes for scattered."""
+    cloud = pr.Points(positions, normals)
+    return find_scattered_placed(cloud, placed_for_model(cloud, "auto", True, lambda share: None))
 
 
 def line(n: int) -> np.ndarray:
@@ -102,6 +110,50 @@ def test_normals_do_not_turn_noise_into_a_surface(rng):
     assert find_scattered(x, fitted).mean() > 0.9
 
 
+def test_fitted_normals_are_no_evidence_along_a_line(rng):
+    """A line lies on the arcs of whatever normals are fitted to it."""
+    x = line(2000) + rng.normal(scale=2e-4, size=(2000, 3)).astype(np.float32)
+    across = np.cross([1, 2, -1], [0, 0, 1]) / np.sqrt(5)
+    normals = np.tile(across, (2000, 1)).astype(np.float32)
+    assert not find_scattered(x, normals).any()
+    assert find_scattered(x, normals, fitted=True).all()
+
+
+def test_fitted_normals_show_folds_that_planes_miss():
+    """Lucy at 50,000 points has folds of one or two spacings."""
+    points = pr.read(shared_model("points/nefertiti_50k.ply"))
+    assert find_scattered(points.positions).mean() > 0.01
+    assert found_in(points.positions).mean() < 0.002
+
+
+def test_noise_that_is_smoothed_away_is_no_scatter(rng):
+    """Scans that lie a spacing apart, or noise of that size, are a surface once they are placed."""
+    x = plane(rng, noise=1.0)
+    assert find_scattered(x).mean() > 0.1
+    assert found_in(x).mean() < 0.01
+
+
+def test_crowns_are_not_smoothed_into_surfaces(rng):
+    """Ground with noise beside leaves that fill a volume."""
+    ground, crown = plane(rng, noise=0.3), rng.uniform(20, 50, (2000, 3)) + [0, 0, 10]
+    found = found_in(np.concatenate([ground, crown]).astype(np.float32))
+    assert found[: len(ground)].mean() < 0.01 and found[len(ground) :].mean() > 0.9
+
+
+def test_small_groups_follow_what_closes_them_in(rng):
+    """Beside a slow twin that walks through each group; marks are round patches, their surroundings, and strays."""
+    x = plane(rng, 3000)
+    near = naive_scatter.nearest(x, 17).astype(np.int32)
+    surface = np.ones(len(x), np.float32)
+    for middle, size in zip(rng.integers(0, len(x), 12), [1, 4, 7, 9, 30, 60, 63, 65, 90, 200, 400, 800], strict=True):
+        patch = np.argsort(((x - x[middle]) ** 2).sum(axis=1))[:size]
+        surface[patch] = 1 - surface[patch]
+    alone = (rng.random(len(x)) < 0.02).astype(np.float32) * (1 - surface)
+    expected = naive_scatter.follow_around(surface, alone, near[:, 1:9], (CLOSED_IN, SPECKS, ISLANDS))
+    found = follow_around(surface.copy(), alone, near)
+    assert (found == expected).all() and 0 < (found != surface).sum() < len(x)
+
+
 def test_pure_noise_is_scattered(rng):
     assert find_scattered(rng.random((5000, 3)).astype(np.float32)).mean() > 0.97
     assert find_scattered(rng.normal(size=(5000, 3)).astype(np.float32)).mean() > 0.97
@@ -168,25 +220,28 @@ def test_wrong_arguments_are_named(rng):
         find_scattered(x, threads=0)
 
 
-def shares_of(sampling: str, noise: float) -> np.ndarray:
-    """The share of scattered points of each class of a scene that no threshold was chosen with."""
-    labelled = scan(make_scene(200), sampling, np.random.default_rng(1))
-    found = find_scattered(labelled.noisy(noise, np.random.default_rng(2)))
-    counts = np.bincount(labelled.labels, minlength=len(CLASSES))
-    return np.bincount(labelled.labels[found], minlength=len(CLASSES)) / np.maximum(counts, 1)
+def shares_of(sampling: str, noise: float, seeds: range) -> np.ndarray:
+    """The share of scattered points of each class in scenes that no threshold was chosen with."""
+    counts, found = np.zeros((2, len(CLASSES)), np.int64)
+    for seed in seeds:
+        labelled = scan(make_scene(seed), sampling, np.random.default_rng(1))
+        labels, scattered = labelled.labels, found_in(labelled.noisy(noise, np.random.default_rng(2)))
+        counts += np.bincount(labels, minlength=len(CLASSES))
+        found += np.bincount(labels[scattered], minlength=len(CLASSES))
+    return found / np.maximum(counts, 1)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.25])
-def test_an_airborne_scan_has_ground_roofs_crowns_and_strays(noise):
-    shares = shares_of("airborne 4", noise)
-    assert max(shares[[GROUND, ROOF]]) < 0.05 and shares[CROWN] > 0.9 and shares[STRAY] > 0.8
+def test_airborne_scans_have_ground_roofs_crowns_and_strays(noise):
+    shares = shares_of("airborne 4", noise, range(200, 204))
+    assert max(shares[[GROUND, WALL, ROOF]]) < 0.05 and shares[CROWN] > 0.9 and shares[STRAY] > 0.75
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("sampling", ["terrestrial", "vehicle"])
 def test_scans_from_the_ground_have_walls_and_crowns(sampling):
-    shares = shares_of(sampling, 0.1)
-    assert max(shares[[GROUND, WALL]]) < 0.05 and min(shares[[CROWN, STRAY]]) > 0.85
+    shares = shares_of(sampling, 0.1, range(200, 201))
+    assert max(shares[[GROUND, WALL, ROOF]]) < 0.05 and shares[CROWN] > 0.9 and shares[STRAY] > 0.7
 
 
 @pytest.mark.parametrize("name", ["stanford_bunny", "nefertiti_50k", "stanford_lucy_50k"])

@@ -74,6 +74,7 @@ def check_scattered(model, origins, directions):
     return hits
 
 
+@pytest.mark.filterwarnings("ignore:.* of neighbouring normals look to opposite sides")
 @pytest.mark.parametrize("scatter", ["spheres", "discs"])
 def test_rays_meet_what_the_twin_meets(rng, scatter):
     model = model_of(crown(rng), scatter=scatter, normals=unit(rng.normal(size=(1500, 3))))
@@ -86,6 +87,16 @@ def test_rays_meet_what_the_twin_meets(rng, scatter):
     else:
         exact = model.points.normals[hits.point[there]]
     assert np.abs(normals - exact).max() < 1e-3
+
+
+def test_points_off_any_surface_are_spheres_unless_radii_are_given(rng):
+    cloud = np.concatenate([pr.procedural("sphere", 3000).positions, crown(rng) + [4, 0, 0]])
+    model = pr.Model(cloud)
+    assert model.drawing.scatter == "spheres"
+    assert not model.scattered[:3000].any() and model.scattered[3000:].mean() > 0.9
+    given = pr.Model(cloud, np.full(len(cloud), 0.05))
+    assert given.drawing.scatter == "surface" and not given.scattered.any()
+    assert pr.Model(cloud, np.full(len(cloud), 0.05), scatter="spheres").scattered[3000:].mean() > 0.9
 
 
 def check_both(model, origins, directions):

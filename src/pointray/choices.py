@@ -12,11 +12,11 @@ AUTO = "auto"
 
 SURFACES = {"paper": "the paper's", "imls": "imls", "apss": "spheres (apss)", "disc": "discs"}
 
-UNCLASSIFIED = "surface"  # of SCATTER: nobody asks which points are scattered
+AS_SPHERES, AS_SURFACE = "spheres", "surface"  # of SCATTER: unless radii are given, and if they are
 SCATTER = {  # how points are drawn that lie on no surface
-    "surface": "as all others",
-    "spheres": "spheres",
+    AS_SPHERES: "spheres",
     "discs": "single discs",
+    AS_SURFACE: "as all others, and not sought",
     "none": "left out",
 }
 

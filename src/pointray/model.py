@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arguments import check_callback, check_choice, check_path, check_positive, check_whole
-from .choices import SURFACES, UNCLASSIFIED
+from .choices import AS_SURFACE, SURFACES
 from .data import Points, spread_rows
 from .kernels.tree import LONGEST, SCATTER, Tree, no_tree
 from .model_file import Level, Place, place_of, read_model, write_model
@@ -24,7 +24,7 @@ from .residence import Key, OnDisk, Residence, Source
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from .splats.make import Made, Sizes, check_size, make_splats
 from .splats.radii import check_radii
-from .splats.scatter import find_scattered
+from .splats.scatter import find_scattered_placed
 from .splats.scattered import Drawing, check_drawing, check_mask, make_scattered
 from .splats.scattered_levels import Loose, coarsen_scattered, joined, spacing_of
 from .tree.build import Splats, build_tree
@@ -66,10 +66,10 @@ class Model(OnDisk):
         neighbours show (`pr.smooth`), and those of sparse second layers on the surface beside them (docs/strays.md).
         "auto": measured, place by place; 0: where the points are. With given radii "auto" is 0, and no layer is moved.
         Rows, attributes and `points` stay as given.
-    scatter : {"surface", "spheres", "discs", "none"}
-        How points are drawn that lie on no surface, such as those of leaves, wires and strays: as all others, as
-        spheres, as single flat discs that face along their normals, or not at all. With given radii spheres and discs
-        have these.
+    scatter : {"spheres", "discs", "surface", "none"}, optional
+        How points are drawn that lie on no surface, such as those of leaves, wires and strays: as spheres, as single
+        flat discs that face along their normals, as all others, or not at all. With given radii spheres and discs
+        have these. None: "spheres", but "surface" with given radii.
     scatter_size : float
         Factor for the radii of scattered points, which are 0.35 of the local spacing.
     progress : callable, optional
@@ -105,7 +105,7 @@ class Model(OnDisk):
         trim: str | float | None = "auto",
         radius_scale: float = 1.0,
         smooth: str | float = "auto",
-        scatter: str = "surface",
+        scatter: str | None = None,
         scatter_size: float = 1.0,
         progress: Callable[[str, float], None] | None = None,
         _scattered: ArrayLike | None = None,
@@ -125,48 +125,26 @@ class Model(OnDisk):
         used = finite_rows(self.points)
         say("normals", 0.0)
         cloud = self.points if len(used) == len(self.points) else self.points.select(used)
-        self.drawing = check_drawing(scatter, scatter_size)
+        self.drawing = check_drawing(scatter, scatter_size, given is not None)
         mask = check_mask(_scattered, len(self.points))
-        if self.drawing.scatter != UNCLASSIFIED:
+        surface = [placed_for_model(cloud, self.smooth, given is None, partial(say, "normals"))]  # or nothing
+        sizes, scattered, found = Sizes(None if given is None else given[used], scale), None, None
+        if self.drawing.scatter != AS_SURFACE:
             say_found = partial(say, "scattered points")
-            found = find_scattered(cloud.positions, cloud.normals, progress=say_found) if mask is None else mask[used]
-            if found.any():
-                self._build_both(cloud, used, found, (given, scale), say)
-                return
-        made = make_splats(  # which alone holds the placed points, and frees them
-            placed_for_model(cloud, self.smooth, given is None, partial(say, "normals")),
-            used,
-            Sizes(None if given is None else given[used], scale),
-            self.settings,
-            partial(say, "radii"),
-        )
-        self._build(made, say)
-
-    def _build_both(
-        self,
-        cloud: Points,
-        used: NDArray[np.int32],
-        mask: NDArray[np.bool_],
-        sizes: tuple[NDArray[np.float32] | None, float],
-        say: Callable[[str, float], None],
-    ) -> None:
-        """Build the tree over a surface and scattered points; these stay where they are. mask : which they are"""
-        radii, scale = sizes
-        made, scattered = None, None
-        if self.drawing.scatter == "none" and mask.all():
-            raise ValueError(f"scatter: all {len(mask):,} points are scattered, so that 'none' leaves nothing")
-        if self.drawing.scatter != "none":
-            given = None if radii is None else radii[used]
-            scattered = make_scattered(cloud, mask, used, self.drawing, given)
-        if not mask.all():
-            rows = used[~mask]
-            made = make_splats(
-                placed_for_model(cloud.select(~mask), self.smooth, radii is None, partial(say, "normals")),
-                rows,
-                Sizes(None if radii is None else radii[rows], scale),
-                self.settings,
-                partial(say, "radii"),
-            )
+            found = find_scattered_placed(cloud, surface[0], say_found) if mask is None else mask[used]
+        if found is not None and found.any():
+            placed = surface.pop()
+            if self.drawing.scatter != "none":
+                oriented = cloud if cloud.normals is not None else cloud.changed(normals=placed.points.normals)
+                scattered = make_scattered(oriented, found, used, self.drawing, sizes.given)
+            elif found.all():
+                raise ValueError(f"scatter: all {len(found):,} points are scattered, so that 'none' leaves nothing")
+            if not found.all():
+                surface, used, sizes = [placed.select(~found)], used[~found], sizes.select(~found)
+            del placed
+        made = None
+        if surface:  # `make_splats` alone holds the placed points, and frees them
+            made = make_splats(surface.pop(), used, sizes, self.settings, partial(say, "radii"))
         self._build(made, say, scattered)
 
     def _build(self, made: Made | None, say: Callable[[str, float], None], scattered: Splats | None = None) -> None:

@@ -99,7 +99,11 @@ BackfacesOption = Annotated[
     ),
 ]
 ScatterOption = Annotated[
-    Scatter, typer.Option(help=f"How points are drawn that lie on no surface: leaves, wires. {listed(SCATTER)}.")
+    Scatter | None,
+    typer.Option(
+        help=f"How points are drawn that lie on no surface: leaves, wires. {listed(SCATTER)}. "
+        "Default: spheres; surface if the file has radii."
+    ),
 ]
 ScatterSizeOption = Annotated[
     float, typer.Option(help="The radii of these are multiplied by this; 1: 0.35 of the local spacing.")

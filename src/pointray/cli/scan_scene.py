@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import check_positive
-from ..choices import AUTO, EXPOSED, SAME, UNCLASSIFIED
+from ..choices import AUTO, EXPOSED, SAME
 from ..data import Points
 from ..points.trust import trusted
 from ..shade.lights import SunLight
@@ -30,7 +30,7 @@ PLAIN = {
     "samples": 4,
     "radius_scale": 1.0,
     "smooth": "auto",
-    "scatter": UNCLASSIFIED,
+    "scatter": None,
     "scatter_size": 1.0,
 }  # the surface without options
 

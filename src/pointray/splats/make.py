@@ -33,6 +33,11 @@ class Sizes(NamedTuple):
     scale: float = 1.0
     within: tuple[float, Floats] | None = None
 
+    def select(self, mask: NDArray[np.bool_]) -> Sizes:
+        """Those of some of the points."""
+        given = None if self.given is None else self.given[mask]
+        return Sizes(given, self.scale, None if self.within is None else (self.within[0], self.within[1][mask]))
+
 
 class Made(NamedTuple):
     """Splats in kd order, and what is said of them.

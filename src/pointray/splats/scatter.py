@@ -13,10 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import check_callback
+from ..data import Points
 from ..neighbors import NeighborTree, distinct, kd_order, take
-from ..progress import Progress, tell
-from .local_planes import LocalPlanes, columns_of, disagreement, fit_planes, off_arcs
-from .scatter_rules import AROUND, KEEP, LOSE, SPACING, VOTERS, Evidence, judge, medians, vote
+from ..points.smoothing.smooth import Placed
+from ..progress import Progress, part_of, tell
+from .local_planes import LocalPlanes, columns_of, disagreement, fit_planes
+from .scatter_islands import follow_around
+from .scatter_normals import Normals, follow_normals
+from .scatter_rules import AROUND, KEEP, LOSE, SPACING, VOTERS, Evidence, judge, vote
 
 Floats = NDArray[np.float32]
 
@@ -24,23 +28,23 @@ FEW = VOTERS + 1  # different positions; fewer are no surface
 NEAR = 8  # neighbours of the finest scale
 COARSE, COARSEST = 4, 16  # the coarse scales look at every so many points in kd order
 ROUNDS = 2  # of votes that make and lose surface points, then of votes that only make them
-MOSTLY, MOSTLY_OFF = (
-    0.72,
-    0.8,
-)  # share of surface among 68 points around, and distance from its plane, at which a point follows
+# Share of surface among 68 points around, and distance from its plane, at which a point follows.
+MOSTLY, MOSTLY_OFF = 0.72, 0.8
 # Times the mean distance of the 8th neighbour around: scattered points that are sparser than the first do not follow
 # their neighbours; what is sparser than the second is scattered.
 SPARSE, SPARSEST = 2.0, 5.0
-BLOCK = 256  # points in kd order whose normals are judged together
-# Normals of a file prove a surface if they turn with it: heights off the arcs, over those off the planes, with 1 for
-# fitted normals of scattered points: 95% of the blocks of Autzen have over 0.79, of those of Lucy less than 0.77.
-BLOCK_ARCS, ARCS, ARCS_OFF, FLAT = 0.72, 0.6, 0.3, 0.17
-IN_PLANE = 3  # of 8 neighbours that lie in one plane with a point by both normals: an edge
+UNUSUAL = 1.5  # times the median noise of a cloud: more of it may be leaves
+STRETCH, STILL = 64, 0.2  # points judged together, and the share that must still be scattered where they were placed
 SORTED, FOUND, FITTED, JUDGED = 0.2, 0.5, 0.8, 0.95  # shares of the time
 
 
 def find_scattered(
-    positions: Floats, normals: Floats | None = None, *, threads: int | None = None, progress: Progress | None = None
+    positions: Floats,
+    normals: Floats | None = None,
+    *,
+    fitted: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
 ) -> NDArray[np.bool_]:
     """Find the points of a cloud that do not lie on a surface.
 
@@ -49,8 +53,10 @@ def find_scattered(
     positions : (n, 3) float32
         Finite.
     normals : (n, 3) float32, optional
-        Unit normals of a mesh or a scanner, oriented alike on each sheet; zero where unknown. They can only turn
-        scattered points into surface points, and only if they follow the curvature. Do not pass fitted normals.
+        Unit normals, oriented alike on each sheet; zero where unknown. They can only turn scattered points into
+        surface points, and only if they follow the curvature.
+    fitted : bool
+        Whether the normals were fitted to the positions; those of a mesh or a scanner prove more.
     threads : int, optional
         Number of threads of all but the neighbour search. Default: `POINTRAY_THREADS`, else all processors.
     progress : callable, optional
@@ -78,11 +84,34 @@ def find_scattered(
     places = take(positions, first)
     order = kd_order(places, threads)
     tell(progress, SORTED)
-    sorted_normals = None if normals is None else columns_of(take(take(normals, first), order))
+    known = None if normals is None else Normals(columns_of(take(take(normals, first), order)), fitted)
     scattered = np.empty(len(first), np.bool_)
-    scattered[order] = _scattered(take(places, order), sorted_normals, threads, progress)
+    scattered[order] = _scattered(take(places, order), known, threads, progress)
     tell(progress, 1.0)
     return scattered[ids]
+
+
+def find_scattered_placed(cloud: Points, placed: Placed, progress: Progress | None = None) -> NDArray[np.bool_]:
+    """Find the scattered points of a cloud that has been placed on its surface, see `find_scattered`.
+
+    What is scattered in the cloud, but not where its points were placed, was noise of a surface, and is smooth now. But
+    placing also flattens leaves a little. So stretches of 64 points in kd order are judged together; and where the noise
+    seems to be unusual, the points of the cloud are judged in place of the placed ones.
+    """
+    normals, noise, fitted = np.asarray(placed.points.normals), placed.noise, cloud.normals is None
+    part = part_of(progress, 0.0, 1.0 if noise is None else 0.5)
+    found = find_scattered(cloud.positions, normals, fitted=fitted, progress=part)
+    if noise is None or not found.any():
+        return found
+    unusual = noise > UNUSUAL * np.median(noise[noise > 0]) if (noise > 0).any() else np.zeros(len(noise), np.bool_)
+    positions = np.where(unusual[:, None], cloud.positions, placed.points.positions)
+    still = find_scattered(positions, normals, fitted=fitted, progress=part_of(progress, 0.5, 1.0))
+    order = kd_order(cloud.positions)
+    starts = np.arange(0, len(order), STRETCH)
+    before, after = (np.add.reduceat(mask[order].astype(np.int64), starts) for mask in (found, found & still))
+    kept = np.empty(len(order), np.bool_)
+    kept[order] = np.repeat(after >= STILL * before, STRETCH)[: len(order)]
+    return np.asarray(found & kept)
 
 
 def _rows(values: Floats, name: str) -> Floats:
@@ -93,7 +122,7 @@ def _rows(values: Floats, name: str) -> Floats:
 
 
 def _scattered(
-    positions: Floats, normals: tuple[Floats, ...] | None, threads: int | None, progress: Progress | None
+    positions: Floats, normals: Normals | None, threads: int | None, progress: Progress | None
 ) -> NDArray[np.bool_]:
     """Return which of some different positions in kd order are scattered."""
     near = NeighborTree(positions, in_order=True).rows(VOTERS + 1)
@@ -107,7 +136,7 @@ def _scattered(
     usual = parts[0].means(reach)
     alone[reach > SPARSEST * usual] = 1
     if normals is not None:
-        _follow_normals(xyz, normals, near, surface, alone, threads)
+        follow_normals(xyz, normals, near, (surface, alone), evidence, threads)
     tell(progress, JUDGED)
     surface[alone > 0] = 0
     alone[(surface == 0) & (reach > SPARSE * usual)] = 1
@@ -115,7 +144,7 @@ def _scattered(
         surface = vote(surface, alone, near, limits, threads)
     close = np.abs(evidence.offsets[1]) < MOSTLY_OFF * SPACING * evidence.reaches[0]
     surface[close & (alone == 0) & (parts[0].means(surface) >= MOSTLY)] = 1
-    return np.asarray(surface == 0)
+    return np.asarray(follow_around(surface, alone, near) == 0)
 
 
 class _Parts(NamedTuple):
@@ -173,24 +202,3 @@ def _coarse_planes(positions: Floats, xyz: tuple[Floats, ...], parts: _Parts, th
     middle = columns_of(take(middles, parts.part))
     away = [(own - other) * n for own, other, n in zip(xyz, middle, spread[:3], strict=True)]
     return spread._replace(offset=spread.offset + away[0] + away[1] + away[2])
-
-
-def _follow_normals(
-    xyz: tuple[Floats, ...],
-    normals: tuple[Floats, ...],
-    near: NDArray[np.int32],
-    surface: Floats,
-    alone: Floats,
-    threads: int | None,
-) -> None:
-    """Mark points as surface, in place, where the normals turn as those of a curved surface do."""
-    *found, same = off_arcs(xyz, normals, near, (1, AROUND), threads)
-    arc, plane = (medians(values, near, threads) for values in found)
-    open_ = surface == 0
-    starts = np.arange(0, len(surface), BLOCK)
-    turned = np.add.reduceat(arc * open_, starts) < BLOCK_ARCS * np.add.reduceat(plane * open_, starts)
-    turned = np.repeat(turned, BLOCK)[: len(surface)]
-    follows = turned | (plane < FLAT) | ((arc < ARCS_OFF) & (arc < ARCS * plane))
-    follows |= same >= IN_PLANE
-    surface[follows] = 1
-    alone[turned] = 0

@@ -38,8 +38,8 @@ class Limits(NamedTuple):
 AROUND = 9  # a point and its nearest neighbours, over which medians are taken
 VOTERS = 16  # neighbours that vote
 SPACING = f32(math.sqrt(math.pi / 8))  # spacing of an even surface, over the distance of the 8th neighbour
-NEAR = Limits(0.35, 0.42, 0.7, 0.2)  # of the 8 nearest neighbours
-WIDE = Limits(0.3, 0.72, 1.0, 0.27)  # of the 16 nearest neighbours
+NEAR = Limits(0.22, 0.42, 0.7, 0.2)  # of the 8 nearest neighbours
+WIDE = Limits(0.15, 0.72, 1.0, 0.27)  # of the 16 nearest neighbours
 COARSE = Limits(0.2, 0.55, 1.2, 0.27)  # of every 4th point
 COARSEST = Limits(0.2, 0.52, 0.9, 0.27)  # of every 16th point
 LINE_COARSE, LINE_COARSEST = 0.2, 0.34  # thickness where the two fine scales are too slim: scan lines of a surface

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import check_choice, check_positive
-from ..choices import SCATTER
+from ..choices import AS_SPHERES, AS_SURFACE, SCATTER
 from ..data import Points
 from ..kernels.tree import DISCS, SPHERES
 from ..neighbors import NeighborTree, distinct, kd_order, take
@@ -34,7 +34,7 @@ class Drawing(NamedTuple):
     size : factor for their radii
     """
 
-    scatter: str = "surface"
+    scatter: str = AS_SURFACE
     size: float = 1.0
 
     @property
@@ -43,8 +43,10 @@ class Drawing(NamedTuple):
         return DISCS if self.scatter == "discs" else SPHERES
 
 
-def check_drawing(scatter: str, scatter_size: float) -> Drawing:
-    """Check the parameters `scatter` and `scatter_size` of `Model`."""
+def check_drawing(scatter: str | None, scatter_size: float, sized: bool = False) -> Drawing:
+    """Check the parameters `scatter` and `scatter_size` of `Model`; sized : whether the points have radii."""
+    if scatter is None:
+        scatter = AS_SURFACE if sized else AS_SPHERES
     return Drawing(check_choice(scatter, "scatter", SCATTER), check_positive(scatter_size, "scatter_size"))
 
 

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..arguments import check_direction
-from ..choices import AUTO, UNCLASSIFIED
+from ..choices import AS_SPHERES, AUTO
 from ..jit import BACKLOG
 from ..memory import give_back
 from ..model import Model
@@ -38,7 +38,7 @@ class Build:
     radius_scale: float = 1.0
     measured: bool = True
     noise: float = 0.0
-    scatter: str = UNCLASSIFIED
+    scatter: str = AS_SPHERES
     scatter_size: float = 1.0
 
 

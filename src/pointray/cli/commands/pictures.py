@@ -45,7 +45,6 @@ from ..options import (
     ProjectionOption,
     RadiusScaleOption,
     SamplesOption,
-    Scatter,
     ScatterOption,
     ScatterSizeOption,
     SeedOption,
@@ -111,7 +110,7 @@ def render(
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
-    scatter: ScatterOption = Scatter["surface"],
+    scatter: ScatterOption = None,
     scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
     backfaces: BackfacesOption = Backfaces["muted"],
@@ -202,7 +201,7 @@ def animate(
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
-    scatter: ScatterOption = Scatter["surface"],
+    scatter: ScatterOption = None,
     scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
     backfaces: BackfacesOption = Backfaces["muted"],
@@ -262,7 +261,7 @@ def view(
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
-    scatter: ScatterOption = Scatter["surface"],
+    scatter: ScatterOption = None,
     scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
     backfaces: BackfacesOption = Backfaces["muted"],
@@ -290,7 +289,7 @@ def view(
         Settings(integrator=options["integrator"].value, levels=levels, backfaces=backfaces.value)
     )
     surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    surface_options |= {"smooth": smooth_of(smooth), "scatter": scatter.value, "scatter_size": scatter_size}
+    surface_options |= {"smooth": smooth_of(smooth), "scatter": scatter and scatter.value, "scatter_size": scatter_size}
     check_positive(radius_scale, "--radius-scale")
     check_positive(scatter_size, "--scatter-size")
     options["normals"] = normals.value

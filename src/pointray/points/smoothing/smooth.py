@@ -84,6 +84,14 @@ class Placed(NamedTuple):
     order: NDArray[np.integer[Any]] | None = None
     apart: bool = False
 
+    def select(self, mask: NDArray[np.bool_]) -> Placed:
+        """Some of the points."""
+        order = self.order
+        if order is not None:
+            order = (np.cumsum(mask) - 1)[order[mask[order]]]
+        noise = None if self.noise is None else self.noise[mask]
+        return Placed(self.points.select(mask), noise, order, self.apart)
+
 
 def place(
     points: Points, sigma: str | float, progress: Progress | None = None, along: Path | None = None
