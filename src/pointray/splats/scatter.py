@@ -95,7 +95,7 @@ def find_scattered_placed(cloud: Points, placed: Placed, progress: Progress | No
     """Find the scattered points of a cloud that has been placed on its surface, see `find_scattered`.
 
     What is scattered in the cloud, but not where its points were placed, was noise of a surface, and is smooth now. But
-    placing also flattens leaves a little. So stretches of 64 points in kd order are judged together; and where the noise
+    placing also flattens leaves a little. So stretches of 64 points in kd order are judged together; and where noise
     seems to be unusual, the points of the cloud are judged in place of the placed ones.
     """
     normals, noise, fitted = np.asarray(placed.points.normals), placed.noise, cloud.normals is None
@@ -136,7 +136,7 @@ def _scattered(
     usual = parts[0].means(reach)
     alone[reach > SPARSEST * usual] = 1
     if normals is not None:
-        follow_normals(xyz, normals, near, (surface, alone), evidence, threads)
+        follow_normals(xyz, normals, near, surface, evidence, threads)
     tell(progress, JUDGED)
     surface[alone > 0] = 0
     alone[(surface == 0) & (reach > SPARSE * usual)] = 1

@@ -12,10 +12,9 @@ from .scatter_rules import AROUND, COARSE, LINE_GAP, STRIP_SLIMNESS, Evidence, m
 
 Floats = NDArray[np.float32]
 
-BLOCK = 256  # points in kd order whose normals are judged together
-# Normals of a file prove a surface if they turn with it: heights off the arcs, over those off the planes, with 1 for
-# fitted normals of scattered points: 95% of the blocks of Autzen have over 0.79, of those of Lucy less than 0.77.
-BLOCK_ARCS, ARCS, ARCS_OFF, FLAT = 0.72, 0.6, 0.3, 0.17
+# On a surface heights off the arcs are less than the first share of the distances, and less than the second share of
+# those off the planes; or the latter are less than the third share.
+ARCS_OFF, ARCS, FLAT = 0.3, 0.6, 0.17
 IN_PLANE = 3  # of 8 neighbours that lie in one plane with a point by both normals: an edge
 # Fitted normals are no evidence along a line, which lies on arcs whatever they are: where the wide neighbourhood is
 # slimmer than the first, unless that of every 4th point is a surface's, or where the latter is slim and reaches over
@@ -34,27 +33,17 @@ def follow_normals(
     xyz: tuple[Floats, ...],
     normals: Normals,
     near: NDArray[np.int32],
-    found: tuple[Floats, Floats],
+    surface: Floats,
     evidence: Evidence,
     threads: int | None,
 ) -> None:
-    """Mark points as surface, in place, where the normals turn as those of a curved surface do.
-
-    found : which points are on a surface, and which are alone
-    """
-    surface, alone = found
+    """Mark points as surface, in place, where the normals turn as those of a curved surface do."""
     *heights, same = off_arcs(xyz, normals.xyz, near, (1, AROUND), threads)
     arc, plane = (medians(values, near, threads) for values in heights)
-    told = _off_lines(near, evidence, threads) if normals.fitted else np.ones(len(near), np.bool_)
-    open_ = (surface == 0) & told
-    starts = np.arange(0, len(surface), BLOCK)
-    turned = np.add.reduceat(arc * open_, starts) < BLOCK_ARCS * np.add.reduceat(plane * open_, starts)
-    turned = np.repeat(turned, BLOCK)[: len(surface)]
-    follows = turned | (plane < FLAT) | ((arc < ARCS_OFF) & (arc < ARCS * plane))
-    follows |= same >= IN_PLANE
-    surface[follows & told] = 1
-    if not normals.fitted:
-        alone[turned] = 0
+    follows = (plane < FLAT) | ((arc < ARCS_OFF) & (arc < ARCS * plane)) | (same >= IN_PLANE)
+    if normals.fitted:
+        follows &= _off_lines(near, evidence, threads)
+    surface[follows] = 1
 
 
 def _off_lines(near: NDArray[np.int32], evidence: Evidence, threads: int | None) -> NDArray[np.bool_]:
