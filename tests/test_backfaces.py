@@ -116,10 +116,16 @@ def test_wrong_values(value):
 
 
 @pytest.mark.parametrize(
-    ("options", "shown"), [([], "muted"), (["--backfaces", "same"], "same"), (["--elevation", "60"], "same")]
+    ("options", "shown"),
+    [
+        ([], "muted"),
+        (["--backfaces", "same"], "same"),
+        (["--elevation", "60"], "same"),
+        (["--elevation", "60", "--backfaces", "muted"], "muted"),
+    ],
 )
 def test_commands_mute_them_unless_many_would_be_muted(bowl, tmp_path, monkeypatch, options, shown):
-    """From below the bowl shows its fronts, from above its backs."""
+    """From below the bowl shows its fronts, from above its backs. What is asked for stays."""
     asked, real = [], picture.render
 
     def render(scene, camera, settings, *more):

@@ -610,7 +610,8 @@ def viewed(files: list[Path], **options) -> tuple[object, list]:
     """The shared scene of `pointray view`, loaded; and what it has said."""
     typed = {name: value for name, value in options.items() if name in ("bake", "integrator")}
     told = {"up": "auto", "light": None, "fill": None, "background": "auto", "ground": False, "normals": "auto"}
-    told |= {"settings": pr.Settings("baked"), "bake": None, "quick": False, **options}
+    told |= {"settings": pr.Settings("baked"), "bake": None, "quick": False}
+    told |= {"backfaces": None, "contact_shadow": True, **options}
     surface = dict(PLAIN)
     shared, loader = serve.shared_scene_of(files, Reading(), typed, told, surface)
     stages = []

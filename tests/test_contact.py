@@ -184,6 +184,7 @@ WHITE = ("--background", "1,1,1")
         ((), (*WHITE, "--light", "headlight"), 0, 0),
         long((), (*WHITE, "--integrator", "color"), 0, 0),
         long((), ("--background", "none"), 0, 0),
+        ((), (*WHITE, "--no-contact-shadow"), 0, 0),
         (("--up", "x"), WHITE, 0, 0),
         (("--elevation", "-20"), WHITE, 0, 0),
     ],
@@ -217,7 +218,7 @@ def test_the_viewer_finds_it_while_it_refines_and_shows_it_from_then_on():
     assert found.shadow.max() > 0.3
     assert contacts.of(scan, (scene, (1, 0)), view, False) is found and len(asked) == 1
     assert contacts.of(scan, (scene, (2, 0)), view, False) is None  # another scene
-    for other in (replace(view, ground=True), replace(view, around="sky"), replace(view, integrator="normal")):
-        assert contacts.of(scan, (scene, (1, 0)), other) is None
+    for change in ({"ground": True}, {"around": "sky"}, {"integrator": "normal"}, {"contact_shadow": False}):
+        assert contacts.of(scan, (scene, (1, 0)), replace(view, **change)) is None
     assert contacts.of(None, (scene, (1, 0)), view) is None
     assert contacts.of(scan, (scene, (1, 0)), view.lit_by([], UP, "phong")) is None  # a headlight

@@ -154,6 +154,7 @@ def viewed(file, *, look=None, quick=True):
     """The shared scene of `pointray view` of a file, loaded."""
     options = {"up": AUTO, "light": look, "fill": None, "background": AUTO, "ground": False, "normals": AUTO}
     options |= {"settings": pr.Settings("baked" if quick else "phong"), "bake": None, "quick": quick}
+    options |= {"backfaces": None, "contact_shadow": True}
     shared, loader = serve.shared_scene_of([file], Reading(), {}, options, dict(PLAIN))
     shared.load(loader).join(120)
     assert shared.problem == ""

@@ -648,6 +648,7 @@ def test_a_folder_is_viewed_with_direct_light_and_a_budget(made: Path, monkeypat
     pr.render(scene_of(pr.Model.load(made)), FAR)  # loads the kernel that a picture needs
     options = {"settings": pr.Settings("baked"), "up": "auto", "light": None, "fill": None, "background": "auto"}
     options |= {"ground": False, "normals": "auto", "bake": None, "quick": True, "memory": 1 << 20}
+    options |= {"backfaces": None, "contact_shadow": True}
     surface = dict(PLAIN)
     shared, load = shared_scene_of([made], Reading(), {}, options, surface)
     load(shared)

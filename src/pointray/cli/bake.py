@@ -69,7 +69,7 @@ def scan_to_bake(scan: ScanFiles, options: dict[str, Any]) -> tuple[ScanScene, L
         raise ValueError("--colors is for the points' own colours, or --color, not for --color-by")
     source = LightSource(BakeSettings(**{name: plain[name] for name in BAKING}))
     surface = {name: plain[name] for name in SURFACE}
-    appearance = {name: plain.get(name, AUTO) for name in APPEARANCE}  # of them `background` is no option here
+    appearance = {name: plain.get(name) for name in APPEARANCE} | {"background": AUTO}  # which is no option here
     choice = ViewChoice(up_axis(plain["up"]), azimuth=0.0)  # what is said then names no options of views
     scan_scene = ScanScene(scan, surface, appearance, choice, normals=plain["normals"], baked=source)
     scan.check()

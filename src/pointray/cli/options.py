@@ -92,10 +92,17 @@ NormalsOption = Annotated[
     typer.Option(help=f"Which normals. {listed(NORMALS)}."),
 ]
 BackfacesOption = Annotated[
-    Backfaces,
+    Backfaces | None,
     typer.Option(
-        help=f"How phong and baked show back faces. {listed(BACKFACES)}. Where more than a quarter of the surface that "
-        "is seen are back faces, as in trees, same is used."
+        help=f"How phong and baked show back faces. {listed(BACKFACES)}. Default: muted, or same where more than a "
+        "quarter of the visible surface are back faces, as in trees."
+    ),
+]
+ContactShadowOption = Annotated[
+    bool,
+    typer.Option(
+        "--contact-shadow/--no-contact-shadow",
+        help="Draw the shadow of an object that stands on an invisible ground, in the studio's light.",
     ),
 ]
 ScatterOption = Annotated[

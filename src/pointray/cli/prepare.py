@@ -25,7 +25,7 @@ from ..tree.settings import check_settings
 from .cluster import working_on
 from .read_options import Reading
 from .scan_files import ScanFiles, check_not_input, check_result, scan_of
-from .scan_scene import check_saved, smooth_of
+from .scan_surface import check_saved, smooth_of
 from .waiting import Progress, in_background, writing
 
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..arguments import check_positive
-from ..choices import AUTO, EXPOSED, SAME
+from ..choices import AUTO, EXPOSED, MUTED, SAME
 from ..data import Points
 from ..points.trust import trusted
 from ..shade.lights import SunLight
@@ -19,9 +17,10 @@ from ..staging import STUDIO
 from ..staging.first_view import ViewChoice
 from .baked_light import FIRST, LightSource, light_source
 from .options import background_of, settings_of
-from .scan_files import ScanFiles, is_saved
+from .scan_files import ScanFiles
 from .scan_lights import ScanLights
 from .scan_material import ScanMaterial
+from .scan_surface import check_saved, surface_of
 from .views import View
 from .waiting import Progress, in_background
 
@@ -33,34 +32,11 @@ PLAIN = {
     "scatter": None,
     "scatter_size": 1.0,
 }  # the surface without options
-
-
-def check_saved(file: Path, is_plain: bool) -> None:
-    """Raise ValueError if options ask for another surface or other normals than a saved model has."""
-    if is_saved(file) and not is_plain:
-        raise ValueError(
-            f"{file}: --surface, --samples, --radius-scale, --smooth, --scatter, --scatter-size and --normals are part "
-            "of a saved model"
-        )
-
-
-def smooth_of(text: str) -> str | float:
-    """Parse "auto" or a number from 0."""
-    from ..points.smoothing.smooth import check_sigma
-
-    if text == AUTO:
-        return text
-    try:
-        return check_sigma(float(text), "--smooth")
-    except ValueError:
-        raise ValueError(f"--smooth must be auto or a finite number from 0, not {text!r}") from None
-
-
 SURFACE = tuple(PLAIN)
 LENS = ("fov", "projection", "aperture", "focus")
 FRAMING = ("eye", "target", "view", "azimuth", "elevation", "zoom")
 EFFORT = ("spp", "max_depth", "time_limit", "noise", "denoise", "seed", "threads", "levels", "backfaces")
-APPEARANCE = ("light", "fill", "background", "ground", "material", "color", "color_by")
+APPEARANCE = ("light", "fill", "background", "ground", "contact_shadow", "material", "color", "color_by")
 
 
 def staged(scan: ScanFiles, options: dict[str, Any], layers: bool = False) -> tuple[View, Any, ScanScene]:
@@ -77,9 +53,13 @@ def staged(scan: ScanFiles, options: dict[str, Any], layers: bool = False) -> tu
         {k: plain[k] for k in names} for names in (LENS, FRAMING, EFFORT, SURFACE, APPEARANCE)
     )
     view = View(plain["size"], plain["up"], lens, **framing)
+    mutes = effort["backfaces"] is None  # unless many are seen; what was chosen stays
+    effort["backfaces"] = MUTED if mutes else effort["backfaces"]
     settings = with_contact(settings_of(options["integrator"], options["filter"], **effort))
     baked = light_source(settings, plain["bake"], plain["quick"])
-    return view, settings, ScanScene(scan, surface, appearance, view.choice, layers, plain["normals"], baked)
+    scan_scene = ScanScene(scan, surface, appearance, view.choice, layers, plain["normals"], baked)
+    scan_scene.auto_backfaces = mutes
+    return view, settings, scan_scene
 
 
 class ScanScene:
@@ -92,7 +72,7 @@ class ScanScene:
         The parameters of `Model` in PLAIN; smooth is a text or a number.
     appearance : dict
         Texts of the options light, background, material and perhaps color and color_by; fill, a number or None;
-        ground, a bool.
+        ground and contact_shadow, bools.
     choice : ViewChoice
         How to view the scan.
     layers : bool
@@ -106,6 +86,8 @@ class ScanScene:
     ----------
     read : Points or None
         What a scan held, once it has been built: its model may have other normals.
+    auto_backfaces : bool
+        Whether back faces that settings mute are not muted where many are seen.
     """
 
     def __init__(
@@ -120,15 +102,14 @@ class ScanScene:
     ) -> None:
         import pointray as pr
 
-        check_positive(surface["radius_scale"], "--radius-scale")
-        check_positive(surface["scatter_size"], "--scatter-size")
-        surface = {**surface, "smooth": smooth_of(str(surface["smooth"]))}
+        surface = surface_of(surface)
         self.files, self._surface, self._appearance = files, surface, appearance
         self._choice = choice
         self._normals, self._baked, self._layers = normals, baked, layers
         self._scan: Any = None  # what was found about the model, unless it is in parts
         check_saved(files.files[0], surface == PLAIN and normals == AUTO)
         self.read: Points | None = None
+        self.auto_backfaces = True
         self._unkept: tuple[Any, Any, list[str]] | None = None  # what `keep` keeps
         self._lights = ScanLights(appearance["light"], appearance["fill"])
         self._material = ScanMaterial(appearance["material"], appearance.get("color"), appearance.get("color_by"))
@@ -147,6 +128,7 @@ class ScanScene:
             **self.files.inputs,
             **self._surface,
             "normals": self._normals,
+            "auto_backfaces": self.auto_backfaces,
             **self._appearance,
             **asdict(self._choice),
             **baked,
@@ -194,7 +176,8 @@ class ScanScene:
         from ..staging.studio import with_direct_light
 
         settings = with_direct_light(settings) if self._baked is None else settings
-        if settings.backfaces != SAME and (self._scan is None or shows_backs(self._scene, camera)):
+        may_change = self.auto_backfaces and settings.backfaces != SAME
+        if may_change and (self._scan is None or shows_backs(self._scene, camera)):
             return replace(settings, backfaces=SAME)
         return settings
 
@@ -205,7 +188,8 @@ class ScanScene:
         """
         from ..staging.contact import contact_shadow
 
-        fits = settings.integrator in EXPOSED and self._lights.look == STUDIO and not self._appearance["ground"]
+        wanted = self._appearance["contact_shadow"] and not self._appearance["ground"]
+        fits = wanted and settings.integrator in EXPOSED and self._lights.look == STUDIO
         if not fits or self.backdrop is None or self._layers or self._scan is None or not self._scan.stands:
             return None
         scan = self._scan

@@ -17,7 +17,8 @@ from .options import background_of
 from .read_options import Reading
 from .scan_files import ScanFiles, check_scan, check_unread, files_of, is_in_parts, is_saved
 from .scan_lights import ScanLights
-from .scan_scene import PLAIN, check_saved, ground_under
+from .scan_scene import PLAIN, ground_under
+from .scan_surface import check_saved
 from .scene_file import DescribedScene, scene_of
 from .views import View
 
@@ -35,7 +36,8 @@ def shared_scene_of(
     """The shared scene to view, and its loader. A wrong file or option raises an error at once.
 
     typed : the options that the user has typed
-    options : settings, up, light, fill, background, ground, normals, bake and quick, see `picture_options`; and memory
+    options : settings, up, light, fill, background, ground, backfaces, contact_shadow, normals, bake and quick, see
+        `picture_options`; and memory
     cached : whether the scans' model may come from the cache, and is kept there
     surface : as `Model` takes it; only the default surface gets levels of detail
     """
@@ -70,7 +72,8 @@ def shared_scene_of(
                 outlook, shared.settings = None, with_direct_light(settings)
             front = None if outlook is None else float(round(outlook.azimuth))
             known.extend((scan.up, lights.make(scan.bounds.mean(axis=0), scan.up, front), bool(scan.ignored)))
-            if not has_clicks() or any(model.parts for model in scene.models) or shows_backs(scene, scan.camera()):
+            unseen = not has_clicks() or any(model.parts for model in scene.models)
+            if options["backfaces"] is None and (unseen or shows_backs(scene, scan.camera())):
                 shared.settings = replace(shared.settings, backfaces=SAME)
         up, scene.lights, has_strays = known
         bounds = Scan(scene, choice).bounds if has_strays else scene.bounds
@@ -104,6 +107,7 @@ def shared_scene_of(
     loader = Files(files, surface, furnish, leveled, options["normals"], choice, light, *kept)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     shared.exposes, shared.look = True, lights.look or ""
+    shared.contact_shadow = options["contact_shadow"]
     return shared, loader
 
 

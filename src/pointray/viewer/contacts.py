@@ -43,7 +43,8 @@ class Contacts:
         """
         scene, version = seen
         plain = view.around == "gradient" or (view.around == "color" and view.exposes)
-        if scan is None or view.look != STUDIO or view.integrator not in EXPOSED or view.ground or not plain:
+        wanted = view.contact_shadow and view.look == STUDIO and view.integrator in EXPOSED
+        if scan is None or not wanted or view.ground or not plain:
             return None
         key = version, view.cuts, tuple(map(id, view.lamps))
         if key != self._key and may_trace:

@@ -6,7 +6,7 @@ import logging
 import shlex
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,13 @@ import numpy as np
 from ..arguments import Vector
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
-from ..choices import MUTED
+from ..choices import AUTO, SAME
 from ..image.frames import Frames
 from ..image.mp4 import check_mp4, write_mp4
 from ..image.tone import srgb_to_linear
 from ..image.write import SHOWN_BYTES, check_image_path, write_image
+from ..model import SURFACE, Model
+from ..model_file import SAVED
 from ..rendering.camera_path import turntable
 from ..rendering.picture import check_picture, picture_bytes, render
 from ..rendering.settings import Settings
@@ -33,12 +35,13 @@ from .contacts import Contacts
 from .outbox import Outbox
 from .painter import FrameRequest
 from .panel import Output
-from .shared_scene import Progress, SharedScene
+from .shared_scene import Build, Progress, SharedScene
 from .time_left import TimeLeft
 from .view_settings import CONSTANT, OWN, ViewSettings
 
 log = logging.getLogger("pointray.view")
 
+SAMPLES = 4  # of `Model`, the default
 MIME = {"png": "image/png", "jpg": "image/jpeg", "exr": "image/x-exr", "mp4": "video/mp4"}
 
 
@@ -66,7 +69,8 @@ class Exports:
         """Start the export of a button."""
         if name == "copy.command":
             source = shared.source if self._outbox.is_local else Path(shared.source).name
-            self._outbox.say(type="copy", text=_command(request, output, source), title="View and lights as a command")
+            text = _command(request, output, source, shared.build)
+            self._outbox.say(type="copy", text=text, title="View and lights as a command")
             return
         if name == "copy.python":
             self._outbox.say(type="copy", text=_python(request, output), title="Camera as Python")
@@ -168,8 +172,11 @@ class Exports:
         self._outbox.file(path, MIME[path.suffix[1:]])
 
 
-def _command(request: FrameRequest, output: Output, source: str) -> str:
-    """A command line that renders the view, as far as the command line has options for it."""
+def _command(request: FrameRequest, output: Output, source: str, build: Build | None = None) -> str:
+    """A command line that renders the view, as far as the command line has options for it.
+
+    build : how its models are built; None: as the command line does without options
+    """
     camera, view = request.camera, request.view
     words = ["pointray", "render", source, "-o", f"picture.{output.format}"]
     words += [f"--{name}={_commas(getattr(camera, name))}" for name in ("eye", "target", "up")]
@@ -178,15 +185,30 @@ def _command(request: FrameRequest, output: Output, source: str) -> str:
     words += ["--integrator", view.integrator, "--spp", str(output.samples)]
     words += ["--exposure", "auto" if view.chooses else f"{view.exposure:g}"]
     words += [] if view.levels else ["--no-levels"]
-    if not source.endswith(".toml"):
+    is_scan = not source.endswith(".toml")
+    if view.integrator in ("phong", "baked") and (is_scan or view.backfaces != view.base.backfaces):
+        words += ["--backfaces", view.backfaces]
+    if is_scan:
         words += _light_words(view, request.up)
-        words += [] if view.base.backfaces == MUTED else ["--backfaces", view.base.backfaces]
+        words += [] if view.contact_shadow else ["--no-contact-shadow"]
+        words += [] if build is None or source.endswith(SAVED) else _surface_words(build, request.scene.models)
         words += ["--ground"] if view.ground else []
         color = _commas(srgb_to_linear(np.array(view.backdrop)))
         words += ["--background", {"sky": "sky", "gradient": "auto"}.get(view.around, color)]
         if view.color_by not in (OWN, CONSTANT):
             words += ["--color-by", f"{view.color_by}:{view.colormap}"]
     return shlex.join(words)
+
+
+def _surface_words(build: Build, models: Sequence[Model]) -> list[str]:
+    """The surface as options, where it is not the default one. models : as they were built"""
+    usual, words = Build(SURFACE, SAMPLES), []
+    for name in ("surface", "samples", "radius_scale", "scatter", "scatter_size"):
+        value = getattr(build, name)
+        if value != getattr(usual, name):
+            words += [f"--{name.replace('_', '-')}", f"{value:g}" if isinstance(value, float) else str(value)]
+    smooth = next((model.smooth for model in models), AUTO)
+    return words if smooth == AUTO else [*words, "--smooth", f"{smooth:.9g}"]
 
 
 def _light_words(view: ViewSettings, up: Vector) -> list[str]:
@@ -220,6 +242,7 @@ def _python(request: FrameRequest, output: Output) -> str:
     eye, target, up = (f"[{', '.join(repr(float(x)) for x in v)}]" for v in (camera.eye, camera.target, camera.up))
     size = output.width, output.height
     more = "" if view.levels else ", levels=False"
+    more += "" if view.backfaces == SAME else f', backfaces="{view.backfaces}"'
     exposure = '"auto"' if view.chooses else f"{view.exposure}"
     projection = "" if camera.projection == "perspective" else f', projection="{camera.projection}"'
     return (

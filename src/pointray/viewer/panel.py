@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..choices import AUTO, COLORMAPS, CURVES, INTEGRATORS, LIGHTS, SCATTER, SURFACES
+from ..choices import AUTO, BACKFACES, COLORMAPS, CURVES, EXPOSED, INTEGRATORS, LIGHTS, SCATTER, SURFACES
 from ..model import SURFACE
 from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES
-from ..staging import LOOKS
+from ..staging import LOOKS, STUDIO
 from .controls import Control, Folder
 from .light_control import MOST_LAMPS, POINT, SKY, SUN, LightControl
 from .light_control import OWN as OWN_LIGHT
@@ -40,9 +40,10 @@ def folders(view: ViewSettings, shared: SharedScene, output: Output, scene: Scen
         return [Folder("View", [Control("help", "", "note", KEYS)], open=True)]
     material = [] if not scene.models else [_material(view, scene)]
     surface = [] if build is None else [_surface(build)]
+    in_parts = any(model.parts for model in scene.models)
     return [
         _view(view, any(model.has_levels for model in scene.models)),
-        _light(view, bool(scene.lights) and not shared.look),
+        _light(view, bool(scene.lights) and not shared.look, shared.look == STUDIO and not in_parts),
         *material,
         *surface,
         _cut(view),
@@ -90,14 +91,21 @@ def _view(view: ViewSettings, has_levels: bool) -> Folder:
     )
 
 
-def _light(view: ViewSettings, has_own: bool) -> Folder:
-    """has_own : whether the scene has lights of its own"""
+def _light(view: ViewSettings, has_own: bool, may_stand: bool) -> Folder:
+    """has_own : whether the scene has lights of its own; may_stand : whether it has a contact shadow if it stands"""
     looks = [*LOOKS.items(), *([(OWN_LIGHT, "the scene's own")] if has_own else [])]
     look = view.look
     if look == CHANGED:
         looks.append((CHANGED, "as set below"))
     rows = [Control("look", "Light", "choice", look, looks, hint="What is set below gives way")]
-    rows += [Control("shadows", "Shadows", "switch", view.shadows)] if view.integrator in ("phong", "baked") else []
+    if view.integrator in ("phong", "baked"):
+        rows.append(Control("shadows", "Shadows", "switch", view.shadows))
+        hint = "What is seen through holes of a scan"
+        kinds = [(name, name) for name in BACKFACES]
+        rows.append(Control("backfaces", "Back faces", "choice", view.backfaces, kinds, hint=hint))
+    if may_stand and look == STUDIO and view.integrator in EXPOSED:
+        hint = "The shadow of an object that stands on an invisible ground"
+        rows.append(Control("contact_shadow", "Contact shadow", "switch", view.contact_shadow, hint=hint))
     if not view.lamps:
         instead = {
             "phong": "A headlight at the camera.",

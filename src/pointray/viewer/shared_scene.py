@@ -87,6 +87,8 @@ class SharedScene:
         What is shown while there is no scene.
     look : str
         One of `staging.LOOKS` if that is the light of the scene; empty: it has lights of its own, or none.
+    contact_shadow : bool
+        Whether browsers show contact shadows at first.
     is_coarse : bool
         Whether the scene is a coarse version, until all of it is there.
     problem : str
@@ -110,7 +112,7 @@ class SharedScene:
         self._scan: tuple[Any, Scan] | None = None  # the last scan of the scene, and what it was made for
         self.problem, self.failures = "", 0
         self.sketch: Sketch | None = None
-        self.look, self.is_coarse = "", False
+        self.look, self.contact_shadow, self.is_coarse = "", True, False
         self._building, self._compiling, self._time_left = Progress(), Progress(), TimeLeft()
         self._scene, self._shown = scene, 0
         self._wanted: Build | None = None  # the build that the user wants; None: models as they came

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Vector
-from ..choices import AUTO, EXPOSED
+from ..choices import AUTO, EXPOSED, SAME
 from ..image.exposure import tone_of, white_under
 from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
 from ..model import Model
@@ -40,7 +40,10 @@ OWN, CONSTANT = "own", "constant"  # colours: the points' own, or one for all
 BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene without a background
 
 # Values for the picture, not the scene: `apply` does not depend on them.
-PICTURE = ("base", "integrator", "samples", "max_depth", "shadows", "levels", "exposure", "curve", "studio")
+PICTURE = (
+    *("base", "integrator", "samples", "max_depth", "shadows", "backfaces", "contact_shadow", "levels", "exposure"),
+    *("curve", "studio"),
+)
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,8 @@ class ViewSettings:
         Whether the exposure is chosen automatically; `exposure` is then added to it.
     curve : str
         AUTO: chosen together with the exposure.
+    contact_shadow : bool
+        Whether an object that stands has one, see `Contacts`.
     backdrop : (3,) sRGB
     around : str
         "gradient": that of `image.tone`; "color": the backdrop's; "sky": the lights'; "scene": the scene's own.
@@ -84,6 +89,8 @@ class ViewSettings:
     samples: int = 64
     max_depth: int = 4
     shadows: bool = True
+    backfaces: str = SAME
+    contact_shadow: bool = True
     levels: bool = True
     exposes: bool = False
     exposure: float = 0.0
@@ -116,6 +123,8 @@ class ViewSettings:
             samples=max(settings.spp, 64),
             max_depth=settings.depth,
             shadows=settings.shadows,
+            backfaces=settings.backfaces,
+            contact_shadow=shared.contact_shadow,
             levels=settings.levels,
             exposes=shared.exposes,
             exposure=shared.exposure,
@@ -179,7 +188,7 @@ class ViewSettings:
     def settings(self, spp: int) -> Settings:
         """Settings for a picture with the given number of samples a pixel."""
         shown: dict[str, Any] = {"integrator": self.integrator, "max_depth": self.max_depth, "shadows": self.shadows}
-        return replace(self.base, spp=spp, levels=self.levels, **shown)
+        return replace(self.base, spp=spp, levels=self.levels, backfaces=self.backfaces, **shown)
 
     @property
     def chooses(self) -> bool:

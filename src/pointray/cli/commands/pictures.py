@@ -7,20 +7,20 @@ from typing import Annotated
 
 import typer
 
-from ...choices import AUTO
+from ...choices import AUTO, MUTED
 from ..cluster import ClusterOption, SpreadOption, WorkersOption, working_on
 from ..options import (
     SCANS,
     TOGETHER,
     ApertureOption,
     AzimuthOption,
-    Backfaces,
     BackfacesOption,
     BackgroundOption,
     BakeOption,
     CacheOption,
     ColorByOption,
     ColorOption,
+    ContactShadowOption,
     DenoiseOption,
     ElevationOption,
     ExposureOption,
@@ -113,7 +113,8 @@ def render(
     scatter: ScatterOption = None,
     scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
-    backfaces: BackfacesOption = Backfaces["muted"],
+    backfaces: BackfacesOption = None,
+    contact_shadow: ContactShadowOption = True,
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
@@ -204,7 +205,8 @@ def animate(
     scatter: ScatterOption = None,
     scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
-    backfaces: BackfacesOption = Backfaces["muted"],
+    backfaces: BackfacesOption = None,
+    contact_shadow: ContactShadowOption = True,
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
@@ -264,7 +266,8 @@ def view(
     scatter: ScatterOption = None,
     scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
-    backfaces: BackfacesOption = Backfaces["muted"],
+    backfaces: BackfacesOption = None,
+    contact_shadow: ContactShadowOption = True,
     background: BackgroundOption = AUTO,
     light: LightOption = None,
     fill: FillOption = None,
@@ -277,21 +280,18 @@ def view(
     ] = None,
 ) -> None:
     """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
-    from ...arguments import check_positive
     from ...rendering.settings import Settings
     from ...staging.studio import with_contact
-    from ..scan_scene import smooth_of
+    from ..scan_surface import surface_of
     from ..serve import serve, shared_scene_of
 
     use_threads(threads)
     options = picture_options(context)
-    options["settings"] = with_contact(
-        Settings(integrator=options["integrator"].value, levels=levels, backfaces=backfaces.value)
-    )
+    shown = MUTED if backfaces is None else backfaces.value
+    options["settings"] = with_contact(Settings(integrator=options["integrator"].value, levels=levels, backfaces=shown))
     surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    surface_options |= {"smooth": smooth_of(smooth), "scatter": scatter and scatter.value, "scatter_size": scatter_size}
-    check_positive(radius_scale, "--radius-scale")
-    check_positive(scatter_size, "--scatter-size")
+    surface_options |= {"smooth": smooth, "scatter": scatter and scatter.value, "scatter_size": scatter_size}
+    surface_options = surface_of(surface_options)
     options["normals"] = normals.value
     options["memory"] = None if memory is None else bytes_of(memory)
     shared, loader = shared_scene_of(files, reading, given(context), options, surface_options, cache)
