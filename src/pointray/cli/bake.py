@@ -70,6 +70,7 @@ def scan_to_bake(scan: ScanFiles, options: dict[str, Any]) -> tuple[ScanScene, L
     source = LightSource(BakeSettings(**{name: plain[name] for name in BAKING}))
     surface = {name: plain[name] for name in SURFACE}
     appearance = {name: plain.get(name) for name in APPEARANCE} | {"background": AUTO}  # which is no option here
+    appearance["neutral"] = not BakeOutput(plain["output"]).is_light  # a file of light is for pictures, which have clay
     choice = ViewChoice(up_axis(plain["up"]), azimuth=0.0)  # what is said then names no options of views
     scan_scene = ScanScene(scan, surface, appearance, choice, normals=plain["normals"], baked=source)
     scan.check()

@@ -20,14 +20,18 @@ class ScanMaterial:
         Linear r,g,b.
     color_by : str or None
         What the colour shows, as for `color_of`.
+    neutral : bool
+        Whether points without a colour are grey instead of clay, unless that is their material.
     """
 
-    def __init__(self, material: str, color: str | None = None, color_by: str | None = None) -> None:
+    def __init__(
+        self, material: str, color: str | None = None, color_by: str | None = None, neutral: bool = False
+    ) -> None:
         if color is not None and color_by is not None:
             raise ValueError("--color and --color-by exclude each other")
         if material == "glass" and (color is not None or color_by is not None):
             raise ValueError("--material glass has no colour")
-        self._kind = material
+        self._kind, self._neutral = material, neutral
         self.attribute = None if color_by is None else color_of(color_by)
         self._color = None if color is None else numbers(color, "--color")
         if self._color is not None and not all(0 <= part <= 1 for part in self._color):
@@ -42,7 +46,7 @@ class ScanMaterial:
         return CLAY if clay else self._color
 
     def build(self, points: Any, up: Any) -> Any:
-        """The material for points, clay if nothing gives them a colour.
+        """The material for points, clay or grey if nothing gives them a colour.
 
         up : (3,) tuple; None if it is not known yet, in which case it will be an axis
         """
@@ -51,7 +55,7 @@ class ScanMaterial:
         from ..shade.materials.phong import Phong
         from ..shade.materials.principled import Principled
         from ..shade.materials.specular import Dielectric
-        from ..staging.studio import CLAY
+        from ..staging.studio import CLAY, NEUTRAL
 
         color: Any = self._color
         if self.attribute is not None:
@@ -60,7 +64,7 @@ class ScanMaterial:
                 color = replace(color, name=_axis_of(up or (0.0, 0.0, 1.0)))
             check_attribute(points, color)
         elif color is None and (points.colors is None or self._kind == "clay"):
-            color = CLAY
+            color = NEUTRAL if self._neutral and self._kind != "clay" else CLAY
         made: dict[str, Any] = {
             "own": lambda: Diffuse(color),
             "clay": lambda: Diffuse(color),

@@ -72,7 +72,7 @@ class ScanScene:
         The parameters of `Model` in PLAIN; smooth is a text or a number.
     appearance : dict
         Texts of the options light, background, material and perhaps color and color_by; fill, a number or None;
-        ground and contact_shadow, bools.
+        ground, contact_shadow and perhaps neutral, see `ScanMaterial`, bools.
     choice : ViewChoice
         How to view the scan.
     layers : bool
@@ -112,7 +112,8 @@ class ScanScene:
         self.auto_backfaces = True
         self._unkept: tuple[Any, Any, list[str]] | None = None  # what `keep` keeps
         self._lights = ScanLights(appearance["light"], appearance["fill"])
-        self._material = ScanMaterial(appearance["material"], appearance.get("color"), appearance.get("color_by"))
+        colors = appearance.get("color"), appearance.get("color_by"), appearance.get("neutral", False)
+        self._material = ScanMaterial(appearance["material"], *colors)
         self._scene = pr.Scene()
         self._background = background_of(appearance["background"])
         self._scene.background = self._background  # raises ValueError if it is wrong

@@ -23,6 +23,7 @@ KEY_ANGLE = 5.0  # degrees: soft shadow edges for path tracing
 STILL_ANGLE = 3.0  # of lights that stand still: few samples leave little grain in their shadows' edges
 ZENITH, HORIZON, GROUND = 0.32, 0.21, 0.10  # radiance of the sky, and of what lies below it
 CLAY = (0.58, 0.44, 0.35)  # linear, of points without colours
+NEUTRAL = (0.46, 0.46, 0.46)  # the same without its hue: what bounces light that is written to points without colours
 SKY_RAYS = 4  # rays for each sample, for contact shadows
 SUNS = ((KEY_DIRECTION, KEY), (RIM_DIRECTION, RIM))
 
