@@ -138,7 +138,7 @@ class Model(OnDisk):
                 oriented = cloud if cloud.normals is not None else cloud.changed(normals=placed.points.normals)
                 scattered = make_scattered(oriented, found, used, self.drawing, sizes.given)
             elif found.all():
-                raise ValueError(f"scatter: all {len(found):,} points are scattered, so that 'none' leaves nothing")
+                raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
             if not found.all():
                 surface, used, sizes = [placed.select(~found)], used[~found], sizes.select(~found)
             del placed
@@ -158,7 +158,7 @@ class Model(OnDisk):
             self.radii[made.rows] = made.radii
             self.tree = build_tree(made.splats, self.settings, progress=partial(say, "tree"), in_order=True)
         if scattered is not None:
-            check_size(scattered.radii)
+            check_size(scattered.radii, "scatter_size")
             self.radii[scattered.rows] = scattered.radii
             self.tree = with_scattered(self.tree, scattered, self.drawing.kind)
 

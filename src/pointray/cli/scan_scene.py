@@ -20,7 +20,7 @@ from .options import background_of, settings_of
 from .scan_files import ScanFiles
 from .scan_lights import ScanLights
 from .scan_material import ScanMaterial
-from .scan_surface import check_saved, surface_of
+from .scan_surface import as_option, check_saved, surface_of
 from .views import View
 from .waiting import Progress, in_background
 
@@ -274,7 +274,7 @@ class ScanScene:
             trusty = in_background(lambda: trusted(points, self._normals, progress=partial(progress.show, "normals")))
             return in_background(lambda: pr.Model(trusty, radii, **self._surface, progress=progress.show))
         except ValueError as error:
-            raise ValueError(f"{files.name}: {error}") from error
+            raise ValueError(f"{files.name}: {as_option(error)}") from error
 
 
 def ground_under(bounds: Any, up: tuple[float, float, float]) -> Any:

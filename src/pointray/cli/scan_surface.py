@@ -17,6 +17,12 @@ def surface_of(options: dict[str, Any]) -> dict[str, Any]:
     return {**options, "smooth": smooth_of(str(options["smooth"]))}
 
 
+def as_option(error: ValueError) -> str:
+    """The message of an error of `Model`, with the option in place of the parameter that it begins with."""
+    text = str(error)
+    return f"--{text}" if text.startswith("scatter: ") else text
+
+
 def check_saved(file: Path, is_plain: bool) -> None:
     """Raise ValueError if options ask for another surface or other normals than a saved model has."""
     if is_saved(file) and not is_plain:

@@ -101,11 +101,11 @@ def make_splats(
     return Made(_not_crowded(splats, support.crowded), rows, support.radii, support.tight)
 
 
-def check_size(radii: Floats) -> None:
-    """Check that the squares of radii and their inverses stay within float32."""
+def check_size(radii: Floats, scale: str = "radius_scale") -> None:
+    """Check that the squares of radii and their inverses stay within float32. scale : the name of their factor"""
     if radii.min() < SMALLEST or radii.max() > LARGEST:
         raise ValueError(
-            f"radii reach from {radii.min():.3g} to {radii.max():.3g} with radius_scale: "
+            f"radii reach from {radii.min():.3g} to {radii.max():.3g} with {scale}: "
             f"they must be from {SMALLEST:g} to {LARGEST:g}"
         )
 

@@ -22,6 +22,7 @@ CLOSEST = 0.75  # the most, in distances to the nearest other place: spheres ove
 LEAST = 0.5  # the least of a chosen radius that is left, however close the nearest place is: double points stay visible
 WIDEST = 1.5  # the most, in radii of the neighbours: isolated points are not drawn much larger than others
 LARGEST = 0.98  # share of all places whose radii limit those of the others: a few points far off are no balloons
+PLANE = 3  # places from which a normal can be estimated
 PIECE = 1 << 18  # rows whose neighbours are held at once
 
 Floats = NDArray[np.float32]
@@ -88,7 +89,8 @@ def make_scattered(
     Raises
     ------
     ValueError
-        If all positions are equal and no radii are given.
+        If all positions are equal and no radii are given, or if discs need normals and fewer than three positions
+        differ.
     """
     some, positions = np.flatnonzero(mask), points.positions
     first, ids = distinct(positions)
@@ -96,10 +98,15 @@ def make_scattered(
         chosen, outwards = _at_places(take(positions, first))
         radii, directions = chosen[ids] if given is None else given, outwards[ids]
     elif given is None:
-        raise ValueError("points: all are at one place, so that no radius can be chosen: give radii")
+        raise ValueError(
+            f"scatter: no radius can be chosen for {drawing.scatter}, as all points are at one place: give radii, or an "
+            "attribute radius in the file"
+        )
     else:
         radii, directions = given, np.tile(np.array([0, 0, 1], np.float32), (len(positions), 1))
     if drawing.kind == DISCS:
+        if points.normals is None and len(first) < PLANE:
+            raise ValueError("scatter: no normals can be estimated for discs from fewer than 3 places: choose spheres")
         directions = np.asarray((points if points.normals is not None else estimate_normals(points)).normals)
     return Splats(
         positions[some],
