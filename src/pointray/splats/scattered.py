@@ -99,8 +99,8 @@ def make_scattered(
         radii, directions = chosen[ids] if given is None else given, outwards[ids]
     elif given is None:
         raise ValueError(
-            f"scatter: no radius can be chosen for {drawing.scatter}, as all points are at one place: give radii, or an "
-            "attribute radius in the file"
+            f"scatter: no radius can be chosen for {drawing.scatter}, as all points are at one place: give radii, or "
+            "an attribute radius in the file"
         )
     else:
         radii, directions = given, np.tile(np.array([0, 0, 1], np.float32), (len(positions), 1))
