@@ -1,12 +1,13 @@
 """Contact sheets of scans whose points are not all of a surface: pointray beside plain points, at the same camera.
 
-    python bench/scatter_sheets.py SCAN... -o FOLDER [--synthetic vehicle] [--pyvista PYTHON] [--measure]
+    python bench/scatter_sheets.py SCAN... -o FOLDER [--synthetic vehicle] [--pyvista PYTHON] [--cloudcompare]
 
 A row a scan; a column for each word of --columns, drawn by `pointray render --scatter WORD` without other options about
 the look, and one of PyVista's points with eye-dome lighting, if --pyvista names a Python that has PyVista:
 
     python -m venv /tmp/pv && /tmp/pv/bin/pip install pyvista
 
+--cloudcompare adds CloudCompare's points, see `cloudcompare.py`.
 --synthetic adds labelled scenes of `scatter_scenes.py`, scanned as the word says ("airborne 4", "vehicle", ...).
 --measure prints the share of scattered points, and the largest share of the picture that one point covers, of models
 with spheres.
@@ -24,9 +25,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+import cloudcompare
 import pointray as pr
 from pointray.choices import SCATTER
 from pointray.cli import execute
@@ -66,24 +67,11 @@ def drawn(path: Path, scatter: str, camera: pr.Camera, folder: Path) -> Image.Im
     return Image.open(out).convert("RGB") if status == 0 else Image.new("RGB", camera.size, "grey")
 
 
-def closed(points: NDArray[np.float64], camera: pr.Camera) -> float:
-    """The size in pixels at which points just cover the part of the picture in which they are, 4 to 12.
-
-    points : (n, 3), world
-    """
-    size = np.array(camera.size)
-    forward = np.asarray(camera.target) - camera.eye
-    forward /= np.linalg.norm(forward)
-    right = np.cross(forward, camera.up)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(right, forward), forward])
-    across, upward, depth = axes @ (points - camera.eye).T
-    seen = depth > 0
-    scale = size[1] / 2 / np.tan(np.radians(camera.fov) / 2) / depth[seen]
-    at = np.stack([across[seen], upward[seen]]) * scale + size[:, None] / 2
-    at = at[:, ((at >= 0) & (at < size[:, None])).all(axis=0)].astype(np.int64) // BLOCK
-    blocks = len(np.unique(at, axis=1).T)
-    return float(np.clip(1.5 * np.sqrt(blocks * BLOCK**2 / max(at.shape[1], 1)), 4, 12))
+def closed(points: pr.Points, camera: pr.Camera) -> float:
+    """The size in pixels at which points just cover the part of the picture in which they are, 4 to 12."""
+    at = cloudcompare.seen_from(points, camera)[0][:-4, :2] // BLOCK
+    blocks = len(np.unique(at, axis=0))
+    return float(np.clip(1.5 * BLOCK * np.sqrt(blocks / max(len(at), 1)), 4, 12))
 
 
 def plain(points: pr.Points, camera: pr.Camera, python: str, folder: Path) -> Image.Image:
@@ -92,17 +80,16 @@ def plain(points: pr.Points, camera: pr.Camera, python: str, folder: Path) -> Im
     job, out = folder / "job.npz", folder / "plain.png"
     out.unlink(missing_ok=True)
     finite = points.finite
-    positions = points.positions[finite]
     colors = np.zeros((0, 3), np.uint8) if points.colors is None else points.colors[finite]
     np.savez(
         job,
-        positions=positions,
+        positions=points.positions[finite],
         eye=np.asarray(camera.eye) - points.origin,
         target=np.asarray(camera.target) - points.origin,
         up=np.asarray(camera.up, np.float64),
         fov=camera.fov,
         size=camera.size,
-        point_size=closed(positions + points.origin, camera),
+        point_size=closed(points, camera),
         colors=colors,
     )
     status = subprocess.run([python, str(CHILD), str(job), str(out)], timeout=300).returncode
@@ -125,10 +112,12 @@ def row(path: Path, told: argparse.Namespace, folder: Path) -> Image.Image:
     """The pictures of a scan beside each other, under its name."""
     print(path.name, flush=True)
     points = pr.read(path)
-    camera = pr.frame(points, size=told.size)
+    camera = pr.frame(points, up=told.up, size=told.size)
     tiles = {name: drawn(path, name, camera, folder) for name in told.columns}
     if told.pyvista:
         tiles["PyVista, eye-dome lighting"] = plain(points, camera, told.pyvista, folder)
+    if told.cloudcompare:
+        tiles["CloudCompare"] = cloudcompare.drawn(points, camera, folder)
     if told.measure:
         print(f"    {measure(points, camera)}", flush=True)
     width, height = told.size
@@ -152,8 +141,10 @@ def main() -> int:
     parser.add_argument("--synthetic", nargs="*", default=[], choices=SAMPLINGS)
     parser.add_argument("--columns", nargs="+", default=["spheres", "surface"], choices=list(SCATTER))
     parser.add_argument("--size", type=size_of, default=(480, 360), help="of a picture [480x360]")
+    parser.add_argument("--up", default="auto", help="z, y, -y, ...: of all scans")
     parser.add_argument("--rows", type=int, default=3, help="of a sheet")
     parser.add_argument("--pyvista", help="a Python that has PyVista")
+    parser.add_argument("--cloudcompare", action="store_true", help="a column of CloudCompare's points")
     parser.add_argument("--measure", action="store_true")
     told = parser.parse_args()
     told.output.mkdir(parents=True, exist_ok=True)
