@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arguments import check_callback, check_choice, check_path, check_positive, check_whole
-from .choices import AS_SURFACE, SURFACES
+from .choices import AS_SURFACE, AUTO, SURFACES
 from .data import Points, spread_rows
 from .kernels.tree import LONGEST, SCATTER, Tree, no_tree
 from .model_file import Level, Place, place_of, read_model, write_model
@@ -24,7 +24,7 @@ from .residence import Key, OnDisk, Residence, Source
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from .splats.make import Made, Sizes, check_size, make_splats
 from .splats.radii import check_radii
-from .splats.scatter import find_scattered_placed
+from .splats.scatter import find_scattered_placed, has_few_places
 from .splats.scattered import Drawing, check_drawing, check_mask, make_scattered
 from .splats.scattered_levels import Loose, coarsen_scattered, joined, spacing_of
 from .tree.build import Splats, build_tree
@@ -66,10 +66,10 @@ class Model(OnDisk):
         neighbours show (`pr.smooth`), and those of sparse second layers on the surface beside them (docs/strays.md).
         "auto": measured, place by place; 0: where the points are. With given radii "auto" is 0, and no layer is moved.
         Rows, attributes and `points` stay as given.
-    scatter : {"spheres", "discs", "surface", "none"}, optional
+    scatter : {"auto", "spheres", "discs", "surface", "none"}
         How points are drawn that lie on no surface, such as those of leaves, wires and strays: as spheres, as single
         flat discs that face along their normals, as all others, or not at all. With given radii spheres and discs
-        have these. None: "spheres", but "surface" with given radii.
+        have these. "auto": spheres, but as all others with given radii.
     scatter_size : float
         Factor for the radii of scattered points, which are 0.35 of the local spacing.
     progress : callable, optional
@@ -105,7 +105,7 @@ class Model(OnDisk):
         trim: str | float | None = "auto",
         radius_scale: float = 1.0,
         smooth: str | float = "auto",
-        scatter: str | None = None,
+        scatter: str = AUTO,
         scatter_size: float = 1.0,
         progress: Callable[[str, float], None] | None = None,
         _scattered: ArrayLike | None = None,
@@ -127,21 +127,22 @@ class Model(OnDisk):
         cloud = self.points if len(used) == len(self.points) else self.points.select(used)
         self.drawing = check_drawing(scatter, scatter_size, given is not None)
         mask = check_mask(_scattered, len(self.points))
-        surface = [placed_for_model(cloud, self.smooth, given is None, partial(say, "normals"))]  # or nothing
-        sizes, scattered, found = Sizes(None if given is None else given[used], scale), None, None
-        if self.drawing.scatter != AS_SURFACE:
-            say_found = partial(say, "scattered points")
-            found = find_scattered_placed(cloud, surface[0], say_found) if mask is None else mask[used]
+        sizes, scattered, found, surface = Sizes(None if given is None else given[used], scale), None, None, []
+        if self.drawing.scatter != AS_SURFACE and (mask is not None or has_few_places(cloud.positions)):
+            found = np.ones(len(used), np.bool_) if mask is None else mask[used]
+        if found is None or not found.all():
+            surface = [placed_for_model(cloud, self.smooth, given is None, partial(say, "normals"))]
+        if found is None and self.drawing.scatter != AS_SURFACE:
+            found = find_scattered_placed(cloud, surface[0], partial(say, "scattered points"))
         if found is not None and found.any():
-            placed = surface.pop()
             if self.drawing.scatter != "none":
-                oriented = cloud if cloud.normals is not None else cloud.changed(normals=placed.points.normals)
+                known = cloud.normals is not None or not surface
+                oriented = cloud if known else cloud.changed(normals=surface[0].points.normals)
                 scattered = make_scattered(oriented, found, used, self.drawing, sizes.given)
             elif found.all():
                 raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
-            if not found.all():
-                surface, used, sizes = [placed.select(~found)], used[~found], sizes.select(~found)
-            del placed
+            surface = [] if found.all() else [surface[0].select(~found)]
+            used, sizes = used[~found], sizes.select(~found)
         made = None
         if surface:  # `make_splats` alone holds the placed points, and frees them
             made = make_splats(surface.pop(), used, sizes, self.settings, partial(say, "radii"))

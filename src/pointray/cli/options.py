@@ -39,7 +39,7 @@ Look = StrEnum("Look", list(MATERIALS))  # type: ignore[misc]
 Normals = StrEnum("Normals", list(NORMALS))  # type: ignore[misc]
 Filter = StrEnum("Filter", list(FILTERS))  # type: ignore[misc]
 Backfaces = StrEnum("Backfaces", list(BACKFACES))  # type: ignore[misc]
-Scatter = StrEnum("Scatter", list(SCATTER))  # type: ignore[misc]
+Scatter = StrEnum("Scatter", [AUTO, *SCATTER])  # type: ignore[misc]
 
 SCANS = "a file of points: .ply, .las, .laz, .e57, .pcd, .xyz and more (docs/formats.md)"
 TOGETHER = "Several are one cloud; a folder stands for the scans in it."
@@ -106,10 +106,10 @@ ContactShadowOption = Annotated[
     ),
 ]
 ScatterOption = Annotated[
-    Scatter | None,
+    Scatter,
     typer.Option(
-        help=f"How points are drawn that lie on no surface: leaves, wires. {listed(SCATTER)}. "
-        "Default: spheres; surface if the file has radii."
+        help=f"How points are drawn that lie on no surface: leaves, wires. {listed(SCATTER)}; "
+        "auto: spheres, or as all others if the file has radii."
     ),
 ]
 ScatterSizeOption = Annotated[

@@ -29,7 +29,7 @@ PLAIN = {
     "samples": 4,
     "radius_scale": 1.0,
     "smooth": "auto",
-    "scatter": None,
+    "scatter": AUTO,
     "scatter_size": 1.0,
 }  # the surface without options
 SURFACE = tuple(PLAIN)

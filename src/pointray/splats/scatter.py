@@ -114,6 +114,11 @@ def find_scattered_placed(cloud: Points, placed: Placed, progress: Progress | No
     return np.asarray(found & kept)
 
 
+def has_few_places(positions: Floats) -> bool:
+    """Whether fewer than 17 positions differ: no surface is known of them."""
+    return len(np.unique(positions[: FEW**2], axis=0)) < FEW and len(distinct(positions)[0]) < FEW
+
+
 def _rows(values: Floats, name: str) -> Floats:
     values = np.ascontiguousarray(values, np.float32)
     if values.ndim != 2 or values.shape[1] != 3:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import check_choice, check_positive
-from ..choices import AS_SPHERES, AS_SURFACE, SCATTER
+from ..choices import AS_SPHERES, AS_SURFACE, AUTO, SCATTER
 from ..data import Points
 from ..kernels.tree import DISCS, SPHERES
 from ..neighbors import NeighborTree, distinct, kd_order, take
@@ -44,11 +44,11 @@ class Drawing(NamedTuple):
         return DISCS if self.scatter == "discs" else SPHERES
 
 
-def check_drawing(scatter: str | None, scatter_size: float, sized: bool = False) -> Drawing:
+def check_drawing(scatter: str, scatter_size: float, sized: bool = False) -> Drawing:
     """Check the parameters `scatter` and `scatter_size` of `Model`; sized : whether the points have radii."""
-    if scatter is None:
+    if check_choice(scatter, "scatter", (AUTO, *SCATTER)) == AUTO:
         scatter = AS_SURFACE if sized else AS_SPHERES
-    return Drawing(check_choice(scatter, "scatter", SCATTER), check_positive(scatter_size, "scatter_size"))
+    return Drawing(scatter, check_positive(scatter_size, "scatter_size"))
 
 
 def check_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_] | None:

@@ -45,6 +45,7 @@ from ..options import (
     ProjectionOption,
     RadiusScaleOption,
     SamplesOption,
+    Scatter,
     ScatterOption,
     ScatterSizeOption,
     SeedOption,
@@ -110,7 +111,7 @@ def render(
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
-    scatter: ScatterOption = None,
+    scatter: ScatterOption = Scatter["auto"],
     scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
     backfaces: BackfacesOption = None,
@@ -202,7 +203,7 @@ def animate(
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
-    scatter: ScatterOption = None,
+    scatter: ScatterOption = Scatter["auto"],
     scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
     backfaces: BackfacesOption = None,
@@ -263,7 +264,7 @@ def view(
     samples: SamplesOption = 4,
     radius_scale: RadiusScaleOption = 1.0,
     smooth: SmoothOption = AUTO,
-    scatter: ScatterOption = None,
+    scatter: ScatterOption = Scatter["auto"],
     scatter_size: ScatterSizeOption = 1.0,
     normals: NormalsOption = Normals["auto"],
     backfaces: BackfacesOption = None,
@@ -290,7 +291,7 @@ def view(
     shown = MUTED if backfaces is None else backfaces.value
     options["settings"] = with_contact(Settings(integrator=options["integrator"].value, levels=levels, backfaces=shown))
     surface_options = {"surface": surface and surface.value, "samples": samples, "radius_scale": radius_scale}
-    surface_options |= {"smooth": smooth, "scatter": scatter and scatter.value, "scatter_size": scatter_size}
+    surface_options |= {"smooth": smooth, "scatter": scatter.value, "scatter_size": scatter_size}
     surface_options = surface_of(surface_options)
     options["normals"] = normals.value
     options["memory"] = None if memory is None else bytes_of(memory)
