@@ -254,7 +254,7 @@ def test_a_few_points_far_off_are_no_balloons(rng):
     """Their spacing is that to the others, or between them."""
     positions = np.concatenate([crown(rng), rng.uniform(-1, 1, (12, 3)) * 20 + [100, 0, 0]])
     radii = model_of(positions).radii
-    assert radii[-12:].max() <= 1.001 * np.quantile(radii, 0.98) < 0.1
+    assert radii[-12:].max() <= 1.005 * np.quantile(radii, 0.98) < 0.1  # to 8 bits
 
 
 def test_points_that_are_left_out_are_not_hit(rng):

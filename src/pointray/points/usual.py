@@ -77,9 +77,10 @@ class Usual:
         if names[0] not in self.known:
             self.known.update(zip(names, map(float, find()), strict=True))
 
-    def quantile(self, name: str, values: NDArray[np.float32], share: float) -> float:
-        """The quantile of numbers, one for each point at hand."""
-        return self.ask(name, lambda: steady(quantile(self._of_sample(values), share)))
+    def quantile(self, name: str, values: NDArray[np.float32], share: float, is_most: bool = False) -> float:
+        """The quantile of numbers, one for each point at hand. is_most : rounded up"""
+        sign = -1.0 if is_most else 1.0
+        return self.ask(name, lambda: sign * steady(sign * quantile(self._of_sample(values), share), is_most))
 
     def least(self, name: str, values: NDArray[np.float32]) -> float:
         """The least of numbers, one for each point at hand."""

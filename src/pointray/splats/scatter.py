@@ -78,11 +78,27 @@ def find_scattered(
     places = take(positions, first)
     order = kd_order(places, threads)
     tell(progress, SORTED)
-    sorted_normals = None if normals is None else columns_of(take(take(normals, first), order))
+    sorted_normals = None if normals is None else take(take(normals, first), order)
     scattered = np.empty(len(first), np.bool_)
-    scattered[order] = _scattered(take(places, order), sorted_normals, threads, progress)
+    scattered[order] = scattered_places(take(places, order), sorted_normals, threads, progress)
     tell(progress, 1.0)
     return scattered[ids]
+
+
+def scattered_places(
+    places: Floats, normals: Floats | None = None, threads: int | None = None, progress: Progress | None = None
+) -> NDArray[np.bool_]:
+    """Return which of some places lie on no surface, see `find_scattered`.
+
+    Parameters
+    ----------
+    places : (n, 3) float32
+        All different, in kd order; or aligned stretches of it, each of a multiple of 256 places.
+    normals : (n, 3) float32, optional
+    """
+    if len(places) < FEW:
+        return np.ones(len(places), np.bool_)
+    return _scattered(places, None if normals is None else columns_of(normals), threads, progress)
 
 
 def _rows(values: Floats, name: str) -> Floats:
