@@ -92,6 +92,7 @@ class Model(OnDisk):
     parts: tuple[Model, ...] = ()
     _saved: tuple[Place, tuple[Model, ...]] | None = None  # the file that holds it, with which levels of detail
     drawing = Drawing()  # how scattered points are drawn
+    _scattered_points = 0  # of a model in parts: how many of its points, the last ones, are scattered
     _residence: Residence[Model] | None = None  # of a model in parts: what is open of it
 
     def __init__(
@@ -257,9 +258,7 @@ class Model(OnDisk):
         self._saved = place_of(path), self.levels
 
     def _kept(self) -> Level:
-        settings = {**self.settings._asdict(), "smooth": self.smooth}
-        if self.drawing != Drawing():
-            settings |= {"scatter": self.drawing.scatter, "scatter_size": self.drawing.size}
+        settings = {**self.settings._asdict(), "smooth": self.smooth, **self.drawing.facts}
         return Level(settings, self.points, self.radii, self._bounds, self.tree)
 
     @classmethod
@@ -321,7 +320,7 @@ class Model(OnDisk):
             part.levels = tuple(cls._on_disk(source) for source in sources)
             parts.append(part)
         model.parts, model._residence = tuple(parts), residence
-        model._saved = place_of(path, INDEX), model.levels
+        model._scattered_points, model._saved = index.scattered, (place_of(path, INDEX), model.levels)
         return model
 
     @classmethod
@@ -448,7 +447,9 @@ class Model(OnDisk):
     def scattered(self) -> NDArray[np.bool_]:
         """Which points are drawn as spheres or as single discs, (n,) bool; a new array."""
         mask = np.zeros(len(self.points), np.bool_)
-        if not self.parts:
+        if self.parts:
+            mask[len(mask) - self._scattered_points :] = True
+        else:
             mask[scattered_rows(self.tree)] = True
         return mask
 
@@ -500,7 +501,10 @@ class Model(OnDisk):
             return self.source.file.spacing
         radii = self.radii
         if self.parts:  # reading all of them would take seconds
-            radii = radii[spread_rows(len(radii), SAMPLE)]
+            count = len(radii) - self._scattered_points
+            radii = radii[spread_rows(count or len(radii), SAMPLE)]
+            if not count:
+                return spacing_of(radii, self.drawing)
         elif self.tree.head[SCATTER]:
             scattered = self.scattered
             surface = radii[~scattered & (radii > 0)]

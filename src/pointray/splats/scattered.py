@@ -47,8 +47,10 @@ class Drawing(NamedTuple):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What files say of it; nothing where no scattered points were sought."""
-        return {"scatter": self.scatter, "scatter_size": self.size} if self.is_apart else {}
+        """What files say of it; nothing where points are drawn as a surface, as in files of earlier releases."""
+        if self == Drawing(UNCLASSIFIED, 1.0):
+            return {}
+        return {"scatter": self.scatter, "scatter_size": self.size}
 
     @property
     def kind(self) -> int:
