@@ -23,14 +23,17 @@ from ..points.normals.visibility import ignored_stations, station_sample
 from ..points.smoothing.noise import Stretches, settled
 from ..progress import Progress
 from ..splats.radii import radii_among
+from ..splats.scattered import AS_SURFACE, Drawing
 from ..splats.support import lone_note
 from ..survey import SCAN
 from ..tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import CHUNK, TILE, Arrangement
+from .coarser import Named
 from .columns import Column, Columns
 from .facing import turn_fits, turn_given
-from .finish import Described, finish
+from .finish import Described, Half, finish, finish_loose, finish_surface, id_in
 from .second_layers import find_layers
+from .separate import LOOSE, ROW, SEPARATED, SURFACE, Shaping, number_rows, separate
 from .spooled import Spooled
 from .stages import (
     GIVEN,
@@ -69,6 +72,9 @@ RADIUS = "radius"  # the attribute that holds given radii
 ARRANGED, SORTED, SEARCHED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, TURNED_FITS, FACED_AT, SUPPORTED = (
     *(0.12, 0.16, 0.22, 0.3, 0.35, 0.4, 0.5, 0.56, 0.6, 0.8),
 )
+LEVELED, WRITTEN = 0.95, 0.97  # those of the surface, and of scattered points
+SEPARATED_AT = 0.3  # share after which these are in columns of their own; the surface takes the rest
+GIVEN_RADII = "given-radii"
 
 
 @dataclass(frozen=True)
@@ -77,16 +83,20 @@ class Wanted:
 
     size : points of a part, a power of two
     leveled : whether parts get levels of detail
+    drawing : how scattered points are drawn; None: as `Model` does, but as a surface if the cloud comes with radii
+    given : whether the cloud comes with radii; None: as its columns tell
     """
 
     settings: TreeSettings
     smooth: str | float
     size: int
     leveled: bool = True
+    drawing: Drawing | None = None
+    given: bool | None = None
 
 
 class Large:
-    """A cloud on disk, stage by stage.
+    """A cloud on disk, stage by stage; `build` makes a model of it.
 
     Parameters
     ----------
@@ -113,25 +123,80 @@ class Large:
         self._folder, self._columns, self._spooled = folder, columns, spooled
         self._names = {name: f"attribute.{k}" for k, name in enumerate(spooled.attributes)}
         size = max(wanted.size, least_size(spooled.rows), TILE)
-        given = self._given_radii()
+        given = self._given_radii() if wanted.given is None else wanted.given
         smooth = 0.0 if given and wanted.smooth == "auto" else wanted.smooth
         self._wanted, self._given = replace(wanted, size=size, smooth=smooth), given
+        usual = AS_SURFACE if given else Drawing()
+        self._drawing = usual if wanted.drawing is None else wanted.drawing
         seers = {name: f"points.{self._names[name]}" for name in SEERS if name in self._names}
         ignored = self._ignored_stations()
         about = columns, spooled.rows, spooled.origin, spooled.survey, seers
         self._cloud = Cloud(*about, self._is_seen(ignored), ignored)
-        self._work = Work(columns, spooled.rows, size, progress, team)
+        self._work, self._team = Work(columns, spooled.rows, size, progress, team), team
+        self.settings = wanted.settings
 
-    def build(self) -> None:
-        """Do all stages, and write the model; the index comes last."""
+    def build(self) -> int:
+        """Do all stages, and write the model; the index comes last. Returns how many points it has."""
+        halves, drawing = [], self._drawing
+        surface, loose = self._separate()
+        half = None if surface is None else surface.make()
+        if half is not None:
+            halves.append(half)
+        if loose is not None:
+            halves.append(finish_loose(self._named, loose, drawing, half, self._wanted.leveled, (LEVELED, WRITTEN)))
+        settings = self._wanted.settings if surface is None else surface.settings
+        facts = {**settings._asdict(), "smooth": self._wanted.smooth, **drawing.facts}
+        count = 0 if loose is None else halves[-1].rows
+        finish(self._named, halves, facts, count, self._work.watch((WRITTEN, 1.0)))
+        return sum(half.rows for half in halves)
+
+    def make(self) -> Half:
+        """Do all stages of a surface, and write its parts."""
         self._arrange()
         self._merge()
         self._place()
         self._support()
-        self._write()
+        return self._write()
+
+    @property
+    def _named(self) -> Named:
+        """What the files of the model say."""
+        spooled = self._spooled
+        return Named(self._folder, id_in(self._columns), spooled.origin, spooled.survey, list(self._names))
+
+    def _separate(self) -> tuple[Large | None, Work | None]:
+        """The surface, and where scattered points are; None where there are no such points."""
+        if not self._drawing.is_apart:
+            return self, None
+        columns, work, drawing = self._columns, self._work, self._drawing
+        if columns.get("sorted") is None and columns.get("scattered") is None:
+            number_rows(columns, self._cloud.total)
+        if columns.get(SEPARATED) is None:
+            self._arrange()
+        shaping = Shaping(drawing, f"points.{self._names[RADIUS]}" if self._given else None)
+        count, loose = separate(work, self._cloud, self._column_names(), shaping, (SORTED, SEPARATED_AT))
+        if count == self._cloud.total:
+            return self, None
+        surface, scattered = (Columns(columns.folder / name) for name in (SURFACE, LOOSE))
+        surface.put("id", {"id": id_in(columns)})
+        wanted = replace(self._wanted, drawing=AS_SURFACE, given=self._given)
+        about = self._spooled._replace(rows=count), wanted, work.watch((SEPARATED_AT, WRITTEN)), self._team
+        made = Large(self._folder, surface, *about) if count else None
+        return made, Work(scattered, loose, work.size, work.watch((0.0, 1.0)), self._team) if loose else None
+
+    def _column_names(self) -> list[str]:
+        """The columns of the cloud as it was given."""
+        return [name for name in ("positions", "normals", "colors", *self._names.values()) if self._column(name)]
 
     def _given_radii(self) -> bool:
-        """Whether the cloud comes with radii, see `radii_in`."""
+        """Whether the cloud comes with radii, see `radii_in`; found once."""
+        known = self._columns.get(GIVEN_RADII)
+        if known is None:
+            known = {"given": self._find_radii()}
+            self._columns.put(GIVEN_RADII, known)
+        return bool(known["given"])
+
+    def _find_radii(self) -> bool:
         name = self._names.get(RADIUS, RADIUS)
         column = self._column(name)
         if column is None or column.width or column.dtype == np.bool_:
@@ -174,10 +239,9 @@ class Large:
 
     def _arrange(self) -> None:
         columns = self._columns
-        names = [name for name in ("positions", "normals", "colors") if name in columns or f"points.{name}" in columns]
-        names += list(self._names.values())
-        arrangement = Arrangement(columns, names, self._cloud.total, self._work.size)
         if columns.get("sorted") is None:
+            names = self._column_names() + [ROW] * (self._column(ROW) is not None)
+            arrangement = Arrangement(columns, names, self._cloud.total, self._work.size)
             arrangement.cut_and_scatter(self._work.watch((0.0, ARRANGED)))
             arrangement.make_room()
             self._work.each("sort", arrangement.sort, (ARRANGED, SORTED))
@@ -259,13 +323,14 @@ class Large:
         if note:
             warn(note, stacklevel=4)
 
-    def _write(self) -> None:
-        """Write all files of the model."""
+    def _write(self) -> Half:
+        """Write the files of all parts."""
         facts, settings = self._supports, self._wanted.settings
         if any(fact["tight"] for fact in facts):
             settings = settings._replace(trim=LOOSE_TRIM)
+        self.settings = settings
         optional = [name for name in (BORDERS, SHEETS) if any(fact[name] for fact in facts)]
         optional += [NOISE] if self._is_noisy else []
         attributes = {name: f"points.{column}" for name, column in self._names.items()}
         model = Described(settings, self._wanted.smooth, attributes, tuple(optional), self._wanted.leveled)
-        finish(self._folder, self._work, self._cloud, model, (SUPPORTED, 1.0))
+        return finish_surface(self._named, self._work, self._cloud, model, (SUPPORTED, LEVELED))

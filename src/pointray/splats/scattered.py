@@ -48,7 +48,7 @@ class Drawing(NamedTuple):
     @property
     def facts(self) -> dict[str, Any]:
         """What files say of it; nothing where points are drawn as a surface, as in files of earlier releases."""
-        if self == Drawing(UNCLASSIFIED, 1.0):
+        if self == AS_SURFACE:
             return {}
         return {"scatter": self.scatter, "scatter_size": self.size}
 
@@ -56,6 +56,9 @@ class Drawing(NamedTuple):
     def kind(self) -> int:
         """SPHERES or DISCS."""
         return DISCS if self.scatter == "discs" else SPHERES
+
+
+AS_SURFACE = Drawing(UNCLASSIFIED, 1.0)
 
 
 def check_drawing(scatter: str, scatter_size: float) -> Drawing:
