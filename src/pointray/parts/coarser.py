@@ -204,10 +204,12 @@ def tree_part(
     )
     tree = with_margins(tree_within(splats, cells[part], (whole.supports, whole.reference), settings), cells[part])
     reach = reach_of(tree)
+    if reach is None:
+        return {"file": None}
     used, order = np.unique(tree.order, return_inverse=True)
     empty = int(used[0] < 0)
     tree, used = tree._replace(order=(order.ravel() - empty).astype(np.int32)), used[empty:]
-    if reach is None or np.median(radii[used]) < before.spacing:
+    if np.median(radii[used]) < before.spacing:
         return {"file": None}
     points = Points.about(
         named.origin,

@@ -105,7 +105,7 @@ def _find(work: Work, cloud: Cloud, part: int) -> Facts:
     points = cloud.points(local)
     along = path_of(points.positions)
     normals = None if points.normals is None else take(points.normals, along.rows)
-    scattered = scattered_places(along.positions, normals)[along.ids]
+    scattered = scattered_places(along.positions, local.rows[along.rows], normals)[along.ids]
     local.write(work.columns[APART], scattered)
     return {"scattered": int(scattered[local.own].sum())}
 

@@ -7,7 +7,7 @@ Coarse scales see through noise and across scan lines, fine ones see details.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from .local_planes import LocalPlanes, columns_of, disagreement, fit_planes, off
 from .scatter_rules import AROUND, KEEP, LOSE, SPACING, VOTERS, Evidence, judge, medians, vote
 
 Floats = NDArray[np.float32]
+Rows = NDArray[np.integer[Any]]
 
 FEW = VOTERS + 1  # different positions; fewer are no surface
 NEAR = 8  # neighbours of the finest scale
@@ -71,34 +72,40 @@ def find_scattered(
     positions = _rows(positions, "positions")
     if normals is not None and (normals := _rows(normals, "normals")).shape != positions.shape:
         raise ValueError(f"normals must be {positions.shape}, one for each position, not {normals.shape}")
-    first, ids = distinct(positions)
-    if len(first) < FEW:
-        tell(progress, 1.0)
-        return np.ones(len(positions), np.bool_)
-    places = take(positions, first)
-    order = kd_order(places, threads)
+    if not len(positions):
+        return np.zeros(0, np.bool_)
+    order = kd_order(positions, threads)
+    along = take(positions, order)
+    first, ids = distinct(along)
     tell(progress, SORTED)
-    sorted_normals = None if normals is None else take(take(normals, first), order)
-    scattered = np.empty(len(first), np.bool_)
-    scattered[order] = scattered_places(take(places, order), sorted_normals, threads, progress)
+    sorted_normals = None if normals is None else take(normals, order[first])
+    scattered = np.empty(len(positions), np.bool_)
+    scattered[order] = scattered_places(take(along, first), first, sorted_normals, threads, progress)[ids]
     tell(progress, 1.0)
-    return scattered[ids]
+    return scattered
 
 
 def scattered_places(
-    places: Floats, normals: Floats | None = None, threads: int | None = None, progress: Progress | None = None
+    places: Floats,
+    rows: Rows,
+    normals: Floats | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
 ) -> NDArray[np.bool_]:
     """Return which of some places lie on no surface, see `find_scattered`.
 
     Parameters
     ----------
     places : (n, 3) float32
-        All different, in kd order; or aligned stretches of it, each of a multiple of 256 places.
+        All different, in kd order.
+    rows : (n,) array of ints, ascending
+        Where the first point at each place stands in the kd order of the whole cloud. Coarse scales look at every so
+        many rows, so that a part of the order gives what the whole does.
     normals : (n, 3) float32, optional
     """
     if len(places) < FEW:
         return np.ones(len(places), np.bool_)
-    return _scattered(places, None if normals is None else columns_of(normals), threads, progress)
+    return _scattered(places, rows, None if normals is None else columns_of(normals), threads, progress)
 
 
 def _rows(values: Floats, name: str) -> Floats:
@@ -109,13 +116,17 @@ def _rows(values: Floats, name: str) -> Floats:
 
 
 def _scattered(
-    positions: Floats, normals: tuple[Floats, ...] | None, threads: int | None, progress: Progress | None
+    positions: Floats,
+    rows: Rows,
+    normals: tuple[Floats, ...] | None,
+    threads: int | None,
+    progress: Progress | None,
 ) -> NDArray[np.bool_]:
     """Return which of some different positions in kd order are scattered."""
     near = NeighborTree(positions, in_order=True).rows(VOTERS + 1)
     xyz = columns_of(positions)
     tell(progress, FOUND)
-    parts = [_parts(positions, step) for step in (COARSE, COARSEST)]
+    parts = [_parts(positions, rows, step) for step in (COARSE, COARSEST)]
     evidence = _evidence(positions, xyz, near, parts, threads)
     tell(progress, FITTED)
     surface, alone = judge(xyz, near, evidence, threads)
@@ -123,7 +134,7 @@ def _scattered(
     usual = parts[0].means(reach)
     alone[reach > SPARSEST * usual] = 1
     if normals is not None:
-        _follow_normals(xyz, normals, near, surface, alone, threads)
+        _follow_normals((xyz, normals, near), _starts(rows, BLOCK), surface, alone, threads)
     tell(progress, JUDGED)
     surface[alone > 0] = 0
     alone[(surface == 0) & (reach > SPARSE * usual)] = 1
@@ -152,14 +163,23 @@ class _Parts(NamedTuple):
         return take(sums[self.near].mean(axis=1, dtype=np.float32), self.part)
 
 
-def _parts(positions: Floats, step: int) -> _Parts:
-    """Split the kd order into parts of `step` points, or fewer where that gives less than 17 parts."""
-    while len(positions) // step < FEW and step > 1:
+def _starts(rows: Rows, step: int) -> NDArray[np.int64]:
+    """Where stretches of so many rows begin among those that are there."""
+    number = np.asarray(rows) // step
+    return np.flatnonzero(np.append(True, number[1:] != number[:-1]))
+
+
+def _parts(positions: Floats, rows: Rows, step: int) -> _Parts:
+    """Split the kd order into parts of `step` rows, or fewer where that gives less than 17 parts."""
+    starts = _starts(rows, step)
+    while len(starts) < FEW and step > 1:
         step //= 2
-    rows = np.arange(step // 2, len(positions), step)
-    part = np.minimum(np.arange(len(positions), dtype=np.int32) // step, len(rows) - 1)
-    near = NeighborTree(np.ascontiguousarray(positions[rows]), in_order=True).rows(FEW)
-    return _Parts(rows, np.arange(len(rows)) * step, part, near)
+        starts = _starts(rows, step)
+    sizes = np.diff(np.append(starts, len(positions)))
+    middles = starts + sizes // 2
+    part = np.repeat(np.arange(len(starts), dtype=np.int32), sizes)
+    near = NeighborTree(np.ascontiguousarray(positions[middles]), in_order=True).rows(FEW)
+    return _Parts(middles, starts, part, near)
 
 
 def _evidence(
@@ -192,20 +212,22 @@ def _coarse_planes(positions: Floats, xyz: tuple[Floats, ...], parts: _Parts, th
 
 
 def _follow_normals(
-    xyz: tuple[Floats, ...],
-    normals: tuple[Floats, ...],
-    near: NDArray[np.int32],
+    known: tuple[tuple[Floats, ...], tuple[Floats, ...], NDArray[np.int32]],
+    starts: NDArray[np.int64],
     surface: Floats,
     alone: Floats,
     threads: int | None,
 ) -> None:
-    """Mark points as surface, in place, where the normals turn as those of a curved surface do."""
+    """Mark points as surface, in place, where the normals turn as those of a curved surface do.
+
+    known : places, normals and neighbours; starts : of the blocks of points that are judged together
+    """
+    xyz, normals, near = known
     *found, same = off_arcs(xyz, normals, near, (1, AROUND), threads)
     arc, plane = (medians(values, near, threads) for values in found)
     open_ = surface == 0
-    starts = np.arange(0, len(surface), BLOCK)
     turned = np.add.reduceat(arc * open_, starts) < BLOCK_ARCS * np.add.reduceat(plane * open_, starts)
-    turned = np.repeat(turned, BLOCK)[: len(surface)]
+    turned = np.repeat(turned, np.diff(np.append(starts, len(surface))))
     follows = turned | (plane < FLAT) | ((arc < ARCS_OFF) & (arc < ARCS * plane))
     follows |= same >= IN_PLANE
     surface[follows] = 1
