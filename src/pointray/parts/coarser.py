@@ -94,6 +94,8 @@ def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], 
     if not fine.sizes[part]:
         return {"size": 0}
     rows, groups = cells_of_part(fine, grid, part)
+    if len(groups.starts) == 1:  # all cells are those of parts before
+        return {"size": 0}
     positions, normals, cell = fine.read(POSITIONS, rows), fine.read(NORMALS, rows), grid.cell
     found = means_of(
         groups, Fine(positions, normals, fine.read(RADII, rows), fine.find(COLORS, rows), fine.find(NOISE, rows)), cell

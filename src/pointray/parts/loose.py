@@ -96,6 +96,8 @@ def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[
     if not fine.sizes[part]:
         return {"size": 0}
     rows, groups = cells_of_part(fine, grid, part, sides=False)
+    if len(groups.starts) == 1:  # all cells are those of parts before
+        return {"size": 0}
     names = [name for name in fine.sources if name.startswith(ATTRIBUTE)]
     attributes = {name: fine.read(name, rows) for name in names}
     columns = fine.read(POSITIONS, rows), fine.read(NORMALS, rows), fine.find(COLORS, rows), attributes
