@@ -101,6 +101,13 @@ BackfacesOption = Annotated[
 ScatterOption = Annotated[
     Scatter, typer.Option(help=f"How points are drawn that lie on no surface: leaves, wires. {listed(SCATTER)}.")
 ]
+SavedScatterOption = Annotated[
+    Scatter | None,
+    typer.Option(
+        help="Of a .pointray: how points are drawn that lie on no surface: leaves, wires. "
+        f"{listed(SCATTER)}. Without it as `render` does."
+    ),
+]
 ScatterSizeOption = Annotated[
     float, typer.Option(help="The radii of these are multiplied by this; 1: 0.35 of the local spacing.")
 ]
