@@ -9,7 +9,6 @@ import pointray as pr
 from conftest import long
 from naive import meet_scattered, walk
 from pointray.kernels.tree import NO_CHILD, SCATTERED, first_scattered
-from pointray.parts.split import split
 from pointray.tree.check import check_tree
 from pointray.tree.indices import check_indices
 from pointray.tree.scattered import scattered_of
@@ -358,8 +357,3 @@ def test_levels_of_surface_and_spheres(rng):
     for level in model.levels:
         assert 0.02 < level.scattered.mean() < 0.9
         assert check_indices(level.tree, len(level.points)) == []
-
-
-def test_models_in_parts_refuse_scattered_points(rng, tmp_path):
-    with pytest.raises(ValueError, match="scatter"):
-        split(model_of(crown(rng, 100)), tmp_path / "a.pointray")
