@@ -188,7 +188,9 @@ def test_levels_are_those_of_the_whole_and_hide_as_much(
         spacings = [level.spacing for level in part.levels]
         assert spacings == sorted(spacings)
         for level in part.levels:
-            assert level.scattered.all() and pickle.loads(pickle.dumps(level)).spacing == pytest.approx(level.spacing)
+            copy = pickle.loads(pickle.dumps(level))
+            copy.__dict__.pop("spacing", None)
+            assert level.scattered.all() and copy.spacing == pytest.approx(level.spacing)
             copies += sum(bytes(row) in known for row in level.points.positions)
             assert sum(bytes(row) in known for row in level.points.positions) in (0, len(level.points))
     assert copies > 0  # a cell that several parts share has one sphere, the whole's
@@ -226,11 +228,13 @@ def test_scattered_points_are_found_part_by_part(tmp_path: Path, rng: np.random.
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["discs", "none", "large", "radii", "all", "many", "normals", "surface"])
+@pytest.mark.parametrize("name", ["discs", "none", "large", "radii", "all", "many", "rounded", "normals", "surface"])
 def test_more_clouds_part_by_part(name: str, tmp_path: Path, rng: np.random.Generator) -> None:
     points, options = wood(rng), {"scatter": name} if name in ("discs", "none", "surface") else {}
     if name == "many":
         points = wood(rng, 120_000, 40)
+    if name == "rounded":  # many points lie on the cuts of the order
+        points = points.changed(positions=(np.rint(points.positions * 512) / 512).astype(np.float32))
     if name == "large":
         options = {"scatter": "spheres", "size": 1.7}
     if name == "radii":
@@ -347,18 +351,23 @@ def test_damaged_indices_are_refused(change: dict[str, Any], words: str, tmp_pat
         pr.Model.load(tmp_path / "a.pointray")
 
 
+@pytest.mark.parametrize("fits", [True, False])
 def test_the_command_line_says_how_points_are_drawn(
-    tmp_path: Path, rng: Any, capsys: pytest.CaptureFixture[str]
+    fits: bool,
+    tmp_path: Path,
+    rng: np.random.Generator,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     scan, folder = tmp_path / "a.ply", tmp_path / "a.pointray"
     pr.write(scan, wood(rng, 20_000))
+    monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: fits)
     words = ["prepare", str(scan), "-o", f"{folder}/", "--scatter", "spheres", "--scatter-size", "1.5", "--no-levels"]
-    assert execute([*words, "--memory", "100GiB"]) == 0
+    assert execute([*words, "--memory", "2GiB"]) == 0
     model = pr.Model.load(folder)
     assert model.drawing == Drawing("spheres", 1.5) and model.scattered.mean() > 0.3
-    assert (
-        execute(["render", str(folder), "-o", str(tmp_path / "a.png"), "--size", "64x48", "--light", "headlight"]) == 0
-    )
+    picture = ["-o", str(tmp_path / "a.png"), "--size", "64x48", "--light", "headlight"]
+    assert execute(["render", str(folder), *picture]) == 0
     capsys.readouterr()
     for more, text in (
         (["-o", str(tmp_path / "b.ply"), "--scatter", "discs"], "are for a model"),
