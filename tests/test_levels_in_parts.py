@@ -22,6 +22,7 @@ from pointray.parts.trees import cells_of, plan_of, shown, tree_within
 from pointray.points.files import request_of
 from pointray.points.selection import Selection
 from pointray.splats.levels import LEAST_POINTS
+from pointray.splats.scattered import AS_SURFACE
 from pointray.tree.build import build_tree
 from pointray.tree.parts import splats_of
 from pointray.tree.settings import check_settings
@@ -73,7 +74,7 @@ def large(points: pr.Points, folder: Path) -> None:
     if not file.exists():  # another one would be another task
         pr.write(file, points)
     reading = request_of(), Selection(1, None, None, None, None)
-    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto"), SIZE)
+    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto", AS_SURFACE), SIZE)
 
 
 FORMS = [  # a cloud, and how its model in parts is made
@@ -92,7 +93,7 @@ def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     if way == "large":
         large(points, folder)
         points = pr.read(folder.with_suffix(".ply"))
-    model = pr.Model(points)
+    model = pr.Model(points, scatter="surface")
     model.make_levels()
     if way == "split":
         split(model, folder, SIZE)

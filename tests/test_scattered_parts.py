@@ -196,11 +196,13 @@ def test_levels_are_those_of_the_whole_and_hide_as_much(
     assert copies > 0  # a cell that several parts share has one sphere, the whole's
 
 
-def prepared(file: Path, folder: Path, scatter: str | None = "spheres", size: float = 1.0) -> pr.Model:
+def prepared(
+    file: Path, folder: Path, scatter: str | None = "spheres", size: float = 1.0, levels: bool = True
+) -> pr.Model:
     """The model in parts of a file, made part by part."""
     reading = request_of(), Selection(1, None, None, None, None)
     drawing = None if scatter is None else Drawing(scatter, size)
-    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto", drawing), SIZE)
+    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto", drawing), SIZE, levels=levels)
     return pr.Model.load(folder)
 
 
@@ -222,7 +224,7 @@ def check_prepared(points: pr.Points, tmp_path: Path, **options: Any) -> pr.Mode
 
 
 def test_scattered_points_are_found_part_by_part(tmp_path: Path, rng: np.random.Generator) -> None:
-    parts = check_prepared(wood(rng), tmp_path)
+    parts = check_prepared(wood(rng), tmp_path, levels=False)
     assert 0.3 < parts.scattered.mean() < 0.55
     assert sum(bool(part.tree.head[11]) for part in parts.parts) == 1
 
@@ -330,7 +332,7 @@ def test_given_radii_stay_a_surface_unless_asked(tmp_path: Path, rng: np.random.
     points = wood(rng, 20_000)
     points = points.changed(attributes={"radius": np.full(20_000, 0.05, np.float32)})
     pr.write(tmp_path / "a.ply", points)
-    parts = prepared(tmp_path / "a.ply", tmp_path / "a.pointray", None)
+    parts = prepared(tmp_path / "a.ply", tmp_path / "a.pointray", None, levels=False)
     assert parts.drawing.scatter == "surface" and not parts.scattered.any()
 
 

@@ -21,7 +21,7 @@ from ..points.normals.stations import warn_of_ignored
 from ..points.normals.units import to_units
 from ..points.normals.visibility import ignored_stations, station_sample
 from ..points.smoothing.noise import Stretches, settled
-from ..progress import Progress
+from ..progress import Progress, part_of
 from ..splats.radii import radii_among
 from ..splats.scattered import AS_SURFACE, Drawing
 from ..splats.support import lone_note
@@ -133,7 +133,7 @@ class Large:
         about = columns, spooled.rows, spooled.origin, spooled.survey, seers
         self._cloud = Cloud(*about, self._is_seen(ignored), ignored)
         self._work, self._team = Work(columns, spooled.rows, size, progress, team), team
-        self.settings = wanted.settings
+        self.settings, self._progress = wanted.settings, progress
 
     def build(self) -> int:
         """Do all stages, and write the model; the index comes last. Returns how many points it has."""
@@ -147,7 +147,7 @@ class Large:
         settings = self._wanted.settings if surface is None else surface.settings
         facts = {**settings._asdict(), "smooth": self._wanted.smooth, **drawing.facts}
         count = 0 if loose is None else halves[-1].rows
-        finish(self._named, halves, facts, count, self._work.watch((WRITTEN, 1.0)))
+        finish(self._named, halves, facts, count, part_of(self._progress, WRITTEN, 1.0))
         return sum(half.rows for half in halves)
 
     def make(self) -> Half:
@@ -175,14 +175,16 @@ class Large:
             self._arrange()
         shaping = Shaping(drawing, f"points.{self._names[RADIUS]}" if self._given else None)
         count, loose = separate(work, self._cloud, self._column_names(), shaping, (SORTED, SEPARATED_AT))
+        rest = part_of(self._progress, SEPARATED_AT, WRITTEN)
         if count == self._cloud.total:
+            self._work = Work(columns, count, work.size, rest, self._team)
             return self, None
         surface, scattered = (Columns(columns.folder / name) for name in (SURFACE, LOOSE))
         surface.put("id", {"id": id_in(columns)})
         wanted = replace(self._wanted, drawing=AS_SURFACE, given=self._given)
-        about = self._spooled._replace(rows=count), wanted, work.watch((SEPARATED_AT, WRITTEN)), self._team
+        about = self._spooled._replace(rows=count), wanted, rest, self._team
         made = Large(self._folder, surface, *about) if count else None
-        return made, Work(scattered, loose, work.size, work.watch((0.0, 1.0)), self._team) if loose else None
+        return made, Work(scattered, loose, work.size, self._progress, self._team) if loose else None
 
     def _column_names(self) -> list[str]:
         """The columns of the cloud as it was given."""
