@@ -13,25 +13,23 @@ from pathlib import Path
 import numpy as np
 
 from ..cluster.chores import Team
-from ..data import Points
 from ..notes import warn
 from ..points.normals.checks import agreement_share, sample_rows
 from ..points.normals.estimate import DISAGREE, told
 from ..points.normals.stations import warn_of_ignored
 from ..points.normals.units import to_units
-from ..points.normals.visibility import ignored_stations, station_sample
 from ..points.smoothing.noise import Stretches, settled
 from ..progress import Progress, part_of
-from ..splats.radii import radii_among
 from ..splats.scattered import AS_SURFACE, Drawing
 from ..splats.support import lone_note
 from ..survey import SCAN
 from ..tree.settings import LOOSE_TRIM, TreeSettings
-from .arrange import CHUNK, TILE, Arrangement
+from .arrange import TILE, Arrangement
 from .coarser import Named
-from .columns import Column, Columns
+from .columns import Columns
 from .facing import turn_fits, turn_given
 from .finish import Described, Half, finish, finish_loose, finish_surface, id_in
+from .given import RADIUS, GivenColumns
 from .second_layers import find_layers
 from .separate import LOOSE, ROW, SEPARATED, SURFACE, Shaping, number_rows, separate
 from .spooled import Spooled
@@ -66,15 +64,12 @@ from .trees import least_size
 from .work import Work
 
 SEERS = SCAN, "point_source_id"  # attributes that tell who saw each point
-IGNORED = "ignored-stations"
-RADIUS = "radius"  # the attribute that holds given radii
 # Shares of the time after which stages are done.
 ARRANGED, SORTED, SEARCHED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, TURNED_FITS, FACED_AT, SUPPORTED = (
     *(0.12, 0.16, 0.22, 0.3, 0.35, 0.4, 0.5, 0.56, 0.6, 0.8),
 )
 LEVELED, WRITTEN = 0.95, 0.97  # those of the surface, and of scattered points
 SEPARATED_AT = 0.3  # share after which these are in columns of their own; the surface takes the rest
-GIVEN_RADII = "given-radii"
 
 
 @dataclass(frozen=True)
@@ -121,17 +116,18 @@ class Large:
         team: Team | None = None,
     ) -> None:
         self._folder, self._columns, self._spooled = folder, columns, spooled
-        self._names = {name: f"attribute.{k}" for k, name in enumerate(spooled.attributes)}
+        self._given_columns = given_columns = GivenColumns(columns, spooled)
+        self._names = given_columns.names
         size = max(wanted.size, least_size(spooled.rows), TILE)
-        given = self._given_radii() if wanted.given is None else wanted.given
+        given = given_columns.have_radii() if wanted.given is None else wanted.given
         smooth = 0.0 if given and wanted.smooth == "auto" else wanted.smooth
         self._wanted, self._given = replace(wanted, size=size, smooth=smooth), given
         usual = AS_SURFACE if given else Drawing()
         self._drawing = usual if wanted.drawing is None else wanted.drawing
         seers = {name: f"points.{self._names[name]}" for name in SEERS if name in self._names}
-        ignored = self._ignored_stations()
+        ignored = given_columns.ignored_stations()
         about = columns, spooled.rows, spooled.origin, spooled.survey, seers
-        self._cloud = Cloud(*about, self._is_seen(ignored), ignored)
+        self._cloud = Cloud(*about, given_columns.are_seen(ignored), ignored)
         self._work, self._team = Work(columns, spooled.rows, size, progress, team), team
         self.settings, self._progress = wanted.settings, progress
 
@@ -174,7 +170,7 @@ class Large:
         if columns.get(SEPARATED) is None:
             self._arrange()
         shaping = Shaping(drawing, f"points.{self._names[RADIUS]}" if self._given else None)
-        count, loose = separate(work, self._cloud, self._column_names(), shaping, (SORTED, SEPARATED_AT))
+        count, loose = separate(work, self._cloud, self._given_columns.all, shaping, (SORTED, SEPARATED_AT))
         rest = part_of(self._progress, SEPARATED_AT, WRITTEN)
         if count == self._cloud.total:
             self._work = Work(columns, count, work.size, rest, self._team)
@@ -186,63 +182,10 @@ class Large:
         made = Large(self._folder, surface, *about) if count else None
         return made, Work(scattered, loose, work.size, self._progress, self._team) if loose else None
 
-    def _column_names(self) -> list[str]:
-        """The columns of the cloud as it was given."""
-        return [name for name in ("positions", "normals", "colors", *self._names.values()) if self._column(name)]
-
-    def _given_radii(self) -> bool:
-        """Whether the cloud comes with radii, see `radii_in`; found once."""
-        known = self._columns.get(GIVEN_RADII)
-        if known is None:
-            known = {"given": self._find_radii()}
-            self._columns.put(GIVEN_RADII, known)
-        return bool(known["given"])
-
-    def _find_radii(self) -> bool:
-        name = self._names.get(RADIUS, RADIUS)
-        column = self._column(name)
-        if column is None or column.width or column.dtype == np.bool_:
-            return False
-        chunks = (column[start : start + CHUNK] for start in range(0, len(column), CHUNK))
-        return all(radii_among(chunk) is not None for chunk in chunks)
-
-    def _column(self, name: str) -> Column | None:
-        """A column of the cloud as it was given, in kd order or not yet."""
-        return self._columns.find(name) or self._columns.find(f"points.{name}")
-
-    def _scans(self) -> Column | None:
-        """The column with the station of each point."""
-        column = self._column(self._names[SCAN]) if SCAN in self._names else None
-        return None if column is None or column.width else column
-
-    def _ignored_stations(self) -> tuple[int, ...]:
-        """The stations that are not believed, found once."""
-        spooled, columns, scans = self._spooled, self._columns, self._scans()
-        stations, positions = len(spooled.survey.stations), self._column("positions")
-        if not stations or positions is None:
-            return ()
-        facts = columns.get(IGNORED)
-        if facts is None:
-            rows = station_sample(spooled.rows, stations)
-            attributes = {} if scans is None else {SCAN: scans[rows]}
-            sample = Points.about(spooled.origin, positions[rows], None, None, attributes, spooled.survey)
-            facts = {"stations": ignored_stations(sample)}
-            columns.put(IGNORED, facts)
-        return tuple(facts["stations"])
-
-    def _is_seen(self, ignored: tuple[int, ...]) -> bool:
-        """Whether it is told of any point who saw it, see `eyes_of`."""
-        believed = np.setdiff1d(np.arange(len(self._spooled.survey.stations)), ignored)
-        scans = self._scans()
-        if scans is None:
-            return len(self._spooled.survey.stations) == 1 and len(believed) == 1
-        chunks = (scans[start : start + CHUNK] for start in range(0, len(scans), CHUNK))
-        return any(bool(np.isin(chunk, believed).any()) for chunk in chunks)
-
     def _arrange(self) -> None:
         columns = self._columns
         if columns.get("sorted") is None:
-            names = self._column_names() + [ROW] * (self._column(ROW) is not None)
+            names = self._given_columns.all + [ROW] * (self._given_columns.find(ROW) is not None)
             arrangement = Arrangement(columns, names, self._cloud.total, self._work.size)
             arrangement.cut_and_scatter(self._work.watch((0.0, ARRANGED)))
             arrangement.make_room()
