@@ -9,6 +9,9 @@ import pointray as pr
 from conftest import long
 from naive import meet_scattered, walk
 from pointray.kernels.tree import NO_CHILD, SCATTERED, first_scattered
+from pointray.points.path import along_path
+from pointray.points.usual import Usual
+from pointray.splats.scattered import Drawing, shapes_of
 from pointray.tree.check import check_tree
 from pointray.tree.indices import check_indices
 from pointray.tree.scattered import scattered_of
@@ -357,3 +360,15 @@ def test_levels_of_surface_and_spheres(rng):
     for level in model.levels:
         assert 0.02 < level.scattered.mean() < 0.9
         assert check_indices(level.tree, len(level.points)) == []
+
+
+@pytest.mark.parametrize("scatter", ["spheres", "discs"])
+def test_shapes_of_some_points_are_those_of_all(rng, scatter):
+    """With what is usual from a sample of the cloud."""
+    points = pr.Points(np.concatenate([crown(rng, 3000), crown(rng, 100) * 9]))
+    along, drawing, mask = along_path(points), Drawing(scatter), rng.random(3100) < 0.02
+    wanted = shapes_of(points, along, drawing, None, Usual(np.arange(500, 900)))
+    for usual in (Usual(np.arange(500, 900)), Usual(None, {"largest sphere": wanted[0].max()}, is_told=True)):
+        found = shapes_of(points, along, drawing, None, usual, mask)
+        for one, other in zip(wanted, found, strict=True):
+            assert np.array_equal(one[mask], other[mask]) and not np.array_equal(one, other)

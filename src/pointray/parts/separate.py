@@ -43,12 +43,14 @@ class Shaping(NamedTuple):
     drawing: Drawing
     radii: str | None
 
-    def find(self, cloud: Cloud, local: Local, usual: Usual) -> tuple[Floats, Floats]:
+    def find(
+        self, cloud: Cloud, local: Local, usual: Usual, mask: NDArray[np.bool_] | None = None
+    ) -> tuple[Floats, Floats]:
         """Radii and directions of some points, see `shapes_of`."""
         points = cloud.points(local)
         along = path_of(points.positions)
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
-        return shapes_of(points, along, self.drawing, given, of_places(usual, along.ids))
+        return shapes_of(points, along, self.drawing, given, of_places(usual, along.ids), mask)
 
 
 def number_rows(columns: Columns, count: int) -> None:
@@ -116,8 +118,10 @@ def _shape(work: Work, cloud: Cloud, shaping: Shaping, usual: Usual, part: int) 
     if not apart.any():
         return
     local = work.local(part)
-    radii, directions = shaping.find(cloud, local, usual)
-    check_size(radii[local.own][apart])
+    mask = np.zeros(len(local.rows), np.bool_)
+    mask[local.own[apart]] = True
+    radii, directions = shaping.find(cloud, local, usual, mask)
+    check_size(radii[mask])
     local.write(work.columns[SPHERES], radii)
     local.write(work.columns[DIRECTIONS], directions)
 

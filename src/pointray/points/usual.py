@@ -106,6 +106,12 @@ class Usual:
         rows = np.arange(count) if self._rows is None else self._rows
         return rows[:: max(len(rows) // most, 1)]
 
+    def sample_rows(self, count: int) -> Rows:
+        """Rows of `count` points at hand that numbers are found from; none if all are known."""
+        if self._is_told:
+            return np.zeros(0, np.int64)
+        return np.arange(count) if self._rows is None else self._rows
+
     def _of_sample(self, values: NDArray[Any]) -> NDArray[Any]:
         """The numbers of the sample's points."""
         rows = self._rows

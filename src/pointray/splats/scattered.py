@@ -103,13 +103,19 @@ def make_scattered(
         If all positions are equal and no radii are given.
     """
     some, along = np.flatnonzero(mask), along_path(points)
-    radii, directions = shapes_of(points, along, drawing, given, Usual.of(len(along.positions)))
+    usual = Usual.of(len(along.positions))
+    radii, directions = shapes_of(points, along, drawing, given, usual, mask)
     colors = None if points.colors is None else points.colors[some]
     return Splats(points.positions[some], directions[some], radii[some], rows[some], colors)
 
 
 def shapes_of(
-    points: Points, along: Path, drawing: Drawing, given: Floats | None, usual: Usual
+    points: Points,
+    along: Path,
+    drawing: Drawing,
+    given: Floats | None,
+    usual: Usual,
+    mask: NDArray[np.bool_] | None = None,
 ) -> tuple[Floats, Floats]:
     """Return the radii (n,) and directions (n, 3) that points have if they are drawn as spheres or discs.
 
@@ -126,11 +132,18 @@ def shapes_of(
         Radii. None: 0.35 of the mean distance to the 8 nearest other places, limited by the neighbours, and by the
         98th percentile of all (rounded up to 8 bits).
     usual : Usual
-        Tells that percentile.
+        Knows that percentile, or finds it among the points.
+    mask : (n,) bool, optional
+        Which points are asked for; what is returned of others is not valid. None: all.
     """
     places = along.positions
     if len(places) > 1:
-        chosen, outwards = _at_places(places, usual)
+        wanted = np.ones(len(places), np.bool_)
+        if mask is not None:
+            wanted[:] = False
+            wanted[along.ids[mask]] = True
+            wanted[usual.sample_rows(len(places))] = True
+        chosen, outwards = _at_places(places, np.flatnonzero(wanted), usual)
         if drawing.kind == DISCS and points.normals is None:
             outwards = _across(places, outwards)
         radii, directions = chosen[along.ids] if given is None else given, outwards[along.ids]
@@ -143,22 +156,29 @@ def shapes_of(
     return np.asarray(radii * np.float32(drawing.size), np.float32), directions
 
 
-def _at_places(places: Floats, usual: Usual) -> tuple[Floats, Floats]:
-    """Radii (m,) and directions (m, 3) of spheres at different places, which are in kd order."""
+def _at_places(places: Floats, some: NDArray[np.int64], usual: Usual) -> tuple[Floats, Floats]:
+    """Radii (m,) and directions (m, 3) of spheres at some of different places in kd order, and 0 at the others."""
     tree, count = NeighborTree(places, in_order=True), min(AROUND + 1, len(places))
-    radii, outwards = np.empty(len(places), np.float32), np.empty_like(places)
-    near = np.empty((len(places), min(NEIGHBORS, len(places) - 1)), np.int32)
-    for start in range(0, len(places), PIECE):
-        part = slice(start, start + PIECE)
+    radii, outwards = np.zeros(len(places), np.float32), np.zeros_like(places)
+    near = np.zeros((len(places), min(NEIGHBORS, len(places) - 1)), np.int32)
+    inner = some
+    if len(some) < len(places):  # and those beside them
+        beside = np.zeros(len(places), np.bool_)
+        beside[tree.rows_at(near.shape[1] + 1, places[some])] = True
+        inner = np.flatnonzero(beside)
+    for start in range(0, len(inner), PIECE):
+        part = inner[start : start + PIECE]
         found = tree.query(count, places[part])
         distances = found.distances[:, 1 : NEIGHBORS + 1]
         spacing = distances.mean(axis=1)
         radii[part] = SIZE * np.minimum(spacing, np.maximum(CLOSEST / SIZE * distances[:, 0], LEAST * spacing))
         near[part] = found.indices[:, 1 : NEIGHBORS + 1]
         outwards[part] = unit_vectors(places[part] - places[found.indices].mean(axis=1))
-    limited = np.minimum(radii, WIDEST * np.median(radii[near], axis=1))
+    limited, directions, around = np.zeros_like(radii), np.zeros_like(outwards), near[some]
+    limited[some] = np.minimum(radii[some], WIDEST * np.median(radii[around], axis=1))
     np.minimum(limited, np.float32(usual.quantile("largest sphere", limited, LARGEST, is_most=True)), out=limited)
-    return limited, unit_vectors(outwards + outwards[near].sum(axis=1))
+    directions[some] = unit_vectors(outwards[some] + outwards[around].sum(axis=1))
+    return limited, directions
 
 
 def _across(places: Floats, outwards: Floats) -> Floats:
