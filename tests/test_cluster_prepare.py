@@ -33,7 +33,7 @@ from pointray.parts.prepare import part_points_for, part_points_within, prepare
 from pointray.parts.work import Work, _do_once
 from pointray.points.files import request_of
 from pointray.points.selection import Selection
-from pointray.splats.scattered import AS_SURFACE, Drawing
+from pointray.splats.scattered import Drawing
 from pointray.tree.settings import check_settings
 
 SIZE = 1 << 14  # of a part: the least there is for so few points
@@ -47,7 +47,7 @@ def client() -> Iterator[Any]:
 
 
 def prepared(
-    file: Path, folder: Path, client: Any = None, progress: Any = None, drawing: Drawing = AS_SURFACE
+    file: Path, folder: Path, client: Any = None, progress: Any = None, drawing: Drawing | None = None
 ) -> dict[str, bytes]:
     """The files of the model in parts of a file."""
     reading, settings = (request_of(), Selection(1, None, None, None, None)), check_settings("apss", 4, 1, "auto")
@@ -128,7 +128,7 @@ def test_workers_make_the_same_files(client: Any, make: Any, tmp_path: Path, rng
     file = tmp_path / ("scan.ptx" if make is seen else "scan.ply")
     make(file, rng)
     told: list[float] = []
-    drawing = Drawing("spheres") if make is wood else AS_SURFACE
+    drawing = Drawing("spheres") if make is wood else None
     found = prepared(file, tmp_path / "there", client, told.append, drawing)
     wanted = prepared(file, tmp_path / "here", drawing=drawing)
     assert found == wanted and len(wanted) >= 5

@@ -235,8 +235,11 @@ def test_more_clouds_part_by_part(name: str, tmp_path: Path, rng: np.random.Gene
     points, options = wood(rng), {"scatter": name} if name in ("discs", "none", "surface") else {}
     if name == "many":
         points = wood(rng, 120_000, 40)
-    if name == "rounded":  # many points lie on the cuts of the order
-        points = points.changed(positions=(np.rint(points.positions * 512) / 512).astype(np.float32))
+    if name == "rounded":  # many points lie on the cuts of the order; no two at one place
+        rounded = (np.rint(points.positions * 512) / 512).astype(np.float32)
+        points = points.changed(positions=rounded).select(np.unique(rounded, axis=0, return_index=True)[1])
+        numbers = np.random.default_rng(1).permutation(len(points)).astype(np.int32)
+        points = points.changed(attributes={**points.attributes, "number": numbers})
     if name == "large":
         options = {"scatter": "spheres", "size": 1.7}
     if name == "radii":
