@@ -80,7 +80,7 @@ class GivenColumns:
         return tuple(facts["stations"])
 
     def are_seen(self, ignored: tuple[int, ...]) -> bool:
-        """Whether it is told of any point who saw it, see `eyes_of`."""
+        """Return whether any point has a known viewpoint, see `eyes_of`."""
         believed = np.setdiff1d(np.arange(len(self._spooled.survey.stations)), ignored)
         scans = self._scans()
         if scans is None:
