@@ -282,7 +282,7 @@ def _killed_while_preparing(options: Options) -> Iterator[Row]:
         words = command_of(sized(options), folder, "--cluster", client.scheduler.address)
         with subprocess.Popen([sys.executable, *map(str, words)], stderr=subprocess.PIPE, text=True) as process:
             while process.poll() is None:
-                if not killed and (folder / UNFINISHED / AFTER).exists():
+                if not killed and any((folder / UNFINISHED / place / AFTER).exists() for place in (".", "surface")):
                     kill_one(client)
                     killed = 1
                 time.sleep(0.02)

@@ -85,7 +85,9 @@ def _group_of(row: Row) -> Group:
     """A sample is as large for all scans, all else grows with the points."""
     stage = row.name.split(".")[2]
     kind = SHARED if "one by one" in row.what else SAMPLE if "usual" in stage else ALONE
-    return Group("levels" if stage.startswith("level-") else stage, kind)
+    return Group(
+        "levels" if stage.removeprefix("surface-").removeprefix("loose-").startswith("level-") else stage, kind
+    )
 
 
 def _of_prepare(sheet: Sheet) -> Iterator[Line]:

@@ -19,6 +19,9 @@ import psutil
 EVERY = 0.05  # seconds between two samples of memory
 RARE = 10  # samples between two looks at processes, marks and the disk
 UNFINISHED = "unfinished"
+# Folders in it that have marks, and what their stages are called besides: of all points, of the surface where scattered
+# points were put apart, of these.
+PLACES = {".": "", "surface": "surface-", "loose": "loose-"}
 MARK = re.compile(r"([^.].*?)(?:-\d{4,})?\.json")  # a file that is being written begins with a dot
 BESIDE = ("task", "id", "margin", "made-")  # how marks begin that stages leave while they are at work
 ENDED = ("files",)  # what comes after the last stage that leaves a mark
@@ -108,10 +111,11 @@ class Watch:
         if self._folder is None:
             return
         self._disk = max(self._disk, disk_of(self._folder))
-        with suppress(OSError):
-            for entry in os.scandir(self._folder / UNFINISHED):
-                if entry.name.endswith(".json") and entry.name not in self._marks:
-                    self._marks[entry.name] = entry.stat().st_mtime
+        for place, prefix in PLACES.items():
+            with suppress(OSError):
+                for entry in os.scandir(self._folder / UNFINISHED / place):
+                    if entry.name.endswith(".json") and prefix + entry.name not in self._marks:
+                        self._marks[prefix + entry.name] = entry.stat().st_mtime
 
     def end(self) -> Watched:
         """What was seen."""

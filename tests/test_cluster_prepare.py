@@ -33,6 +33,7 @@ from pointray.parts.prepare import part_points_for, part_points_within, prepare
 from pointray.parts.work import Work, _do_once
 from pointray.points.files import request_of
 from pointray.points.selection import Selection
+from pointray.splats.scattered import Drawing
 from pointray.tree.settings import check_settings
 
 SIZE = 1 << 14  # of a part: the least there is for so few points
@@ -45,10 +46,12 @@ def client() -> Iterator[Any]:
         yield client
 
 
-def prepared(file: Path, folder: Path, client: Any = None, progress: Any = None) -> dict[str, bytes]:
+def prepared(
+    file: Path, folder: Path, client: Any = None, progress: Any = None, drawing: Drawing | None = None
+) -> dict[str, bytes]:
     """The files of the model in parts of a file."""
-    reading = request_of(), Selection(1, None, None, None, None)
-    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto"), SIZE, progress, client)
+    reading, settings = (request_of(), Selection(1, None, None, None, None)), check_settings("apss", 4, 1, "auto")
+    prepare([file], reading, folder, (settings, "auto", drawing), SIZE, progress, client)
     return files_of(folder)
 
 
@@ -90,6 +93,14 @@ def seen(file: Path, rng: Any = None) -> None:
             out.writelines(f"{a:.6f} {b:.6f} {c:.6f} 0.5\n" for a, b, c in some)
 
 
+def wood(file: Path, rng: np.random.Generator) -> None:
+    """Ground, and points scattered above it, in colours."""
+    rows = rng.uniform(-1, 1, (50_000, 3))
+    rows[:25_000, 2] = -1.1
+    colors = rng.integers(0, 256, rows.shape).astype(np.uint8)
+    pr.write(file, pr.Points(rows.astype(np.float32), colors=colors))
+
+
 @pytest.fixture(scope="module")
 def few(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
     """A scan of two parts, which has no normals, and the files of its model."""
@@ -111,13 +122,15 @@ def test_workers_make_the_same_files_and_every_part_of_a_stage_is_a_job(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("make", [statue, rough, some_signs, given_radii, seen])
+@pytest.mark.parametrize("make", [statue, rough, some_signs, given_radii, seen, wood])
 @pytest.mark.filterwarnings("ignore:.*normals")
 def test_workers_make_the_same_files(client: Any, make: Any, tmp_path: Path, rng: np.random.Generator) -> None:
     file = tmp_path / ("scan.ptx" if make is seen else "scan.ply")
     make(file, rng)
     told: list[float] = []
-    found, wanted = prepared(file, tmp_path / "there", client, told.append), prepared(file, tmp_path / "here")
+    drawing = Drawing("spheres") if make is wood else None
+    found = prepared(file, tmp_path / "there", client, told.append, drawing)
+    wanted = prepared(file, tmp_path / "here", drawing=drawing)
     assert found == wanted and len(wanted) >= 5
     assert told == sorted(told) and told[-1] == 1.0
 

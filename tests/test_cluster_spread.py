@@ -82,6 +82,20 @@ def test_pictures_are_the_same(client: Any, folder: Path, settings: pr.Settings)
 
 
 @pytest.mark.long
+def test_parts_of_scattered_points(client: Any, tmp_path: Path, rng: np.random.Generator) -> None:
+    """One worker holds a surface, the other one spheres beside it."""
+    points = pr.procedural("statue", 16_384)
+    low, high = points.bounds
+    positions = np.concatenate([points.world, rng.uniform(low, high, (12_000, 3))])
+    both = pr.Points(positions, attributes={"height": positions[:, 2]})
+    split(pr.Model(both, scatter="spheres", _scattered=np.arange(28_384) >= 16_384), tmp_path / "a", 16_384)
+    camera = camera_of(100, 60)
+    image = pr.render(scene_with(tmp_path / "a"), camera, PATHS, client=client, spread=True)
+    assert_alike(image, pr.render(scene_with(tmp_path / "a"), camera, PATHS))
+    assert opened_by_workers(tmp_path / "a") == [[0], [1]]
+
+
+@pytest.mark.long
 @pytest.mark.parametrize("settings", [pr.Settings("path", noise=0.3, spp=64, max_depth=2), long(pr.Settings(spp=70))])
 def test_passes_are_the_same(client: Any, folder: Path, settings: pr.Settings) -> None:
     scene, camera = scene_with(folder), camera_of(32, 24)

@@ -24,6 +24,7 @@ from pointray.parts.prepare import part_points_within, prepare
 from pointray.parts.work import Work
 from pointray.points.files import request_of
 from pointray.points.selection import Selection
+from pointray.splats.scattered import ALL_SURFACE
 from pointray.tree.settings import check_settings
 from pointray.tree.stored import stored_splats
 
@@ -34,7 +35,8 @@ SHARE = re.compile(r"^\d+(?=% of neighbouring normals)")
 def prepared(file, folder, size=SIZE, smooth="auto"):
     """The model in parts of a file, made part by part."""
     reading = request_of(), Selection(1, None, None, None, None)
-    prepare([Path(file)], reading, folder, (check_settings("apss", 4, 1, "auto"), smooth), size)
+    settings = check_settings("apss", 4, 1, "auto"), smooth, ALL_SURFACE
+    prepare([Path(file)], reading, folder, settings, size)
     return pr.Model.load(folder)
 
 
@@ -136,7 +138,7 @@ def check_parts(points, tmp_path):
     """Positions, normals and radii of a model made part by part are those of the whole, to the bit."""
     pr.write(tmp_path / "a.ply", points)
     points = pr.read(tmp_path / "a.ply")
-    whole = pr.Model(points, points.attributes.get("radius"))
+    whole = pr.Model(points, points.attributes.get("radius"), scatter="surface")
     parts = prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
     assert len(parts.parts) == -(-len(points) // SIZE)
     rows = row_of_each(parts.points.positions, points.positions)
@@ -185,7 +187,7 @@ def test_what_is_mended_is_told_as_of_the_whole(scramble, tmp_path, rng):
     with pytest.warns(UserWarning, match="normals") as found:
         prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
     with pytest.warns(UserWarning, match="normals") as expected:
-        pr.Model(points)
+        pr.Model(points, scatter="surface")
     (of_parts, share), (of_whole, wanted) = map(mended, (found, expected))
     assert of_parts == of_whole and any("are zero or not finite" in text for text in of_whole)
     # Where normals are lost, parts count other neighbours than the whole: for 50 clouds shares differed by 0.27 (rms).
@@ -371,7 +373,7 @@ def test_a_margin_holds_the_neighbours(tmp_path):
 def test_real_scans_by_parts(tmp_path, rng):
     """LAS without normals, with a coordinate system and whole numbers that float32 cannot hold."""
     file = shared_model("raw/autzen_trim_rgb.laz")
-    whole, parts = pr.Model(pr.read(file)), prepared(file, tmp_path / "a.pointray", 1 << 16)
+    whole, parts = pr.Model(pr.read(file), scatter="surface"), prepared(file, tmp_path / "a.pointray", 1 << 16)
     assert parts.points.survey == whole.points.survey and set(parts.points.attributes) == set(whole.points.attributes)
     scenes = [pr.Scene(), pr.Scene()]
     for scene, model in zip(scenes, (whole, parts), strict=True):
@@ -401,6 +403,7 @@ def test_points_at_one_place(has_normals, tmp_path):
     points = pr.procedural("sphere", 18_000)
     points = points.select(np.concatenate([np.arange(18_000), np.arange(0, 18_000, 7)]))
     pr.write(tmp_path / "a.ply", points if has_normals else pr.Points(points.world))
-    whole, parts = pr.Model(pr.read(tmp_path / "a.ply")), prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
+    whole = pr.Model(pr.read(tmp_path / "a.ply"), scatter="surface")
+    parts = prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
     assert len(parts.parts) == 2
     np.testing.assert_allclose(np.sort(parts.radii), np.sort(whole.radii), rtol=1e-5)

@@ -22,6 +22,7 @@ from pointray.parts.trees import cells_of, plan_of, shown, tree_within
 from pointray.points.files import request_of
 from pointray.points.selection import Selection
 from pointray.splats.levels import LEAST_POINTS
+from pointray.splats.scattered import ALL_SURFACE
 from pointray.tree.build import build_tree
 from pointray.tree.parts import splats_of
 from pointray.tree.settings import check_settings
@@ -73,7 +74,7 @@ def large(points: pr.Points, folder: Path) -> None:
     if not file.exists():  # another one would be another task
         pr.write(file, points)
     reading = request_of(), Selection(1, None, None, None, None)
-    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto"), SIZE)
+    prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto", ALL_SURFACE), SIZE)
 
 
 FORMS = [  # a cloud, and how its model in parts is made
@@ -92,7 +93,7 @@ def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     if way == "large":
         large(points, folder)
         points = pr.read(folder.with_suffix(".ply"))
-    model = pr.Model(points)
+    model = pr.Model(points, scatter="surface")
     model.make_levels()
     if way == "split":
         split(model, folder, SIZE)
@@ -305,7 +306,11 @@ def test_parts_of_other_densities_have_the_levels_that_make_them_smaller(
     x, z = rng.uniform(0, 1, (2, 90_000))
     scale = np.where(np.arange(len(x)) < 60_000, 0.05, 1.0)
     positions = np.column_stack([scale * x, scale * z, 0.0 * x])
-    split(pr.Model(pr.Points(positions, np.tile([0.0, 0, 1], (len(x), 1)))), tmp_path / "a.pointray", SIZE)
+    split(
+        pr.Model(pr.Points(positions, np.tile([0.0, 0, 1], (len(x), 1))), scatter="surface"),
+        tmp_path / "a.pointray",
+        SIZE,
+    )
     finest = [part["levels"][0]["points"] / part["points"] for part in parts_of(tmp_path / "a.pointray")[:-1]]
     spacing = [part["levels"][0]["spacing"] for part in parts_of(tmp_path / "a.pointray")[:-1]]
     # 2 / 3 and the margin: 0.69 to 0.71 for 50 clouds. A level that gains nothing has 1.05, with its margin.

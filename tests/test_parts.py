@@ -46,7 +46,7 @@ def clouds(name: str) -> pr.Points:
 
 @pytest.fixture(scope="module", params=["wall", long("statue"), long("lion")])
 def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[pr.Model, pr.Model]:
-    model = pr.Model(clouds(request.param))
+    model = pr.Model(clouds(request.param), scatter="surface")
     folder = tmp_path_factory.mktemp("parts") / "a.pointray"
     split(model, folder, 20_000, levels=False)
     return model, pr.Model.load(folder)
@@ -146,7 +146,7 @@ def test_what_needs_the_whole_is_refused(both: tuple[pr.Model, pr.Model], tmp_pa
 
 
 def test_the_tree_is_built_again_of_what_it_keeps(rng: np.random.Generator) -> None:
-    model = pr.Model(noisy_wall(rng, 20_000))
+    model = pr.Model(noisy_wall(rng, 20_000), scatter="surface")
     again = build_tree(splats_of(model.tree, model.radii), model.settings, in_order=True)
     for name, one, other in zip(model.tree._fields, model.tree, again, strict=True):
         assert np.array_equal(one, other, equal_nan=True), name

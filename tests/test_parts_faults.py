@@ -16,7 +16,7 @@ import pytest
 import pointray as pr
 from conftest import sphere_points
 from pointray.cli import execute
-from pointray.model_folder import INDEX, PART_KIND
+from pointray.model_folder import INDEX, SURFACE_ONLY
 from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
 from pointray.parts.columns import Column
@@ -85,7 +85,7 @@ def swapped(folder: Path, other: Path) -> None:
 
 def newer(folder: Path, other: Path) -> None:
     file = folder / "part-0001.pointray"
-    found, version = file.read_bytes(), f'"version": {PART_KIND.version}'.encode()
+    found, version = file.read_bytes(), f'"version": {SURFACE_ONLY}'.encode()
     assert found.count(version) == 1
     file.write_bytes(found.replace(version, version[:-1] + b"9"))
 

@@ -8,12 +8,8 @@ from conftest import long
 from pointray.cli import execute
 
 UP = np.array([0.0, 0.0, 1.0])
-ONE_PLACE, NO_NORMALS, NOTHING = (
-    "no radius can be chosen",
-    "no normals can be estimated for discs",
-    "none of the points",
-)
-ADVICE = {ONE_PLACE: "give radii, or an attribute radius", NO_NORMALS: "choose spheres", NOTHING: "choose spheres"}
+ONE_PLACE, NOTHING = "no radius can be chosen", "none of the points"
+ADVICE = {ONE_PLACE: "give radii, or an attribute radius", NOTHING: "choose spheres"}
 CLOUDS = {
     "one": np.array([[1.0, 2, 3]]),
     "two": np.array([[0.0, 0, 0], [1, 0, 0]]),
@@ -27,14 +23,14 @@ TOLD = [  # cloud, whether it has normals, scatter, and the message; empty: ther
     ("one", True, "discs", ONE_PLACE),
     ("one", True, "none", NOTHING),
     ("two", False, "spheres", ""),
-    ("two", False, "discs", NO_NORMALS),
+    ("two", False, "discs", ""),
     ("two", True, "spheres", ""),
     ("two", True, "discs", ""),
     ("two", True, "none", NOTHING),
     ("same", False, "spheres", ONE_PLACE),
     ("same", True, "discs", ONE_PLACE),
     ("two places", False, "spheres", ""),
-    ("two places", False, "discs", NO_NORMALS),
+    ("two places", False, "discs", ""),
     ("two places", True, "discs", ""),
 ]
 
@@ -108,7 +104,6 @@ def scene_file(folder, cloud, more):
     [
         ("one", 'scatter = "spheres"', f"scene.toml:1: models.a: scatter: {ONE_PLACE}"),
         ("same", 'scatter = "discs"', f"scene.toml:1: models.a: scatter: {ONE_PLACE}"),
-        ("two", 'scatter = "discs"', f"scene.toml:1: models.a: scatter: {NO_NORMALS}"),
         ("two", 'scatter = "none"', f"scene.toml:1: models.a: scatter: {NOTHING}"),
         ("two", 'scatter = "balls"', "scene.toml:3: models.a.scatter: unknown scatter 'balls'"),
         *(

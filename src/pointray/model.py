@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .arguments import check_callback, check_choice, check_path, check_positive, check_whole
-from .choices import AS_SURFACE, AUTO, SURFACES
+from .choices import AUTO, SURFACES
 from .data import Points, spread_rows
 from .kernels.tree import LONGEST, SCATTER, Tree, no_tree
 from .model_file import Level, Place, place_of, read_model, write_model
@@ -92,6 +92,7 @@ class Model(OnDisk):
     parts: tuple[Model, ...] = ()
     _saved: tuple[Place, tuple[Model, ...]] | None = None  # the file that holds it, with which levels of detail
     drawing = Drawing()  # how scattered points are drawn
+    _scattered_points = 0  # of a model in parts: how many of its points, the last ones, are scattered
     _residence: Residence[Model] | None = None  # of a model in parts: what is open of it
 
     def __init__(
@@ -128,17 +129,15 @@ class Model(OnDisk):
         self.drawing = check_drawing(scatter, scatter_size, given is not None)
         mask = check_mask(_scattered, len(self.points))
         sizes, scattered, found, surface = Sizes(None if given is None else given[used], scale), None, None, []
-        if self.drawing.scatter != AS_SURFACE and (mask is not None or has_few_places(cloud.positions)):
+        if self.drawing.is_apart and (mask is not None or has_few_places(cloud.positions)):
             found = np.ones(len(used), np.bool_) if mask is None else mask[used]
         if found is None or not found.all():
             surface = [placed_for_model(cloud, self.smooth, given is None, partial(say, "normals"))]
-        if found is None and self.drawing.scatter != AS_SURFACE:
+        if found is None and self.drawing.is_apart:
             found = find_scattered_placed(cloud, surface[0], partial(say, "scattered points"))
         if found is not None and found.any():
             if self.drawing.scatter != "none":
-                known = cloud.normals is not None or not surface
-                oriented = cloud if known else cloud.changed(normals=surface[0].points.normals)
-                scattered = make_scattered(oriented, found, used, self.drawing, sizes.given)
+                scattered = make_scattered(cloud, found, used, self.drawing, sizes.given)
             elif found.all():
                 raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
             surface = [] if found.all() else [surface[0].select(~found)]
@@ -236,9 +235,7 @@ class Model(OnDisk):
         self._saved = place_of(path), self.levels
 
     def _kept(self) -> Level:
-        settings = {**self.settings._asdict(), "smooth": self.smooth}
-        if self.drawing != Drawing():
-            settings |= {"scatter": self.drawing.scatter, "scatter_size": self.drawing.size}
+        settings = {**self.settings._asdict(), "smooth": self.smooth, **self.drawing.facts}
         return Level(settings, self.points, self.radii, self._bounds, self.tree)
 
     @classmethod
@@ -300,7 +297,7 @@ class Model(OnDisk):
             part.levels = tuple(cls._on_disk(source) for source in sources)
             parts.append(part)
         model.parts, model._residence = tuple(parts), residence
-        model._saved = place_of(path, INDEX), model.levels
+        model._scattered_points, model._saved = index.scattered, (place_of(path, INDEX), model.levels)
         return model
 
     @classmethod
@@ -427,7 +424,9 @@ class Model(OnDisk):
     def scattered(self) -> NDArray[np.bool_]:
         """Which points are drawn as spheres or as single discs, (n,) bool; a new array."""
         mask = np.zeros(len(self.points), np.bool_)
-        if not self.parts:
+        if self.parts:
+            mask[len(mask) - self._scattered_points :] = True
+        else:
             mask[scattered_rows(self.tree)] = True
         return mask
 
@@ -479,7 +478,10 @@ class Model(OnDisk):
             return self.source.file.spacing
         radii = self.radii
         if self.parts:  # reading all of them would take seconds
-            radii = radii[spread_rows(len(radii), SAMPLE)]
+            count = len(radii) - self._scattered_points
+            radii = radii[spread_rows(count or len(radii), SAMPLE)]
+            if not count:
+                return spacing_of(radii, self.drawing)
         elif self.tree.head[SCATTER]:
             scattered = self.scattered
             surface = radii[~scattered & (radii > 0)]

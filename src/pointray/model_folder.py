@@ -5,8 +5,8 @@
     city.pointray/part-0000.pointray     the tree over the splats of a part and those of others that reach into it
     city.pointray/part-0000-1.pointray   a level of detail of the part, a saved model: 1 is the finest
 
-A part is an aligned stretch of the kd order. Rows are those of all points, in a level's file those of its own. Nothing
-is trusted, see `model_file`.
+A part is an aligned stretch of the kd order of the surface's points, or of the scattered points, which follow those of
+the surface. Rows are those of all points, in a level's file those of its own. Nothing is trusted, see `model_file`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from .array_file import Kind, Pieces, read_arrays, take_array, write_arrays
 from .data import Points
-from .kernels.tree import BOUNDS, HEAD, LONGEST, Tree, no_tree
+from .kernels.tree import BOUNDS, HEAD, LONGEST, SCATTER, Tree, no_tree
 from .model_file import (
     LAYOUT,
     SAVED,
@@ -43,11 +43,12 @@ from .tree.stored import longest_leaf, radii_of, reach_of
 
 INDEX, POINTS = "index.json", "points.pointray"
 UNFINISHED = "unfinished"  # the folder in it that holds what is found until all is done
-FORMAT, VERSION = "pointray parts", 2
+# Version 3 has scattered points; a folder without any is written as version 2, which earlier releases read.
+FORMAT, VERSION, SURFACE_ONLY = "pointray parts", 3, 2
 MOST = 2**31  # rows are int32 in trees
 OUTDATED = "written by another version of pointray: prepare it anew"
-POINTS_KIND = Kind("pointray points", VERSION, [], "the points of a model in parts", OUTDATED)
-PART_KIND = Kind("pointray part", VERSION, LAYOUT, "a part of a model", OUTDATED)
+POINTS_KIND = Kind("pointray points", SURFACE_ONLY, [], "the points of a model in parts", OUTDATED)
+PART_KIND = Kind("pointray part", VERSION, LAYOUT, "a part of a model", OUTDATED, (SURFACE_ONLY,))
 
 Say = Callable[[float], None]
 
@@ -111,6 +112,7 @@ class Index(NamedTuple):
     supports : (6,), of all supports, about the origin: where a ray enters them its lattice of samples begins
     longest : longest step of the samples in any part
     nbytes, sha256 : of the points' file
+    scattered : how many points are scattered: the last ones
     """
 
     id: str
@@ -122,6 +124,7 @@ class Index(NamedTuple):
     nbytes: int
     sha256: str
     parts: list[PartFile]
+    scattered: int = 0
 
     @property
     def files(self) -> list[PartFile | LevelFile]:
@@ -158,10 +161,11 @@ def write_columns(
 
 
 def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[np.float64], tree: Tree) -> PartFile:
-    """Write the file of a part; returns what the index says of it."""
+    """Write the file of a part; returns what the index says of it, the spacing as if all were surface."""
     path = folder / f"part-{number:04d}.pointray"
     named = {f"tree.{name}": array for name, array in zip(Tree._fields, tree, strict=True)}
-    write_arrays(path, PART_KIND, {"folder": id, "part": number}, named, lambda share: None)
+    kind = PART_KIND if tree.head[SCATTER] else PART_KIND._replace(version=SURFACE_ONLY)
+    write_arrays(path, kind, {"folder": id, "part": number}, named, lambda share: None)
     reach = reach_of(tree)
     box = None if reach is None else reach.tolist()
     spacing = float(np.median(radii_of(tree))) if box else 0.0
@@ -178,8 +182,11 @@ def write_level(folder: Path, id: str, part: int, number: int, level: Level) -> 
 
 def write_index(folder: Path, index: Index) -> None:
     """Write the index, last: without it there is no model."""
-    parts = [part.facts for part in index.parts]
-    text = json.dumps({"format": FORMAT, "version": VERSION, **index._asdict(), "parts": parts}, indent=1)
+    facts = {**index._asdict(), "parts": [part.facts for part in index.parts]}
+    if not index.scattered:
+        del facts["scattered"]
+    version = VERSION if index.scattered else SURFACE_ONLY
+    text = json.dumps({"format": FORMAT, "version": version, **facts}, indent=1)
     with replacing(folder / INDEX) as file:
         file.write(text.encode())
 
@@ -233,7 +240,7 @@ def _read_index(folder: Path) -> Index:
         found = json.loads(path.read_bytes())
         if not isinstance(found, dict) or found.pop("format", None) != FORMAT:
             raise ValueError("not the index of a model in parts")
-        if found.pop("version", None) != VERSION:
+        if found.pop("version", None) not in (SURFACE_ONLY, VERSION):
             raise ValueError(OUTDATED)
         parts = [PartFile.of(part) for part in found.pop("parts")]
         index = Index(**found, parts=parts)
@@ -251,9 +258,15 @@ def _check_index(index: Index) -> None:
         raise ValueError("it names no parts, or not by files of the folder")
     if not isinstance(index.settings, dict) or not isinstance(index.survey, dict) or not isinstance(index.id, str):
         raise ValueError("its settings, survey or id are none")
-    whole = [index.nbytes, *(number for file in files for number in (file.points, file.longest, file.nbytes))]
+    whole = [
+        index.nbytes,
+        index.scattered,
+        *(number for file in files for number in (file.points, file.longest, file.nbytes)),
+    ]
     if not all(isinstance(number, int) and 0 <= number < 2**63 for number in whole):
         raise ValueError("a number of points, blocks or bytes is none")
+    if index.scattered > sum(part.points for part in index.parts):
+        raise ValueError("more points are scattered than there are")
     boxes = [index.bounds, *(part.bounds for part in index.parts)]
     boxes += [part.reach for part in index.parts if part.reach is not None]
     if not all(_is_box(np.array(box, np.float64)) for box in boxes):

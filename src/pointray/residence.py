@@ -197,7 +197,9 @@ class Source(NamedTuple):
         return self.residence.file(self.key)
 
 
-ABSENT = frozenset({"tree", "points", "radii", "settings", "surface", "smooth", "_bounds"})  # what is asked of a file
+ABSENT = frozenset(
+    {"tree", "points", "radii", "settings", "surface", "smooth", "drawing", "_bounds"}
+)  # what is asked of a file
 
 
 class OnDisk:
@@ -227,6 +229,8 @@ class OnDisk:
     def _state(self) -> dict[str, Any]:
         """All attributes, with those that lie on disk, and without the file."""
         state = self.__dict__.copy()
-        if state.pop("_source", None) is not None:
-            state |= {name: getattr(self, name) for name in ABSENT}
+        source = state.pop("_source", None)
+        if source is not None:
+            opened = source.open()
+            state |= {name: getattr(opened, name) for name in ABSENT}
         return state

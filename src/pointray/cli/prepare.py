@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..choices import AUTO
+from ..arguments import check_positive
+from ..choices import AS_SPHERES, AUTO
 from ..model import SURFACE
 from ..model_file import SAVED
 from ..notes import warn
@@ -21,6 +22,7 @@ from ..points.selection import Selection
 from ..points.trajectory import read_trajectory
 from ..points.trust import trusted
 from ..splats.radii import radii_in
+from ..splats.scattered import Drawing
 from ..tree.settings import check_settings
 from .cluster import working_on
 from .read_options import Reading
@@ -52,9 +54,17 @@ def read_scan(scan: ScanFiles, progress: Progress, viewpoint: Any = None) -> tup
 
 
 def surface_of(settings: Any) -> dict[str, Any]:
-    """The arguments of `Model` that repeat the surface of a saved model."""
+    """Return the arguments of `Model` that repeat the surface of a saved model."""
     trim = "auto" if settings.overhang < math.inf else settings.trim if settings.trim < math.inf else None
     return {"surface": settings.surface, "samples": settings.samples, "refine": settings.refine, "trim": trim}
+
+
+def drawing_of(options: dict[str, Any]) -> Drawing | None:
+    """Return how scattered points are to be drawn; None if no option says so."""
+    scatter, size = options["scatter"], check_positive(options["scatter_size"], "--scatter-size")
+    if scatter == AUTO and size == 1.0:
+        return None
+    return Drawing(AS_SPHERES if scatter == AUTO else scatter, size)
 
 
 def check_parts(output: Path, part_points: int | None) -> None:
@@ -103,7 +113,7 @@ def _prepare_parts(scan: ScanFiles, reading: Reading, output: Path, options: dic
     import pointray as pr
 
     selection = Selection(reading.every, None, reading.request.bounds, reading.keep, reading.drop)
-    settings = check_settings(SURFACE, 4, 1, "auto"), AUTO
+    settings = check_settings(SURFACE, 4, 1, "auto"), AUTO, drawing_of(options)
     with working_on(options["cluster"], options["workers"]) as client, Progress() as progress:
         most = part_points_for(client, options["memory"])
         size = min(most, options["part_points"] or begun_points(output) or PART)
@@ -127,9 +137,12 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
         if _sharing(options):
             raise ValueError(f"{_sharing(options)} is for a model in parts: -o {output.with_suffix(SAVED)}/")
         check_result(output, SAVED)
+    drawing = drawing_of(options)
+    if drawing is not None and output.suffix.lower() != SAVED:
+        raise ValueError(f"--scatter and --scatter-size are for a model, {SAVED}: {output.name} holds points")
     scan = scan_of(paths, reading)
     check_not_input(scan.files, output, options["force"])
-    check_saved(scan.files[0], options["normals"] == AUTO)
+    check_saved(scan.files[0], options["normals"] == AUTO and drawing is None)
     scan.check()
     if options["in_parts"] and _goes_by_parts(scan, reading, output, options):
         return _prepare_parts(scan, reading, output, options)
@@ -146,6 +159,9 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
             raise ValueError(f"{scan.name}: {error}") from error
         if output.suffix.lower() == SAVED:
             surface = {} if model is None else surface_of(model.settings)
+            drawing = drawing if model is None else model.drawing
+            if drawing is not None:
+                surface |= {"scatter": drawing.scatter, "scatter_size": drawing.size}
             if model is None or points is not read:
                 try:
                     model = in_background(lambda: pr.Model(points, radii_in(points), **surface, progress=progress.show))
@@ -154,8 +170,8 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
             if options["in_parts"]:
                 write = partial(split, model, output, options["part_points"], levels=options["levels"])
                 in_background(lambda: write(progress=lambda share: progress.show("writing", share)))
-                parts = len(pr.Model.load(output).parts)
-                return f"{output}: a model of {len(points):,} points in {parts} parts"
+                made = pr.Model.load(output)
+                return f"{output}: a model of {len(made.points):,} points in {len(made.parts)} parts"
             if not options["levels"]:
                 model.levels = ()
             elif not model.levels:

@@ -43,8 +43,14 @@ class Arrangement:
     def cut_and_scatter(self, progress: Progress | None = None) -> None:
         """Write the rows to the stretches of their parts, in the order of files."""
         columns = self._columns
-        if columns.get("scattered") is not None:
-            return
+        if columns.get("scattered") is None:
+            self._cut_and_scatter(progress)
+            columns.put("scattered", {"parts": self.parts})
+        for name in self._names:
+            columns.drop(name)
+
+    def _cut_and_scatter(self, progress: Progress | None) -> None:
+        columns = self._columns
         positions = columns["positions"]
         cuts = find_cuts(lambda: _chunks_of(positions), self._count, self._size, part_of(progress, 0.0, CUT))
         there = {name: columns[name] for name in self._names}
@@ -58,9 +64,6 @@ class Arrangement:
             self._scatter({name: column[rows] for name, column in there.items()}, start, cuts, made, free)
             tell(part_of(progress, CUT, 1.0), rows.stop / self._count)
         columns.sync()
-        columns.put("scattered", {"parts": self.parts})
-        for name in self._names:
-            columns.drop(name)
 
     def _scatter(
         self,

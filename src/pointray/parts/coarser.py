@@ -7,7 +7,6 @@ margins.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +20,6 @@ from ..neighbors import kd_order
 from ..points.sampled import Sampled
 from ..points.usual import Usual, sample_of
 from ..splats.averages import attribute_averages
-from ..splats.groups import cell_numbers, groups_in_cells
 from ..splats.levels import SUPPORT, Fine, means_of
 from ..splats.support import Support, find_support
 from ..survey import Survey
@@ -30,6 +28,7 @@ from ..tree.leaves import longest_step
 from ..tree.settings import TreeSettings
 from ..tree.stored import reach_of
 from .arrange import boxes_of
+from .grid import Grid, cells_of_part, widened
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
 from .members import among, distinct_numbers
 from .trees import tree_within, with_margins
@@ -45,17 +44,6 @@ WIDEST = 4.0  # cells: what no more than a few supports are wider than
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Grid:
-    """The grid of a level.
-
-    cell : edge of its cells; low : (3,) where it begins
-    """
-
-    cell: float
-    low: list[float]
 
 
 class Whole(NamedTuple):
@@ -95,7 +83,7 @@ def show_part(layer: Layer, part: int) -> Facts:
     """Write the boxes of a part's tiles; the box around its splats."""
     positions = layer.read(POSITIONS, layer.own(part))
     layer.write_boxes(part, positions)
-    return _box_around(positions)
+    return box_around(positions)
 
 
 def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], part: int) -> Facts:
@@ -103,20 +91,12 @@ def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], 
 
     categories : the columns of attributes that have categories
     """
-    own, (cell, low) = fine.own(part), (grid.cell, np.array(grid.low, np.float32))
-    if own.start == own.stop:
+    if not fine.sizes[part]:
         return {"size": 0}
-    mine = distinct_numbers(cell_numbers(fine.read(POSITIONS, own), fine.read(NORMALS, own), cell, low))
-
-    def shared(rows: slice) -> NDArray[np.bool_]:
-        return among(mine, cell_numbers(fine.read(POSITIONS, rows), fine.read(NORMALS, rows), cell, low))
-
-    others = fine.near(part, _widened(fine.boxes(part), 1.01 * cell), None, shared)
-    rows = np.sort(np.concatenate([others, np.arange(own.start, own.stop)]))
-    positions, normals = fine.read(POSITIONS, rows), fine.read(NORMALS, rows)
-    groups = groups_in_cells(positions, normals, cell, low)
-    owner = rows[groups.first]
-    groups = groups.pick((owner >= own.start) & (owner < own.stop))
+    rows, groups = cells_of_part(fine, grid, part)
+    if len(groups.starts) == 1:  # all cells are those of parts before
+        return {"size": 0}
+    positions, normals, cell = fine.read(POSITIONS, rows), fine.read(NORMALS, rows), grid.cell
     found = means_of(
         groups, Fine(positions, normals, fine.read(RADII, rows), fine.find(COLORS, rows), fine.find(NOISE, rows)), cell
     )
@@ -129,7 +109,7 @@ def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], 
         means = attribute_averages(some, groups.order, groups.starts[:-1], categories=categories)
         coarse.write(name, part, means[name])
     coarse.write_boxes(part, found.positions)
-    return {"size": len(found.positions), **_box_around(found.positions)}
+    return {"size": len(found.positions), **box_around(found.positions)}
 
 
 def survey_supports(layer: Layer, cell: float) -> dict[str, float]:
@@ -137,7 +117,7 @@ def survey_supports(layer: Layer, cell: float) -> dict[str, float]:
     rows = own = np.concatenate([layer.rows_of(some) for some in sample_of(layer.total)])
     if len(own) < layer.total:
         here, reach = layer.read(POSITIONS, own), MARGIN * cell
-        rows = np.union1d(own, layer.near(None, _widened(boxes_of(here), reach), None, _around(layer, here, reach)))
+        rows = np.union1d(own, layer.near(None, widened(boxes_of(here), reach), None, _around(layer, here, reach)))
     known: dict[str, float] = {}
     _supports(layer, rows, cell, known, own)
     return known
@@ -150,7 +130,7 @@ def support_part(layer: Layer, cell: float, known: dict[str, float], part: int) 
         return {"longest": 0.0, "borders": False, "sheets": 0}
     here, reach = layer.read(POSITIONS, own), MARGIN * cell
     while True:
-        others = layer.near(part, _widened(layer.boxes(part), reach), None, _around(layer, here, reach))
+        others = layer.near(part, widened(layer.boxes(part), reach), None, _around(layer, here, reach))
         if len(others) <= max(len(here), LEAST) or reach < cell:
             break
         reach /= 2
@@ -226,10 +206,12 @@ def tree_part(
     )
     tree = with_margins(tree_within(splats, cells[part], (whole.supports, whole.reference), settings), cells[part])
     reach = reach_of(tree)
+    if reach is None:
+        return {"file": None}
     used, order = np.unique(tree.order, return_inverse=True)
     empty = int(used[0] < 0)
     tree, used = tree._replace(order=(order.ravel() - empty).astype(np.int32)), used[empty:]
-    if reach is None or np.median(radii[used]) < before.spacing:
+    if np.median(radii[used]) < before.spacing:
         return {"file": None}
     points = Points.about(
         named.origin,
@@ -282,11 +264,7 @@ def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], 
     return keep
 
 
-def _widened(boxes: Floats, reach: float) -> Floats:
-    return np.concatenate([boxes[:, :3] - np.float32(reach), boxes[:, 3:] + np.float32(reach)], axis=1)
-
-
-def _box_around(positions: Floats) -> Facts:
+def box_around(positions: Floats) -> Facts:
     if not len(positions):
         return {}
     return {"low": positions.min(axis=0).astype(float).tolist(), "high": positions.max(axis=0).astype(float).tolist()}

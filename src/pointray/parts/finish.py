@@ -12,22 +12,25 @@ from numpy.typing import NDArray
 
 from ..kernels.tree import LONGEST
 from ..model_folder import Index, PartFile, write_columns, write_index, write_part
-from ..progress import tell
+from ..progress import Progress, tell
+from ..splats.scattered import Drawing
 from ..tree.build import Splats
 from ..tree.settings import TreeSettings
 from ..tree.top import Groups
 from . import layer
 from .arrange import CHUNK
 from .coarser import ATTRIBUTE, Named
-from .columns import Columns
+from .columns import Column, Columns
 from .layer import Layer
-from .levels import write_levels
+from .levels import median_of, write_levels
+from .loose import LooseParts, write_loose_levels, write_loose_part
+from .separate import DIRECTIONS, SPHERES
 from .stages import NOISE, PLACED, POSITIONS, Cloud
 from .tasks import BORDERS, RADII, SHEETS
 from .trees import Plan, bounds_about, cells_of, plan_of, shown, tree_of
 from .work import Facts, Work
 
-SHOWN, TREES, LEVELS = 0.05, 0.5, 0.8  # shares of the time after which boxes, trees and levels of detail are there
+SHOWN, TREES = 0.07, 0.6  # shares of the time after which boxes and trees are there; the rest is for levels of detail
 
 Span = tuple[float, float]
 
@@ -48,6 +51,45 @@ class Described(NamedTuple):
     leveled: bool
 
 
+class Half(NamedTuple):
+    """What is written of the surface, or of the scattered points.
+
+    rows : how many points they are; files : what the index says of their parts; supports : boxes around all supports
+    longest : longest step of the samples
+    columns : (positions, normals and colours by name, each perhaps None; attributes; radii)
+    median : of the radii; None: not asked
+    """
+
+    rows: int
+    files: list[PartFile]
+    supports: list[list[float]]
+    longest: float
+    columns: tuple[dict[str, Column | None], dict[str, Column], Column]
+    median: float | None = None
+
+
+class Chain:
+    """Columns one behind the other, for `write_columns`."""
+
+    def __init__(self, columns: list[Column]) -> None:
+        self._columns = columns
+        self._ends = np.cumsum([len(column) for column in columns])
+        self.dtype, self.shape = columns[0].dtype, (int(self._ends[-1]), *columns[0].shape[1:])
+
+    def __getitem__(self, rows: slice) -> NDArray[Any]:
+        start, stop, _ = rows.indices(self.shape[0])
+        pieces = [
+            column[max(start - first, 0) : max(min(stop - first, len(column)), 0)]
+            for first, column in zip([0, *self._ends[:-1].tolist()], self._columns, strict=True)
+        ]
+        return np.concatenate(pieces)
+
+
+def _chained(columns: list[Column | None]) -> Chain | None:
+    there = [column for column in columns if column is not None]
+    return Chain(there) if there else None
+
+
 class Numbers:
     """The numbers of rows, for slices and for rows."""
 
@@ -55,27 +97,66 @@ class Numbers:
         return np.arange(rows.start, rows.stop, dtype=np.int32) if isinstance(rows, slice) else rows.astype(np.int32)
 
 
-def finish(folder: Path, work: Work, cloud: Cloud, model: Described, span: Span) -> None:
-    """Write the trees of the parts, the points and, last, the index."""
-    columns, size, id = work.columns, work.size, _id(work.columns)
+def finish_surface(named: Named, work: Work, cloud: Cloud, model: Described, span: Span) -> Half:
+    """Write the parts of the surface."""
+    columns, size = work.columns, work.size
     if NOISE in model.optional:
         _limit_noise(columns)
-    first, grown, leveled = (span[0] + share * (span[1] - span[0]) for share in (SHOWN, TREES, LEVELS))
+    first, grown = (span[0] + share * (span[1] - span[0]) for share in (SHOWN, TREES))
     shows = work.all(partial(_show, work, cloud, model), (span[0], first), "boxes")
     plan = plan_of(shows, columns[RADII], size)
-    grow = partial(_grow, folder, id, work, cloud, model, plan)
-    trees = work.each("tree", grow, (first, grown))
-    files = [PartFile.of(tree["file"]) for tree in trees]
+    grow = partial(_grow, named.folder, named.id, work, cloud, model, plan)
+    trees = work.each("tree", grow, (first, grown if model.leveled else span[1]))
+    files, median = [PartFile.of(tree["file"]) for tree in trees], None
     if model.leveled:
         whole = _layer_of(work, cloud, model)
-        about = Named(folder, id, cloud.origin, cloud.survey, list(model.attributes))
-        files = write_levels(work, whole, about, cells_of(plan), files, (grown, leveled))
-    named = {name: columns.find(f"points.{name}") for name in ("positions", "normals", "colors")}
+        median = median_of(whole, columns)
+        files = write_levels(work, whole, named, cells_of(plan), files, (grown, span[1]))
+    points = {name: columns.find(f"points.{name}") for name in ("positions", "normals", "colors")}
     attributes = {name: columns[column] for name, column in model.attributes.items()}
-    say = work.watch((leveled, span[1]))
-    sizes = write_columns(folder, id, cloud.origin, named, attributes, columns[RADII], lambda share: tell(say, share))
-    longest = max(tree["longest"] for tree in trees)
-    write_index(folder, _index_of(id, cloud, model, plan, files, (longest, *sizes)))
+    longest, supports = max(tree["longest"] for tree in trees), [plan.supports.astype(float).tolist()]
+    return Half(cloud.total, files, supports, longest, (points, attributes, columns[RADII]), median)
+
+
+def finish_loose(named: Named, work: Work, drawing: Drawing, surface: Half | None, leveled: bool, span: Span) -> Half:
+    """Write the parts of scattered points, which follow those of the surface, see `separate`."""
+    columns, middle = work.columns, (span[0] + span[1]) / 2
+    sources: dict[str, Any] = {layer.POSITIONS: "positions", layer.NORMALS: DIRECTIONS, layer.RADII: SPHERES}
+    if "colors" in columns:
+        sources[layer.COLORS] = "colors"
+    keys = {name: f"{ATTRIBUTE}{k}" for k, name in enumerate(named.attributes)}
+    sources |= {key: key for key in keys.values()}
+    sizes = np.array([rows.stop - rows.start for rows in map(work.stretch, range(work.parts))], np.int64)
+    parts, rows = ([], 0) if surface is None else (surface.files, surface.rows)
+    loose = LooseParts(Layer(0, columns, sizes, sizes, sources), drawing, len(parts), rows)
+    facts = work.each("tree", partial(write_loose_part, named, loose), (span[0], middle if leveled else span[1]))
+    files = [PartFile.of(fact["file"]) for fact in facts]
+    if leveled:
+        median = None if surface is None else surface.median
+        files = write_loose_levels(work, loose, named, (median, parts), files, (middle, span[1]))
+    points = {name: columns.find(name) for name in ("positions", "normals", "colors")}
+    attributes = {name: columns[key] for name, key in keys.items()}
+    supports = [fact["supports"] for fact in facts]
+    return Half(int(sizes.sum()), files, supports, 0.0, (points, attributes, columns[SPHERES]))
+
+
+def finish(named: Named, halves: list[Half], settings: dict[str, Any], loose: int, say: Progress | None) -> None:
+    """Write the points and, last, the index. loose : how many points are scattered"""
+    points = {name: _chained([half.columns[0][name] for half in halves]) for name in halves[0].columns[0]}
+    attributes = {name: _chained([half.columns[1][name] for half in halves]) for name in named.attributes}
+    radii = _chained([half.columns[2] for half in halves])
+    assert radii is not None
+    known = {name: column for name, column in attributes.items() if column is not None}
+    about = named.folder, named.id
+    sizes = write_columns(*about, named.origin, points, known, radii, lambda share: tell(say, share))
+    files = [file for half in halves for file in half.files]
+    boxes = np.array([file.bounds for file in files])
+    bounds = [boxes[:, 0].min(axis=0).tolist(), boxes[:, 1].max(axis=0).tolist()]
+    supports = np.array([box for half in halves for box in half.supports])
+    around = [*supports[:, :3].min(axis=0).tolist(), *supports[:, 3:].max(axis=0).tolist()]
+    longest = max(half.longest for half in halves)
+    index = Index(named.id, settings, named.survey.facts, bounds, around, longest, *sizes, files, loose)
+    write_index(named.folder, index)
 
 
 def _splats_of(cloud: Cloud, model: Described) -> Splats:
@@ -115,16 +196,6 @@ def _layer_of(work: Work, cloud: Cloud, model: Described) -> Layer:
     return Layer(0, columns, sizes, sizes, sources)
 
 
-def _index_of(
-    id: str, cloud: Cloud, model: Described, plan: Plan, files: list[PartFile], sizes: tuple[float, int, str]
-) -> Index:
-    boxes = np.array([file.bounds for file in files])
-    bounds = [boxes[:, 0].min(axis=0).tolist(), boxes[:, 1].max(axis=0).tolist()]
-    settings = {**model.settings._asdict(), "smooth": model.smooth}
-    supports = plan.supports.astype(float).tolist()
-    return Index(id, settings, cloud.survey.facts, bounds, supports, *sizes, files)
-
-
 def _limit_noise(columns: Columns) -> None:
     """Whatever a caller says of the noise, a surface has no bumps higher than its supports."""
     noise, radii = columns[NOISE], columns[RADII]
@@ -133,7 +204,7 @@ def _limit_noise(columns: Columns) -> None:
         noise.write(start, np.minimum(noise[rows], radii[rows]))
 
 
-def _id(columns: Columns) -> str:
+def id_in(columns: Columns) -> str:
     """What all files of the folder name."""
     facts = columns.get("id")
     if facts is None:

@@ -12,25 +12,27 @@ from pathlib import Path
 
 import numpy as np
 
+from ..choices import AUTO
 from ..cluster.chores import Team
-from ..data import Points
 from ..notes import warn
 from ..points.normals.checks import agreement_share, sample_rows
 from ..points.normals.estimate import DISAGREE, told
 from ..points.normals.stations import warn_of_ignored
 from ..points.normals.units import to_units
-from ..points.normals.visibility import ignored_stations, station_sample
 from ..points.smoothing.noise import Stretches, settled
-from ..progress import Progress
-from ..splats.radii import radii_among
+from ..progress import Progress, part_of
+from ..splats.scattered import ALL_SURFACE, Drawing, check_drawing
 from ..splats.support import lone_note
 from ..survey import SCAN
 from ..tree.settings import LOOSE_TRIM, TreeSettings
-from .arrange import CHUNK, TILE, Arrangement
-from .columns import Column, Columns
+from .arrange import TILE, Arrangement
+from .coarser import Named
+from .columns import Columns
 from .facing import turn_fits, turn_given
-from .finish import Described, finish
+from .finish import Described, Half, finish, finish_loose, finish_surface, id_in
+from .given import RADIUS, GivenColumns
 from .second_layers import find_layers
+from .separate import LOOSE, ROW, SEPARATED, SURFACE, Shaping, number_rows, separate
 from .spooled import Spooled
 from .stages import (
     GIVEN,
@@ -63,12 +65,12 @@ from .trees import least_size
 from .work import Work
 
 SEERS = SCAN, "point_source_id"  # attributes that tell who saw each point
-IGNORED = "ignored-stations"
-RADIUS = "radius"  # the attribute that holds given radii
 # Shares of the time after which stages are done.
 ARRANGED, SORTED, SEARCHED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, TURNED_FITS, FACED_AT, SUPPORTED = (
     *(0.12, 0.16, 0.22, 0.3, 0.35, 0.4, 0.5, 0.56, 0.6, 0.8),
 )
+LEVELED, WRITTEN = 0.95, 0.97  # those of the surface, and of scattered points
+SEPARATED_AT = 0.3  # share after which these are in columns of their own; the surface takes the rest
 
 
 @dataclass(frozen=True)
@@ -77,16 +79,20 @@ class Wanted:
 
     size : points of a part, a power of two
     leveled : whether parts get levels of detail
+    drawing : how scattered points are drawn; None: as `Model` does, but as a surface if the cloud comes with radii
+    given : whether the cloud comes with radii; None: as its columns tell
     """
 
     settings: TreeSettings
     smooth: str | float
     size: int
     leveled: bool = True
+    drawing: Drawing | None = None
+    given: bool | None = None
 
 
 class Large:
-    """A cloud on disk, stage by stage.
+    """A cloud on disk, stage by stage; `build` makes a model of it.
 
     Parameters
     ----------
@@ -111,73 +117,76 @@ class Large:
         team: Team | None = None,
     ) -> None:
         self._folder, self._columns, self._spooled = folder, columns, spooled
-        self._names = {name: f"attribute.{k}" for k, name in enumerate(spooled.attributes)}
+        self._given_columns = given_columns = GivenColumns(columns, spooled)
+        self._names = given_columns.names
         size = max(wanted.size, least_size(spooled.rows), TILE)
-        given = self._given_radii()
+        given = given_columns.have_radii() if wanted.given is None else wanted.given
         smooth = 0.0 if given and wanted.smooth == "auto" else wanted.smooth
         self._wanted, self._given = replace(wanted, size=size, smooth=smooth), given
+        self._drawing = check_drawing(AUTO, 1.0, given) if wanted.drawing is None else wanted.drawing
         seers = {name: f"points.{self._names[name]}" for name in SEERS if name in self._names}
-        ignored = self._ignored_stations()
+        ignored = given_columns.ignored_stations()
         about = columns, spooled.rows, spooled.origin, spooled.survey, seers
-        self._cloud = Cloud(*about, self._is_seen(ignored), ignored)
-        self._work = Work(columns, spooled.rows, size, progress, team)
+        self._cloud = Cloud(*about, given_columns.are_seen(ignored), ignored)
+        self._work, self._team = Work(columns, spooled.rows, size, progress, team), team
+        self.settings, self._progress = wanted.settings, progress
 
-    def build(self) -> None:
-        """Do all stages, and write the model; the index comes last."""
+    def build(self) -> int:
+        """Do all stages, and write the model; the index comes last. Returns how many points it has."""
+        halves, drawing = [], self._drawing
+        surface, loose = self._separate()
+        half = None if surface is None else surface.make()
+        if half is not None:
+            halves.append(half)
+        if loose is not None:
+            halves.append(finish_loose(self._named, loose, drawing, half, self._wanted.leveled, (LEVELED, WRITTEN)))
+        settings = self._wanted.settings if surface is None else surface.settings
+        facts = {**settings._asdict(), "smooth": self._wanted.smooth, **drawing.facts}
+        count = 0 if loose is None else halves[-1].rows
+        finish(self._named, halves, facts, count, part_of(self._progress, WRITTEN, 1.0))
+        return sum(half.rows for half in halves)
+
+    def make(self) -> Half:
+        """Do all stages of a surface, and write its parts."""
         self._arrange()
         self._merge()
         self._place()
         self._support()
-        self._write()
+        return self._write()
 
-    def _given_radii(self) -> bool:
-        """Whether the cloud comes with radii, see `radii_in`."""
-        name = self._names.get(RADIUS, RADIUS)
-        column = self._column(name)
-        if column is None or column.width or column.dtype == np.bool_:
-            return False
-        chunks = (column[start : start + CHUNK] for start in range(0, len(column), CHUNK))
-        return all(radii_among(chunk) is not None for chunk in chunks)
+    @property
+    def _named(self) -> Named:
+        """What the files of the model say."""
+        spooled = self._spooled
+        return Named(self._folder, id_in(self._columns), spooled.origin, spooled.survey, list(self._names))
 
-    def _column(self, name: str) -> Column | None:
-        """A column of the cloud as it was given, in kd order or not yet."""
-        return self._columns.find(name) or self._columns.find(f"points.{name}")
-
-    def _scans(self) -> Column | None:
-        """The column with the station of each point."""
-        column = self._column(self._names[SCAN]) if SCAN in self._names else None
-        return None if column is None or column.width else column
-
-    def _ignored_stations(self) -> tuple[int, ...]:
-        """The stations that are not believed, found once."""
-        spooled, columns, scans = self._spooled, self._columns, self._scans()
-        stations, positions = len(spooled.survey.stations), self._column("positions")
-        if not stations or positions is None:
-            return ()
-        facts = columns.get(IGNORED)
-        if facts is None:
-            rows = station_sample(spooled.rows, stations)
-            attributes = {} if scans is None else {SCAN: scans[rows]}
-            sample = Points.about(spooled.origin, positions[rows], None, None, attributes, spooled.survey)
-            facts = {"stations": ignored_stations(sample)}
-            columns.put(IGNORED, facts)
-        return tuple(facts["stations"])
-
-    def _is_seen(self, ignored: tuple[int, ...]) -> bool:
-        """Whether it is told of any point who saw it, see `eyes_of`."""
-        believed = np.setdiff1d(np.arange(len(self._spooled.survey.stations)), ignored)
-        scans = self._scans()
-        if scans is None:
-            return len(self._spooled.survey.stations) == 1 and len(believed) == 1
-        chunks = (scans[start : start + CHUNK] for start in range(0, len(scans), CHUNK))
-        return any(bool(np.isin(chunk, believed).any()) for chunk in chunks)
+    def _separate(self) -> tuple[Large | None, Work | None]:
+        """The surface, and where scattered points are; None where there are no such points."""
+        if not self._drawing.is_apart:
+            return self, None
+        columns, work, drawing = self._columns, self._work, self._drawing
+        if columns.get("sorted") is None and columns.get("scattered") is None:
+            number_rows(columns, self._cloud.total)
+        if columns.get(SEPARATED) is None:
+            self._arrange()
+        shaping = Shaping(drawing, f"points.{self._names[RADIUS]}" if self._given else None)
+        count, loose = separate(work, self._cloud, self._given_columns.all, shaping, (SORTED, SEPARATED_AT))
+        rest = part_of(self._progress, SEPARATED_AT, WRITTEN)
+        if count == self._cloud.total:
+            self._work = Work(columns, count, work.size, rest, self._team)
+            return self, None
+        surface, scattered = (Columns(columns.folder / name) for name in (SURFACE, LOOSE))
+        surface.put("id", {"id": id_in(columns)})
+        wanted = replace(self._wanted, drawing=ALL_SURFACE, given=self._given)
+        about = self._spooled._replace(rows=count), wanted, rest, self._team
+        made = Large(self._folder, surface, *about) if count else None
+        return made, Work(scattered, loose, work.size, self._progress, self._team) if loose else None
 
     def _arrange(self) -> None:
         columns = self._columns
-        names = [name for name in ("positions", "normals", "colors") if name in columns or f"points.{name}" in columns]
-        names += list(self._names.values())
-        arrangement = Arrangement(columns, names, self._cloud.total, self._work.size)
         if columns.get("sorted") is None:
+            names = self._given_columns.all + [ROW] * (self._given_columns.find(ROW) is not None)
+            arrangement = Arrangement(columns, names, self._cloud.total, self._work.size)
             arrangement.cut_and_scatter(self._work.watch((0.0, ARRANGED)))
             arrangement.make_room()
             self._work.each("sort", arrangement.sort, (ARRANGED, SORTED))
@@ -259,13 +268,14 @@ class Large:
         if note:
             warn(note, stacklevel=4)
 
-    def _write(self) -> None:
-        """Write all files of the model."""
+    def _write(self) -> Half:
+        """Write the files of all parts."""
         facts, settings = self._supports, self._wanted.settings
         if any(fact["tight"] for fact in facts):
             settings = settings._replace(trim=LOOSE_TRIM)
+        self.settings = settings
         optional = [name for name in (BORDERS, SHEETS) if any(fact[name] for fact in facts)]
         optional += [NOISE] if self._is_noisy else []
         attributes = {name: f"points.{column}" for name, column in self._names.items()}
         model = Described(settings, self._wanted.smooth, attributes, tuple(optional), self._wanted.leveled)
-        finish(self._folder, self._work, self._cloud, model, (SUPPORTED, 1.0))
+        return finish_surface(self._named, self._work, self._cloud, model, (SUPPORTED, LEVELED))

@@ -7,8 +7,9 @@ is done.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,6 @@ from .coarser import (
     BORDERS,
     LIMITS,
     SHEETS,
-    Grid,
     Named,
     Whole,
     Written,
@@ -35,6 +35,7 @@ from .coarser import (
     tree_part,
 )
 from .columns import Columns
+from .grid import Grid
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
 from .trees import nth_least
 from .work import Facts, Work
@@ -45,10 +46,29 @@ COARSENED, SUPPORTED = 0.3, 0.6  # shares of a level's time
 Span = tuple[float, float]
 
 
+class Steps(NamedTuple):
+    """What is done for each level.
+
+    cell : edge of the cells of the grid that would be the model's own
+    names : of the attributes
+    make_room : makes the columns of a level; called with the finer one, and the level
+    coarsen : see `coarsen_part`
+    shape : writes the files of a level, (level, cell, what is written of each part, span) -> what is said of each
+    others : what rays can hit of parts that are not among these, or None
+    """
+
+    cell: float
+    names: list[str]
+    make_room: Callable[[Layer, Layer], None]
+    coarsen: Callable[..., Facts]
+    shape: Callable[[Layer, float, list[Written | None], Span], list[Facts]]
+    others: Sequence[Any] = ()
+
+
 def write_levels(
     work: Work, whole: Layer, named: Named, cells: NDArray[np.float64], parts: list[PartFile], span: Span
 ) -> list[PartFile]:
-    """Write levels of detail until no part has LEAST_POINTS splats in one; what the index says of the parts then.
+    """Write levels of detail of a surface; what the index says of the parts then.
 
     Parameters
     ----------
@@ -59,11 +79,21 @@ def write_levels(
     parts : list of PartFile
         What it says of them without levels.
     """
+
+    def shape(layer: Layer, cell: float, written: list[Written | None], span: Span) -> list[Facts]:
+        return _shaped(work, layer, cell, named, cells, written, span)
+
+    steps = Steps(median_of(whole, work.columns), named.attributes, _make_room, coarsen_part, shape)
+    return write_all_levels(work, whole, steps, parts, span)
+
+
+def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFile], span: Span) -> list[PartFile]:
+    """Write levels of detail until no part has LEAST_POINTS splats in one; what the index says of the parts then."""
     columns, fine = work.columns, whole
     span = span[0] + SHOWN * (span[1] - span[0]), span[1]
     whole.make_boxes()
     facts = work.each("level-0", partial(show_part, whole), (span[0], span[0]))
-    cell, last = _median_of(whole, columns), whole.sizes
+    cell, last = steps.cell, whole.sizes
     files: list[list[LevelFile]] = [[] for _ in parts]
     reaches = [[part.reach] for part in parts]
     while True:
@@ -71,9 +101,9 @@ def write_levels(
         middle = span[0] + (1 - COARSER**-2) * (span[1] - span[0])
         coarse = Layer(number, columns, fine.sizes, fine.sizes)
         if not _is_done(columns, number + 1):
-            _make_room(fine, coarse)
+            steps.make_room(fine, coarse)
         grid = Grid(cell, np.min([fact["low"] for fact in facts if "low" in fact], axis=0).tolist())
-        facts = _coarsened(work, fine, coarse, grid, named.attributes, (span[0], middle))
+        facts = _coarsened(work, (fine, coarse), grid, steps, (span[0], middle))
         coarse.sizes = np.array([fact["size"] for fact in facts], np.int64)
         large = coarse.sizes >= LEAST_POINTS
         if not large.any():
@@ -83,7 +113,7 @@ def write_levels(
             Written(len(some), some[-1].spacing if some else 0.0) if wanted[part] else None
             for part, some in enumerate(files)
         ]
-        for part, fact in enumerate(_shaped(work, coarse, cell, named, cells, written, (span[0], middle))):
+        for part, fact in enumerate(steps.shape(coarse, cell, written, (span[0], middle))):
             if fact["file"] is not None:
                 files[part].append(LevelFile(**fact["file"]))
                 reaches[part].append(fact["reach"])
@@ -95,20 +125,21 @@ def write_levels(
         layer.drop()
     return [
         part._replace(levels=some, reach=reach)
-        for part, some, reach in zip(parts, files, _widened(reaches), strict=True)
+        for part, some, reach in zip(parts, files, _widened(reaches, steps.others), strict=True)
     ]
 
 
-def _coarsened(work: Work, fine: Layer, coarse: Layer, grid: Grid, names: list[str], span: Span) -> list[Facts]:
-    """Write the splats of a level, see `coarsen_part`."""
+def _coarsened(work: Work, layers: tuple[Layer, Layer], grid: Grid, steps: Steps, span: Span) -> list[Facts]:
+    """Write the splats of a level for all parts. layers : what it is made of, and the level"""
+    fine, coarse = layers
     name = f"level-{coarse.number}-categories"
     known = work.columns.get(name)
     if known is None:
-        keys = [f"{ATTRIBUTE}{k}" for k in range(len(names))]
-        found = [key for key, name in zip(keys, names, strict=True) if have_categories(name, fine.chunks(key))]
+        keys = [f"{ATTRIBUTE}{k}" for k in range(len(steps.names))]
+        found = [key for key, name in zip(keys, steps.names, strict=True) if have_categories(name, fine.chunks(key))]
         known = {"names": found}
         work.columns.put(name, known)
-    do = partial(coarsen_part, fine, coarse, grid, known["names"])
+    do = partial(steps.coarsen, fine, coarse, grid, known["names"])
     return work.each(f"level-{coarse.number}-points", do, (span[0], span[0] + COARSENED * (span[1] - span[0])))
 
 
@@ -148,12 +179,17 @@ def _shaped(
 
 def _make_room(fine: Layer, coarse: Layer) -> None:
     """Make the columns of a level."""
+    for name in (BORDERS, LIMITS, SHEETS):
+        coarse.make(name, np.int8 if name == SHEETS else np.float32, 3 if name == BORDERS else 0)
+    make_room(fine, coarse)
+
+
+def make_room(fine: Layer, coarse: Layer) -> None:
+    """Make the columns that levels of the surface and of scattered points have."""
     coarse.make_boxes()
-    for name in (NORMALS, POSITIONS, BORDERS):
+    for name in (NORMALS, POSITIONS):
         coarse.make(name, np.float32, 3)
-    for name in (LIMITS, RADII):
-        coarse.make(name, np.float32)
-    coarse.make(SHEETS, np.int8)
+    coarse.make(RADII, np.float32)
     for name in fine.sources:
         if name in (COLORS, NOISE) or name.startswith(ATTRIBUTE):
             column = fine.column(name)
@@ -165,8 +201,8 @@ def _is_done(columns: Columns, number: int) -> bool:
     return columns.get(f"level-{number}") is not None
 
 
-def _median_of(layer: Layer, columns: Columns) -> float:
-    """The median of all radii, as NumPy has it."""
+def median_of(layer: Layer, columns: Columns) -> float:
+    """The median of all radii of the finest level, as NumPy has it."""
     known = columns.get("level-0-median")
     if known is None:
         places = {(layer.total - 1) // 2, layer.total // 2}
@@ -176,9 +212,12 @@ def _median_of(layer: Layer, columns: Columns) -> float:
     return float(known["radius"])
 
 
-def _widened(reaches: list[list[Any]]) -> list[Any]:
-    """What rays can hit of each part in any level, no farther away than what they can hit of the finest of any part."""
-    finest = np.array([boxes[0] for boxes in reaches if boxes[0] is not None])
+def _widened(reaches: list[list[Any]], others: Sequence[Any] = ()) -> list[Any]:
+    """What rays can hit of each part in any level, no farther away than what they can hit of the finest of any part.
+
+    others : what they can hit of further parts, or None
+    """
+    finest = np.array([box for box in (*(boxes[0] for boxes in reaches), *others) if box is not None])
     if not len(finest):
         return [None] * len(reaches)
     low, high = finest[:, 0].min(axis=0), finest[:, 1].max(axis=0)

@@ -21,6 +21,7 @@ from ..points.ready import PEAK
 from ..points.replacing import check_writable
 from ..points.selection import Selection
 from ..progress import Progress, part_of
+from ..splats.scattered import Drawing
 from ..tree.settings import TreeSettings
 from .alone import alone, team_for
 from .columns import Columns
@@ -82,7 +83,7 @@ def prepare(
     files: Sequence[Path],
     reading: tuple[Request, Selection],
     path: Path,
-    settings: tuple[TreeSettings, str | float],
+    settings: tuple[TreeSettings, str | float] | tuple[TreeSettings, str | float, Drawing | None],
     part_points: int,
     progress: Progress | None = None,
     client: Any = None,
@@ -98,7 +99,8 @@ def prepare(
         Which points are read, and how.
     path : path
         A folder, which must be empty, not exist, or hold what an interrupted run has left.
-    settings : TreeSettings, and the noise's deviation or "auto"
+    settings : TreeSettings, the noise's deviation or "auto", and perhaps Drawing
+        How scattered points are drawn; None or left out: as `Model` does, but as a surface if there are radii.
     part_points : int
         Of a part, at most.
     progress : callable, optional
@@ -119,7 +121,7 @@ def prepare(
     there, path = path.exists(), path if client is None else path.absolute()
     columns = Columns(check_unfinished(path))
     size = 1 << (part_points.bit_length() - 1)
-    wanted = Wanted(settings[0], settings[1], size, levels)
+    wanted = Wanted(settings[0], settings[1], size, levels, settings[2] if len(settings) > 2 else None)
     with alone(columns.folder), _going_on(path):
         if columns.get(TASK) is None and (path / INDEX).exists():
             _remove(columns.folder, None)
@@ -131,13 +133,13 @@ def prepare(
             if spooled is None:
                 with open_files(files, reading[0]) as openers:
                     spooled = spool(openers, reading[1], columns, part_of(progress, 0.0, SPOOLED))
-            Large(path, columns, spooled, wanted, part_of(progress, SPOOLED, 1.0), team).build()
+            count = Large(path, columns, spooled, wanted, part_of(progress, SPOOLED, 1.0), team).build()
         except BaseException:  # Ctrl-C too
             if spooled_in(columns) is None:  # nothing is worth to be kept
                 _remove(columns.folder, None if there else path)
             raise
         _remove(columns.folder, None)
-    return spooled.rows
+    return count
 
 
 @contextmanager
@@ -167,7 +169,7 @@ def _not_empty(path: Path) -> ValueError:
 
 
 def _task_of(
-    files: Sequence[Path], reading: tuple[Request, Selection], settings: tuple[TreeSettings, str | float], size: int
+    files: Sequence[Path], reading: tuple[Request, Selection], settings: tuple[Any, ...], size: int
 ) -> Mapping[str, Any]:
     """What must be the same for a run to go on with what another has left."""
     return {

@@ -14,21 +14,23 @@ import numpy as np
 from ..arguments import check_callback, check_flag, check_path, check_whole
 from ..data import Points
 from ..model import Model
-from ..model_folder import INDEX, Index, write_index, write_points
+from ..model_folder import INDEX, Index, PartFile, write_index, write_points
 from ..points.replacing import check_writable
 from ..progress import Progress, part_of, tell
 from ..tree.build import Splats
-from ..tree.parts import splats_of
+from ..tree.parts import splats_of, surface_of
+from ..tree.scattered import scattered_of
 from . import layer
 from .coarser import ATTRIBUTE, Named
 from .columns import Columns
 from .layer import Layer
 from .levels import write_levels
-from .trees import cells_of, least_size, write_trees
+from .loose import LooseParts, write_loose_levels, write_loose_part
+from .trees import Trees, cells_of, least_size, write_trees
 from .work import Work
 
-POINTS, TREES = 0.2, 0.7  # shares of the time after which points and trees are written
-LEVELS = "levels"  # the folder in it that holds what levels of detail are made of, until all is done
+POINTS, TREES = 0.2, 0.6  # shares of the time after which points are written, and then the trees of the surface
+LEVELS, LOOSE = "levels", "loose"  # folders in it that hold what levels of detail are made of, until all is done
 PART = 1 << 22  # points of a part, if nothing else is asked for
 
 
@@ -50,7 +52,8 @@ def split(
 ) -> None:
     """Write a model in parts, for `Model.load`: rays meet in it what they meet in the model.
 
-    Rows that no splat stands for are left out, and the others are put into the order of the parts.
+    Rows that no splat stands for are left out, and the others are put into the order of the parts: those of the surface
+    first, then scattered points.
 
     Parameters
     ----------
@@ -68,7 +71,7 @@ def split(
     OSError
         If the folder or a file cannot be written.
     ValueError
-        If the folder is not empty, the model is in parts itself, or it has scattered points.
+        If the folder is not empty, or the model is in parts itself.
     """
     check_path(path)
     check_callback(progress)
@@ -76,8 +79,6 @@ def split(
     wanted = PART if part_points is None else check_whole(part_points, "part_points", 1)
     folder = check_new(path)
     model.check_whole()
-    if model.scattered.any():
-        raise ValueError("models in parts cannot have scattered points yet: build the model with scatter='surface'")
     there = folder.exists()
     folder.mkdir(exist_ok=True)
     try:
@@ -92,32 +93,74 @@ def split(
 
 def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Progress | None) -> None:
     """Write all files of a folder, the index last."""
-    splats = splats_of(model.tree, model.radii)
-    points, count = model.points.select(splats.rows), len(splats.rows)
-    splats = splats._replace(rows=np.arange(count, dtype=np.int32))
-    size = max(1 << (wanted.bit_length() - 1), least_size(count))
-    id = secrets.token_hex(8)
-    sizes = write_points(folder, id, points, splats.radii, partial(tell, part_of(progress, 0.0, POINTS)))
-    grown = part_of(progress, POINTS, TREES if leveled else 1.0)
-    trees = write_trees(folder, id, points, splats, size, model.settings, grown)
-    files = trees.parts
-    if leveled:
-        work = Work(Columns(folder / LEVELS), count, size, progress)
-        about = Named(folder, id, points.origin, points.survey, list(points.attributes))
-        files = write_levels(work, _layer_of(work, splats, points), about, cells_of(trees.plan), files, (TREES, 1.0))
-        shutil.rmtree(work.columns.folder)
-    settings = {**model.settings._asdict(), "smooth": model.smooth}
-    supports = trees.plan.supports.astype(float).tolist()
-    bounds = model.bounds.tolist()
+    surface, found = splats_of(surface_of(model.tree), model.radii), scattered_of(model.tree, model.radii)
+    count, apart = len(surface.rows), 0 if found is None else len(found.rows)
+    rows = surface.rows if found is None else np.concatenate([surface.rows, found.rows])
+    radii = surface.radii if found is None else np.concatenate([surface.radii, found.radii])
+    points = model.points.select(rows)
+    size, id = max(1 << (wanted.bit_length() - 1), least_size(max(count, 1))), secrets.token_hex(8)
+    sizes = write_points(folder, id, points, radii, partial(tell, part_of(progress, 0.0, POINTS)))
+    about = Named(folder, id, points.origin, points.survey, list(points.attributes))
+    ends = np.array([0.0, count / len(rows), 1.0]) * (1.0 - POINTS) + POINTS
+    files: list[PartFile] = []
+    median, longest, supports = None, 0.0, []
+    if count:
+        mine = points.select(np.arange(count))
+        median = float(np.median(surface.radii))
+        surface = surface._replace(rows=np.arange(count, dtype=np.int32))
+        trees = _write_surface(about, mine, surface, size, model, leveled, part_of(progress, ends[0], ends[1]))
+        files, longest, supports = trees.parts, trees.longest, [trees.plan.supports.astype(float).tolist()]
+    if found is not None:
+        layer = _layer_of(folder / LOOSE, size, found, points.select(np.arange(count, len(rows))))
+        loose = LooseParts(layer, model.drawing, len(files), count)
+        more, boxes = _write_loose(about, loose, (median, files), leveled, part_of(progress, ends[1], ends[2]))
+        files, supports = [*files, *more], [*supports, *boxes]
+    settings = {**model.settings._asdict(), "smooth": model.smooth, **model.drawing.facts}
+    box = [*np.min(supports, axis=0)[:3].tolist(), *np.max(supports, axis=0)[3:].tolist()]
     facts = model.points.survey.facts
-    write_index(folder, Index(id, settings, facts, bounds, supports, trees.longest, *sizes, files))
+    write_index(folder, Index(id, settings, facts, model.bounds.tolist(), box, longest, *sizes, files, apart))
 
 
-def _layer_of(work: Work, splats: Splats, points: Points) -> Layer:
-    """The splats, as levels of detail are made of them."""
+def _write_surface(
+    about: Named, points: Points, splats: Splats, size: int, model: Model, leveled: bool, progress: Progress | None
+) -> Trees:
+    """Write the parts of the surface."""
+    grown = part_of(progress, 0.0, TREES if leveled else 1.0)
+    trees = write_trees(about.folder, about.id, points, splats, size, model.settings, grown)
+    if not leveled:
+        return trees
+    layer = _layer_of(about.folder / LEVELS, size, splats, points)
+    work = Work(layer.columns, len(points), size, progress)
+    files = write_levels(work, layer, about, cells_of(trees.plan), trees.parts, (TREES, 1.0))
+    shutil.rmtree(layer.columns.folder)
+    return trees._replace(parts=files)
+
+
+def _write_loose(
+    about: Named,
+    loose: LooseParts,
+    surface: tuple[float | None, list[PartFile]],
+    leveled: bool,
+    progress: Progress | None,
+) -> tuple[list[PartFile], list[list[float]]]:
+    """Write the parts of scattered points; what the index says of them, and the bounds of their spheres."""
+    layer, facts = loose.layer, []
+    for part in range(len(layer.sizes)):
+        facts.append(write_loose_part(about, loose, part))
+        tell(progress, 0.5 * (part + 1) / len(layer.sizes))
+    files = [PartFile.of(fact["file"]) for fact in facts]
+    if leveled:
+        work = Work(layer.columns, layer.total, int(layer.sizes[0]), progress)
+        files = write_loose_levels(work, loose, about, surface, files, (0.5, 1.0))
+    shutil.rmtree(layer.columns.folder)
+    return files, [fact["supports"] for fact in facts]
+
+
+def _layer_of(folder: Path, size: int, splats: Splats, points: Points) -> Layer:
+    """Splats, as levels of detail are made of them."""
     named: dict[str, Any] = {layer.POSITIONS: splats.positions, layer.NORMALS: splats.normals}
     named |= {layer.RADII: splats.radii, layer.NOISE: splats.noise, layer.COLORS: points.colors}
     named |= {f"{ATTRIBUTE}{k}": values for k, values in enumerate(points.attributes.values())}
     sources = {name: array for name, array in named.items() if array is not None}
-    sizes = np.diff(np.append(np.arange(0, len(points), work.size), len(points)))
-    return Layer(0, work.columns, sizes, sizes, sources)
+    sizes = np.diff(np.append(np.arange(0, len(points), size), len(points)))
+    return Layer(0, Columns(folder), sizes, sizes, sources)

@@ -77,9 +77,10 @@ class Usual:
         if names[0] not in self.known:
             self.known.update(zip(names, map(float, find()), strict=True))
 
-    def quantile(self, name: str, values: NDArray[np.float32], share: float) -> float:
-        """The quantile of numbers, one for each point at hand."""
-        return self.ask(name, lambda: steady(quantile(self._of_sample(values), share)))
+    def quantile(self, name: str, values: NDArray[np.float32], share: float, is_most: bool = False) -> float:
+        """The quantile of numbers, one for each point at hand. is_most : rounded up"""
+        sign = -1.0 if is_most else 1.0
+        return self.ask(name, lambda: sign * steady(sign * quantile(self._of_sample(values), share), is_most))
 
     def least(self, name: str, values: NDArray[np.float32]) -> float:
         """The least of numbers, one for each point at hand."""
@@ -104,6 +105,12 @@ class Usual:
         """About so many rows of the sample, evenly spread, for `count` points at hand; less than twice as many."""
         rows = np.arange(count) if self._rows is None else self._rows
         return rows[:: max(len(rows) // most, 1)]
+
+    def sample_rows(self, count: int) -> Rows:
+        """Rows of `count` points at hand that numbers are found from; none if all are known."""
+        if self._is_told:
+            return np.zeros(0, np.int64)
+        return np.arange(count) if self._rows is None else self._rows
 
     def _of_sample(self, values: NDArray[Any]) -> NDArray[Any]:
         """The numbers of the sample's points."""

@@ -97,10 +97,11 @@ def means_of(groups: Groups, fine: Fine, cell: float) -> Coarse:
     if fine.colors is not None:
         colors = np.rint(np.sqrt(groups.mean(fine.colors.astype(np.float32) ** 2))).astype(np.uint8)
     middles = groups.mean(fine.positions).astype(np.float32)
+    size = np.linalg.norm(normals, axis=1, keepdims=True)
     limits = np.maximum(groups.reach(fine.positions, fine.radii, middles), np.float32(SUPPORT * cell))
     return Coarse(
         middles,
-        (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32),
+        (normals / np.where(size > 0, size, 1.0)).astype(np.float32),  # 0 stays: none could be fitted there
         limits,
         colors,
         None if fine.noise is None else groups.mean(fine.noise).astype(np.float32),

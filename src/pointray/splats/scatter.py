@@ -7,7 +7,7 @@ Coarse scales see through noise and across scan lines, fine ones see details.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from .scatter_normals import Normals, follow_normals
 from .scatter_rules import AROUND, KEEP, LOSE, SPACING, VOTERS, Evidence, judge, vote
 
 Floats = NDArray[np.float32]
+Rows = NDArray[np.integer[Any]]
 
 FEW = VOTERS + 1  # different positions; fewer are no surface
 NEAR = 8  # neighbours of the finest scale
@@ -77,18 +78,40 @@ def find_scattered(
     positions = _rows(positions, "positions")
     if normals is not None and (normals := _rows(normals, "normals")).shape != positions.shape:
         raise ValueError(f"normals must be {positions.shape}, one for each position, not {normals.shape}")
-    first, ids = distinct(positions)
-    if len(first) < FEW:
-        tell(progress, 1.0)
-        return np.ones(len(positions), np.bool_)
-    places = take(positions, first)
-    order = kd_order(places, threads)
+    if not len(positions):
+        return np.zeros(0, np.bool_)
+    order = kd_order(positions, threads)
+    along = take(positions, order)
+    first, ids = distinct(along)
     tell(progress, SORTED)
-    known = None if normals is None else Normals(columns_of(take(take(normals, first), order)), fitted)
-    scattered = np.empty(len(first), np.bool_)
-    scattered[order] = _scattered(take(places, order), known, threads, progress)
+    known = None if normals is None else Normals(columns_of(take(normals, order[first])), fitted)
+    scattered = np.empty(len(positions), np.bool_)
+    scattered[order] = scattered_places(take(along, first), first, known, threads, progress)[ids]
     tell(progress, 1.0)
-    return scattered[ids]
+    return scattered
+
+
+def scattered_places(
+    places: Floats,
+    rows: Rows,
+    normals: Normals | None = None,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> NDArray[np.bool_]:
+    """Return which of some places lie on no surface, see `find_scattered`.
+
+    Parameters
+    ----------
+    places : (n, 3) float32
+        All different, in kd order.
+    rows : (n,) array of ints, ascending
+        Where the first point at each place stands in the kd order of the whole cloud. Coarse scales look at every so
+        many rows, so that a part of the order gives what the whole does.
+    normals : Normals, optional
+    """
+    if len(places) < FEW:
+        return np.ones(len(places), np.bool_)
+    return _scattered(places, rows, normals, threads, progress)
 
 
 def find_scattered_placed(cloud: Points, placed: Placed, progress: Progress | None = None) -> NDArray[np.bool_]:
@@ -127,13 +150,13 @@ def _rows(values: Floats, name: str) -> Floats:
 
 
 def _scattered(
-    positions: Floats, normals: Normals | None, threads: int | None, progress: Progress | None
+    positions: Floats, rows: Rows, normals: Normals | None, threads: int | None, progress: Progress | None
 ) -> NDArray[np.bool_]:
     """Return which of some different positions in kd order are scattered."""
     near = NeighborTree(positions, in_order=True).rows(VOTERS + 1)
     xyz = columns_of(positions)
     tell(progress, FOUND)
-    parts = [_parts(positions, step) for step in (COARSE, COARSEST)]
+    parts = [_parts(positions, rows, step) for step in (COARSE, COARSEST)]
     evidence = _evidence(positions, xyz, near, parts, threads)
     tell(progress, FITTED)
     surface, alone = judge(xyz, near, evidence, threads)
@@ -170,14 +193,23 @@ class _Parts(NamedTuple):
         return take(sums[self.near].mean(axis=1, dtype=np.float32), self.part)
 
 
-def _parts(positions: Floats, step: int) -> _Parts:
-    """Split the kd order into parts of `step` points, or fewer where that gives less than 17 parts."""
-    while len(positions) // step < FEW and step > 1:
+def _starts(rows: Rows, step: int) -> NDArray[np.int64]:
+    """Where stretches of so many rows begin among those that are there."""
+    number = np.asarray(rows) // step
+    return np.flatnonzero(np.append(True, number[1:] != number[:-1]))
+
+
+def _parts(positions: Floats, rows: Rows, step: int) -> _Parts:
+    """Split the kd order into parts of `step` rows, or fewer where that gives less than 17 parts."""
+    starts = _starts(rows, step)
+    while len(starts) < FEW and step > 1:
         step //= 2
-    rows = np.arange(step // 2, len(positions), step)
-    part = np.minimum(np.arange(len(positions), dtype=np.int32) // step, len(rows) - 1)
-    near = NeighborTree(np.ascontiguousarray(positions[rows]), in_order=True).rows(FEW)
-    return _Parts(rows, np.arange(len(rows)) * step, part, near)
+        starts = _starts(rows, step)
+    sizes = np.diff(np.append(starts, len(positions)))
+    middles = starts + sizes // 2
+    part = np.repeat(np.arange(len(starts), dtype=np.int32), sizes)
+    near = NeighborTree(np.ascontiguousarray(positions[middles]), in_order=True).rows(FEW)
+    return _Parts(middles, starts, part, near)
 
 
 def _evidence(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,9 +11,11 @@ from ..arguments import check_choice, check_positive
 from ..choices import AS_SPHERES, AS_SURFACE, AUTO, SCATTER
 from ..data import Points
 from ..kernels.tree import DISCS, SPHERES
-from ..neighbors import NeighborTree, distinct, kd_order, take
-from ..points.normals.estimate import estimate_normals
+from ..neighbors import NeighborTree
+from ..points.path import Path, along_path
+from ..points.usual import Usual
 from ..tree.build import Splats
+from .local_planes import columns_of, fit_planes
 
 NEIGHBORS = 8  # whose distances give the local spacing
 AROUND = 24  # neighbours that the direction of a neighbourhood follows from
@@ -22,7 +24,7 @@ CLOSEST = 0.75  # the most, in distances to the nearest other place: spheres ove
 LEAST = 0.5  # the least of a chosen radius that is left, however close the nearest place is: double points stay visible
 WIDEST = 1.5  # the most, in radii of the neighbours: isolated points are not drawn much larger than others
 LARGEST = 0.98  # share of all places whose radii limit those of the others: a few points far off are no balloons
-PLANE = 3  # places from which a normal can be estimated
+FLAT = 17  # points that a disc's normal is fitted to, where points have none
 PIECE = 1 << 18  # rows whose neighbours are held at once
 
 Floats = NDArray[np.float32]
@@ -39,9 +41,24 @@ class Drawing(NamedTuple):
     size: float = 1.0
 
     @property
+    def is_apart(self) -> bool:
+        """Whether scattered points are sought, and drawn by themselves or left out."""
+        return self.scatter != AS_SURFACE
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """What files say of it; nothing where points are drawn as a surface, as in files of earlier releases."""
+        if self == ALL_SURFACE:
+            return {}
+        return {"scatter": self.scatter, "scatter_size": self.size}
+
+    @property
     def kind(self) -> int:
         """SPHERES or DISCS."""
         return DISCS if self.scatter == "discs" else SPHERES
+
+
+ALL_SURFACE = Drawing(AS_SURFACE, 1.0)
 
 
 def check_drawing(scatter: str, scatter_size: float, sized: bool = False) -> Drawing:
@@ -67,15 +84,12 @@ def check_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_] | None:
 def make_scattered(
     points: Points, mask: NDArray[np.bool_], rows: NDArray[np.int32], drawing: Drawing, given: Floats | None = None
 ) -> Splats:
-    """Return the scattered points among some points, with radii and directions.
-
-    A sphere's direction is the mean one of its neighbourhood, from the middle of the neighbours outwards; a disc's is
-    its normal, which is estimated where the points have none.
+    """Return the scattered points among some points, with radii and directions, see `shapes_of`.
 
     Parameters
     ----------
     points : Points
-        All points, also those of the surface: they are neighbours too.
+        All points, finite, also those of the surface: they are neighbours too.
     mask : (n,) bool
         Which of them are scattered, at least one.
     rows : (n,) int32
@@ -83,60 +97,102 @@ def make_scattered(
     drawing : Drawing
         How they are drawn.
     given : (n,) float32, optional
-        Radii of all points. None: 0.35 of the mean distance to the 8 nearest other places, limited by the neighbours,
-        and by the 98th percentile of all.
+        Radii of all points. None: chosen.
 
     Raises
     ------
     ValueError
-        If all positions are equal and no radii are given, or if discs need normals and fewer than three positions
-        differ.
+        If all positions are equal and no radii are given.
     """
-    some, positions = np.flatnonzero(mask), points.positions
-    first, ids = distinct(positions)
-    if len(first) > 1:
-        chosen, outwards = _at_places(take(positions, first))
-        radii, directions = chosen[ids] if given is None else given, outwards[ids]
+    some, along = np.flatnonzero(mask), along_path(points)
+    usual = Usual.of(len(along.positions))
+    radii, directions = shapes_of(points, along, drawing, given, usual, mask)
+    colors = None if points.colors is None else points.colors[some]
+    return Splats(points.positions[some], directions[some], radii[some], rows[some], colors)
+
+
+def shapes_of(
+    points: Points,
+    along: Path,
+    drawing: Drawing,
+    given: Floats | None,
+    usual: Usual,
+    mask: NDArray[np.bool_] | None = None,
+) -> tuple[Floats, Floats]:
+    """Return the radii (n,) and directions (n, 3) that points have if they are drawn as spheres or discs.
+
+    A sphere's direction is the mean one of its neighbourhood, from the middle of the neighbours outwards; a disc's is
+    its normal, or where points have none that of the plane through its neighbours, on the side of that direction.
+
+    Parameters
+    ----------
+    points : Points
+        Finite.
+    along : Path
+        The path through them.
+    given : (n,) float32, optional
+        Radii. None: 0.35 of the mean distance to the 8 nearest other places, limited by the neighbours, and by the
+        98th percentile of all (rounded up to 8 bits).
+    usual : Usual
+        Knows that percentile, or finds it among the points.
+    mask : (n,) bool, optional
+        Which points are asked for; what is returned of others is not valid. None: all.
+    """
+    places = along.positions
+    if len(places) > 1:
+        wanted = np.ones(len(places), np.bool_)
+        if mask is not None:
+            wanted[:] = False
+            wanted[along.ids[mask]] = True
+            wanted[usual.sample_rows(len(places))] = True
+        chosen, outwards = _at_places(places, np.flatnonzero(wanted), usual)
+        if drawing.kind == DISCS and points.normals is None:
+            outwards = _across(places, outwards)
+        radii, directions = chosen[along.ids] if given is None else given, outwards[along.ids]
     elif given is None:
         raise ValueError(
             f"scatter: no radius can be chosen for {drawing.scatter}, as all points are at one place: give radii, or "
             "an attribute radius in the file"
         )
     else:
-        radii, directions = given, np.tile(np.array([0, 0, 1], np.float32), (len(positions), 1))
-    if drawing.kind == DISCS:
-        if points.normals is None and len(first) < PLANE:
-            raise ValueError("scatter: no normals can be estimated for discs from fewer than 3 places: choose spheres")
-        directions = np.asarray((points if points.normals is not None else estimate_normals(points)).normals)
-    return Splats(
-        positions[some],
-        unit_vectors(directions[some]),
-        np.asarray(radii[some] * np.float32(drawing.size), np.float32),
-        rows[some],
-        None if points.colors is None else points.colors[some],
-    )
+        radii, directions = given, np.tile(np.array([0, 0, 1], np.float32), (len(points), 1))
+    if drawing.kind == DISCS and points.normals is not None:
+        directions = unit_vectors(np.nan_to_num(points.normals))
+    return np.asarray(radii * np.float32(drawing.size), np.float32), directions
 
 
-def _at_places(places: Floats) -> tuple[Floats, Floats]:
-    """Radii (m,) and directions (m, 3) at different places."""
-    order = kd_order(places)
-    x = take(places, order)
-    tree, count = NeighborTree(x, in_order=True), min(AROUND + 1, len(x))
-    radii, outwards = np.empty(len(x), np.float32), np.empty_like(x)
-    near = np.empty((len(x), min(NEIGHBORS, len(x) - 1)), np.int32)
-    for start in range(0, len(x), PIECE):
-        part = slice(start, start + PIECE)
-        found = tree.query(count, x[part])
+def _at_places(places: Floats, some: NDArray[np.int64], usual: Usual) -> tuple[Floats, Floats]:
+    """Radii (m,) and directions (m, 3) of spheres at some of different places in kd order, and 0 at the others."""
+    tree, count = NeighborTree(places, in_order=True), min(AROUND + 1, len(places))
+    radii, outwards = np.zeros(len(places), np.float32), np.zeros_like(places)
+    near = np.zeros((len(places), min(NEIGHBORS, len(places) - 1)), np.int32)
+    inner = some
+    if len(some) < len(places):  # and those beside them
+        beside = np.zeros(len(places), np.bool_)
+        beside[tree.rows_at(near.shape[1] + 1, places[some])] = True
+        inner = np.flatnonzero(beside)
+    for start in range(0, len(inner), PIECE):
+        part = inner[start : start + PIECE]
+        found = tree.query(count, places[part])
         distances = found.distances[:, 1 : NEIGHBORS + 1]
         spacing = distances.mean(axis=1)
         radii[part] = SIZE * np.minimum(spacing, np.maximum(CLOSEST / SIZE * distances[:, 0], LEAST * spacing))
         near[part] = found.indices[:, 1 : NEIGHBORS + 1]
-        outwards[part] = unit_vectors(x[part] - x[found.indices].mean(axis=1))
-    limited, directions = np.empty_like(radii), np.empty_like(outwards)
-    limited[order] = np.minimum(radii, WIDEST * np.median(radii[near], axis=1))
-    np.minimum(limited, np.quantile(limited, LARGEST), out=limited)
-    directions[order] = unit_vectors(outwards + outwards[near].sum(axis=1))
+        outwards[part] = unit_vectors(places[part] - places[found.indices].mean(axis=1))
+    limited, directions, around = np.zeros_like(radii), np.zeros_like(outwards), near[some]
+    limited[some] = np.minimum(radii[some], WIDEST * np.median(radii[around], axis=1))
+    np.minimum(limited, np.float32(usual.quantile("largest sphere", limited, LARGEST, is_most=True)), out=limited)
+    directions[some] = unit_vectors(outwards[some] + outwards[around].sum(axis=1))
     return limited, directions
+
+
+def _across(places: Floats, outwards: Floats) -> Floats:
+    """Normals of the planes through the neighbours of places in kd order, on the side of their directions."""
+    if len(places) <= FLAT:
+        return outwards
+    planes = fit_planes(columns_of(places), NeighborTree(places, in_order=True).rows(FLAT), (0, FLAT))
+    normals = unit_vectors(np.column_stack(planes[:3]))
+    return np.where((normals * outwards).sum(axis=1, keepdims=True) < 0, -normals, normals)
 
 
 def unit_vectors(vectors: Floats) -> Floats:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from ..data import Points
 from ..tree.build import Splats
 from .averages import attribute_averages
-from .groups import groups_in_cells
+from .groups import Groups, groups_in_cells
 from .scattered import SIZE, Drawing, unit_vectors
 
 TYPICAL = 1.15  # chosen support radii of a surface, in spacings: a model's `spacing` is in these
@@ -40,21 +41,38 @@ def spacing_of(radii: Floats, drawing: Drawing) -> float:
     return float(np.median(radii)) * TYPICAL / (SIZE * drawing.size)
 
 
-def coarsen_scattered(loose: Loose, cell: float) -> Loose:
+def without_sides(count: int) -> Floats:
+    """Return normals for `groups_in_cells` with which a cell has one group, whatever its points face, (count, 3)."""
+    return np.tile(np.array([0, 0, 1], np.float32), (count, 1))
+
+
+def coarsen_scattered(
+    loose: Loose, cell: float, groups: Groups | None = None, categories: Collection[str] | None = None
+) -> Loose:
     """Return one point, the mean, for each cell of a grid.
 
     Its sphere hides as much of the cell as the spheres that it stands for, if these lie at random: a crown stays as
     dense as it looks.
+
+    Parameters
+    ----------
+    loose : Loose
+    cell : float
+        Edge of the cells.
+    groups : Groups, optional
+        The points of each cell. None: all points, in a grid that begins at their least coordinates.
+    categories : collection of str, optional
+        The attributes that have categories, see `attribute_averages`.
     """
     points = loose.points
-    up = np.tile(np.array([0, 0, 1], np.float32), (len(points), 1))
-    groups = groups_in_cells(points.positions, up, cell)
+    if groups is None:
+        groups = groups_in_cells(points.positions, without_sides(len(points)), cell)
     area = np.pi * groups.mean(loose.radii.astype(np.float32) ** 2) * np.diff(groups.starts)
     radii = np.sqrt(cell**2 * -np.expm1(-area / cell**2) / np.pi).astype(np.float32)
     colors = None
     if points.colors is not None:
         colors = np.rint(np.sqrt(groups.mean(points.colors.astype(np.float32) ** 2))).astype(np.uint8)
-    attributes = attribute_averages(points.attributes, groups.order, groups.starts[:-1])
+    attributes = attribute_averages(points.attributes, groups.order, groups.starts[:-1], categories=categories)
     positions = groups.mean(points.positions).astype(np.float32)
     directions = unit_vectors(groups.mean(np.asarray(points.normals)).astype(np.float32))
     return Loose(Points.about(points.origin, positions, directions, colors, attributes, points.survey), radii)

@@ -5,9 +5,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.tree import BLOCK, Tree
+from ..kernels.tree import BLOCK, Tree, first_scattered
 from .build import Splats
 from .stored import stored_splats
+
+# What a block has of each array of a tree.
+WIDTHS = {"blocks": BLOCK, "order": 4, "borders": 12, "facing": 12, "colors": 4, "noise": 1}
+
+
+def surface_of(tree: Tree) -> Tree:
+    """Return a tree with the blocks of its surface only, for `splats_of`; its nodes are left as they are."""
+    first = first_scattered(tree)
+    return tree._replace(**{name: getattr(tree, name)[: first * width] for name, width in WIDTHS.items()})
 
 
 def splats_of(tree: Tree, radii: NDArray[np.float32]) -> Splats:
@@ -27,10 +36,9 @@ def without_unused(tree: Tree) -> Tree:
     used = np.zeros(tree.blocks.size // BLOCK, np.bool_)
     used[refs[valid]] = True
     number = np.cumsum(used, dtype=np.int32) - 1
-    rows = {"blocks": BLOCK, "order": 4, "borders": 12, "facing": 12, "colors": 4, "noise": 1}
     kept = {
         name: getattr(tree, name).reshape(-1, width)[used].reshape(-1)
-        for name, width in rows.items()
+        for name, width in WIDTHS.items()
         if getattr(tree, name).size
     }
     return tree._replace(refs=np.where(valid, number[refs], 0).astype(np.int32).reshape(-1), **kept)

@@ -156,6 +156,8 @@ def prepare(
     levels: Annotated[
         bool, typer.Option("--levels/--no-levels", help="Of a .pointray: levels of detail too, a third more bytes.")
     ] = True,
+    scatter: ScatterOption = Scatter["auto"],
+    scatter_size: ScatterSizeOption = 1.0,
     part_points: Annotated[
         int | None,
         typer.Option(help="Of a model in parts: the points of a part, rounded down to a power of two [4194304]."),
@@ -196,6 +198,8 @@ def prepare(
         "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
         "trajectory": trajectory,
         "levels": levels,
+        "scatter": scatter.value,
+        "scatter_size": scatter_size,
         "in_parts": output.endswith(SEPARATORS) or part_points is not None or memory is not None,
         "part_points": part_points,
         "memory": None if memory is None else bytes_of(memory),

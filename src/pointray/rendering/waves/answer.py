@@ -12,13 +12,14 @@ from ...kernels.scratch import (
     COLOR,
     INSTANCE_OF,
     NEAREST,
-    NORMAL,
     SHADING_MARGIN,
+    SHADING_NORMAL,
+    SHADING_SIDE,
     TILE,
     load3,
     new_scratch,
 )
-from ...kernels.vec import load3_flat
+from ...kernels.vec import load3_flat, scale
 from ...shade.shading_points import store_shading_points
 from ...trace.cast import PLAIN, Pace
 from ...trace.hits import describe_tile
@@ -66,7 +67,10 @@ def _answer(
                     continue
                 instances[i] = scratch.numbers[INSTANCE_OF + k]
                 if instances[i] >= 0:
-                    normal, color = load3(scratch.world, NORMAL + k), load3(scratch.world, COLOR + k)
+                    # Of a sphere the blended normal, which faces the eye as the exact one does; else the exact one.
+                    side = scratch.shading_points[SHADING_SIDE + k]
+                    normal = scale(load3(scratch.shading_points, SHADING_NORMAL + k), side)
+                    color = load3(scratch.world, COLOR + k)
                     facts[8 * i] = scratch.world[NEAREST + k]
                     facts[8 * i + 7] = scratch.shading_points[SHADING_MARGIN + k]
                     for c in range(3):

@@ -1,0 +1,89 @@
+"""What a cloud on disk comes with, in the order of the files or in kd order: radii, and stations that saw it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..data import Points
+from ..points.normals.visibility import ignored_stations, station_sample
+from ..splats.radii import radii_among
+from ..survey import SCAN
+from .arrange import CHUNK
+from .columns import Column, Columns
+from .spooled import Spooled
+
+# What is found once: stations that are not believed, and whether there are radii.
+IGNORED, GIVEN_RADII = "ignored-stations", "given-radii"
+RADIUS = "radius"  # the attribute that holds given radii
+
+
+class GivenColumns:
+    """The columns of a cloud as it was given.
+
+    Parameters
+    ----------
+    columns : Columns
+    spooled : Spooled
+
+    Attributes
+    ----------
+    names : dict of str to str
+        The columns of the attributes.
+    """
+
+    def __init__(self, columns: Columns, spooled: Spooled) -> None:
+        self._columns, self._spooled = columns, spooled
+        self.names = {name: f"attribute.{k}" for k, name in enumerate(spooled.attributes)}
+
+    @property
+    def all(self) -> list[str]:
+        """All of them that are there."""
+        return [name for name in ("positions", "normals", "colors", *self.names.values()) if self.find(name)]
+
+    def find(self, name: str) -> Column | None:
+        """A column, in kd order or not yet."""
+        return self._columns.find(name) or self._columns.find(f"points.{name}")
+
+    def have_radii(self) -> bool:
+        """Whether the cloud comes with radii, see `radii_in`; found once."""
+        known = self._columns.get(GIVEN_RADII)
+        if known is None:
+            known = {"given": self._find_radii()}
+            self._columns.put(GIVEN_RADII, known)
+        return bool(known["given"])
+
+    def _find_radii(self) -> bool:
+        column = self.find(self.names.get(RADIUS, RADIUS))
+        if column is None or column.width or column.dtype == np.bool_:
+            return False
+        chunks = (column[start : start + CHUNK] for start in range(0, len(column), CHUNK))
+        return all(radii_among(chunk) is not None for chunk in chunks)
+
+    def _scans(self) -> Column | None:
+        """The column with the station of each point."""
+        column = self.find(self.names[SCAN]) if SCAN in self.names else None
+        return None if column is None or column.width else column
+
+    def ignored_stations(self) -> tuple[int, ...]:
+        """The stations that are not believed, found once."""
+        spooled, columns, scans = self._spooled, self._columns, self._scans()
+        stations, positions = len(spooled.survey.stations), self.find("positions")
+        if not stations or positions is None:
+            return ()
+        facts = columns.get(IGNORED)
+        if facts is None:
+            rows = station_sample(spooled.rows, stations)
+            attributes = {} if scans is None else {SCAN: scans[rows]}
+            sample = Points.about(spooled.origin, positions[rows], None, None, attributes, spooled.survey)
+            facts = {"stations": ignored_stations(sample)}
+            columns.put(IGNORED, facts)
+        return tuple(facts["stations"])
+
+    def are_seen(self, ignored: tuple[int, ...]) -> bool:
+        """Return whether any point has a known viewpoint, see `eyes_of`."""
+        believed = np.setdiff1d(np.arange(len(self._spooled.survey.stations)), ignored)
+        scans = self._scans()
+        if scans is None:
+            return len(self._spooled.survey.stations) == 1 and len(believed) == 1
+        chunks = (scans[start : start + CHUNK] for start in range(0, len(scans), CHUNK))
+        return any(bool(np.isin(chunk, believed).any()) for chunk in chunks)

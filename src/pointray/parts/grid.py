@@ -1,0 +1,61 @@
+"""The grid of a level of detail, over all parts: which splats share a cell, and which part's splat stands for them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..splats.groups import Groups, cell_numbers, groups_in_cells
+from ..splats.scattered_levels import without_sides
+from .layer import NORMALS, POSITIONS, Layer
+from .members import among, distinct_numbers
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The grid of a level.
+
+    cell : edge of its cells; low : (3,) where it begins
+    """
+
+    cell: float
+    low: list[float]
+
+
+def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tuple[Rows, Groups]:
+    """Return the groups of splats in a cell that a part's splats stand for: those whose first splat is the part's.
+
+    sides : whether splats in a cell that face different main directions are different groups
+
+    Returns
+    -------
+    rows : (n,) int64, ascending
+        The splats of the part, and those of others that share cells with them.
+    groups : Groups
+        Of these.
+    """
+    own, (cell, low) = layer.own(part), (grid.cell, np.array(grid.low, np.float32))
+
+    def facing(rows: slice | Rows, count: int) -> Floats:
+        return layer.read(NORMALS, rows) if sides else without_sides(count)
+
+    def numbers(rows: slice) -> Rows:
+        positions = layer.read(POSITIONS, rows)
+        return cell_numbers(positions, facing(rows, len(positions)), cell, low)
+
+    mine = distinct_numbers(numbers(own))
+    others = layer.near(part, widened(layer.boxes(part), 1.01 * cell), None, lambda rows: among(mine, numbers(rows)))
+    rows = np.sort(np.concatenate([others, np.arange(own.start, own.stop)]))
+    groups = groups_in_cells(layer.read(POSITIONS, rows), facing(rows, len(rows)), cell, low)
+    owner = rows[groups.first]
+    return rows, groups.pick((owner >= own.start) & (owner < own.stop))
+
+
+def widened(boxes: Floats, reach: float) -> Floats:
+    """Boxes (n, 6) that reach so much farther on each side."""
+    return np.concatenate([boxes[:, :3] - np.float32(reach), boxes[:, 3:] + np.float32(reach)], axis=1)

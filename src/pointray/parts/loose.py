@@ -1,0 +1,145 @@
+"""Scattered points of a model in parts: parts of their own, which follow those of the surface.
+
+Their trees hold nothing else, so that each point lies in one part, and a part is a stretch of their kd order. Levels of
+detail are those of the whole: a cell that several parts share gives one point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data import Points
+from ..kernels.tree import BOUNDS, Tree, no_tree
+from ..model import LEVEL_SAMPLES
+from ..model_file import Level
+from ..model_folder import PartFile, write_level, write_part
+from ..splats.scattered import Drawing
+from ..splats.scattered_levels import Loose, coarsen_scattered, spacing_of
+from ..tree.build import Splats
+from ..tree.scattered import with_scattered
+from ..tree.settings import check_settings
+from ..tree.stored import reach_of
+from .coarser import ATTRIBUTE, Named, Written, box_around
+from .columns import Columns
+from .grid import Grid, cells_of_part
+from .layer import COLORS, NORMALS, POSITIONS, RADII, Layer
+from .levels import Steps, make_room, median_of, write_all_levels
+from .trees import bounds_about
+from .work import Facts, Work
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class LooseParts:
+    """Scattered points, part after part.
+
+    layer : Layer, number 0: their positions, directions (as normals), radii, and perhaps colours and attributes
+    drawing : Drawing, spheres or discs
+    first_part, first_row : those before them in the folder
+    """
+
+    layer: Layer
+    drawing: Drawing
+    first_part: int = 0
+    first_row: int = 0
+
+
+def write_loose_part(named: Named, loose: LooseParts, part: int) -> Facts:
+    """Write the file of a part; what the index says of it, and the bounds of its spheres."""
+    own, layer = loose.layer.own(part), loose.layer
+    rows = np.arange(loose.first_row + own.start, loose.first_row + own.stop, dtype=np.int32)
+    splats = _splats(layer, own, rows)
+    tree = _tree_of(splats, loose.drawing)
+    bounds = bounds_about(splats.positions, named.origin)
+    file = write_part(named.folder, named.id, loose.first_part + part, len(rows), bounds, tree)
+    file = file._replace(spacing=spacing_of(splats.radii, loose.drawing))
+    return {"file": file.facts, "supports": tree.head[BOUNDS : BOUNDS + 6].astype(float).tolist()}
+
+
+def write_loose_levels(
+    work: Work, loose: LooseParts, named: Named, surface: tuple[float | None, list[PartFile]], parts: Any, span: Span
+) -> list[PartFile]:
+    """Write levels of detail; what the index says of the parts then.
+
+    Parameters
+    ----------
+    surface : (float or None, list of PartFile)
+        The median radius of the model's surface, and its parts; None and nothing if it has none.
+    parts : list of PartFile
+        What the index says of the scattered points' parts without levels.
+    """
+
+    def shape(layer: Layer, cell: float, written: list[Written | None], span: Span) -> list[Facts]:
+        do = partial(_write_loose_level, layer, loose, cell, named, written)
+        return work.each(f"level-{layer.number}-tree", do, (span[0] + 0.5 * (span[1] - span[0]), span[1]))
+
+    median, others = surface
+    cell = spacing_in(loose, work.columns) if median is None else median
+    reaches = [part.reach for part in others]
+    steps = Steps(cell, named.attributes, make_room, coarsen_loose_part, shape, reaches)
+    return write_all_levels(work, loose.layer, steps, parts, span)
+
+
+def spacing_in(loose: LooseParts, columns: Columns) -> float:
+    """The spacing that all scattered points stand for."""
+    return spacing_of(np.array([median_of(loose.layer, columns)], np.float32), loose.drawing)
+
+
+def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], part: int) -> Facts:
+    """Write the scattered points of a part's next level, see `coarsen_part`."""
+    if not fine.sizes[part]:
+        return {"size": 0}
+    rows, groups = cells_of_part(fine, grid, part, sides=False)
+    if len(groups.starts) == 1:  # all cells are those of parts before
+        return {"size": 0}
+    names = [name for name in fine.sources if name.startswith(ATTRIBUTE)]
+    attributes = {name: fine.read(name, rows) for name in names}
+    columns = fine.read(POSITIONS, rows), fine.read(NORMALS, rows), fine.find(COLORS, rows), attributes
+    some = Loose(Points.about(np.zeros(3), *columns), fine.read(RADII, rows))
+    found = coarsen_scattered(some, grid.cell, groups, categories)
+    points = found.points
+    named: dict[str, NDArray[Any] | None] = {POSITIONS: points.positions, NORMALS: points.normals, RADII: found.radii}
+    named |= {COLORS: points.colors, **points.attributes}
+    for name, values in named.items():
+        if values is not None:
+            coarse.write(name, part, values)
+    coarse.write_boxes(part, points.positions)
+    return {"size": len(points), **box_around(points.positions)}
+
+
+def _write_loose_level(
+    layer: Layer, loose: LooseParts, cell: float, named: Named, written: list[Written | None], part: int
+) -> Facts:
+    """Write the file of a part's level, see `tree_part`."""
+    before, own = written[part], layer.own(part)
+    if before is None or own.start == own.stop:
+        return {"file": None}
+    splats = _splats(layer, own, np.arange(own.stop - own.start, dtype=np.int32))
+    attributes = {name: layer.read(f"{ATTRIBUTE}{k}", own) for k, name in enumerate(named.attributes)}
+    columns = splats.positions, splats.normals, splats.colors, attributes, named.survey
+    points = Points.about(named.origin, *columns)
+    drawing = Loose(points, splats.radii).drawing(loose.drawing.scatter, cell)
+    tree = _tree_of(splats, drawing)
+    settings = {**check_settings("paper", LEVEL_SAMPLES, 1, "auto")._asdict(), "smooth": 0.0, **drawing.facts}
+    level = Level(settings, points, splats.radii, points.bounds, tree)
+    file = write_level(named.folder, named.id, loose.first_part + part, before.levels + 1, level)
+    reach = reach_of(tree)
+    assert reach is not None
+    file = file._replace(spacing=spacing_of(splats.radii, drawing))
+    return {"file": file._asdict(), "reach": reach.tolist()}
+
+
+def _splats(layer: Layer, own: slice, rows: NDArray[np.int32]) -> Splats:
+    """The scattered points of a part."""
+    positions, normals, radii = (layer.read(name, own) for name in (POSITIONS, NORMALS, RADII))
+    return Splats(positions, normals, radii, rows, layer.find(COLORS, own))
+
+
+def _tree_of(splats: Splats, drawing: Drawing) -> Tree:
+    return with_scattered(no_tree(np.zeros(6, np.float32)), splats, drawing.kind)

@@ -1,0 +1,183 @@
+"""Scattered points of a cloud on disk: found part by part, then put into columns of their own.
+
+Points of the surface go back to the order of the files, so that their kd order, in which they are sorted next, is that
+of a whole model's surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..neighbors import take
+from ..points.normals.estimate import estimate_normals
+from ..points.sampled import of_places
+from ..points.usual import Usual
+from ..progress import tell
+from ..splats.local_planes import columns_of
+from ..splats.make import check_size
+from ..splats.scatter import FEW, scattered_places
+from ..splats.scatter_normals import Normals
+from ..splats.scattered import Drawing, shapes_of
+from .arrange import CHUNK, SORTED
+from .columns import Columns
+from .local import Local
+from .stages import Cloud, path_of
+from .work import Facts, Work
+
+# Columns: the number of each point in the files; whether it is scattered; and how it is drawn then.
+ROW, APART, SPHERES, DIRECTIONS = "row", "apart", "sphere-radii", "sphere-directions"
+SURFACE, LOOSE = "surface", "loose"  # folders of columns in that of the whole cloud
+BY_ROW = "by-row"  # a column of the surface's points, in stretches of rows that are not yet sorted
+SEPARATED = "separated"
+FOUND, SHAPED = 0.5, 0.8  # shares of the time
+
+Span = tuple[float, float]
+Floats = NDArray[np.float32]
+
+
+class Shaping(NamedTuple):
+    """How scattered points are drawn. radii : the column of given ones, or None"""
+
+    drawing: Drawing
+    radii: str | None
+
+    def find(
+        self, cloud: Cloud, local: Local, usual: Usual, mask: NDArray[np.bool_] | None = None
+    ) -> tuple[Floats, Floats]:
+        """Radii and directions of some points, see `shapes_of`."""
+        points = cloud.points(local)
+        along = path_of(points.positions)
+        given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
+        return shapes_of(points, along, self.drawing, given, of_places(usual, along.ids), mask)
+
+
+def number_rows(columns: Columns, count: int) -> None:
+    """Write the number of each point, in the order of the files."""
+    column = columns.make(ROW, np.int32)
+    for start in range(0, count, CHUNK):
+        column.append(np.arange(start, min(start + CHUNK, count), dtype=np.int32))
+
+
+def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, span: Span) -> tuple[int, int]:
+    """Find the scattered points, and put the points into the columns of `SURFACE` and `LOOSE`.
+
+    If none are scattered the columns stay as they are; points of neither kind that are left out are dropped.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The columns of the cloud, without `ROW`.
+
+    Returns
+    -------
+    surface, loose : int
+        How many points are in them.
+
+    Raises
+    ------
+    ValueError
+        If all points are scattered, and those are left out.
+    """
+    columns, drawing = work.columns, shaping.drawing
+    known = columns.get(SEPARATED)
+    if known is None:
+        first, second = (span[0] + share * (span[1] - span[0]) for share in (FOUND, SHAPED))
+        work.room(APART, np.int8)
+        found = [fact["scattered"] for fact in work.each("apart", partial(_find, work, cloud), (span[0], first))]
+        count, is_shown = sum(found), drawing.scatter != "none"
+        if count == cloud.total and not is_shown:
+            raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
+        if count and is_shown and columns.get(f"apart-{DIRECTIONS}") is None:
+            usual = work.surveyed("shapes", partial(shaping.find, cloud))
+            work.room(SPHERES, np.float32)
+            work.room(DIRECTIONS, np.float32, 3)
+            work.each("shapes", partial(_shape, work, cloud, shaping, usual), (first, second))
+        if count:
+            _put_apart(work, cloud.total, names, is_shown, (second, span[1]))
+        known = {"surface": cloud.total - count, "loose": count if is_shown else 0}
+        columns.put(SEPARATED, known)
+    return known["surface"], known["loose"]
+
+
+def _find(work: Work, cloud: Cloud, part: int) -> Facts:
+    """Write which points of a part are scattered."""
+    local = work.local(part)
+    points = cloud.points(local)
+    along, fitted = path_of(points.positions), points.normals is None
+    if fitted and len(along.positions) > FEW:
+        points = estimate_normals(points)
+    normals = None
+    if points.normals is not None:
+        normals = Normals(columns_of(take(points.normals, along.rows)), fitted)
+    scattered = scattered_places(along.positions, local.rows[along.rows], normals)[along.ids]
+    local.write(work.columns[APART], scattered)
+    return {"scattered": int(scattered[local.own].sum())}
+
+
+def _shape(work: Work, cloud: Cloud, shaping: Shaping, usual: Usual, part: int) -> None:
+    """Write how the scattered points of a part are drawn."""
+    apart = work.columns[APART][work.stretch(part)] != 0
+    if not apart.any():
+        return
+    local = work.local(part)
+    mask = np.zeros(len(local.rows), np.bool_)
+    mask[local.own[apart]] = True
+    radii, directions = shaping.find(cloud, local, usual, mask)
+    check_size(radii[mask])
+    local.write(work.columns[SPHERES], radii)
+    local.write(work.columns[DIRECTIONS], directions)
+
+
+def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, span: Span) -> None:
+    """Write each column of the cloud to those of the surface and of scattered points, and remove it."""
+    columns, say = work.columns, work.watch(span)
+    surface, loose = (Columns(columns.folder / name) for name in (SURFACE, LOOSE))
+    shapes = [SPHERES, DIRECTIONS] if is_shown else []
+    every = [*(f"{SORTED}{name}" for name in names), *shapes]
+    for k, name in enumerate(every):
+        done, short = f"apart-{name}", name.removeprefix(SORTED)
+        if columns.get(done) is None:
+            source = columns[name]
+            out = loose.make(short, source.dtype, source.width)
+            for part in range(work.parts if is_shown else 0):
+                rows = work.stretch(part)
+                out.append(source[rows][columns[APART][rows] != 0])
+            loose.sync()
+            if name not in shapes:
+                _put_back(work, total, name, surface)
+            columns.put(done, {})
+        columns.drop(name)
+        tell(say, (k + 1) / len(every))
+
+
+def _put_back(work: Work, total: int, name: str, surface: Columns) -> None:
+    """Write a column of the surface's points in the order of the files: into stretches of rows, which are sorted."""
+    columns, size = work.columns, work.size
+    source, apart, numbers = columns[name], columns[APART], columns[f"{SORTED}{ROW}"]
+    between = surface.make(BY_ROW, source.dtype, source.width, total)
+    places = surface.make(f"{BY_ROW}-{ROW}", np.int32, 0, total)
+    counts = np.zeros(-(-total // size), np.int64)
+    for part in range(work.parts):
+        stretch = work.stretch(part)
+        mine = np.flatnonzero(apart[stretch] == 0)
+        rows, values = numbers[stretch][mine], source[stretch][mine]
+        order = np.argsort(rows)
+        rows, values = rows[order], values[order]
+        ends = np.searchsorted(rows, np.arange(1, len(counts) + 1) * size)
+        for k in np.flatnonzero(np.diff(ends, prepend=0)).tolist():
+            some = slice(ends[k - 1] if k else 0, ends[k])
+            between.write(k * size + int(counts[k]), values[some])
+            places.write(k * size + int(counts[k]), rows[some])
+            counts[k] += some.stop - some.start
+    out = surface.make(name.removeprefix(SORTED), source.dtype, source.width)
+    for k, stop in enumerate((counts + np.arange(len(counts)) * size).tolist()):
+        some = slice(k * size, stop)
+        out.append(between[some][np.argsort(places[some])])
+    for one in (BY_ROW, f"{BY_ROW}-{ROW}"):
+        surface.drop(one)
+    surface.sync()
