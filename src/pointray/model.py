@@ -163,7 +163,7 @@ class Model(OnDisk):
             made = make_splats(
                 placed_for_model(cloud.select(~mask), self.smooth, radii is None, partial(say, "normals")),
                 rows,
-                Sizes(None if radii is None else radii[rows], scale),
+                Sizes(None if radii is None else radii[rows], scale, others=cloud.positions[mask]),
                 self.settings,
                 partial(say, "radii"),
             )

@@ -27,11 +27,13 @@ class Sizes(NamedTuple):
     given : (n,) float32, their radii; None: chosen
     scale : factor for all radii
     within : lower limit and upper limits, (n,) float32, of chosen radii; only for levels of detail
+    others : (m, 3) float32, points of the cloud that are drawn otherwise, for chosen radii
     """
 
     given: Floats | None = None
     scale: float = 1.0
     within: tuple[float, Floats] | None = None
+    others: Floats | None = None
 
 
 class Made(NamedTuple):
@@ -83,6 +85,7 @@ def make_splats(
         within=within,
         apart=apart,
         progress=progress,
+        others=sizes.others,
     )
     check_size(support.radii)
     if support.note and not level:

@@ -13,7 +13,9 @@ from ..data import Points
 from ..kernels.tree import DISCS, SPHERES
 from ..neighbors import NeighborTree, distinct, kd_order, take
 from ..points.normals.estimate import estimate_normals
+from ..points.usual import Usual
 from ..tree.build import Splats
+from .gaps import largest_reach
 
 NEIGHBORS = 8  # whose distances give the local spacing
 AROUND = 24  # neighbours that the direction of a neighbourhood follows from
@@ -81,7 +83,7 @@ def make_scattered(
         How they are drawn.
     given : (n,) float32, optional
         Radii of all points. None: 0.35 of the mean distance to the 8 nearest other places, limited by the neighbours,
-        and by the 98th percentile of all.
+        by the 98th percentile of all, and so that none covers 2% of a picture of the cloud.
 
     Raises
     ------
@@ -125,7 +127,7 @@ def _at_places(places: Floats) -> tuple[Floats, Floats]:
         outwards[part] = unit_vectors(x[part] - x[found.indices].mean(axis=1))
     limited, directions = np.empty_like(radii), np.empty_like(outwards)
     limited[order] = np.minimum(radii, WIDEST * np.median(radii[near], axis=1))
-    np.minimum(limited, np.quantile(limited, LARGEST), out=limited)
+    np.minimum(limited, min(np.quantile(limited, LARGEST), largest_reach(places, Usual())), out=limited)
     directions[order] = unit_vectors(outwards + outwards[near].sum(axis=1))
     return limited, directions
 

@@ -83,6 +83,7 @@ def find_support(
     apart: bool = False,
     progress: Progress | None = None,
     usual: Usual | None = None,
+    others: Floats | None = None,
 ) -> Support:
     """The support of every splat, all of it from one search for neighbours.
 
@@ -102,7 +103,7 @@ def find_support(
     apart : bool
         Whether all positions are known to be different.
     progress : callable, optional
-    usual : Usual, optional
+    usual, others : optional
         See `choose_radii`.
 
     Raises
@@ -122,7 +123,7 @@ def find_support(
     tree = NeighborTree(sites, in_order=True)
     tell(progress, SORTED)
     usual = Usual.of(len(sites)) if usual is None else of_places(usual, ids)
-    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, usual)
+    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, usual, others)
     covering = found.radii
     lone = _spread(found.lone, ids) if given is None else none
     if within is not None:
