@@ -23,7 +23,7 @@ from ..kernels.vec import dot, load3_flat, sub, tangents
 from ..neighbors import NeighborTree, distinct
 from ..points.usual import Usual
 from .closed import USUAL, distances
-from .voronoi import CHUNK, CORNERS, Hood, cell_of, mirror, up_to_seam
+from .voronoi import CHUNK, CORNERS, Hood, Vec2, cell_of, mirror, up_to_seam
 
 WIDEST = 3.0  # local spacings: a wider gap is bridged only between rims that agree
 # The most that a disc in disorder reaches, as a share of the diagonal of the cloud: of a picture that the cloud fits it
@@ -33,6 +33,7 @@ LARGEST, FEW = 0.04, 20
 SPACING = math.sqrt(math.pi / 8)  # distance of the 8th neighbour -> spacing of even points
 SLOPE = math.cos(math.radians(35))  # cosine of the normals of two rims that agree
 PLANE = 0.15  # how far two points may lie off an arc, as a share of their distance
+OBTUSE = math.cos(math.radians(107))  # the widest angle between three points with a gap between them
 ALIKE, ROUGH = math.cos(math.radians(45)), 0.2  # the same of points on a rough sheet; normals may have either sign
 # Share of the 20 nearest neighbours on a rough sheet with a point, on average over a point and these. Where a gap of
 # over 3 spacings has rims that do not agree, it is below 0.45 at 9 in 10 points of a tree or a shrub.
@@ -49,7 +50,7 @@ Around = Callable[[NDArray[Any]], NDArray[np.int32]]
 
 
 @inline
-def _bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float]:
+def bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float]:
     """Cosine of two normals, and how far the points lie off an arc, as a share of their distance.
 
     On an arc the line between them is at right angles to the sum of their normals, of which one may have either sign.
@@ -64,8 +65,18 @@ def _bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, floa
 @inline
 def _agree(positions: Array, normals: Array, i: int, j: int) -> bool:
     """Whether two rims of a gap agree in plane and slope."""
-    cosine, off = _bend(positions, normals, i, j)
+    cosine, off = bend(positions, normals, i, j)
     return cosine >= SLOPE and off <= PLANE
+
+
+@inline
+def _is_obtuse(a: Vec2, b: Vec2) -> bool:
+    """Whether the origin, a and b are one beside the other along a rim: no gap lies between them, but beside them."""
+    dot_a, dot_b = a[0] * (a[0] - b[0]) + a[1] * (a[1] - b[1]), b[0] * (b[0] - a[0]) + b[1] * (b[1] - a[1])
+    size_a, size_b = math.hypot(a[0], a[1]), math.hypot(b[0], b[1])
+    side = math.hypot(a[0] - b[0], a[1] - b[1])
+    here = a[0] * b[0] + a[1] * b[1]
+    return here < OBTUSE * size_a * size_b or dot_a < OBTUSE * size_a * side or dot_b < OBTUSE * size_b * side
 
 
 @kernel
@@ -86,17 +97,18 @@ def _limit(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], l
             for k in range(count):
                 last, after = (k - 1 if k > 0 else count - 1), (k + 1 if k + 1 < count else 0)
                 one, other = i64(corners[last, 2]), i64(corners[k, 2])
-                if other >= 0:
-                    _, middle = mirror(corners, k, after)
-                    if middle <= limit or _agree(positions, normals, i, other):
-                        farthest = max(farthest, middle)
+                b, middle = mirror(corners, k, after)
+                if other >= 0 and (middle <= limit or _agree(positions, normals, i, other)):
+                    farthest = max(farthest, min(middle, max(limit, 0.5 * math.hypot(b[0], b[1]))))
                 if one >= 0 and other >= 0:
+                    a, _ = mirror(corners, last, k)
                     corner = math.sqrt(corners[k, 0] ** 2 + corners[k, 1] ** 2)
                     corner = up_to_seam((positions, normals), i, one, other, corner)
                     if corner <= limit or (
                         _agree(positions, normals, i, one)
                         and _agree(positions, normals, i, other)
                         and _agree(positions, normals, one, other)
+                        and not _is_obtuse(a, b)
                     ):
                         farthest = max(farthest, corner)
             reach[at] = f32(farthest)
@@ -114,7 +126,7 @@ def _count(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], o
         for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
             count = 0
             for k in range(1, near.shape[1]):
-                cosine, off = _bend(positions, normals, i64(rows[at]), i64(near[at, k]))
+                cosine, off = bend(positions, normals, i64(rows[at]), i64(near[at, k]))
                 if abs(cosine) >= ALIKE and off <= ROUGH:
                     count += 1
             out[at] = f32(count) / f32(near.shape[1] - 1)

@@ -86,6 +86,7 @@ def make_splats(
         apart=apart,
         progress=progress,
         others=sizes.others,
+        noise=None if level else noise,
     )
     check_size(support.radii)
     if support.note and not level:

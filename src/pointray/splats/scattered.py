@@ -127,7 +127,9 @@ def _at_places(places: Floats) -> tuple[Floats, Floats]:
         outwards[part] = unit_vectors(x[part] - x[found.indices].mean(axis=1))
     limited, directions = np.empty_like(radii), np.empty_like(outwards)
     limited[order] = np.minimum(radii, WIDEST * np.median(radii[near], axis=1))
-    np.minimum(limited, min(np.quantile(limited, LARGEST), largest_reach(places, Usual())), out=limited)
+    np.minimum(
+        limited, np.float32(min(float(np.quantile(limited, LARGEST)), largest_reach(places, Usual()))), out=limited
+    )
     directions[order] = unit_vectors(outwards + outwards[near].sum(axis=1))
     return limited, directions
 
