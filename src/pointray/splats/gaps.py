@@ -33,14 +33,14 @@ LARGEST, FEW = 0.04, 20
 SPACING = math.sqrt(math.pi / 8)  # distance of the 8th neighbour -> spacing of even points
 SLOPE = math.cos(math.radians(35))  # cosine of the normals of two rims that agree
 PLANE = 0.15  # how far two points may lie off an arc, as a share of their distance
-OBTUSE = math.cos(math.radians(107))  # the widest angle between three points with a gap between them
+OBTUSE = math.cos(math.radians(150))  # the widest angle between three points with a gap between them
 ALIKE, ROUGH = math.cos(math.radians(45)), 0.2  # the same of points on a rough sheet; normals may have either sign
 # Share of the 20 nearest neighbours on a rough sheet with a point, on average over a point and these. Where a gap of
 # over 3 spacings has rims that do not agree, it is below 0.45 at 9 in 10 points of a tree or a shrub.
 ORDER = 0.45
 # Shares of the points that lie in disorder and whose discs reach too far: with fewer than the first the cloud is in
 # order, and they are surface; with more than the second no place is. Meshes, range scans: to 0.001, trees: 0.02 to 0.3.
-SOME, MUCH = 0.01, 0.05
+SOME, MUCH = 0.01, 0.03
 MIXED = 2  # points that are drawn otherwise and lie in a disc: so many are disorder
 COMMON = 0.98  # share of the points whose spacings limit those of the others: a few points far off have no wide discs
 PIECE = 1 << 18  # rows at a time
