@@ -108,9 +108,12 @@ def trim_fringe(
     cloud = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
     nobody = Hood(np.empty(0, np.int64), np.empty((0, USUAL + 1), np.int32))
     around = medians_around(found.radii, normals, found.near, nobody, own=False)
-    everybody = np.arange(len(positions), dtype=np.int32)
-    few = _counts(cloud, everybody, found.near)[0] <= NONE
-    rows = np.flatnonzero(noisy & (few | (found.radii > np.float32(WIDE) * around))).astype(np.int32)
+    rows = np.flatnonzero(noisy).astype(np.int32)
+    few = _counts(cloud, rows, found.near[rows])[0] <= NONE
+    wide = np.flatnonzero(~few & (found.radii[rows] > np.float32(WIDE) * around[rows]))
+    # A gap among 20 neighbours is one among 8 of them.
+    few[wide] = _counts(cloud, rows[wide], found.near[rows[wide]], True)[1].any(axis=1)
+    rows = rows[few]
     near = tree.rows_at(NEIGHBORS + 1, positions[rows])
     counts, out = _counts(cloud, rows, near, True)
     some = np.flatnonzero(counts <= FEW)
