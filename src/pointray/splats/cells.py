@@ -151,7 +151,10 @@ class Cells:
 
     def narrow(self, limits: Limits, usual: Usual) -> None:
         """Let cells in disorder, and among points drawn otherwise, not reach across wide gaps, see `gaps`."""
-        wide = np.flatnonzero(self.reach > limits.half)
+        far = self.reach > limits.half
+        if limits.others is None and usual.share("far cells", far) < SOME:  # so fewer of them are in disorder
+            return
+        wide = np.flatnonzero(far)
         sites = self._cloud.positions, self._cloud.normals
         reach, none = self.reach.copy(), np.zeros(len(self.reach), np.bool_)
         mixed, disordered = none, none.copy()
