@@ -71,7 +71,7 @@ def test_surface_points_in_a_crown_do_not_cover_it(rng):
 
 @pytest.mark.parametrize("name", ["sphere", "torus", "statue", "lattice"])
 def test_clean_models_keep_their_radii(name, monkeypatch):
-    points = pr.procedural(name, 20_000)
+    points = pr.procedural(name, 5_000)
     found = pr.Model(points).radii
     monkeypatch.setattr(cells.Cells, "narrow", lambda *_: None)
     np.testing.assert_array_equal(found, pr.Model(points).radii)
@@ -86,6 +86,8 @@ def clouds(rng):
     yield np.concatenate([ball, [[30, 0, 0]]])
     yield np.concatenate([ball, rng.normal(size=(5, 3)) + 4])
     yield np.concatenate([0.2 * ball, rng.normal(size=(60, 3))])
+    for count in (60, 100):
+        yield np.concatenate([0.2 * ball[:800], rng.uniform(-1, 1, (count, 3))])
 
 
 @pytest.mark.parametrize("scatter", ["surface", "spheres"])
