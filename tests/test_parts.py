@@ -38,7 +38,7 @@ def noisy_wall(rng: np.random.Generator, count: int = 60_000) -> pr.Points:
 
 def clouds(name: str) -> pr.Points:
     if name == "wall":
-        return noisy_wall(np.random.default_rng(5))
+        return noisy_wall(np.random.default_rng(6))
     if name == "lion":
         return pr.read(shared_model("points/potree_lion_takanawa_rgb.ply"))
     return pr.procedural(name, 100_000)

@@ -141,7 +141,7 @@ class Model(OnDisk):
             elif found.all():
                 raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
             surface = [] if found.all() else [surface[0].select(~found)]
-            used, sizes = used[~found], sizes.select(~found)
+            used, sizes = used[~found], sizes.select(~found)._replace(others=cloud.positions[found])
         made = None
         if surface:  # `make_splats` alone holds the placed points, and frees them
             made = make_splats(surface.pop(), used, sizes, self.settings, partial(say, "radii"))

@@ -220,4 +220,5 @@ def support(cloud: Cloud, local: Local, given: Floats | None, settings: TreeSett
         borders=automatic,
         sheets=automatic and settings.surface != "paper",
         usual=usual,
+        noise=local.read(cloud.columns[NOISE]),
     )

@@ -86,6 +86,16 @@ class Usual:
         """The least of numbers, one for each point at hand."""
         return self.ask(name, lambda: float(self._of_sample(values).min()))
 
+    def diagonal(self, name: str, positions: NDArray[np.float32]) -> float:
+        """The diagonal of the box of the middle 98% of positions, one for each point at hand."""
+
+        def find() -> float:
+            some = self._of_sample(positions)
+            spans = (quantile(some[:, c], 0.99) - quantile(some[:, c], 0.01) for c in range(3))
+            return steady(math.hypot(*spans))
+
+        return self.ask(name, find)
+
     def share(self, name: str, flags: NDArray[np.bool_]) -> float:
         """How many of the points at hand have a flag, of all."""
         return self.ask(name, lambda: steady(float(self._of_sample(flags).mean())))

@@ -32,7 +32,7 @@ def _turn(x: float, y: float) -> float:
 
 
 @inline
-def _insert(found: Array, count: int, x: float, y: float) -> int:
+def insert(found: Array, count: int, x: float, y: float) -> int:
     """Insert a direction into the first rows of `found`, ascending in turn; rows are turn, x, y."""
     if x == 0.0 and y == 0.0:
         return count
@@ -62,15 +62,15 @@ def _closed_directions(
             at_v += d * v[c]
             lean_u += normals[j, c] * u[c]
             lean_v += normals[j, c] * v[c]
-        count = _insert(found, count, at_u, at_v)
+        count = insert(found, count, at_u, at_v)
         if cosine < FOLD:
             side = -1.0 if height > 0.0 else 1.0
-            count = _insert(found, count, side * lean_u, side * lean_v)
+            count = insert(found, count, side * lean_u, side * lean_v)
     return count
 
 
 @inline
-def _widest(found: Array, count: int) -> tuple[float, float]:
+def widest(found: Array, count: int) -> tuple[float, float]:
     """The widest gap between directions that is wider than GAP, as an angle, else 0; and its middle's angle."""
     gap, middle = (2.0 * math.pi, 0.0) if count == 0 else (0.0, 0.0)
     for k in range(count):
@@ -95,7 +95,7 @@ def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near:
         for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
             i = i64(rows[at])
             axes = tangents((f64(normals[i, 0]), f64(normals[i, 1]), f64(normals[i, 2])))
-            gap, middle = _widest(found, _closed_directions(positions, normals, i, near[at], axes, found))
+            gap, middle = widest(found, _closed_directions(positions, normals, i, near[at], axes, found))
             for c in range(3):
                 outward = math.cos(middle) * axes[0][c] + math.sin(middle) * axes[1][c] if gap > 0.0 else 0.0
                 out[at, c] = outward

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..neighbors import NeighborTree
+from ..points.usual import Usual
 from ..progress import Progress, tell
 from .borders import find_gaps
 from .closed import CLOSED, OPEN, UNSURE, USUAL, WIDE, Closed, distances, measure_closed, pack_table, room_for
+from .gaps import MUCH, SOME, Limits, bridged, is_disordered
 from .voronoi import Hood, measure_cells
 
 NEIGHBORS = 20  # they close the cells of even points and nine in ten of random ones
@@ -24,6 +26,7 @@ MANY = 0.3  # share of open cells from which few are closed by MORE; of random p
 BEYOND = 40  # neighbours for cells that are open even then, from farther ahead and behind
 PART = 1 << 16  # points that are measured together
 MEASURED = 0.8  # share of the time until all cells are measured once
+SAME = 0.99  # a cell measured again reaches less if by more than a hundredth: other arithmetic has other last bits
 FIRST, AGAIN, THEN, AHEAD = range(4)  # what a cell was last measured with: NEIGHBORS, MORE, MOST, or BEYOND too
 
 Floats = NDArray[np.float32]
@@ -145,6 +148,29 @@ class Cells:
                 self.reach[hood.rows], closed = measure_cells(*sites, hood, self.gaps, usual, void)
                 ahead.append(hood.rows[closed])
         return np.concatenate(ahead)
+
+    def narrow(self, limits: Limits, usual: Usual) -> None:
+        """Let cells in disorder, and among points drawn otherwise, not reach across wide gaps, see `gaps`."""
+        far = self.reach > limits.half
+        if limits.others is None and usual.share("far cells", far) < SOME:  # so fewer of them are in disorder
+            return
+        wide = np.flatnonzero(far)
+        sites = self._cloud.positions, self._cloud.normals
+        reach, none = self.reach.copy(), np.zeros(len(self.reach), np.bool_)
+        mixed, disordered = none, none.copy()
+        for level in (FIRST, AGAIN, THEN, AHEAD):
+            for hood in self._hoods(wide[self._level[wide] == level], level):
+                rows = hood.rows
+                least = np.float32(0.5) * distances(sites[0], Hood(rows, self.near[rows]), 1)
+                found = np.maximum(bridged(*sites, hood, limits.half[rows]), least)
+                less = found < SAME * reach[rows]
+                rows = rows[less]
+                reach[rows] = found[less]
+                mixed[rows] = limits.are_mixed(sites[0][rows], self.reach[rows])
+                disordered[rows] = is_disordered(*sites, rows, self._cloud.around)
+        share = usual.share("disordered", mixed | disordered)
+        where = mixed if share < SOME else mixed | disordered if share < MUCH else None
+        np.copyto(self.reach, reach, where=True if where is None else where)
 
 
 def _looking_ahead(cloud: Cloud, hood: Hood, gaps: Floats) -> Hood:

@@ -27,16 +27,19 @@ class Sizes(NamedTuple):
     given : (n,) float32, their radii; None: chosen
     scale : factor for all radii
     within : lower limit and upper limits, (n,) float32, of chosen radii; only for levels of detail
+    others : (m, 3) float32, points of the cloud that are drawn otherwise, for chosen radii
     """
 
     given: Floats | None = None
     scale: float = 1.0
     within: tuple[float, Floats] | None = None
+    others: Floats | None = None
 
     def select(self, mask: NDArray[np.bool_]) -> Sizes:
         """Those of some of the points."""
         given = None if self.given is None else self.given[mask]
-        return Sizes(given, self.scale, None if self.within is None else (self.within[0], self.within[1][mask]))
+        within = None if self.within is None else (self.within[0], self.within[1][mask])
+        return self._replace(given=given, within=within)
 
 
 class Made(NamedTuple):
@@ -88,6 +91,8 @@ def make_splats(
         within=within,
         apart=apart,
         progress=progress,
+        others=sizes.others,
+        noise=None if level else noise,
     )
     check_size(support.radii)
     if support.note and not level:

@@ -20,6 +20,7 @@ from ..progress import Progress, part_of
 from .borders import lone_borders
 from .cells import Cells, Cloud, cloud_of
 from .closed import USUAL, distances
+from .gaps import find_limits
 from .medians import medians_around
 from .strays import NOTICE, limit_wide
 from .voronoi import Hood
@@ -69,6 +70,7 @@ def choose_radii(
     progress: Progress | None = None,
     tree: NeighborTree | None = None,
     usual: Usual | None = None,
+    others: Floats | None = None,
 ) -> Chosen:
     """Radii that cover the surface, each as small as its point's Voronoi cell and its neighbours' radii allow.
 
@@ -85,6 +87,9 @@ def choose_radii(
         Of the positions, in order.
     usual : Usual, optional
         Of the cloud that the points are a part of. None: they are the whole.
+    others : (m, 3) float32, optional
+        Points of the cloud that are drawn otherwise: discs do not reach across gaps that are wide among all points, see
+        `gaps`.
 
     Raises
     ------
@@ -94,21 +99,21 @@ def choose_radii(
     if len(positions) < 2:
         raise ValueError("points at one place say nothing about the spacing: give radii")
     cloud, usual = cloud_of(positions, normals, tree), usual or Usual.of(len(positions))
-    found = _survey(cloud, usual, progress)
+    found = _survey(cloud, usual, others, progress)
     cell = CLUMP * usual.quantile("reach of small cells", found.radii, 0.25)
     if min(usual.least("least reach", found.radii), found.radii.min()) < cell:
-        found = _merged(cloud, found, cell, usual)
+        found = _merged(cloud, found, cell, usual, others)
     np.multiply(found.radii, np.float32(OVERLAP), out=found.radii)
     return found
 
 
-def _merged(cloud: Cloud, found: Chosen, cell: float, usual: Usual) -> Chosen:
+def _merged(cloud: Cloud, found: Chosen, cell: float, usual: Usual, others: Floats | None) -> Chosen:
     """The survey of points of which those in one cell of a grid count as one; what was found, if all of them do."""
     nearest = distances(cloud.positions, Hood(np.arange(len(found.near)), found.near), 1)
     rows, members = _in_cells(cloud.positions, nearest, cell)
     if len(rows) == 1:
         return found
-    again = _survey(cloud_of(cloud.positions[rows], cloud.normals[rows], None), usual.merged(members))
+    again = _survey(cloud_of(cloud.positions[rows], cloud.normals[rows], None), usual.merged(members), others)
     return Chosen(again.radii[members], again.borders[members], again.lone[members], found.facing, found.near)
 
 
@@ -124,10 +129,10 @@ def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[NDArray[
     return np.flatnonzero(kept), members
 
 
-def _survey(cloud: Cloud, whole: Usual, progress: Progress | None = None) -> Chosen:
+def _survey(cloud: Cloud, whole: Usual, others: Floats | None = None, progress: Progress | None = None) -> Chosen:
     """How far each point's cell reaches, limited for outliers; the borders; and which points are outliers.
 
-    whole : what is usual in the cloud that the points are a part of
+    whole : what is usual in the cloud that the points are a part of; others : its points beside these
     """
     positions, normals = cloud.positions, cloud.normals
     cells = Cells(cloud, part_of(progress, 0.0, CUT))
@@ -157,6 +162,7 @@ def _survey(cloud: Cloud, whole: Usual, progress: Progress | None = None) -> Cho
     reach[empty] = distances(positions, Hood(empty, near[empty]), 1) / 2
     wide = limit_wide(positions, normals, reach, cloud.around, around, whole.quantile("reach", reach, 0.5))
     wide[alone] = True
+    cells.narrow(find_limits(positions, near, others, whole), whole)
     floor = medians_around(reach, normals, near, hood, own=True)
     np.maximum(reach, np.float32(EVEN) * floor, out=reach)
     return Chosen(reach, borders, wide, cells.first.facing, near)

@@ -15,6 +15,7 @@ from ..neighbors import NeighborTree
 from ..points.path import Path, along_path
 from ..points.usual import Usual
 from ..tree.build import Splats
+from .gaps import largest_reach
 from .local_planes import columns_of, fit_planes
 
 NEIGHBORS = 8  # whose distances give the local spacing
@@ -132,7 +133,7 @@ def shapes_of(
         The path through them.
     given : (n,) float32, optional
         Radii. None: 0.35 of the mean distance to the 8 nearest other places, limited by the neighbours, and by the
-        98th percentile of all (rounded up to 8 bits).
+        98th percentile of all (rounded up to 8 bits), and so that none covers 2% of a picture of the cloud.
     usual : Usual
         Knows that percentile, or finds it among the points.
     mask : (n,) bool, optional
@@ -181,7 +182,8 @@ def _at_places(places: Floats, some: NDArray[np.int64], usual: Usual) -> tuple[F
         outwards[part] = unit_vectors(places[part] - places[found.indices].mean(axis=1))
     limited, directions, around = np.zeros_like(radii), np.zeros_like(outwards), near[some]
     limited[some] = np.minimum(radii[some], WIDEST * np.median(radii[around], axis=1))
-    np.minimum(limited, np.float32(usual.quantile("largest sphere", limited, LARGEST, is_most=True)), out=limited)
+    most = min(usual.quantile("largest sphere", limited, LARGEST, is_most=True), largest_reach(places, usual))
+    np.minimum(limited, np.float32(most), out=limited)
     directions[some] = unit_vectors(outwards[some] + outwards[around].sum(axis=1))
     return limited, directions
 

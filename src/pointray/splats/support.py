@@ -12,6 +12,7 @@ from ..points.sampled import of_places
 from ..points.usual import Usual
 from ..progress import Progress, part_of, tell
 from .cells import NEIGHBORS
+from .fringe import trim_fringe
 from .radii import choose_radii
 from .sheets import find_sheets
 from .voronoi import Hood
@@ -83,6 +84,8 @@ def find_support(
     apart: bool = False,
     progress: Progress | None = None,
     usual: Usual | None = None,
+    others: Floats | None = None,
+    noise: Floats | None = None,
 ) -> Support:
     """The support of every splat, all of it from one search for neighbours.
 
@@ -102,8 +105,10 @@ def find_support(
     apart : bool
         Whether all positions are known to be different.
     progress : callable, optional
-    usual : Usual, optional
+    usual, others : optional
         See `choose_radii`.
+    noise : (n,) float32, optional
+        Standard deviation of the noise of each point; frayed borders are trimmed where there is some.
 
     Raises
     ------
@@ -122,7 +127,9 @@ def find_support(
     tree = NeighborTree(sites, in_order=True)
     tell(progress, SORTED)
     usual = Usual.of(len(sites)) if usual is None else of_places(usual, ids)
-    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, usual)
+    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, usual, others)
+    if borders and noise is not None:
+        trim_fringe(sites, facing, tree, found, (noise if rows is None else noise[rows]) > 0, usual)
     covering = found.radii
     lone = _spread(found.lone, ids) if given is None else none
     if within is not None:

@@ -100,7 +100,7 @@ def _square(positions: Array, i: int, j: int) -> float:
 
 
 @inline
-def _cell(
+def cell_of(
     positions: Array, normals: Array, i: int, axes: tuple[Vec3, Vec3], near: Array, polygons: Array
 ) -> tuple[int, int, float]:
     """Which of the polygons is point i's cell, the number of its corners, and the farthest one's squared distance."""
@@ -123,7 +123,7 @@ def _cell(
 
 
 @inline
-def _mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
+def mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
     """The origin mirrored at the side from corner k, which is their bisector; and the side's distance to the origin."""
     x, y = corners[k, 0], corners[k, 1]
     dx, dy = corners[after, 0] - x, corners[after, 1] - y
@@ -146,7 +146,7 @@ def _nearer_until(start: Vec3, direction: Vec3, d: Vec3) -> float:
 
 
 @inline
-def _up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distance: float) -> float:
+def up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distance: float) -> float:
     """Distance to the vertex between two neighbours; less where point i and both lie on three sheets that meet.
 
     Around the corner of a cube are 270 degrees of surface; unfolded into a plane, they leave a quarter without surface.
@@ -190,17 +190,17 @@ def _reach(
         distance, at, here = math.sqrt(x * x + y * y), own, 0.0
         one, other = i64(corners[last, 2]), i64(corners[k, 2])
         if other >= 0:
-            b, here = _mirror(corners, k, after)
+            b, here = mirror(corners, k, after)
             beyond = max(beyond, min(here, void * own))
             within = max(within, min(here, BORDER * own))
         outward = x * ahead[0] + y * ahead[1] > 0.0
         if one >= 0 and other >= 0:
-            distance = _up_to_seam(cloud, i, one, other, distance)
+            distance = up_to_seam(cloud, i, one, other, distance)
             if len(usual) > 0:
                 at = max(at, f64(usual[one]), f64(usual[other]))
             if distance <= void * at:
                 beyond = max(beyond, distance)
-                a, _ = _mirror(corners, last, k)
+                a, _ = mirror(corners, last, k)
                 facing = facing or (outward and (_lies_ahead(a, ahead) or _lies_ahead(b, ahead)))
             if distance <= BORDER * at or not outward:
                 within = max(within, min(distance, void * at))
@@ -233,7 +233,7 @@ def _measure(
             i = i64(rows[at])
             n = load3_flat(normals, 3 * i)
             axes = tangents((f64(n[0]), f64(n[1]), f64(n[2])))
-            which, count, square = _cell(positions, normals, i, axes, near[at], polygons)
+            which, count, square = cell_of(positions, normals, i, axes, near[at], polygons)
             own, ahead = np.inf, (0.0, 0.0)
             if len(usual) > 0:
                 gap = load3_flat(gaps, 3 * i)
