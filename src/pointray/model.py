@@ -128,23 +128,24 @@ class Model(OnDisk):
         cloud = self.points if len(used) == len(self.points) else self.points.select(used)
         self.drawing = check_drawing(scatter, scatter_size, given is not None)
         mask = check_mask(_scattered, len(self.points))
-        sizes, scattered, found, surface = Sizes(None if given is None else given[used], scale), None, None, []
+        sizes, scattered, made = Sizes(None if given is None else given[used], scale), None, None
+        found: NDArray[np.bool_] | None = None
+        placed: list[Placed] = []  # the surface, if there is one
         if self.drawing.is_apart and (mask is not None or has_few_places(cloud.positions)):
             found = np.ones(len(used), np.bool_) if mask is None else mask[used]
         if found is None or not found.all():
-            surface = [placed_for_model(cloud, self.smooth, given is None, partial(say, "normals"))]
+            placed = [placed_for_model(cloud, self.smooth, given is None, partial(say, "normals"))]
         if found is None and self.drawing.is_apart:
-            found = find_scattered_placed(cloud, surface[0], partial(say, "scattered points"))
+            found = find_scattered_placed(cloud, placed[0], partial(say, "scattered points"))
         if found is not None and found.any():
             if self.drawing.scatter != "none":
                 scattered = make_scattered(cloud, found, used, self.drawing, sizes.given)
             elif found.all():
                 raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
-            surface = [] if found.all() else [surface[0].select(~found)]
+            placed = [] if found.all() else [placed[0].select(~found)]
             used, sizes = used[~found], sizes.select(~found)._replace(others=cloud.positions[found])
-        made = None
-        if surface:  # `make_splats` alone holds the placed points, and frees them
-            made = make_splats(surface.pop(), used, sizes, self.settings, partial(say, "radii"))
+        if placed:  # `make_splats` alone holds the placed points, and frees them
+            made = make_splats(placed.pop(), used, sizes, self.settings, partial(say, "radii"))
         self._build(made, say, scattered)
 
     def _build(self, made: Made | None, say: Callable[[str, float], None], scattered: Splats | None = None) -> None:

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..choices import AUTO
 from ..cluster.chores import Team
 from ..notes import warn
 from ..points.normals.checks import agreement_share, sample_rows
@@ -123,7 +122,7 @@ class Large:
         given = given_columns.have_radii() if wanted.given is None else wanted.given
         smooth = 0.0 if given and wanted.smooth == "auto" else wanted.smooth
         self._wanted, self._given = replace(wanted, size=size, smooth=smooth), given
-        self._drawing = check_drawing(AUTO, 1.0, given) if wanted.drawing is None else wanted.drawing
+        self._drawing = check_drawing("auto", 1.0, given) if wanted.drawing is None else wanted.drawing
         seers = {name: f"points.{self._names[name]}" for name in SEERS if name in self._names}
         ignored = given_columns.ignored_stations()
         about = columns, spooled.rows, spooled.origin, spooled.survey, seers
