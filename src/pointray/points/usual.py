@@ -77,10 +77,9 @@ class Usual:
         if names[0] not in self.known:
             self.known.update(zip(names, map(float, find()), strict=True))
 
-    def quantile(self, name: str, values: NDArray[np.float32], share: float, is_most: bool = False) -> float:
-        """The quantile of numbers, one for each point at hand. is_most : rounded up"""
-        sign = -1.0 if is_most else 1.0
-        return self.ask(name, lambda: sign * steady(sign * quantile(self._of_sample(values), share), is_most))
+    def quantile(self, name: str, values: NDArray[np.float32], share: float) -> float:
+        """The quantile of numbers, one for each point at hand."""
+        return self.ask(name, lambda: steady(quantile(self._of_sample(values), share)))
 
     def least(self, name: str, values: NDArray[np.float32]) -> float:
         """The least of numbers, one for each point at hand."""
@@ -116,11 +115,13 @@ class Usual:
         rows = np.arange(count) if self._rows is None else self._rows
         return rows[:: max(len(rows) // most, 1)]
 
-    def sample_rows(self, count: int) -> Rows:
-        """Rows of `count` points at hand that numbers are found from; none if all are known."""
-        if self._is_told:
-            return np.zeros(0, np.int64)
-        return np.arange(count) if self._rows is None else self._rows
+    def quantile_among(self, name: str, values: NDArray[np.float32], rows: Rows, share: float) -> float:
+        """The quantile of the numbers of some rows, rounded up: those of `rows_to_ask`."""
+        return self.ask(name, lambda: -steady(-float(np.quantile(values[rows], share)), is_limit=True))
+
+    def rows_to_ask(self, count: int) -> Rows:
+        """About `SAMPLE` rows of `count` points at hand; none if all numbers are known."""
+        return np.zeros(0, np.int64) if self._is_told else self.spread(count, SAMPLE)
 
     def _of_sample(self, values: NDArray[Any]) -> NDArray[Any]:
         """The numbers of the sample's points."""

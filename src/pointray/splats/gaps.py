@@ -238,8 +238,13 @@ def largest_reach(positions: Floats, usual: Usual) -> float:
 
 def _eighth(positions: Floats, hood: Hood, others: NeighborTree | None) -> Floats:
     """Distances of a hood's points from the 8th neighbour among these and other points."""
+    eighth = distances(positions, hood, USUAL)
     if others is None:
-        return distances(positions, hood, USUAL)
-    near = [distances(positions, hood, k) for k in range(1, USUAL + 1)]
+        return eighth
     found = others.query(USUAL, positions[hood.rows]).distances
-    return np.asarray(np.sort(np.column_stack([*near, found]), axis=1)[:, USUAL - 1])
+    beside = np.flatnonzero(found[:, 0] < eighth)
+    hood = Hood(hood.rows[beside], hood.near[beside])
+    near = [distances(positions, hood, k) for k in range(1, USUAL + 1)]
+    both = np.column_stack([*near, found[beside]])
+    eighth[beside] = np.partition(both, USUAL - 1, axis=1)[:, USUAL - 1]
+    return eighth

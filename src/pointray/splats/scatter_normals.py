@@ -19,7 +19,7 @@ IN_PLANE = 3  # of 8 neighbours that lie in one plane with a point by both norma
 # Fitted normals are no evidence along a line, which lies on arcs whatever they are: where the wide neighbourhood is
 # slimmer than the first, unless that of every 4th point is a surface's, or where the latter is slim and reaches over
 # the third number times as far.
-LINE_SLIM, WIRES_GAP = 0.1, 2.6
+LINE_SLIM, WIRES_GAP = 0.2, 2.0
 
 
 class Normals(NamedTuple):

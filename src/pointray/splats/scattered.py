@@ -141,12 +141,12 @@ def shapes_of(
     """
     places = along.positions
     if len(places) > 1:
-        wanted = np.ones(len(places), np.bool_)
+        wanted, asked = np.ones(len(places), np.bool_), usual.rows_to_ask(len(places))
         if mask is not None:
             wanted[:] = False
             wanted[along.ids[mask]] = True
-            wanted[usual.sample_rows(len(places))] = True
-        chosen, outwards = _at_places(places, np.flatnonzero(wanted), usual)
+            wanted[asked] = True
+        chosen, outwards = _at_places(places, np.flatnonzero(wanted), asked, usual)
         if drawing.kind == DISCS and points.normals is None:
             outwards = _across(places, outwards)
         radii, directions = chosen[along.ids] if given is None else given, outwards[along.ids]
@@ -162,8 +162,13 @@ def shapes_of(
     return np.asarray(radii * np.float32(drawing.size), np.float32), directions
 
 
-def _at_places(places: Floats, some: NDArray[np.int64], usual: Usual) -> tuple[Floats, Floats]:
-    """Radii (m,) and directions (m, 3) of spheres at some of different places in kd order, and 0 at the others."""
+def _at_places(
+    places: Floats, some: NDArray[np.int64], asked: NDArray[np.int64], usual: Usual
+) -> tuple[Floats, Floats]:
+    """Radii (m,) and directions (m, 3) of spheres at some of different places in kd order, and 0 at the others.
+
+    asked : which of these tell how large the largest are
+    """
     tree, count = NeighborTree(places, in_order=True), min(AROUND + 1, len(places))
     radii, outwards = np.zeros(len(places), np.float32), np.zeros_like(places)
     near = np.zeros((len(places), min(NEIGHBORS, len(places) - 1)), np.int32)
@@ -182,7 +187,7 @@ def _at_places(places: Floats, some: NDArray[np.int64], usual: Usual) -> tuple[F
         outwards[part] = unit_vectors(places[part] - places[found.indices].mean(axis=1))
     limited, directions, around = np.zeros_like(radii), np.zeros_like(outwards), near[some]
     limited[some] = np.minimum(radii[some], WIDEST * np.median(radii[around], axis=1))
-    most = min(usual.quantile("largest sphere", limited, LARGEST, is_most=True), largest_reach(places, usual))
+    most = min(usual.quantile_among("largest sphere", limited, asked, LARGEST), largest_reach(places, usual))
     np.minimum(limited, np.float32(most), out=limited)
     directions[some] = unit_vectors(outwards[some] + outwards[around].sum(axis=1))
     return limited, directions
