@@ -188,7 +188,7 @@ def beside(name: str, points: pr.Points, radii: np.ndarray | None, options: argp
     """Print the comparison for one cloud; returns our seconds for the far view."""
     if options.reach:
         radii = options.reach * neighbors(points.positions, 9)[0][:, -1]
-    model = pr.Model(points, radii, surface=options.surface)
+    model = pr.Model(points, radii, surface=options.surface, scatter="surface")
     ours = Ours(model)
     peers: dict[str, Peer] = {"discs": Discs(points.positions, points.normals, model.radii)}
     if options.mesh:

@@ -104,7 +104,8 @@ def cloud_of(truth: Truth, sampling: str, n: int, noise: float = 0.0, seed: int 
 def model_of(cloud: Cloud, setting: Setting) -> pr.Model:
     """The model that a setting describes."""
     radii = None if setting.radii == AUTO else _wide(cloud.points.positions)
-    return pr.Model(cloud.points, radii, surface=setting.surface, samples=setting.samples, refine=setting.refine)
+    options = {"surface": setting.surface, "samples": setting.samples, "refine": setting.refine}
+    return pr.Model(cloud.points, radii, **options, scatter="surface")
 
 
 def _wide(positions: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -106,7 +106,7 @@ def pictures(model: pr.Model, view: View) -> list[NDArray[np.uint8]]:
 def row_of(name: str, folder: Path) -> NDArray[np.uint8]:
     """All pictures of a scan, side by side."""
     points = pr.read(folder / f"{SHOTS[name].file}.ply")
-    plain, smooth = (pr.Model(points, smooth=amount) for amount in (0, "auto"))
+    plain, smooth = (pr.Model(points, smooth=amount, scatter="surface") for amount in (0, "auto"))
     view = nearer(smooth, SHOTS[name])
     return np.concatenate([*pictures(plain, view), *pictures(smooth, view)], axis=1)
 

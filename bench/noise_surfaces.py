@@ -44,7 +44,7 @@ def smooths() -> bool:
 
 def model_of(points: pr.Points, smooth: str | float = "auto") -> pr.Model:
     """A model; `smooth` is passed where there is such a parameter."""
-    return pr.Model(points, **({"smooth": smooth} if smooths() else {}))
+    return pr.Model(points, scatter="surface", **({"smooth": smooth} if smooths() else {}))
 
 
 def points_of(cloud: Cloud) -> pr.Points:

@@ -59,7 +59,7 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     for name in options.files:
-        model = pr.Model(pr.read(name), surface=options.surface)
+        model = pr.Model(pr.read(name), surface=options.surface, scatter="surface")
         radius = float(np.median(model.radii))
         shipped = depths(model, options.size)
         print(f"{name.rsplit('/')[-1]}  {len(model.points):,} points, surface {model.surface}", flush=True)

@@ -31,9 +31,8 @@ from .medians import medians_around
 from .radii import Chosen
 from .voronoi import CHUNK, Hood
 
-OPEN = (
-    5e-4  # share of points on borders from which a cloud is open: range scans have 0.0008 to 0.008, closed meshes 4e-5
-)
+# Share of points on borders from which a cloud is open: range scans have 0.0008 to 0.008, closed meshes 4e-5.
+OPEN = 5e-4
 SHEET, ROUGH = 0.5, 0.3  # least cosine of normals on a rough sheet; how far off an arc, as a share of the distance
 HALF = math.pi  # directions that are open at a rim
 WIDE = 1.2  # radii of those around: a disc on the rim is wider
