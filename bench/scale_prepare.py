@@ -87,6 +87,10 @@ def make_tiles(options: Options) -> list[Row]:
     return rows
 
 
+# All tell of surfaces: scattered points would be sought first, and the city has a few single ones.
+SURFACE = "--scatter", "surface"
+
+
 def command_of(options: Options, folder: Path, *more: object) -> list[object]:
     """The words of `pointray prepare`, which makes a model in parts in a folder."""
     words: list[object] = [
@@ -98,6 +102,7 @@ def command_of(options: Options, folder: Path, *more: object) -> list[object]:
         f"{folder}/",
         "--memory",
         options.memory,
+        *SURFACE,
     ]
     if options.part_points is not None:
         words += ["--part-points", options.part_points]

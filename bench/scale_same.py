@@ -12,7 +12,7 @@ import numpy as np
 
 import pointray as pr
 from scale_pictures import lit
-from scale_prepare import Options, asked, command_of, parts_in
+from scale_prepare import SURFACE, Options, asked, command_of, parts_in
 from scale_rows import MOST, Row
 from scale_watch import disk_of, watched
 
@@ -37,7 +37,7 @@ def made(options: Options) -> dict[int, Path]:
     """The scan whole, 1, and in parts, by how many were asked for; each is made by a process of its own."""
     whole = options.there / "whole.pointray"
     if not whole.exists():
-        watched(["-m", "pointray", "prepare", *options.tiles(), "-o", whole, "--no-levels"])
+        watched(["-m", "pointray", "prepare", *options.tiles(), "-o", whole, "--no-levels", *SURFACE])
     models = {1: whole}
     for count in PARTS:
         models[count] = options.there / f"in-{count}.pointray"

@@ -38,7 +38,7 @@ def test_a_model_tells_normals_radii_and_tree():
     points = pr.procedural("statue", 300_000)
     told = Told()
     pr.Model(pr.Points(points.positions), progress=told)
-    assert told.stages == ["normals", "radii", "tree"]
+    assert told.stages == ["normals", "scattered points", "radii", "tree"]
     assert moves(told.of("normals"), 5, 0.5)
     assert moves(told.of("radii"), 8, 0.2)
 
