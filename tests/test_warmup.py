@@ -109,8 +109,10 @@ def test_the_record_names_kernels():
 
 
 COLD = """
-import threading, time
+import sys, threading, time
 import pointray as pr
+sys.path.append({bench!r})
+from record_kernels import torus
 from pointray.rendering import warmup
 from pointray.jit import BACKLOG, compilations
 
@@ -124,13 +126,13 @@ if __name__ == "__main__":
     warmup.warm_up(pr.Settings("phong"), clicks=True)
     threading.Thread(target=watch, daemon=True).start()
     scene = pr.Scene()
-    scene.add(pr.Model(pr.procedural("torus", 2000)))
+    scene.add(pr.Model(torus()))
     scene.add(pr.Plane((0, 0, -1), (0, 0, 1)))
     hit = scene.intersect([1, 0, 5], [0, 0, -1])
     states = [state for state in seen if state]
     print(compilations(), max([state.total for state in states], default=0), BACKLOG.state, hit.t > 0)
     print(all(a.number <= b.number for a, b in zip(states, states[1:])))
-"""
+""".replace("{bench!r}", repr(str(ROOT / "bench")))
 PICTURE = """
     pr.render(scene, pr.Camera.look_at((3, 0, 2), (0, 0, 0), size=(8, 8)), pr.Settings("phong"))
 """
