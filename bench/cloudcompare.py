@@ -27,7 +27,7 @@ SCREEN = 2400, 2000
 VIEW = 330, 80, 2340, 1830  # pixels of the screen in which there are points: left, top, right, bottom
 AXES = 2240, 1740  # from here on to the right and down there are the axes
 MIDDLE, TICKS = (1344, 960), 14  # where the wheel is turned, and how often, to make points large
-OPENS, ANSWERS = 10.0, 4.0  # seconds that it takes to open a file, and to do what it is told
+OPENS, ANSWERS = 10.0, 4.0  # seconds to wait after opening a file, and after each mouse or key event
 GREY = 220  # sRGB, of points without colours
 
 

@@ -353,6 +353,29 @@ def test_given_radii_stay_a_surface_unless_asked(tmp_path: Path, rng: np.random.
     assert parts.drawing.scatter == "surface" and not parts.scattered.any()
 
 
+@pytest.mark.parametrize("target", ["a.pointray", "a.pointray/"])
+def test_a_size_alone_does_not_ask_for_spheres_of_given_radii(
+    target: str, tmp_path: Path, rng: Any, monkeypatch: Any
+) -> None:
+    points = wood(rng, 20_000)
+    pr.write(tmp_path / "a.ply", points.changed(attributes={"radius": np.full(20_000, 0.05, np.float32)}))
+    monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: False)
+    assert (
+        execute(
+            ["prepare", str(tmp_path / "a.ply"), "-o", f"{tmp_path}/{target}", "--scatter-size", "2", "--no-levels"]
+        )
+        == 0
+    )
+    model = pr.Model.load(tmp_path / "a.pointray")
+    assert model.drawing == Drawing("surface", 2.0) and not model.scattered.any()
+
+
+def test_prepare_names_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pr.write(tmp_path / "a.ply", pr.Points(np.ones((5, 3))))
+    assert execute(["prepare", str(tmp_path / "a.ply"), "-o", str(tmp_path / "a.pointray")]) == 2
+    assert "a.ply: --scatter: no radius can be chosen" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [

@@ -197,9 +197,8 @@ class Source(NamedTuple):
         return self.residence.file(self.key)
 
 
-ABSENT = frozenset(
-    {"tree", "points", "radii", "settings", "surface", "smooth", "drawing", "_bounds"}
-)  # what is asked of a file
+# Attributes of a model on disk that are read from its file, each time they are needed.
+ABSENT = frozenset({"tree", "points", "radii", "settings", "surface", "smooth", "drawing", "_bounds"})
 
 
 class OnDisk:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..arguments import check_positive
-from ..choices import AS_SPHERES, AUTO
+from ..choices import AUTO
 from ..model import SURFACE
 from ..model_file import SAVED
 from ..notes import warn
@@ -27,7 +27,7 @@ from ..tree.settings import check_settings
 from .cluster import working_on
 from .read_options import Reading
 from .scan_files import ScanFiles, check_not_input, check_result, scan_of
-from .scan_surface import check_saved, smooth_of
+from .scan_surface import as_option, check_saved, smooth_of
 from .waiting import Progress, in_background, writing
 
 
@@ -60,11 +60,11 @@ def surface_of(settings: Any) -> dict[str, Any]:
 
 
 def drawing_of(options: dict[str, Any]) -> Drawing | None:
-    """Return how scattered points are to be drawn; None if no option says so."""
+    """Return how scattered points are to be drawn, perhaps "auto"; None if no option says so."""
     scatter, size = options["scatter"], check_positive(options["scatter_size"], "--scatter-size")
     if scatter == AUTO and size == 1.0:
         return None
-    return Drawing(AS_SPHERES if scatter == AUTO else scatter, size)
+    return Drawing(scatter, size)
 
 
 def check_parts(output: Path, part_points: int | None) -> None:
@@ -166,7 +166,7 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
                 try:
                     model = in_background(lambda: pr.Model(points, radii_in(points), **surface, progress=progress.show))
                 except ValueError as error:
-                    raise ValueError(f"{scan.name}: {error}") from error
+                    raise ValueError(f"{scan.name}: {as_option(error)}") from error
             if options["in_parts"]:
                 write = partial(split, model, output, options["part_points"], levels=options["levels"])
                 in_background(lambda: write(progress=lambda share: progress.show("writing", share)))

@@ -78,7 +78,7 @@ class Wanted:
 
     size : points of a part, a power of two
     leveled : whether parts get levels of detail
-    drawing : how scattered points are drawn; None: as `Model` does, but as a surface if the cloud comes with radii
+    drawing : how scattered points are drawn, its scatter perhaps "auto", see `check_drawing`; None: as `Model` does
     given : whether the cloud comes with radii; None: as its columns tell
     """
 
@@ -122,7 +122,8 @@ class Large:
         given = given_columns.have_radii() if wanted.given is None else wanted.given
         smooth = 0.0 if given and wanted.smooth == "auto" else wanted.smooth
         self._wanted, self._given = replace(wanted, size=size, smooth=smooth), given
-        self._drawing = check_drawing("auto", 1.0, given) if wanted.drawing is None else wanted.drawing
+        scatter, factor = ("auto", 1.0) if wanted.drawing is None else wanted.drawing
+        self._drawing = check_drawing(scatter, factor, given)
         seers = {name: f"points.{self._names[name]}" for name in SEERS if name in self._names}
         ignored = given_columns.ignored_stations()
         about = columns, spooled.rows, spooled.origin, spooled.survey, seers

@@ -194,7 +194,7 @@ class _Parts(NamedTuple):
 
 
 def _starts(rows: Rows, step: int) -> NDArray[np.int64]:
-    """Where stretches of so many rows begin among those that are there."""
+    """Return the index of the first of `rows` in each stretch of `step` rows of the whole kd order."""
     number = np.asarray(rows) // step
     return np.flatnonzero(np.append(True, number[1:] != number[:-1]))
 
