@@ -29,7 +29,7 @@ from PIL import Image, ImageDraw
 
 import cloudcompare
 import pointray as pr
-from pointray.choices import SCATTER
+from pointray.base.choices import SCATTER
 from pointray.cli import execute
 from pointray.points.trust import trusted
 from pointray.splats.radii import radii_in

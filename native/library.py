@@ -10,7 +10,7 @@ from typing import Any
 
 from filelock import FileLock
 
-from pointray.dependencies import ROOT, digest_of, files_of
+from pointray.base.dependencies import ROOT, digest_of, files_of
 from pointray.jit.library import FORMAT, MANIFEST, symbol
 
 from . import signatures

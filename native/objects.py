@@ -17,7 +17,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pointray.dependencies import files_of, key_of
+from pointray.base.dependencies import files_of, key_of
 from pointray.jit import KERNELS
 
 from . import signatures

@@ -21,7 +21,7 @@ from filelock import FileLock
 from native import signatures
 
 from pointray import jit
-from pointray.dependencies import key_of
+from pointray.base.dependencies import key_of
 from pointray.jit import disk
 
 # A background job of a shell ignores Ctrl-C, and so does all that it starts, but tests send it.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pointray.choices import COLORMAPS
+from pointray.base.choices import COLORMAPS
 from pointray.shade.colormaps import TABLES
 
 

@@ -8,7 +8,7 @@ import pytest
 import pointray as pr
 from conftest import long
 from maps import map_of_matplotlib
-from pointray.choices import COLORMAPS
+from pointray.base.choices import COLORMAPS
 from pointray.cli import execute
 from pointray.image.tone import linear_to_srgb, srgb_to_linear
 from pointray.shade.colormaps import colormap, shows_classes

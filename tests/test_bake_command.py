@@ -321,7 +321,7 @@ def test_a_full_disk_leaves_the_old_file(scan, capsys, monkeypatch):
     def full(*arguments, **more):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pointray.points.replacing.Replacement.write", full)
+    monkeypatch.setattr("pointray.base.atomic_write.Replacement.write", full)
     status, _, err = run(capsys, "bake", scan, "-o", out, *FEW)
     assert status == 1 and err == f"pointray: {out}: No space left on device\n"
     assert out.read_text() == "old" and sorted(path.name for path in scan.parent.iterdir()) == ["lit.ply", "scan.ply"]

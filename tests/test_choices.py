@@ -11,7 +11,7 @@ import pytest
 
 import pointray as pr
 from conftest import sphere_points
-from pointray import choices
+from pointray.base import choices
 from pointray.cli.scan_scene import ScanMaterial
 from pointray.rendering.picture import KERNELS
 from pointray.scenefile import shading
@@ -23,7 +23,7 @@ SCENES = (DOCS / "scenes.md").read_text() if DOCS.exists() else ""
 
 def test_choices_load_nothing() -> None:
     """`pointray --help` must answer at once."""
-    code = "import sys; before = set(sys.modules); import pointray.choices; print('numpy' in set(sys.modules) - before)"
+    code = "import sys; before = set(sys.modules); import pointray.base.choices; print('numpy' in set(sys.modules) - before)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

@@ -16,6 +16,7 @@ import pytest
 import pointray as pr
 from clusters import cluster_of
 from conftest import sphere_points
+from pointray.base.disk_columns import Columns
 from pointray.cli import execute
 from pointray.cluster import chores, worker
 from pointray.cluster import client as client_module
@@ -28,7 +29,6 @@ from pointray.jit import run
 from pointray.jit.threads import CANCEL
 from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
-from pointray.parts.columns import Columns
 from pointray.parts.prepare import part_points_for, part_points_within, prepare
 from pointray.parts.work import Work, _do_once
 from pointray.points.files import request_of

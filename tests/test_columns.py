@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from pointray.parts import columns as own
-from pointray.parts.columns import Column, Columns
+from pointray.base import disk_columns as own
+from pointray.base.disk_columns import Column, Columns
 from pointray.parts.raw import Raw
 
 ROWS = np.random.default_rng(8).random((5000, 3), np.float32)

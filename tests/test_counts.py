@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.base.disk_columns import Columns
 from pointray.cli import execute
-from pointray.parts.columns import Columns
 from pointray.parts.spool import spool
 from pointray.points.files import open_files, request_of
 from pointray.points.selection import Selection

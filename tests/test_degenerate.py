@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from conftest import long
-from pointray.choices import SURFACES
+from pointray.base.choices import SURFACES
 
 UP = np.array([0.0, 0.0, 1.0])
 GRID = np.stack(np.meshgrid(np.arange(8.0), np.arange(8.0), [0.0], indexing="ij"), axis=-1).reshape(-1, 3)

@@ -17,8 +17,9 @@ from pathlib import Path
 import pytest
 
 import pointray
-from pointray import dependencies, jit
-from pointray.dependencies import ROOT, files_of
+from pointray import jit
+from pointray.base import dependencies
+from pointray.base.dependencies import ROOT, files_of
 from pointray.jit.decorators import Later
 from test_house import statements
 
@@ -116,7 +117,7 @@ import json, sys
 from pathlib import Path
 from pointray import dependencies, model_cache
 from pointray.jit.decorators import Later
-from pointray.dependencies import ROOT, key_of
+from pointray.base.dependencies import ROOT, key_of
 
 def keys():
     dependencies._text.cache_clear()
@@ -139,7 +140,7 @@ KERNELS = ["neighbors/search.py", "tree/leaves.py", "trace/cast.py", "rendering/
 SEARCH, LEAVES, CAST, FRAME, RAYS = KERNELS
 CHANGED = {  # file -> keys that its edit changes
     "__main__.py": [],
-    "arguments.py": [FRAME, RAYS, "model"],
+    "base/arguments.py": [FRAME, RAYS, "model"],
     "baking/gather.py": [RAYS],
     "cli/options.py": [],
     "cluster/client.py": [],

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import pointray as pr
 from conftest import linked_cache, sphere_points
-from pointray.choices import INTEGRATORS
+from pointray.base.choices import INTEGRATORS
 from pointray.jit import Array, inline, kernel
 from pointray.kernels.records import World
 from pointray.kernels.scratch import TILE, Scratch

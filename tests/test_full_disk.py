@@ -14,14 +14,14 @@ import pytest
 
 import pointray as pr
 from conftest import long, sphere_points
+from pointray.base import atomic_write as files
+from pointray.base.atomic_write import replacing
 from pointray.cli import execute
 from pointray.image import write_layers
 from pointray.image.exr import _check_whole as check_exr_whole
 from pointray.image.frames import Frames
 from pointray.image.mp4 import _check_whole as check_mp4_whole
 from pointray.image.mp4 import write_mp4
-from pointray.points import replacing as files
-from pointray.points.replacing import replacing
 
 if os.name == "posix":
     import resource
@@ -274,7 +274,7 @@ def test_an_error_that_a_library_swallows_is_raised_all_the_same(tmp_path, monke
 WAITS = """
 import sys, time
 from pathlib import Path
-from pointray.points.replacing import replacing
+from pointray.base.atomic_write import replacing
 
 with replacing(sys.argv[1]) as beside:
     Path(beside.path).write_bytes(b"half")  # as a writer does that takes a path only

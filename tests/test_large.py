@@ -13,11 +13,11 @@ import pytest
 
 import pointray as pr
 from conftest import long, shared_model
+from pointray.base.disk_columns import Columns
 from pointray.cli import execute
 from pointray.neighbors import NeighborTree, kd_order
 from pointray.parts import prepare as prepare_module
 from pointray.parts.arrange import boxes_of
-from pointray.parts.columns import Columns
 from pointray.parts.large import Large
 from pointray.parts.local import REACH, local_of
 from pointray.parts.prepare import part_points_within, prepare
@@ -257,7 +257,7 @@ def test_a_run_that_is_killed_goes_on(tmp_path, rng):
 import os, sys
 sys.path.insert(0, {os.path.dirname(__file__)!r})
 from pathlib import Path
-from pointray.parts.columns import Columns
+from pointray.base.disk_columns import Columns
 from test_large import prepared
 put, left = Columns.put, [int(sys.argv[1])]
 def counted(self, name, facts):

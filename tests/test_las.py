@@ -496,7 +496,7 @@ def test_what_a_stream_raises_comes_out(
     raised: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """lazrs makes an error of its own of it."""
-    from pointray.points.replacing import Replacement
+    from pointray.base.atomic_write import Replacement
 
     written = Replacement.write
 

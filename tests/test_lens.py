@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.choices import FILTERS, number_of
+from pointray.base.choices import FILTERS, number_of
 from pointray.jit import borrow, keep_alive, kernel
 from pointray.kernels.sampling import pixel_key
 from pointray.kernels.scratch import DIRECTION, ORIGIN, TILE, load3, new_scratch

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.base.disk_columns import Column, Columns
 from pointray.cli import execute
 from pointray.model_folder import INDEX
 from pointray.neighbors import kd_order
 from pointray.parts import coarser, levels
-from pointray.parts.columns import Column, Columns
 from pointray.parts.prepare import prepare
 from pointray.parts.split import split
 from pointray.parts.trees import cells_of, plan_of, shown, tree_within

@@ -13,8 +13,8 @@ import pytest
 
 import pointray
 from conftest import long
+from pointray.base.dependencies import key_of
 from pointray.cli import BAD_INPUT, execute
-from pointray.dependencies import key_of
 from pointray.jit import library
 
 PACKAGE = Path(pointray.__file__).parent

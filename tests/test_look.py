@@ -11,7 +11,7 @@ import pytest
 
 import pointray as pr
 from conftest import long
-from pointray.choices import AUTO
+from pointray.base.choices import AUTO
 from pointray.cli import baked_light, execute, serve
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_lights import ScanLights

@@ -5,7 +5,7 @@ import warnings
 
 import pytest
 
-from pointray.notes import heard, warn
+from pointray.base.warning_log import heard, warn
 
 
 def test_warnings_are_given_or_collected():

@@ -20,8 +20,8 @@ from native.library import builder_key
 from native.targets import SYSTEMS
 
 import pointray
-from pointray.dependencies import ROOT as PACKAGE
-from pointray.dependencies import digest_of
+from pointray.base.dependencies import ROOT as PACKAGE
+from pointray.base.dependencies import digest_of
 from pointray.jit import library
 from recordings import read
 

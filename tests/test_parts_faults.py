@@ -15,11 +15,11 @@ import pytest
 
 import pointray as pr
 from conftest import sphere_points
+from pointray.base.disk_columns import Column
 from pointray.cli import execute
 from pointray.model_folder import INDEX, SURFACE_ONLY
 from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
-from pointray.parts.columns import Column
 from pointray.parts.large import Large
 from pointray.parts.prepare import begun_points, prepare
 from pointray.points.files import request_of

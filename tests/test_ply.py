@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 
 from conftest import shared_model
+from pointray.base.atomic_write import check_writable, replacing
 from pointray.cli import BAD_INPUT, execute
 from pointray.data import Points
 from pointray.points import read, write
 from pointray.points.formats._source import CHUNK
 from pointray.points.formats.ply import _ascii
-from pointray.points.replacing import check_writable, replacing
 
 XYZ = np.random.default_rng(2).random((50, 3)).astype(np.float32)
 RGB = np.random.default_rng(3).integers(0, 256, (50, 3)).astype(np.uint8)

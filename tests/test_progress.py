@@ -5,8 +5,8 @@ import pytest
 
 import pointray as pr
 from conftest import sphere_points
+from pointray.base.progress import part_of, tell
 from pointray.cli.report import describe
-from pointray.progress import part_of, tell
 
 
 class Told:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray import memory
+from pointray.base import memory
 from pointray.points import files, gather
 from pointray.points.colors import ColorRange, to_shades
 from pointray.points.filling import Filling

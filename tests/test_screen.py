@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pointray.choices import CURVES
+from pointray.base.choices import CURVES
 from pointray.image.screen import to_8bit
 from pointray.image.tone import linear_to_srgb, tone
 

@@ -9,10 +9,10 @@ import pytest
 
 import pointray as pr
 from conftest import long, shared_model, sphere_points
+from pointray.base.disk_columns import Columns
 from pointray.neighbors import NeighborTree, distinct, kd_order
 from pointray.parts import ballots
 from pointray.parts.ballots import Ballots, drop_all, keep, name_of
-from pointray.parts.columns import Columns
 from pointray.parts.signs import GROUP, PIECE, POINTS, SIGN, SIGNED, Local, Signs, firsts_of
 from pointray.points.normals.jets import fit_normals
 from pointray.points.normals.joins import Held, join

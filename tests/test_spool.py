@@ -15,10 +15,10 @@ import pytest
 
 import pointray as pr
 from conftest import long
+from pointray.base.disk_columns import Columns
 from pointray.data import choose_origin
 from pointray.parts import convert
 from pointray.parts import spool as own
-from pointray.parts.columns import Columns
 from pointray.parts.spool import Spooled, spool, spooled_in
 from pointray.points.files import open_files, request_of
 from pointray.points.formats._source import CHUNK, Chunk, Listing
@@ -438,7 +438,7 @@ COMMAND = """
 import resource, signal, sys
 from pathlib import Path
 from pointray.cli import _reason
-from pointray.parts.columns import Columns
+from pointray.base.disk_columns import Columns
 from pointray.parts.spool import spool
 from pointray.points.files import open_files, request_of
 from pointray.points.selection import Selection

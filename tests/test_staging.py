@@ -8,7 +8,7 @@ import pytest
 
 import pointray as pr
 from conftest import long, shared_model
-from pointray.choices import VIEWS
+from pointray.base.choices import VIEWS
 from pointray.image.exposure import auto_exposure
 from pointray.staging.direction import angles_of, direction_of, find_outlook
 from pointray.staging.first_view import Scan, ViewChoice

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.choices import AUTO
+from pointray.base.choices import AUTO
 from pointray.cli import execute, serve
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_scene import PLAIN

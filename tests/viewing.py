@@ -167,7 +167,7 @@ def view(*arguments):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Viewer, "wait", wait)
-        patch.setattr("pointray.viewer.heap.keep_one_heap", lambda: None)  # it would stay so in this process
+        patch.setattr("pointray.base.malloc_arenas.keep_one_heap", lambda: None)  # it would stay so in this process
         thread = threading.Thread(target=execute, args=(["view", "--no-open", *map(str, arguments)],))
         thread.start()
         viewer = opened.get(timeout=SECONDS)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_kind, check_mapping, vector
+from .base.arguments import check_kind, check_mapping, vector
 from .survey import SCAN, Survey
 
 FARTHEST = 1e12  # a coordinate beyond this is a scanner's 'no return' marker: its square is useless in float32

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .arguments import check_callback, check_choice, check_path, check_positive, check_whole
-from .choices import AUTO, SURFACES
+from .base.arguments import check_callback, check_choice, check_path, check_positive, check_whole
+from .base.choices import AUTO, SURFACES
 from .data import Points, spread_rows
 from .kernels.tree import LONGEST, SCATTER, Tree, no_tree
 from .model_file import Level, Place, place_of, read_model, write_model

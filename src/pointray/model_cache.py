@@ -21,11 +21,11 @@ from typing import Any
 
 import platformdirs
 
-from .dependencies import ROOT, key_of
+from .base.atomic_write import replacing, sweep
+from .base.dependencies import ROOT, key_of
+from .base.warning_log import heard, warn
 from .model import Model
 from .model_file import SAVED
-from .notes import heard, warn
-from .points.replacing import replacing, sweep
 
 FOLDER = "models"
 MOST_BYTES = 16 << 30  # of all models together, but never more than MOST_SHARE of the disk's free space

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .array_file import Kind, Pieces, read_arrays, take_array, write_arrays
+from .base.atomic_write import replacing
 from .data import Points
 from .kernels.tree import BOUNDS, HEAD, LONGEST, SCATTER, Tree, no_tree
 from .model_file import (
@@ -38,7 +39,6 @@ from .model_file import (
     take_tree,
     write_model,
 )
-from .points.replacing import replacing
 from .tree.stored import longest_leaf, radii_of, reach_of
 
 INDEX, POINTS = "index.json", "points.pointray"

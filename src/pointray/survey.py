@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .arguments import check_position, check_text, wrong
+from .base.arguments import check_position, check_text, wrong
 
 SCAN = "scan"  # the attribute that tells from which station each point was seen: a row of `Survey.stations`
 

@@ -20,7 +20,7 @@ from attack.byte_changes import change, is_text
 from attack.mutate import Rng, pick
 from attack.told_counts import told
 from conftest import MODELS
-from pointray.notes import heard
+from pointray.base.warning_log import heard
 from scans import small_scans
 
 SPARE, TIMES = 64 << 20, 8  # memory that a file may take: bytes, and times what it holds

@@ -9,14 +9,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_callback, check_kind, check_path, wrong
+from ..base.arguments import check_callback, check_kind, check_path, wrong
+from ..base.progress import Progress, tell
+from ..base.warning_log import warn
 from ..cluster.client import Client
 from ..cluster.crew import Crew, taken
 from ..jit import Array
 from ..kernels.records import World
 from ..model import Model
-from ..notes import warn
-from ..progress import Progress, tell
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .budget import coarseness, levels_of

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
+from ..base.memory import available_memory
 from ..kernels.records import INSTANCE, RECORD, SHAPE_ROW
 from ..kernels.tree import Tree
-from ..memory import available_memory
 from ..scene.world import Snapshot
 from .levels import Spread, Wanted, choose_levels, make_spread, shape_of_trees
 from .patches import PatchSet

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress, part_of, tell
 from ..cluster.crew import Crew
 from ..kernels.records import INSTANCE, KIND, MODEL
 from ..kernels.vec import LUMINANCE
-from ..progress import Progress, part_of, tell
 from ..scene.world import Snapshot
 from .bounces import VARIANCE
 from .budget import spreads_within

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..arguments import check_positive, check_whole
+from ..base.arguments import check_positive, check_whole
 
 MOST_LINKS = 4096
 DEEPEST = 1000  # bounces without a limit

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress, tell
 from ..cluster.crew import Crew
 from ..cluster.dispatch import Job
 from ..cluster.parcels import Parcel
 from ..jit import Array, run
-from ..progress import Progress, tell
 from ..scene.world import Snapshot
 from .gather import ONE_TILE, Found, Patches, Rays, Targets, send_rays
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress, tell
 from ..jit import run
 from ..kernels.records import (
     BAKED_FRAME,
@@ -30,7 +31,6 @@ from ..kernels.records import (
     TO_MODEL,
     World,
 )
-from ..progress import Progress, tell
 from ..scene.world import Snapshot
 from ..trace.cast import closest_hits
 from .gather import TARGET, Targets

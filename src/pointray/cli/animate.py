@@ -10,9 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..arguments import check_positive
-from ..choices import AUTO
-from ..notes import warn
+from ..base.arguments import check_positive
+from ..base.choices import AUTO
+from ..base.warning_log import warn
 from .baked_light import ONCE
 from .cluster import wait_for_kernels
 from .keys import read_keys
@@ -96,9 +96,9 @@ class FilmOutput:
 
 def film_output(output: Path, background: str) -> FilmOutput:
     """The output that -o names; raises an error if the film cannot be written there."""
+    from ..base.atomic_write import sweep
     from ..image.frames import check_pattern, note_of
     from ..image.mp4 import check_mp4
-    from ..points.replacing import sweep
 
     if output.suffix.lower() == ".mp4" and not output.is_dir():
         check_mp4(output)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..choices import AUTO
+from ..base.choices import AUTO
 from ..data import Points
 from ..image.exposure import auto_tone, white_under
 from ..image.tone import linear_to_srgb, srgb_to_linear, tone

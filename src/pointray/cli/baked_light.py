@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..notes import warn
+from ..base.warning_log import warn
 from .waiting import Progress, in_background
 
 # Of light that nobody asked for: a picture comes a second or two later than without, see docs/decisions.
@@ -73,7 +73,7 @@ class LightSource:
 def light_source(settings: Any, file: Path | None, quick: bool = False) -> LightSource | None:
     """Where pictures with these settings get baked light from; None if they show none. The file must be there."""
     from ..baking.settings import BakeSettings
-    from ..points.replacing import check_regular
+    from ..base.atomic_write import check_regular
 
     if settings.integrator != "baked":
         return None

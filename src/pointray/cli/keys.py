@@ -15,7 +15,7 @@ KNOWN = (*NEEDED, "up", "fov")
 
 def read_keys(file: Path, view: View | SceneView) -> list[tuple[float, Any]]:
     """The (seconds, Camera) of each key; the view gives size and lens, and up and fov if a key has none."""
-    from ..points.replacing import check_regular
+    from ..base.atomic_write import check_regular
 
     rows = _rows(check_regular(file))
     keys = []
@@ -48,7 +48,7 @@ def _rows(file: Path) -> list[Any]:
 
 
 def _key(row: Any, view: View | SceneView) -> tuple[float, Any]:
-    from ..arguments import check_number
+    from ..base.arguments import check_number
     from ..rendering.camera import Camera
 
     if not isinstance(row, dict):

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from ..choices import (
+from ..base.choices import (
     AUTO,
     BACKFACES,
     EXPOSED,

@@ -20,8 +20,8 @@ def is_layered(output: Path) -> bool:
 
 def check_output(output: Path, exposed: bool, legend: bool) -> None:
     """Raise an error, before any work is done, if the result cannot be written."""
+    from ..base.atomic_write import check_writable
     from ..image.write import LAYERED, SHOWN, check_layers_path
-    from ..points.replacing import check_writable
 
     if is_layered(output):
         check_layers_path(output)

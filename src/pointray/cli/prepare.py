@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import check_positive
-from ..choices import AUTO
+from ..base.arguments import check_positive
+from ..base.choices import AUTO
+from ..base.warning_log import warn
 from ..model import SURFACE
 from ..model_file import SAVED
-from ..notes import warn
 from ..parts.prepare import begun_points, check_unfinished, fits, part_points_for
 from ..parts.prepare import prepare as prepare_parts
 from ..parts.split import PART, check_new, split

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress, part_of, tell
 from ..data import Points
 from ..model import Model
 from ..neighbors import distinct, kd_order, neighbors
@@ -17,7 +18,6 @@ from ..points.normals.given import compare_normals
 from ..points.rounding import find_rounding
 from ..points.smoothing.smooth import place
 from ..points.trust import told
-from ..progress import Progress, part_of, tell
 from ..splats.radii import radii_in
 from ..splats.support import find_support
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..notes import warn
+from ..base.warning_log import warn
 from .read_options import Reading
 
 FEW = 3  # files that a note names
@@ -121,7 +121,7 @@ def check_unread(files: Sequence[Path], reading: Reading) -> None:
 
 def files_of(paths: Sequence[Path]) -> list[Path]:
     """The files that a user names, for a folder those in it that can be read; an error if one is not there."""
-    from ..points.replacing import check_regular
+    from ..base.atomic_write import check_regular
 
     files: list[Path] = []
     for path in paths:
@@ -139,9 +139,9 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
 
 def check_scan(file: Path, reading: Reading | None = None) -> None:
     """Raise an error if a scan or a saved model cannot be opened, or a scan's header is wrong."""
+    from ..base.atomic_write import check_regular
     from ..model_folder import check_folder
     from ..points.files import check_readable
-    from ..points.replacing import check_regular
 
     if is_in_parts(file):
         check_folder(file)
@@ -184,8 +184,8 @@ def check_result(output: Path, *others: str) -> None:
 
     others : extensions besides those of points that the command writes
     """
+    from ..base.atomic_write import check_writable
     from ..points.known_formats import writer_of, written
-    from ..points.replacing import check_writable
 
     extension = output.suffix.lower()
     if extension not in (*written(), *others):

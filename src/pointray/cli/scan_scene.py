@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..choices import AUTO, EXPOSED, MUTED, SAME
+from ..base.choices import AUTO, EXPOSED, MUTED, SAME
 from ..data import Points
 from ..points.trust import trusted
 from ..shade.lights import SunLight

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from ..arguments import check_positive
-from ..choices import AUTO
+from ..base.arguments import check_positive
+from ..base.choices import AUTO
 from .scan_files import is_saved
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..notes import warn
+from ..base.warning_log import warn
 from .baked_light import FIRST, ONCE
 from .options import background_of, exposure_of, numbers, size_of, up_axis, use_threads
 from .outputs import Shown, check_fits, write_picture
@@ -82,8 +82,8 @@ class DescribedScene:
         light: Path | None = options.get("bake")
         parsed |= {"integrator": "baked"} if light is not None else {}
         plain = {name: getattr(value, "value", value) for name, value in options.items()} | parsed
+        from ..base.atomic_write import check_regular
         from ..image.denoise import check_denoise
-        from ..points.replacing import check_regular
         from ..scenefile import Plan
         from ..scenefile.light import BakePlan
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..choices import AUTO, SAME
+from ..base.choices import AUTO, SAME
 from .baked_light import FIRST, light_source
 from .options import background_of
 from .read_options import Reading
@@ -113,7 +113,7 @@ def shared_scene_of(
 
 def serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:
     """Show the scene until Ctrl-C."""
-    from ..viewer.heap import keep_one_heap
+    from ..base.malloc_arenas import keep_one_heap
 
     keep_one_heap()
     log, handler = logging.getLogger("pointray.view"), logging.StreamHandler()

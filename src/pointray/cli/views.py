@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from typing import Any
 
-from ..choices import AUTO
+from ..base.choices import AUTO
 from .options import numbers, size_of, up_axis
 
 
@@ -59,7 +59,7 @@ class View:
 
     def camera(self, scan: Any) -> Any:
         """The camera for a `Scan`."""
-        from ..notes import warn
+        from ..base.warning_log import warn
         from ..staging.coverage import LEAST
 
         framed = scan.camera(self._framing_lens)

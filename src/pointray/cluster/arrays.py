@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arguments import check_real, real_numbers
-from ..extras import require
+from ..base.arguments import check_real, real_numbers
+from ..base.extras import require
 from .recipe import Stage
 from .stowed import Stowed
 from .worker import worker_here

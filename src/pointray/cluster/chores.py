@@ -16,8 +16,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
+from ..base.progress import Progress
 from ..jit import run
-from ..progress import Progress
 from .crew import Ask, Crew
 from .dispatch import Job
 from .parcels import Parcel

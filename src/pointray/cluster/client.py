@@ -12,10 +12,10 @@ from math import inf
 from typing import Any, TypeAlias
 from weakref import WeakKeyDictionary
 
-from ..arguments import wrong
-from ..extras import require
+from ..base.arguments import wrong
+from ..base.extras import require
+from ..base.memory import available_memory
 from ..jit import thread_count
-from ..memory import available_memory
 from .worker import version_here
 
 Client: TypeAlias = Any  # a distributed.Client, or None

@@ -7,7 +7,7 @@ denoise : noise removed; legend : what colours stand for
 Begin with write, then tone. `image.tone` is the function; the file's other names: `from pointray.image.tone import`.
 """
 
-from ..choices import CURVES
+from ..base.choices import CURVES
 from .legend import draw_legend
 from .tone import filmic, linear_to_srgb, srgb_to_linear, tone
 from .write import write_image, write_layers

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..extras import require
+from ..base.extras import require
 
 Floats = NDArray[np.float32]
 

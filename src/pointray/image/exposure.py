@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import rgb, unit_vector
-from ..choices import AUTO
+from ..base.arguments import rgb, unit_vector
+from ..base.choices import AUTO
 from ..kernels.vec import LUMINANCE
 from ..shade.environment import EnvironmentLight, harmonics
 from ..shade.lights import SunLight

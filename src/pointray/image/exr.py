@@ -10,7 +10,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..extras import require
+from ..base.extras import require
 
 # The names other programs look for: colour and Z of the file itself, the rest as layer.component.
 CHANNELS = {

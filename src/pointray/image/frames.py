@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from ..points.replacing import check_writable, replacing
+from ..base.atomic_write import check_writable, replacing
 from .tone import Backdrop
 from .write import SHOWN, write_image
 

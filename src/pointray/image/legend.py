@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from ..arguments import check_flag, check_kind
+from ..base.arguments import check_flag, check_kind
 from ..shade.attributes import Attribute, category_colors, category_name
 from ..shade.colormaps import colormap, shows_classes
 from .tone import srgb_to_linear

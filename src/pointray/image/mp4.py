@@ -7,8 +7,8 @@ import struct
 import subprocess
 from pathlib import Path
 
-from ..extras import require
-from ..points.replacing import check_writable, replacing
+from ..base.atomic_write import check_writable, replacing
+from ..base.extras import require
 
 CRF = "18"  # x264's quality: no difference to the pictures is seen
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_choice, check_number, check_numbers, wrong
-from ..choices import CURVES
+from ..base.arguments import check_choice, check_number, check_numbers, wrong
+from ..base.choices import CURVES
 
 Floats = NDArray[np.float32]
 

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
-from ..arguments import check_mapping, check_path
-from ..choices import AUTO
-from ..memory import check_memory
-from ..points.replacing import check_writable, replacing
+from ..base.arguments import check_mapping, check_path
+from ..base.atomic_write import check_writable, replacing
+from ..base.choices import AUTO
+from ..base.memory import check_memory
 from ..shade.attributes import Attribute
 from .exposure import tone_of
 from .exr import channels_of, check_exr, write_exr

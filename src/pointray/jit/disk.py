@@ -20,7 +20,7 @@ import platformdirs
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.runtime.nrt import rtsys
 
-from ..dependencies import ROOT, key_of
+from ..base.dependencies import ROOT, key_of
 from .library import CHECK
 
 KEEP_CACHES = 4  # folders of other environments that are kept; older ones are removed

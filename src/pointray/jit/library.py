@@ -17,7 +17,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
-from ..dependencies import ROOT, digest_of, key_of
+from ..base.dependencies import ROOT, digest_of, key_of
 from .boundary import Results, error_at, packer, size_of
 
 FOLDER = ROOT / "native"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..choices import PROJECTIONS, number_of
+from ..base.choices import PROJECTIONS, number_of
 from ..jit import Array
 from .vec import Vec3
 

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress, part_of, tell
 from ..jit import Array, i64, inline, kernel, next_tile, run, thread_count, uncompiled
-from ..progress import Progress, part_of, tell
 from .order import first_part
 
 HALF = 16  # bits of a digit

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress, part_of, tell
 from ..jit import run
-from ..progress import Progress, part_of, tell
 from .search import CHUNK, find_nearest
 from .sites import LANES, Blocks, Boxes, make_blocks, make_boxes, scale_of
 

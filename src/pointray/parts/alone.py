@@ -10,10 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ..base.disk_columns import look_again
 from ..cluster.chores import Team
 from ..cluster.client import check_client
 from ..model_file import Place, place_of
-from .columns import look_again
 
 if sys.platform != "win32":
     import fcntl

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.disk_columns import Column, Columns
+from ..base.progress import Progress, part_of, tell
 from ..data import are_finite, check_any_finite, check_attribute
 from ..points.colors import GREY, ColorRange, to_shades
 from ..points.formats._source import CHUNK
@@ -25,9 +27,7 @@ from ..points.joining import (
 from ..points.lacking import tell_lacking
 from ..points.locating import locate, origin_of, sample_step, surveyed
 from ..points.ready import tell_left_out
-from ..progress import Progress, part_of, tell
 from ..survey import RESIDUAL, SCAN, Survey
-from .columns import Column, Columns
 from .raw import RAW, Raw
 from .spooled import ATTRIBUTE, COLORS, NORMALS, POSITIONS, Spooled
 

@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.disk_columns import Column
 from ..neighbors import NeighborTree
 from ..points.normals.layers import KEPT, sides
 from ..points.normals.orientation import NEAR
 from . import signs
-from .columns import Column
 from .local import Local
 from .signs import PIECE, SIGN, SIGNED, Outlook, Shared, Signs, Whole, firsts_of
 from .stages import FACED, KNOWN, MERGED, NORMALS, PLACED, PLANES, POSITIONS, TURNED, UNITS, Cloud, units

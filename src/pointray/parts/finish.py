@@ -10,9 +10,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.disk_columns import Column, Columns
+from ..base.progress import Progress, tell
 from ..kernels.tree import LONGEST
 from ..model_folder import Index, PartFile, write_columns, write_index, write_part
-from ..progress import Progress, tell
 from ..splats.scattered import Drawing
 from ..tree.build import Splats
 from ..tree.settings import TreeSettings
@@ -20,7 +21,6 @@ from ..tree.top import Groups
 from . import layer
 from .arrange import CHUNK
 from .coarser import ATTRIBUTE, Named
-from .columns import Column, Columns
 from .layer import Layer
 from .levels import median_of, write_levels
 from .loose import LooseParts, write_loose_levels, write_loose_part

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..base.disk_columns import Column, Columns
 from ..data import Points
 from ..points.normals.visibility import ignored_stations, station_sample
 from ..splats.radii import radii_among
 from ..survey import SCAN
 from .arrange import CHUNK
-from .columns import Column, Columns
 from .spooled import Spooled
 
 # What is found once: stations that are not believed, and whether there are radii.

@@ -12,21 +12,21 @@ from pathlib import Path
 
 import numpy as np
 
+from ..base.disk_columns import Columns
+from ..base.progress import Progress, part_of
+from ..base.warning_log import warn
 from ..cluster.chores import Team
-from ..notes import warn
 from ..points.normals.checks import agreement_share, sample_rows
 from ..points.normals.estimate import DISAGREE, told
 from ..points.normals.stations import warn_of_ignored
 from ..points.normals.units import to_units
 from ..points.smoothing.noise import Stretches, settled
-from ..progress import Progress, part_of
 from ..splats.scattered import ALL_SURFACE, Drawing, check_drawing
 from ..splats.support import lone_note
 from ..survey import SCAN
 from ..tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import TILE, Arrangement
 from .coarser import Named
-from .columns import Columns
 from .facing import turn_fits, turn_given
 from .finish import Described, Half, finish, finish_loose, finish_surface, id_in
 from .given import RADIUS, GivenColumns

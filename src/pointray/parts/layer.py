@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.disk_columns import Column, Columns
 from .arrange import CHUNK, TILE, boxes_of
-from .columns import Column, Columns
 from .local import touched
 
 Floats = NDArray[np.float32]

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.disk_columns import Columns
 from ..model import COARSER, LEVEL_SAMPLES
 from ..model_folder import LevelFile, PartFile
 from ..points.usual import steady
@@ -34,7 +35,6 @@ from .coarser import (
     survey_supports,
     tree_part,
 )
-from .columns import Columns
 from .grid import Grid
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
 from .trees import nth_least

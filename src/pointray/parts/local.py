@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.disk_columns import Column, Columns
 from .arrange import TILE
-from .columns import Column, Columns
 
 GROUP = 64  # points whose extent tells how far the margin around them reaches
 EDGE = 3  # points of a group, on each side of an axis, that do not count: strays

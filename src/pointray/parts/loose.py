@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.disk_columns import Columns
 from ..data import Points
 from ..kernels.tree import BOUNDS, Tree, no_tree
 from ..model import LEVEL_SAMPLES
@@ -25,7 +26,6 @@ from ..tree.scattered import with_scattered
 from ..tree.settings import check_settings
 from ..tree.stored import reach_of
 from .coarser import ATTRIBUTE, Named, Written, box_around
-from .columns import Columns
 from .grid import Grid, cells_of_part
 from .layer import COLORS, NORMALS, POSITIONS, RADII, Layer
 from .levels import Steps, make_room, median_of, write_all_levels

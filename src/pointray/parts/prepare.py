@@ -11,20 +11,20 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from ..base.atomic_write import check_writable
+from ..base.disk_columns import Columns
+from ..base.memory import FULL_DISK, available_memory
+from ..base.progress import Progress, part_of
 from ..cluster.client import machines_of
 from ..cluster.worker import version_here
-from ..memory import FULL_DISK, available_memory
 from ..model_folder import INDEX, UNFINISHED, VERSION
 from ..points.files import headers, open_files, stamp
 from ..points.formats._source import Request
 from ..points.ready import PEAK
-from ..points.replacing import check_writable
 from ..points.selection import Selection
-from ..progress import Progress, part_of
 from ..splats.scattered import Drawing
 from ..tree.settings import TreeSettings
 from .alone import alone, team_for
-from .columns import Columns
 from .large import Large, Wanted
 from .spool import spool
 from .spooled import spooled_in

@@ -13,18 +13,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.disk_columns import Columns
+from ..base.progress import tell
 from ..neighbors import take
 from ..points.normals.estimate import estimate_normals
 from ..points.sampled import of_places
 from ..points.usual import Usual
-from ..progress import tell
 from ..splats.local_planes import columns_of
 from ..splats.make import check_size
 from ..splats.scatter import FEW, scattered_places
 from ..splats.scatter_normals import Normals
 from ..splats.scattered import Drawing, shapes_of
 from .arrange import CHUNK, SORTED
-from .columns import Columns
 from .local import Local
 from .stages import Cloud, path_of
 from .work import Facts, Work

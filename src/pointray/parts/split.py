@@ -11,18 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import check_callback, check_flag, check_path, check_whole
+from ..base.arguments import check_callback, check_flag, check_path, check_whole
+from ..base.atomic_write import check_writable
+from ..base.disk_columns import Columns
+from ..base.progress import Progress, part_of, tell
 from ..data import Points
 from ..model import Model
 from ..model_folder import INDEX, Index, PartFile, write_index, write_points
-from ..points.replacing import check_writable
-from ..progress import Progress, part_of, tell
 from ..tree.build import Splats
 from ..tree.parts import splats_of, surface_of
 from ..tree.scattered import scattered_of
 from . import layer
 from .coarser import ATTRIBUTE, Named
-from .columns import Columns
 from .layer import Layer
 from .levels import write_levels
 from .loose import LooseParts, write_loose_levels, write_loose_part

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.disk_columns import Columns
 from ..data import Points
 from ..neighbors import distinct, take
 from ..points.normals.estimate import estimate_normals, seen_from, with_units
@@ -30,7 +31,6 @@ from ..points.usual import Usual
 from ..splats.support import Support, find_support
 from ..survey import Survey
 from ..tree.settings import TreeSettings
-from .columns import Columns
 from .local import Local
 from .members import distinct_numbers
 

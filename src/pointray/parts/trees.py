@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress, tell
 from ..data import Points
 from ..kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
 from ..model_folder import PartFile, write_part
 from ..points.usual import steady
-from ..progress import Progress, tell
 from ..tree.blocks import PER_BLOCK, make_blocks
 from ..tree.build import Splats, Whole, bounds_of, build_tree
 from ..tree.leaves import longest_step

@@ -12,13 +12,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from ..base.disk_columns import Column, Columns, look_again
+from ..base.memory import give_back
+from ..base.progress import Progress, part_of, tell
 from ..cluster.chores import Team
-from ..memory import give_back
 from ..points.sampled import Sampled
 from ..points.usual import Usual, sample_of
-from ..progress import Progress, part_of, tell
 from .arrange import TILE
-from .columns import Column, Columns, look_again
 from .local import Local, local_of, points_of
 
 Facts = dict[str, Any]

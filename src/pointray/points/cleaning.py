@@ -12,10 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_callback, check_flag, check_kind
+from ..base.arguments import check_callback, check_flag, check_kind
+from ..base.progress import Progress, part_of
 from ..data import Points
 from ..neighbors import distinct, neighbors
-from ..progress import Progress, part_of
 from .linked import linked_parts
 
 AROUND = 8  # neighbours that give the spacing

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import (
+from ..base.arguments import (
     check_callback,
     check_flag,
     check_kind,
@@ -23,14 +23,14 @@ from ..arguments import (
     check_whole,
     wrong,
 )
+from ..base.atomic_write import check_regular, replacing
+from ..base.progress import Progress
+from ..base.warning_log import warn
 from ..data import MOST, Points
-from ..notes import warn
-from ..progress import Progress
 from .formats._source import Format, Request
 from .gather import gather
 from .known_formats import format_of, writer_of
 from .opening import Opener, named
-from .replacing import check_regular, replacing
 from .selection import Selection, checked_bounds
 from .unpacking import packing_of, unpacked
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.memory import check_memory
+from ..base.progress import Progress, part_of, tell
 from ..data import Points, check_count
-from ..memory import check_memory
-from ..progress import Progress, part_of, tell
 from ..survey import RESIDUAL, SCAN, Survey
 from .colors import GREY, ColorRange, to_shades
 from .filling import Filling

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..notes import warn
+from ..base.warning_log import warn
 from ..survey import Survey
 
 # WGS 84, https://earth-info.nga.mil/?dir=wgs84: equatorial radius in metres, and the square of the eccentricity
@@ -92,7 +92,7 @@ class LocalFrame(NamedTuple):
 
 @lru_cache(maxsize=8)
 def _transformer(projection: str) -> Any:
-    from ..extras import require
+    from ..base.extras import require
 
     pyproj = require("pyproj", "geo", "a cloud projected by it")
     return pyproj.Transformer.from_crs("+proj=longlat +ellps=WGS84", projection, always_xy=True)

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..notes import warn
+from ..base.warning_log import warn
 from ..survey import Survey
 from .colors import ColorRange
 from .formats._source import Chunk

@@ -9,8 +9,8 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from ..arguments import check_path
-from ..extras import require
+from ..base.arguments import check_path
+from ..base.extras import require
 from .formats._source import HEAD, NO, Format, Writer
 from .unpacking import PACKED
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..notes import warn
+from ..base.warning_log import warn
 from .formats._source import Chunk
 
 FEW = 5  # files that a warning names

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from itertools import accumulate
 from typing import NamedTuple
 
-from ..notes import warn
-from ..progress import Progress, tell
+from ..base.progress import Progress, tell
+from ..base.warning_log import warn
 from .formats._source import Chunk, Listing, Source
 from .selection import Selection, lengths
 

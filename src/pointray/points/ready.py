@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.memory import check_memory, give_back
+from ..base.progress import Progress, part_of
+from ..base.warning_log import warn
 from ..data import FARTHEST, Points
-from ..memory import check_memory, give_back
-from ..notes import warn
-from ..progress import Progress, part_of
 from .path import along_path
 from .smoothing.smooth import Placed, place
 from .strays import merge_for_model

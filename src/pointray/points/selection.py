@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_numbers, check_whole, wrong
+from ..base.arguments import check_numbers, check_whole, wrong
 from .formats._source import Chunk
 
 Values = Mapping[str, tuple[float, ...]]

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_kind, check_path
+from ..base.arguments import check_kind, check_path
 from ..data import Points
 from .files import headers, read
 from .geographic import LocalFrame, in_file

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arguments import check_choice
-from ..choices import NORMALS
+from ..base.arguments import check_choice
+from ..base.choices import NORMALS
+from ..base.progress import Progress
+from ..base.warning_log import warn
 from ..data import Points
-from ..notes import warn
-from ..progress import Progress
 from .normals.estimate import estimate_normals
 from .normals.given import NormalsCheck, compare_normals
 from .normals.stations import eyes_of

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
-from ..extras import require
-from ..notes import warn
+from ..base.extras import require
+from ..base.warning_log import warn
 
 PACKED = {".gz": b"\x1f\x8b", ".zst": b"\x28\xb5\x2f\xfd"}  # by the usual extension: the first bytes
 BLOCK = 1 << 20  # bytes

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import (
+from ..base.arguments import (
     Vector,
     check_choice,
     check_direction,
@@ -19,7 +19,7 @@ from ..arguments import (
     check_position,
     wrong,
 )
-from ..choices import PROJECTIONS, number_of
+from ..base.choices import PROJECTIONS, number_of
 from ..kernels.records import (
     ACROSS,
     CAMERA,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_kind, check_number, check_positive, check_whole, wrong
+from ..base.arguments import check_kind, check_number, check_positive, check_whole, wrong
 from ..kernels.records import UPWARD
 from .camera import Camera, unit
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..choices import FILTERS, number_of
+from ..base.choices import FILTERS, number_of
 from ..jit import Array, inline
 from ..kernels.records import ACROSS, EYE, FORWARD, LENS_RADIUS, NEARNESS, ORTHOGRAPHIC, PANORAMA, PROJECTION, UPWARD
 from ..kernels.sampling import IN_PIXEL, sample_pair

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_callback, check_kind
+from ..base.arguments import check_callback, check_kind
+from ..base.memory import check_memory
+from ..base.warning_log import warn
 from ..cluster.client import Client
 from ..cluster.crew import Crew, taken
 from ..image.denoise import check_denoise, denoise
 from ..jit import Cancel, run
-from ..memory import check_memory
-from ..notes import warn
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .baked import baked_frame

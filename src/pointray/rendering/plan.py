@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..choices import EXPOSED, FILTERS, INTEGRATORS, MUTED, NOISY, number_of
+from ..base.choices import EXPOSED, FILTERS, INTEGRATORS, MUTED, NOISY, number_of
 from ..kernels.records import (
     DISK_LIGHT,
     EMISSIVE,

@@ -10,7 +10,7 @@ from itertools import repeat
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_kind, wrong
+from ..base.arguments import check_kind, wrong
 from ..cluster.client import Client
 from ..cluster.crew import Crew, taken
 from ..cluster.dispatch import AT_ONCE, Job

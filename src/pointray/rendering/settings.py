@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..arguments import check_choice, check_flag, check_positive, check_whole
-from ..choices import BACKFACES, FILTERS, INTEGRATORS, NOISY, SAME, number_of
+from ..base.arguments import check_choice, check_flag, check_positive, check_whole
+from ..base.choices import BACKFACES, FILTERS, INTEGRATORS, NOISY, SAME, number_of
 
 PHONG, AO, PATH, NORMAL, DEPTH, COLOR, COST, BAKED = (
     number_of(INTEGRATORS, name) for name in ("phong", "ao", "path", "normal", "depth", "color", "cost", "baked")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import unit_vector, vector
+from ..base.arguments import unit_vector, vector
 from ..kernels.records import CLIP, CLIP_OFFSET
 
 MOST = 16

@@ -11,7 +11,7 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_direction, check_flag, check_numbers, check_positive, reflectance, rgb, vector
+from ..base.arguments import check_direction, check_flag, check_numbers, check_positive, reflectance, rgb, vector
 from ..kernels.records import (
     CATCHER,
     INSTANCE,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import real_numbers
+from ..base.arguments import real_numbers
 
 Floats = NDArray[np.float64]
 Rays = tuple[Floats, Floats, Floats]  # origins and directions, (n, 3), and t_min, t_max, (n, 2)

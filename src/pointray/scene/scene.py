@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_flag, check_mapping, rgb, wrong
+from ..base.arguments import check_flag, check_mapping, rgb, wrong
 from ..cluster.arrays import is_chunked
 from ..model import Model
 from ..shade.attributes import Attribute

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_number, check_numbers, unit_vector, vector
+from ..base.arguments import check_number, check_numbers, unit_vector, vector
 
 
 def transform(

@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
-from ..arguments import check_callback, check_path
+from ..base.arguments import check_callback, check_path
 from .plan import Plan, SceneFile
 
 __all__ = ["Plan", "SceneFile", "load_scene"]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.lib.format import open_memmap
 from numpy.typing import NDArray
 
-from ..points.replacing import check_regular
+from ..base.atomic_write import check_regular
 from ..scene.clips import MOST, check_clip
 from ..scene.instances import Plane, check_transform
 from ..scene.scene import Scene

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from ..baking.baked import Baked
 from ..baking.settings import BakeSettings
-from ..points.replacing import check_regular
+from ..base.atomic_write import check_regular
 from ..scene.scene import Scene
 from .lines import Key
 from .source import Source

@@ -8,8 +8,9 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..arguments import check_positive
-from ..choices import NORMALS
+from ..base.arguments import check_positive
+from ..base.atomic_write import check_regular
+from ..base.choices import NORMALS
 from ..model import SURFACE, Model
 from ..model_file import SAVED
 from ..model_folder import check_folder
@@ -18,7 +19,6 @@ from ..points.files import check_readable
 from ..points.known_formats import extensions
 from ..points.procedural import MOST, NAMES
 from ..points.reading import check_reading
-from ..points.replacing import check_regular
 from ..points.smoothing.smooth import check_sigma
 from ..points.trust import trusted
 from ..points.unpacking import PACKED

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
-from ..points.replacing import check_regular
+from ..base.atomic_write import check_regular
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light
 from ..shade.materials import material_kinds

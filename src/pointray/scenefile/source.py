@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from ..points.replacing import check_regular
+from ..base.atomic_write import check_regular
 from .lines import Key, line_of
 
 

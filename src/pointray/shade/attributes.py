@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_numbers, check_text, wrong
+from ..base.arguments import check_numbers, check_text, wrong
 from .colormaps import colormap, shows_classes
 
 COORDINATES = ("x", "y", "z")

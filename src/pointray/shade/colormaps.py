@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..choices import COLORMAPS
+from ..base.choices import COLORMAPS
 
 TABLES = Path(__file__).with_name("colormaps.npz")
 REVERSED = "_r"

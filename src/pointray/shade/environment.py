@@ -11,7 +11,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_numbers, rgb, unit_vector
+from ..base.arguments import check_numbers, rgb, unit_vector
 from ..kernels.records import (
     GRADIENT_SKY,
     NO_SKY,

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import LEAST_LENGTH, check_flag, check_number, rgb, unit_vector, vector
+from ..base.arguments import LEAST_LENGTH, check_flag, check_number, rgb, unit_vector, vector
 from ..kernels.records import (
     DISK_LIGHT,
     LIGHT,

@@ -7,7 +7,7 @@ import os
 import numpy as np
 from numpy.typing import NDArray
 
-from ..extras import require
+from ..base.extras import require
 
 
 def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:

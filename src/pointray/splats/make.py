@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress, tell
+from ..base.warning_log import warn
 from ..neighbors import kd_order, take
-from ..notes import warn
 from ..points.smoothing.smooth import Placed
-from ..progress import Progress, tell
 from ..tree.build import Splats
 from ..tree.settings import TreeSettings
 from .levels import THIN

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_numbers
+from ..base.arguments import check_numbers
+from ..base.progress import Progress, part_of
 from ..data import Points
 from ..neighbors import NeighborTree, distinct
 from ..points.usual import Usual
-from ..progress import Progress, part_of
 from .borders import lone_borders
 from .cells import Cells, Cloud, cloud_of
 from .closed import USUAL, distances

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_callback
+from ..base.arguments import check_callback
+from ..base.progress import Progress, part_of, tell
 from ..data import Points
 from ..neighbors import NeighborTree, distinct, kd_order, take
 from ..points.smoothing.smooth import Placed
-from ..progress import Progress, part_of, tell
 from .local_planes import LocalPlanes, columns_of, disagreement, fit_planes
 from .scatter_islands import follow_around
 from .scatter_normals import Normals, follow_normals

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_choice, check_positive
-from ..choices import AS_SPHERES, AS_SURFACE, AUTO, SCATTER
+from ..base.arguments import check_choice, check_positive
+from ..base.choices import AS_SPHERES, AS_SURFACE, AUTO, SCATTER
 from ..data import Points
 from ..kernels.tree import DISCS, SPHERES
 from ..neighbors import NeighborTree

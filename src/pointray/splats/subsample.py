@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import check_callback, check_kind, check_positive, check_whole
+from ..base.arguments import check_callback, check_kind, check_positive, check_whole
+from ..base.warning_log import warn
 from ..data import Points
 from ..neighbors import distinct, kd_order, neighbors
-from ..notes import warn
 from ..points.smoothing.smooth import check_sigma, place
 from ..survey import RESIDUAL
 from .averages import attribute_averages

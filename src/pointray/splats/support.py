@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress, part_of, tell
 from ..neighbors import NeighborTree, distinct, take
 from ..points.sampled import of_places
 from ..points.usual import Usual
-from ..progress import Progress, part_of, tell
 from .cells import NEIGHBORS
 from .fringe import trim_fringe
 from .radii import choose_radii

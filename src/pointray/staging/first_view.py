@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import Vector, check_choice, check_direction, check_kind, check_number
-from ..choices import AUTO, VIEWS
+from ..base.arguments import Vector, check_choice, check_direction, check_kind, check_number
+from ..base.choices import AUTO, VIEWS
+from ..base.warning_log import warn
 from ..data import Points
 from ..model import Model
-from ..notes import warn
 from ..rendering.camera import SIZE, Camera
 from ..scene.scene import Scene
 from .coverage import LEAST, coverage, of_largest_cluster

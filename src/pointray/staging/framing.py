@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import check_direction
+from ..base.arguments import check_direction
 from ..rendering.camera import SIZE, Camera, view_axes
 from .clusters import STRAY
 from .sample import Sample

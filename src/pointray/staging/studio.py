@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..arguments import check_direction, check_number
+from ..base.arguments import check_direction, check_number
 from ..rendering.settings import Settings
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light, SunLight

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..choices import SURFACES, number_of
+from ..base.choices import SURFACES, number_of
 from ..jit import run
 from ..kernels.tree import (
     BOUNDS,

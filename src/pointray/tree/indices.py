@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..choices import SURFACES
+from ..base.choices import SURFACES
 from ..kernels.tree import (
     BLOCK,
     BORDERED,

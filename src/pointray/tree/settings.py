@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arguments import check_choice, check_number, check_whole
-from ..choices import SURFACES
+from ..base.arguments import check_choice, check_number, check_whole
+from ..base.choices import SURFACES
 
 TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii (docs/decisions/surface.md)
 LOOSE_TRIM = 0.95  # the same, where the radii are too small to cover the surface, which then lies in gaps

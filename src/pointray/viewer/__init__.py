@@ -22,7 +22,7 @@ from contextlib import suppress
 
 from numpy.typing import ArrayLike
 
-from ..arguments import check_flag, check_text, check_whole
+from ..base.arguments import check_flag, check_text, check_whole
 from ..scene.scene import Scene
 from ..staging.first_view import Scan, ViewChoice, up_of
 from .shared_scene import SharedScene

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from ..choices import EXPOSED
+from ..base.choices import EXPOSED
 from ..scene.scene import Scene
 from ..shade.lights import SunLight
 from ..staging import STUDIO

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..arguments import Vector, check_flag, check_number, check_position
+from ..base.arguments import Vector, check_flag, check_number, check_position
 
 
 @dataclass(frozen=True)

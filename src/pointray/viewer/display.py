@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from ..choices import AUTO, VIEWS
+from ..base.choices import AUTO, VIEWS
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute

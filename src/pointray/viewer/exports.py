@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Vector
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
-from ..choices import AUTO, SAME
+from ..base.arguments import Vector
+from ..base.choices import AUTO, SAME
 from ..image.frames import Frames
 from ..image.mp4 import check_mp4, write_mp4
 from ..image.tone import srgb_to_linear

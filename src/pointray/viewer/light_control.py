@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arguments import Vector, rgb
-from ..choices import LIGHTS
+from ..base.arguments import Vector, rgb
+from ..base.choices import LIGHTS
 from ..image.tone import linear_to_srgb, srgb_to_linear
 from ..scene.scene import Scene
 from ..shade.environment import EnvironmentLight

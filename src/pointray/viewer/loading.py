@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from ..base.warning_log import heard
 from ..data import Points, spread_rows
 from ..model import Model
 from ..model_cache import Entry, built
 from ..model_file import SAVED
-from ..notes import heard
 from ..points.files import read
 from ..points.strays import without_strays
 from ..points.trust import check_normals_choice, judged, replaced

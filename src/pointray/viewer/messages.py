@@ -7,7 +7,7 @@ import math
 import struct
 from typing import Any
 
-from ..arguments import check_number
+from ..base.arguments import check_number
 from ..rendering.camera import Camera
 
 WIDEST = 3840  # pixels: limit of a view

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..choices import AUTO, BACKFACES, COLORMAPS, CURVES, EXPOSED, INTEGRATORS, LIGHTS, SCATTER, SURFACES
+from ..base.choices import AUTO, BACKFACES, COLORMAPS, CURVES, EXPOSED, INTEGRATORS, LIGHTS, SCATTER, SURFACES
 from ..model import SURFACE
 from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES

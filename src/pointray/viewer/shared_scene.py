@@ -10,10 +10,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..arguments import check_direction
-from ..choices import AS_SPHERES, AUTO
+from ..base.arguments import check_direction
+from ..base.choices import AS_SPHERES, AUTO
+from ..base.memory import give_back
 from ..jit import BACKLOG
-from ..memory import give_back
 from ..model import Model
 from ..rendering.camera import Camera
 from ..rendering.settings import Settings

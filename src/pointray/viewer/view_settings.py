@@ -11,8 +11,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Vector
-from ..choices import AUTO, EXPOSED, SAME
+from ..base.arguments import Vector
+from ..base.choices import AUTO, EXPOSED, SAME
 from ..image.exposure import tone_of, white_under
 from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
 from ..model import Model

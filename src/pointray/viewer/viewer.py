@@ -10,7 +10,7 @@ import webbrowser
 from collections.abc import Callable
 from typing import Any
 
-from ..memory import give_back
+from ..base.memory import give_back
 from ..rendering.warmup import warm_up
 from .link import Link
 from .server import Server

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import IO, cast
 
-from ...points.replacing import check_writable, replacing
+from ...base.atomic_write import check_writable, replacing
 from .frames import Row
 
 PLOTS = (".png", ".svg", ".pdf")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ...choices import AUTO
+from ...base.choices import AUTO
 from ..cluster import ClusterOption, WorkersOption, working_on
 from ..options import (
     SCANS,

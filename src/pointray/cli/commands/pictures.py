@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ...choices import AUTO, MUTED
+from ...base.choices import AUTO, MUTED
 from ..cluster import ClusterOption, SpreadOption, WorkersOption, working_on
 from ..options import (
     SCANS,

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import Progress
 from ...data import Points
-from ...progress import Progress
 from ...survey import Survey
 
 CHUNK = 1 << 18  # rows of a chunk, about

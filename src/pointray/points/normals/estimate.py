@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import check_callback, check_kind, check_whole
+from ...base.arguments import check_callback, check_kind, check_whole
+from ...base.progress import Progress, part_of, tell
 from ...data import Points
 from ...neighbors import distinct, neighbor_chunks, neighbors
-from ...progress import Progress, part_of, tell
 from ..path import Path, along_path
 from .checks import agreement_share
 from .jets import Fits, Planes, fit_normals

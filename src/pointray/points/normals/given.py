@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import check_kind
+from ...base.arguments import check_kind
 from ...data import Points
 from ..nearby import Neighborhoods, find_neighborhoods
 from ..rounding import find_rounding

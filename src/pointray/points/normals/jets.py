@@ -15,9 +15,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import Progress, part_of, tell
 from ...jit import Array, borrow, f32, kernel, next_tile, routine, run
 from ...neighbors import NeighborTree, neighbor_chunks
-from ...progress import Progress, part_of, tell
 from ...simd import INF, ONE, broadcast16, load16, select, store, vmax
 from ..usual import Usual
 from .jet import AXIS, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, jet, take_triple

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import check_numbers, vector
+from ...base.arguments import check_numbers, vector
+from ...base.warning_log import warn
 from ...data import Points
-from ...notes import warn
 from ...survey import SCAN
 from .orientation import agree
 from .outward import inward_groups

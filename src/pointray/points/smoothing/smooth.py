@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import check_callback, check_kind, check_number
+from ...base.arguments import check_callback, check_kind, check_number
+from ...base.progress import Progress, part_of, tell
 from ...data import Points
 from ...neighbors import neighbor_chunks, take
-from ...progress import Progress, part_of, tell
 from ..normals.estimate import mend_normals, with_fits
 from ..normals.jets import Fits, Planes, faces, fit_normals, survey
 from ..normals.sixteen import LANES

@@ -12,10 +12,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import Progress, tell
 from ...jit import Array, borrow, kernel, next_tile, run
 from ...kernels.vec import tangents
 from ...neighbors import NeighborTree
-from ...progress import Progress, tell
 from .fits import fit, new_memory
 from .survey import AROUND
 

@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import check_callback, check_kind
+from ...base.arguments import check_callback, check_kind
+from ...base.progress import Progress, part_of, tell
+from ...base.warning_log import warn
 from ...data import Points
 from ...neighbors import distinct, kd_order
-from ...notes import warn
-from ...progress import Progress, part_of, tell
 from ..normals.stations import check_eyes, eyes_of
 from .floors import LEAST, Floors, find_floors
 from .groups import adrift, thin

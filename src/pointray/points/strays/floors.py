@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...progress import Progress, part_of
+from ...base.progress import Progress, part_of
 from .examine import FAR, OFF, ROUGH, ROUGHLY, SPACINGS, examined, join
 from .survey import GROUP, Survey
 

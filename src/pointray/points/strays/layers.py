@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import Progress, part_of, tell
 from ...data import Points
 from ...neighbors import neighbors
-from ...progress import Progress, part_of, tell
 from ..linked import linked_parts
 from ..path import Path, along_path
 from ..usual import Usual

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import Progress, part_of, tell
 from ...data import Points
 from ...neighbors import NeighborTree
-from ...progress import Progress, part_of, tell
 from ...survey import SCAN
 from ..normals.stations import eyes_of
 from ..path import Path, along_path

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...progress import Progress, part_of, tell
+from ...base.progress import Progress, part_of, tell
 from .floors import Ground
 from .survey import GROUP
 

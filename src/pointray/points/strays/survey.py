@@ -11,10 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import Progress, tell
 from ...jit import Array, borrow, f64, inline, kernel, next_tile, run
 from ...kernels.vec import tangents
 from ...neighbors import NeighborTree
-from ...progress import Progress, tell
 from .fits import fit, new_memory, nth
 
 Floats = NDArray[np.float32]

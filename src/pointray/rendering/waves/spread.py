@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import check_flag
+from ...base.arguments import check_flag
 from ...cluster.client import is_spread_preferred
 from ..settings import Settings
 

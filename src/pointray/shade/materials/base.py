@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import reflectance
+from ...base.arguments import reflectance
 from ...kernels.records import BASE_COLOR, MATERIAL_KIND, MATERIAL_SIZE, OWN_COLOR
 from ..attributes import Attribute
 

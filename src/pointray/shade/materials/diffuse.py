@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...arguments import rgb
+from ...base.arguments import rgb
 from ...jit import inline
 from ...kernels.records import DIFFUSE, EMISSIVE, EMITTED, ShadingPoint
 from ...kernels.vec import Vec3, around, scale

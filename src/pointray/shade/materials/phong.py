@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import check_range
+from ...base.arguments import check_range
 from ...jit import inline
 from ...kernels.records import EXPONENT, PHONG, SPECULAR, ShadingPoint, World
 from ...kernels.vec import Vec3, add, around, dot, mirrored, scale

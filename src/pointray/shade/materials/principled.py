@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import check_range
+from ...base.arguments import check_range
 from ...jit import inline
 from ...kernels.records import ALPHA, COAT, METALLIC, PRINCIPLED, ShadingPoint, World
 from ...kernels.vec import Vec3, add, around, dot, load3_flat, mirrored, scale, unit

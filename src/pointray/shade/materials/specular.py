@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import check_range
+from ...base.arguments import check_range
 from ...jit import inline
 from ...kernels.records import DIELECTRIC, IOR, MATERIAL_KIND, MIRROR, ShadingPoint, World
 from ...kernels.vec import WHITE, Vec3, dot, mirrored, scale, sub

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.progress import Progress, tell
 from ....data import Points
-from ....progress import Progress, tell
 from ....survey import RESIDUAL
 from .._counts import missing
 from .._named_columns import CHANNELS, NORMAL_AXES, Columns, roles_of

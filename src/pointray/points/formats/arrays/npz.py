@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.progress import Progress, tell
+from ....base.warning_log import warn
 from ....data import Points
-from ....notes import warn
-from ....progress import Progress, tell
 from ....survey import RESIDUAL
 from .._named_columns import POSITIONS, SPECIAL, Columns, Roles, roles_of
 from .._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.progress import Progress, tell
 from ....data import Points
-from ....progress import Progress, tell
 from ....survey import RESIDUAL, Survey, numbers_of
 from ...geographic import in_file
 from .._source import CHUNK

@@ -14,8 +14,8 @@ from urllib.parse import unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from ....base.memory import check_memory
 from ....data import check_count
-from ....memory import check_memory
 from ...colors import ColorRange, to_shades
 from .._source import Faults
 from ._gltf import UnsupportedError, readable

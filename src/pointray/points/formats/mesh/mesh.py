@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....extras import require
+from ....base.extras import require
 from ....survey import Survey
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ..ply._header import least_size, read_header

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement
 
+from ....base.progress import Progress, tell
 from ....data import Points
-from ....progress import Progress, tell
 from ...geographic import in_file
 from .._source import CHUNK
 from ._names import COLORS, NORMALS

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ....notes import warn
+from ....base.warning_log import warn
 from .._source import Chunk, Listing
 
 ROWS = 1 << 17  # splats that are unpacked together: a multiple of 256; more take more memory and no less time

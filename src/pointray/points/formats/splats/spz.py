@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ....extras import require
+from ....base.extras import require
 from ....survey import Survey
 from .._source import NO, SURE, Chunk, Format, Request, Source
 from ._common import HARMONIC, KEEPS, ROWS, Splats, listing_of, opaque_chunks, smallest_three

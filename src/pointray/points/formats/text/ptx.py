@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ....notes import warn
+from ....base.warning_log import warn
 from ....survey import SCAN, Survey
 from ...colors import GREY
 from .._counts import unequal

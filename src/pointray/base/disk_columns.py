@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from ..points.replacing import replacing
+from .atomic_write import replacing
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.-]*")
 FILE = re.compile(rf"({NAME.pattern})\.([biuf]\d+)x(\d+)")

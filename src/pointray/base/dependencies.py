@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).parent  # of the package
+ROOT = Path(__file__).parents[1]  # of the package
 PACKAGE = ROOT.name
 
 _NAMES = rb"(\((?:[^)#]|#[^\n]*)*\)|[^\n(#]+)"  # after `import`: one line, or lines in parentheses with comments
