@@ -25,4 +25,4 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[misc]
             raise FileNotFoundError(f"{folder}: not built: make wheel, or make wheels")
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{SYSTEMS[system].wheel}"
-        build_data["force_include"][str(folder)] = "pointray/native"
+        build_data["force_include"][str(folder)] = "pointray/engine/native"

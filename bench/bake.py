@@ -26,7 +26,7 @@ from bake_occlusion import occlusion
 from bake_pictures import gloss, pictures
 from bake_rows import MILLION, Options, Row, show, show_head
 from bake_speed import baking, frames
-from pointray.jit import thread_count
+from pointray.engine.jit import thread_count
 
 QUICK_POINTS = 40_000
 TESTS: dict[str, Callable[[Options], list[Row]]] = {

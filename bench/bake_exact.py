@@ -23,7 +23,7 @@ from bake_scenes import (
     statue_room,
     wall_shade,
 )
-from pointray.kernels.vec import LUMINANCE
+from pointray.engine.kernels.vec import LUMINANCE
 
 LIMIT = 1.25  # times the noise: a plane in another direction has another grid, too
 OTHER = 1000  # a seed

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pointray as pr
-from pointray.jit import Array, borrow, keep_alive, kernel, next_tile, run
-from pointray.kernels.records import World
-from pointray.kernels.sampling import hash32
-from pointray.kernels.scratch import KEY, RADIANCE, TILE, load3, new_scratch
-from pointray.kernels.vec import load3_flat
+from pointray.engine.jit import Array, borrow, keep_alive, kernel, next_tile, run
+from pointray.engine.kernels.records import World
+from pointray.engine.kernels.sampling import hash32
+from pointray.engine.kernels.scratch import KEY, RADIANCE, TILE, load3, new_scratch
+from pointray.engine.kernels.vec import load3_flat
 from pointray.shade.path import begin_paths, trace_paths
 from pointray.shade.shading_points import begin_radiance
 from pointray.trace.world import set_ray

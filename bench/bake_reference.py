@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import pointray as pr
 from bake_rows import Options
-from pointray.kernels.vec import LUMINANCE
+from pointray.engine.kernels.vec import LUMINANCE
 
 Picture = NDArray[np.float32]
 

@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from baked_maps import COSINE, MIRRORED, Floats, Lobe, W, spiral
 from baked_records import LUMINANCE, pack_values, reflected, values_of
-from pointray.kernels.records import PHONG, PRINCIPLED
+from pointray.engine.kernels.records import PHONG, PRINCIPLED
 
 Y00 = 0.5 / np.sqrt(np.pi)
 Kernel = Callable[[Lobe, Floats], Floats]

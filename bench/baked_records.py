@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pointray.baking.pack import CHUNK, PER_PATCH, pack
-from pointray.jit import Array, keep_alive, kernel, run
-from pointray.kernels.records import RECORD
-from pointray.kernels.scratch import COUNT_NEAR, new_scratch
+from pointray.engine.jit import Array, keep_alive, kernel, run
+from pointray.engine.kernels.records import RECORD
+from pointray.engine.kernels.scratch import COUNT_NEAR, new_scratch
 from pointray.shade.baked_sums import SUM_WEIGHTS, keep_light, keep_moments, list_record, sum_moments
 from pointray.shade.harmonics import BAND_1, BAND_2, BAND_2_CROSS
 from pointray.shade.lobes import lobe_of_baked

@@ -2,7 +2,7 @@
 
 Needs Embree 3 (`libembree3.so.3`; Debian and Ubuntu: `libembree3-3`); `available()` says whether it is there.
 
-The loop over the rays (`embree_rays.py`) is compiled by Numba and runs in `pointray.jit.run`; it calls Embree by
+The loop over the rays (`embree_rays.py`) is compiled by Numba and runs in `pointray.engine.jit.run`; it calls Embree by
 address. `embree_shim.py` measures what that costs against the same loop in C++.
 
     discs = Discs(positions, normals, radii)
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from embree_rays import TILE, trace_packets, trace_singles
-from pointray import jit
+from pointray.engine import jit
 
 LIBRARY = "libembree3.so.3"
 ABSENT = f"Embree 3 ({LIBRARY}) is not installed"

@@ -7,7 +7,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from pointray import jit
+from pointray.engine import jit
 
 TILE = 1024  # rays that a thread takes at a time
 

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from pointray.cli import execute
+from pointray.engine.kernels.vec import LUMINANCE
 from pointray.image.tone import GRADIENT, backdrop_rows, linear_to_srgb
-from pointray.kernels.vec import LUMINANCE
 
 BURNT, BLACK = 250, 5
 CENTRAL = 0.001  # share of the scan's pixels that are ignored as strays

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 import pointray as pr
-from pointray.jit import thread_count
+from pointray.engine.jit import thread_count
 from pointray.neighbors import distinct, neighbors
 from truth import DEEP, Floats, Truth
 

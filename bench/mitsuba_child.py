@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from pointray.jit.disk import cpu_name
+from pointray.engine.jit.disk_cache import cpu_name
 
 
 def in_child(work: Callable[..., Any], *arguments: Any) -> str | None:

@@ -12,7 +12,7 @@ import drjit as dr
 import mitsuba as mi
 
 import pointray as pr
-from pointray.kernels.records import COAT
+from pointray.engine.kernels.records import COAT
 
 F0 = 0.04
 

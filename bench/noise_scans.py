@@ -31,7 +31,7 @@ from noise_surfaces import (
     surfaces,
 )
 from noise_tables import Figure, Limit, figures
-from pointray.jit import thread_count
+from pointray.engine.jit import thread_count
 from pointray.neighbors import neighbors
 from truth import FOLDER, Floats
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pointray as pr
-from pointray.jit import thread_count
+from pointray.engine.jit import thread_count
 
 os.environ["OMP_NUM_THREADS"] = str(thread_count())  # pykdtree and Open3D read it when they are imported
 

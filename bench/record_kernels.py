@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 import pointray as pr
-from pointray.jit import KERNELS, compile_times
+from pointray.engine.jit import KERNELS, compile_times
 from pointray.rendering import warmup
 
 FILE = Path(warmup.__file__).with_name("first_start.json")

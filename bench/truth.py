@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 import pointray as pr
-from pointray.jit import borrow, inline, kernel, next_tile, run
+from pointray.engine.jit import borrow, inline, kernel, next_tile, run
 from pointray.points.procedural import area, mesh, solid
 from pointray.points.procedural.creases import areas, refine_creases, settled
 from pointray.points.procedural.solids import SETTLED, STENCIL, field, settle, slope

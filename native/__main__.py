@@ -17,7 +17,7 @@ from .objects import Order
 from .targets import LEVELS, SYSTEMS
 
 ROOT = Path(__file__).parents[1]
-LIBRARIES = ROOT / "src/pointray/native"
+LIBRARIES = ROOT / "src/pointray/engine/native"
 
 
 def this_system() -> str:

@@ -18,7 +18,7 @@ from .targets import LEVELS, SYSTEMS
 def use(system: str, level: str) -> None:
     """Have Numba compile for a target from now on."""
     chosen = LEVELS[level]
-    # Numba reads these when it is imported, and so does `pointray.simd.memory`.
+    # Numba reads these when it is imported, and so does `pointray.engine.simd.memory`.
     os.environ.update(NUMBA_CPU_NAME=chosen.name, NUMBA_CPU_FEATURES=chosen.features, POINTRAY_KERNELS="jit")
     ll.initialize_all_targets()
     ll.initialize_all_asmprinters()

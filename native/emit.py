@@ -6,8 +6,8 @@ from typing import Any
 
 import llvmlite.binding as ll
 
-from pointray.jit import KERNELS
-from pointray.jit.library import symbol
+from pointray.engine.jit import KERNELS
+from pointray.engine.jit.library import symbol
 
 from . import signatures
 from .entry import add_entry

@@ -1,4 +1,4 @@
-"""A folder with the libraries of a system and their manifest, as the package reads it (`pointray.jit.library`)."""
+"""A folder with the libraries of a system and their manifest, as the package reads it (`pointray.engine.jit.library`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 from filelock import FileLock
 
 from pointray.base.dependencies import ROOT, digest_of, files_of
-from pointray.jit.library import FORMAT, MANIFEST, symbol
+from pointray.engine.jit.library import FORMAT, MANIFEST, symbol
 
 from . import signatures
 from .link import link, linking_key

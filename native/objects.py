@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from pointray.base.dependencies import files_of, key_of
-from pointray.jit import KERNELS
+from pointray.engine.jit import KERNELS
 
 from . import signatures
 from .targets import LEVELS, SYSTEMS

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pointray
-from pointray.jit import KERNELS
+from pointray.engine.jit import KERNELS
 
 FILE = Path(__file__).with_name("signatures.json")
 

@@ -20,9 +20,9 @@ import typer.main
 from filelock import FileLock
 from native import signatures
 
-from pointray import jit
 from pointray.base.dependencies import key_of
-from pointray.jit import disk
+from pointray.engine import jit
+from pointray.engine.jit import disk_cache as disk
 
 # A background job of a shell ignores Ctrl-C, and so does all that it starts, but tests send it.
 signal.signal(signal.SIGINT, signal.default_int_handler)

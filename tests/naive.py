@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pointray.engine.jit import inline, kernel, next_tile, run
+from pointray.engine.kernels.tree import SCATTER, SPHERES, first_scattered
 from pointray.intersect.march import BORDER_SHARE
-from pointray.jit import inline, kernel, next_tile, run
-from pointray.kernels.tree import SCATTER, SPHERES, first_scattered
 from pointray.tree.scattered import scattered_of
 
 KINDS = {"paper": 0, "imls": 1, "apss": 2}

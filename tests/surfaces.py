@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import pointray as pr
-from pointray.jit import kernel
-from pointray.kernels.records import ShadingPoint
+from pointray.engine.jit import kernel
+from pointray.engine.kernels.records import ShadingPoint
 from pointray.shade.bsdf import (
     base_color,
     emitted,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.jit import compilations
+from pointray.engine.jit import compilations
 from pointray.viewer import Viewer
 
 # Results, which callers do not create.

@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from pointray.cli import execute
-from pointray.kernels.vec import LUMINANCE
+from pointray.engine.kernels.vec import LUMINANCE
 from pointray.rendering import picture
 from pointray.shade.backfaces import EDGE_LEVEL, LEVEL, SATURATION
 from pointray.shade.environment import harmonics

@@ -10,7 +10,7 @@ from pointray.baking.patches import AROUND, NEAR, choose_patches
 from pointray.baking.planes import Grid, grid_neighbors, grid_positions
 from pointray.baking.settings import BakeSettings
 from pointray.baking.transport import Transport
-from pointray.kernels.records import PLANE_SIZE
+from pointray.engine.kernels.records import PLANE_SIZE
 
 FEW = BakeSettings(patches=256)
 

@@ -9,9 +9,9 @@ from conftest import long
 from pointray.baking.bounces import GRAY, SEES_SKY
 from pointray.baking.pack import PER_PATCH
 from pointray.baking.surfaces import _shares
-from pointray.jit import kernel
-from pointray.kernels.records import MOMENTS, PHONG, PRINCIPLED
-from pointray.kernels.scratch import ARRIVING_COLORS, ARRIVING_MOMENTS, COUNT_NEAR, TILE, new_scratch
+from pointray.engine.jit import kernel
+from pointray.engine.kernels.records import MOMENTS, PHONG, PRINCIPLED
+from pointray.engine.kernels.scratch import ARRIVING_COLORS, ARRIVING_MOMENTS, COUNT_NEAR, TILE, new_scratch
 from pointray.shade.baked_code import (
     COLOR_LEVELS,
     LEVELS,
@@ -293,7 +293,7 @@ def test_glossy_pictures_are_those_of_path_tracing(material):
 
 
 def test_the_harmonics_of_the_bench_are_those_of_the_kernels():
-    from pointray.jit import uncompiled
+    from pointray.engine.jit import uncompiled
     from pointray.shade import harmonics as own
 
     for w in R[:5]:

@@ -9,7 +9,7 @@ from collections import namedtuple
 import numpy as np
 import pytest
 
-from pointray.jit.boundary import Results, error_at, packer, size_of
+from pointray.engine.jit.boundary import Results, error_at, packer, size_of
 
 RECORDS = {"home:Pair": ["f4[1C]", "i8"], "home:Outer": ["home:Pair", ["b1", "f8"]]}
 Pair = namedtuple("Pair", "values count")  # noqa: PYI024

@@ -25,8 +25,8 @@ from pointray.cluster.client import UNPROFILED
 from pointray.cluster.crew import Crew
 from pointray.cluster.recipe import pack, unpack
 from pointray.cluster.worker import DroppedError
-from pointray.jit import run
-from pointray.jit.threads import CANCEL
+from pointray.engine.jit import run
+from pointray.engine.jit.threads import CANCEL
 from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
 from pointray.parts.prepare import part_points_for, part_points_within, prepare

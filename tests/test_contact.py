@@ -9,7 +9,7 @@ from PIL import Image
 import pointray as pr
 from conftest import long, shared_model
 from pointray.cli import execute
-from pointray.kernels.records import PROJECTION
+from pointray.engine.kernels.records import PROJECTION
 from pointray.staging import contact
 from pointray.staging.contact import CELLS, contact_shadow
 from pointray.staging.first_view import Scan, ViewChoice

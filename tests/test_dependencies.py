@@ -17,10 +17,10 @@ from pathlib import Path
 import pytest
 
 import pointray
-from pointray import jit
 from pointray.base import dependencies
 from pointray.base.dependencies import ROOT, files_of
-from pointray.jit.decorators import Later
+from pointray.engine import jit
+from pointray.engine.jit.decorators import Later
 from test_house import statements
 
 FILES = sorted(ROOT.rglob("*.py"))
@@ -63,13 +63,13 @@ def test_forms_of_imports(tmp_path):
     own = tmp_path / "own.py"
     own.write_text(
         "import os, one\nimport two as renamed\nfrom three import (  # not (four)\n    x,  # four\n    y as z,\n)\n"
-        "from room import five\nfrom pointray.kernels import vec\nimport numpy\nLATER = 'seven', 'eight'\n\n\n"
+        "from room import five\nfrom pointray.engine.kernels import vec\nimport numpy\nLATER = 'seven', 'eight'\n\n\n"
         "def f():\n    import four\n    from room.six import x\n"
     )
     here = {"own.py", "one.py", "two.py", "three.py", "room/__init__.py", "room/five.py", "seven.py", "eight.py"}
     found = set(files_of([own]))
     assert {file.relative_to(tmp_path).as_posix() for file in found if file.is_relative_to(tmp_path)} == here
-    assert ROOT / "kernels/vec.py" in found and ROOT / "jit/compile.py" in found
+    assert ROOT / "engine/kernels/vec.py" in found and ROOT / "engine/jit/compile.py" in found
     assert set(files_of([own], deferred=True)) - found == {tmp_path / "four.py", tmp_path / "room/six.py"}
 
 
@@ -116,7 +116,7 @@ KEYS = """
 import json, sys
 from pathlib import Path
 from pointray import dependencies, model_cache
-from pointray.jit.decorators import Later
+from pointray.engine.jit.decorators import Later
 from pointray.base.dependencies import ROOT, key_of
 
 def keys():
@@ -146,8 +146,8 @@ CHANGED = {  # file -> keys that its edit changes
     "cluster/client.py": [],
     "image/tone.py": [],
     "intersect/march.py": [CAST, FRAME, RAYS],
-    "jit/compile.py": [*KERNELS, "model"],
-    "kernels/vec.py": [LEAVES, CAST, FRAME, RAYS, "model"],
+    "engine/jit/compile.py": [*KERNELS, "model"],
+    "engine/kernels/vec.py": [LEAVES, CAST, FRAME, RAYS, "model"],
     "neighbors/search.py": [SEARCH, "model"],
     "neighbors/tree.py": ["model"],
     "parts/levels.py": [],
@@ -158,7 +158,7 @@ CHANGED = {  # file -> keys that its edit changes
     "scene/scene.py": [],
     "scenefile/words.py": [],
     "shade/path.py": [FRAME],
-    "simd/vector.py": [*KERNELS, "model"],
+    "engine/simd/vector.py": [*KERNELS, "model"],
     "splats/voronoi.py": ["model"],
     "staging/studio.py": [],
     "trace/traverse.py": [CAST, FRAME, RAYS],

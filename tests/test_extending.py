@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 import pointray as pr
 from conftest import linked_cache, sphere_points
 from pointray.base.choices import INTEGRATORS
-from pointray.jit import Array, inline, kernel
-from pointray.kernels.records import World
-from pointray.kernels.scratch import TILE, Scratch
-from pointray.kernels.vec import scale
+from pointray.engine.jit import Array, inline, kernel
+from pointray.engine.kernels.records import World
+from pointray.engine.kernels.scratch import TILE, Scratch
+from pointray.engine.kernels.vec import scale
 from pointray.rendering.film import add_color
 from pointray.rendering.integrate import Pass, render_tiles
 from pointray.rendering.picture import KERNELS
@@ -123,7 +123,7 @@ direction = [1, 1, -1]
 """
 
 LINES = [  # what a kind of material adds to three other files: after which line, and what
-    ("kernels/records.py", "MATERIAL_KIND = 0\n", "VELVET, VELVET_SHARE = 6, 5\n"),
+    ("engine/kernels/records.py", "MATERIAL_KIND = 0\n", "VELVET, VELVET_SHARE = 6, 5\n"),
     (
         "shade/bsdf.py",
         "from .materials.specular import sample_specular\n",

@@ -5,8 +5,8 @@ import pytest
 
 import pointray as pr
 from conftest import long
-from pointray.kernels.records import MATERIAL_SIZE, TOP_BOUNDS, TOP_CENTER, TOP_NODE
-from pointray.kernels.tree import ROW
+from pointray.engine.kernels.records import MATERIAL_SIZE, TOP_BOUNDS, TOP_CENTER, TOP_NODE
+from pointray.engine.kernels.tree import ROW
 from pointray.tree.instance_bvh import DEEP, FEW, build_top
 
 

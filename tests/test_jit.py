@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import pointray
-from pointray import jit
-from pointray.jit import Cancel, borrow, disk, keep_alive, kernel, next_tile, run
+from pointray.engine import jit
+from pointray.engine.jit import Cancel, borrow, keep_alive, kernel, next_tile, run
+from pointray.engine.jit import disk_cache as disk
 
 PACKAGE = Path(pointray.__file__).parent
 
@@ -112,7 +113,7 @@ def test_threads_are_checked(monkeypatch, text):
 USE = """
 import sys
 from pointray import jit
-from pointray.kernels import vec
+from pointray.engine.kernels import vec
 @jit.kernel
 def use(x):
     return vec.length((x, 0.0, 4.0))
@@ -168,7 +169,7 @@ def test_the_cache_serves_the_second_process_and_never_runs_stale_code(tmp_path)
     copy, cache = copied(tmp_path / "copy"), tmp_path / "cache"
     assert use(copy, cache) == ["5.0", "1"]
     assert use(copy, cache) == ["5.0", "0"]
-    vec = copy / "pointray" / "kernels/vec.py"
+    vec = copy / "pointray" / "engine/kernels/vec.py"
     vec.write_text(vec.read_text().replace("return math.sqrt(dot(a, a))", "return 2.0 * math.sqrt(dot(a, a))"))
     assert use(copy, cache) == ["10.0", "1"]
 
@@ -184,7 +185,7 @@ def test_of_processes_that_need_the_same_kernel_one_compiles_it(elsewhere, tmp_p
 SCREEN = """
 import numpy as np
 from pointray.image.screen import _to_8bit, to_8bit
-from pointray.jit import compilations
+from pointray.engine.jit import compilations
 before = _to_8bit.is_compiled
 to_8bit(np.zeros((4, 4, 4), np.float32), np.zeros((4, 3)), 0.0, "srgb")
 print(before, compilations())
@@ -281,7 +282,7 @@ def test_only_folders_that_are_marked_are_pruned(tmp_path):
         os.utime(folder, (1e9 + age, 1e9 + age))
     (foreign[2] / disk.MARK).write_text("another's")
     (tmp_path / "kernels-notes.txt").touch()
-    code = "from pointray.jit.disk import cache_folder; print(cache_folder())"
+    code = "from pointray.engine.jit.disk_cache import cache_folder; print(cache_folder())"
     environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path)}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     new = Path(done.stdout.strip())

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from conftest import sphere_points
-from pointray.jit import uncompiled
-from pointray.kernels.tree import NO_SURFACE
+from pointray.engine.jit import uncompiled
+from pointray.engine.kernels.tree import NO_SURFACE
 from pointray.tree.build import Splats, build_tree
 from pointray.tree.columns import MARGIN, STEEP, WORTH, across
 from pointray.tree.columns import PAD as COLUMN_PAD

@@ -8,9 +8,9 @@ import pytest
 
 import pointray as pr
 from pointray.base.choices import FILTERS, number_of
-from pointray.jit import borrow, keep_alive, kernel
-from pointray.kernels.sampling import pixel_key
-from pointray.kernels.scratch import DIRECTION, ORIGIN, TILE, load3, new_scratch
+from pointray.engine.jit import borrow, keep_alive, kernel
+from pointray.engine.kernels.sampling import pixel_key
+from pointray.engine.kernels.scratch import DIRECTION, ORIGIN, TILE, load3, new_scratch
 from pointray.rendering.film import EDGE, begin_tile, pixel_of, set_pixel_rays
 from pointray.rendering.lens import position_in_pixel
 

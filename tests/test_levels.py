@@ -8,8 +8,8 @@ import pytest
 import pointray as pr
 from conftest import long
 from pointray.cli import execute
-from pointray.kernels.records import INSTANCE, SHAPE_ROW
-from pointray.kernels.tree import ROW
+from pointray.engine.kernels.records import INSTANCE, SHAPE_ROW
+from pointray.engine.kernels.tree import ROW
 from pointray.rendering.lod import at_distance
 from pointray.splats.groups import groups_in_cells
 from pointray.splats.levels import coarsen

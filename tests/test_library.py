@@ -15,7 +15,7 @@ import pointray
 from conftest import long
 from pointray.base.dependencies import key_of
 from pointray.cli import BAD_INPUT, execute
-from pointray.jit import library
+from pointray.engine.jit import library
 
 PACKAGE = Path(pointray.__file__).parent
 
@@ -210,7 +210,7 @@ def test_kernels_that_are_wanted_and_not_there_are_bad_input(tmp_path, choice):
     code = f"""
 import sys
 from pathlib import Path
-from pointray.jit import library
+from pointray.engine.jit import library
 library.FOLDER = Path({str(tmp_path)!r})
 from pointray.cli import execute
 sys.exit(execute(["render", {str(scan)!r}, "-o", {str(tmp_path / "a.png")!r}]))
@@ -227,7 +227,7 @@ def test_without_a_library_and_without_numba_one_line_says_what_to_install(tmp_p
 import sys
 sys.modules.update(numba=None, llvmlite=None)
 from pathlib import Path
-from pointray.jit import library
+from pointray.engine.jit import library
 library.FOLDER = Path({str(tmp_path)!r})
 from pointray.cli import execute
 sys.exit(execute(["render", {str(scan)!r}, "-o", {str(tmp_path / "a.png")!r}]))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.jit import borrow, kernel
-from pointray.kernels.records import LIGHT_KIND, World
-from pointray.kernels.sampling import pixel_key, sample_pair
+from pointray.engine.jit import borrow, kernel
+from pointray.engine.kernels.records import LIGHT_KIND, World
+from pointray.engine.kernels.sampling import pixel_key, sample_pair
 from pointray.shade.emitters import from_middle, intersect_light, light_pdf, sample_light, sun_in
 from pointray.shade.sky import sample_sky, sky_irradiance, sky_pdf, sky_radiance
 

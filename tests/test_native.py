@@ -17,7 +17,7 @@ from native import link, signatures
 from native.targets import LEVELS
 
 import pointray
-from pointray.jit import library
+from pointray.engine.jit import library
 from test_library import needs_library
 
 ROOT = Path(pointray.__file__).parents[2]
@@ -146,7 +146,7 @@ from pathlib import Path
 import numpy as np
 import pointray as pr
 from pointray import jit
-from pointray.jit import library
+from pointray.engine.jit import library
 {before}
 
 found = {{}}
@@ -231,7 +231,7 @@ from pathlib import Path
 import numpy as np
 import pointray as pr
 from pointray import jit
-from pointray.jit import library
+from pointray.engine.jit import library
 {before}
 u, v = np.random.default_rng(0).random((2, 4000)) * 2 * np.pi
 normals = np.stack([np.cos(v) * np.cos(u), np.cos(v) * np.sin(u), np.sin(v)], axis=1)

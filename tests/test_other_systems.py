@@ -22,7 +22,7 @@ from native.targets import SYSTEMS
 import pointray
 from pointray.base.dependencies import ROOT as PACKAGE
 from pointray.base.dependencies import digest_of
-from pointray.jit import library
+from pointray.engine.jit import library
 from recordings import read
 
 pytestmark = pytest.mark.long
@@ -36,7 +36,7 @@ RECORD = """
 import sys
 from pathlib import Path
 import pointray as pr
-from pointray.jit import library
+from pointray.engine.jit import library
 from recordings import Recorder
 
 library.FOLDER = Path(sys.argv[1])

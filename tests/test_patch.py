@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from conftest import long
+from pointray.engine.jit import kernel
+from pointray.engine.kernels.tree import CELL, LEAF, NO_SURFACE, SLAB
+from pointray.engine.simd import load16, store
 from pointray.intersect.columns import axes_of, narrow, narrow_one
-from pointray.jit import kernel
-from pointray.kernels.tree import CELL, LEAF, NO_SURFACE, SLAB
-from pointray.simd import load16, store
 
 STEPS = 20_000
 

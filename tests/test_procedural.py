@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from conftest import long
-from pointray.jit import Array, kernel
+from pointray.engine.jit import Array, kernel
 from pointray.points.procedural import _MESH_CELL, NAMES, area, mesh, procedural, procedural_distance, sample
 from pointray.points.procedural.clay import _foot
 from pointray.points.procedural.creases import edges_of

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pointray.jit import kernel
-from pointray.kernels.sampling import _second, on_disc, pixel_key, sample_pair
+from pointray.engine.jit import kernel
+from pointray.engine.kernels.sampling import _second, on_disc, pixel_key, sample_pair
 
 
 @kernel

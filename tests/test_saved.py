@@ -11,7 +11,7 @@ import pointray as pr
 from conftest import shared_model
 from pointray.array_file import ALIGN
 from pointray.cli import execute
-from pointray.kernels.tree import BORDERED, LEAF, LONGEST, REFINE, SHEETED, STEP, SURFACE, Tree
+from pointray.engine.kernels.tree import BORDERED, LEAF, LONGEST, REFINE, SHEETED, STEP, SURFACE, Tree
 
 
 def cloud(rng, n):

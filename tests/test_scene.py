@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray import jit
+from pointray.engine import jit
 
 
 @pytest.fixture(scope="module")

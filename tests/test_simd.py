@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pointray import jit
-from pointray.jit import kernel
-from pointray.simd import (
+from pointray.engine import jit
+from pointray.engine.jit import kernel
+from pointray.engine.simd import (
     bit_fields,
     bits,
     broadcast8,

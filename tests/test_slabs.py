@@ -5,7 +5,7 @@ import pytest
 
 from conftest import long
 from naive import KINDS, bisect, field
-from pointray.jit import f32, kernel, next_tile, run
+from pointray.engine.jit import f32, kernel, next_tile, run
 from pointray.tree.columns import LANES, PARTS, Members, slab_along
 from pointray.tree.leaves import limits_of
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.kernels.tree import model_table
+from pointray.engine.kernels.tree import model_table
 from pointray.neighbors import NeighborTree
 from pointray.rendering.picture import Picture
 

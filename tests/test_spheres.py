@@ -8,7 +8,7 @@ import pytest
 import pointray as pr
 from conftest import long
 from naive import meet_scattered, walk
-from pointray.kernels.tree import NO_CHILD, SCATTERED, first_scattered
+from pointray.engine.kernels.tree import NO_CHILD, SCATTERED, first_scattered
 from pointray.points.path import along_path
 from pointray.points.usual import Usual
 from pointray.splats.scattered import Drawing, shapes_of

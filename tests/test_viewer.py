@@ -12,7 +12,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 import pointray as pr
-from pointray.kernels.records import ACROSS, FORWARD, UPWARD
+from pointray.engine.kernels.records import ACROSS, FORWARD, UPWARD
 from pointray.staging.direction import axes_of
 from pointray.viewer import lookups, session
 from pointray.viewer.controls import Control

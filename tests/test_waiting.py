@@ -11,7 +11,8 @@ import pytest
 from conftest import long
 from pointray import cli
 from pointray.cli.waiting import in_background
-from pointray.jit import alive, threads
+from pointray.engine.jit import c_threads as alive
+from pointray.engine.jit import threads
 
 # Interrupts at random moments while another thread keeps the interpreter busy.
 PROGRAM = """
@@ -40,7 +41,7 @@ for _ in range(int(sys.argv[2])):
 """
 WAITS = {
     "pointray.cli.waiting": "pointray.cli.waiting.in_background(work)",
-    "pointray.jit.threads": "pointray.jit.threads.run(lambda shared: work(), 1)",
+    "pointray.engine.jit.threads": "pointray.engine.jit.threads.run(lambda shared: work(), 1)",
 }
 
 

@@ -12,9 +12,10 @@ import pytest
 
 import pointray as pr
 from conftest import linked_cache
-from pointray import jit
-from pointray.jit import backlog, beside
-from pointray.jit.backlog import Backlog
+from pointray.engine import jit
+from pointray.engine.jit import backlog
+from pointray.engine.jit import second_process as beside
+from pointray.engine.jit.backlog import Backlog
 from pointray.rendering import warmup
 from pointray.viewer.time_left import TimeLeft
 
@@ -114,7 +115,7 @@ import pointray as pr
 sys.path.append({bench!r})
 from record_kernels import torus
 from pointray.rendering import warmup
-from pointray.jit import BACKLOG, compilations
+from pointray.engine.jit import BACKLOG, compilations
 
 def watch():
     while True:
@@ -207,7 +208,7 @@ def test_who_waits_is_told_when_it_is_there_and_may_give_up(tmp_path, monkeypatc
 def test_the_process_beside_ends_with_the_one_that_started_it(tmp_path):
     """Its starter is killed, and no process goes on compiling."""
     script = (
-        "import os, time; from pointray.jit import Kernel; Kernel.is_compiled = False; "
+        "import os, time; from pointray.engine.jit import Kernel; Kernel.is_compiled = False; "
         "from pointray.rendering import warmup; import subprocess; real = subprocess.Popen\n"
         "def start(*words, **options):\n"
         "    process = real(*words, **options)\n"

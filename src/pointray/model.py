@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .base.arguments import check_callback, check_choice, check_path, check_positive, check_whole
 from .base.choices import AUTO, SURFACES
 from .data import Points, spread_rows
-from .kernels.tree import LONGEST, SCATTER, Tree, no_tree
+from .engine.kernels.tree import LONGEST, SCATTER, Tree, no_tree
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
 from .points.ready import check_model_memory, finite_rows, placed_for_model

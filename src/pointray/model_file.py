@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
 from .data import FARTHEST, Points
-from .kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, SCATTER, STEP, Tree
+from .engine.kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, SCATTER, STEP, Tree
 from .survey import Survey
 from .tree.indices import check_indices
 

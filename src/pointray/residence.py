@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 from .array_file import drop_pages
 from .base.memory import available_memory
-from .kernels.tree import Tree
+from .engine.kernels.tree import Tree
 from .model_file import Level
 from .model_folder import Index, LevelFile, PartFile, read_level, read_part
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from attack import Attack, WrongError
 from attack.mutate import Rng, pick
-from pointray.jit.boundary import packer
+from pointray.engine.jit.boundary import packer
 
 NUMBERS = "i8", "i4", "i2", "i1", "u8", "u4", "u2", "u1", "f8", "f4", "b1"
 REFUSALS = TypeError, ValueError, OverflowError, struct.error

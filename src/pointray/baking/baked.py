@@ -14,8 +14,8 @@ from ..base.progress import Progress, tell
 from ..base.warning_log import warn
 from ..cluster.client import Client
 from ..cluster.crew import Crew, taken
-from ..jit import Array
-from ..kernels.records import World
+from ..engine.jit import Array
+from ..engine.kernels.records import World
 from ..model import Model
 from ..scene.scene import Scene
 from ..scene.world import Snapshot

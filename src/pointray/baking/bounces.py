@@ -11,11 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile
-from ..kernels.records import World
-from ..kernels.sampling import hash32
-from ..kernels.vec import BLACK as NO_LIGHT
-from ..kernels.vec import (
+from ..engine.jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile
+from ..engine.kernels.records import World
+from ..engine.kernels.sampling import hash32
+from ..engine.kernels.vec import BLACK as NO_LIGHT
+from ..engine.kernels.vec import (
     Vec3,
     add,
     dot,

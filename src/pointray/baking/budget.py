@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from ..base.memory import available_memory
-from ..kernels.records import INSTANCE, RECORD, SHAPE_ROW
-from ..kernels.tree import Tree
+from ..engine.kernels.records import INSTANCE, RECORD, SHAPE_ROW
+from ..engine.kernels.tree import Tree
 from ..scene.world import Snapshot
 from .levels import Spread, Wanted, choose_levels, make_spread, shape_of_trees
 from .patches import PatchSet

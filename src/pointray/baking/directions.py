@@ -14,9 +14,9 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import inline, uncompiled
-from ..kernels.sampling import hash32, on_disc
-from ..kernels.vec import Vec3, tangents, turned, unit
+from ..engine.jit import inline, uncompiled
+from ..engine.kernels.sampling import hash32, on_disc
+from ..engine.kernels.vec import Vec3, tangents, turned, unit
 
 SKY_EDGE = 64  # texels a side of the octahedral map of the sky
 SKY_TEXELS = SKY_EDGE * SKY_EDGE

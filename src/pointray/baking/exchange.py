@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from ..base.progress import Progress, part_of, tell
 from ..cluster.crew import Crew
-from ..kernels.records import INSTANCE, KIND, MODEL
-from ..kernels.vec import LUMINANCE
+from ..engine.kernels.records import INSTANCE, KIND, MODEL
+from ..engine.kernels.vec import LUMINANCE
 from ..scene.world import Snapshot
 from .bounces import VARIANCE
 from .budget import spreads_within

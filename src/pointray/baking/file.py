@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
-from ..kernels.records import DIRECT, INDIRECT, INSTANCE, KIND, MODEL, MOMENTS, RECORD, SHAPE_ROW, SPREAD
+from ..engine.kernels.records import DIRECT, INDIRECT, INSTANCE, KIND, MODEL, MOMENTS, RECORD, SHAPE_ROW, SPREAD
 from ..model import Model
 from ..scene.world import Snapshot
 from .kept import Kept

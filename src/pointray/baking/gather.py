@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import Array, borrow, f32, f64, i32, i64, inline, keep_alive, kernel, next_tile
-from ..kernels.records import (
+from ..engine.jit import Array, borrow, f32, f64, i32, i64, inline, keep_alive, kernel, next_tile
+from ..engine.kernels.records import (
     INSTANCE,
     KIND,
     LIGHT,
@@ -24,8 +24,8 @@ from ..kernels.records import (
     World,
     WorldHit,
 )
-from ..kernels.sampling import ON_LIGHT, WHICH, hash32, sample_pair
-from ..kernels.scratch import (
+from ..engine.kernels.sampling import ON_LIGHT, WHICH, hash32, sample_pair
+from ..engine.kernels.scratch import (
     DIRECTION,
     GAIN,
     NEAREST,
@@ -38,8 +38,8 @@ from ..kernels.scratch import (
     new_scratch,
     store3,
 )
-from ..kernels.vec import BLACK as NO_LIGHT
-from ..kernels.vec import WHITE, Vec3, add, dot, load3_flat, multiply, scale
+from ..engine.kernels.vec import BLACK as NO_LIGHT
+from ..engine.kernels.vec import WHITE, Vec3, add, dot, load3_flat, multiply, scale
 from ..shade.bsdf import is_specular, sample_bsdf
 from ..shade.choice import choose_light, meets_lamp, nearest_lamp
 from ..shade.direct import shade_gains

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array
-from ..kernels.records import (
+from ..engine.jit import Array
+from ..engine.kernels.records import (
     BAKED,
     BAKED_BACK,
     BAKED_COUNT,

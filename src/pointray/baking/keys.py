@@ -9,7 +9,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.records import (
+from ..engine.kernels.records import (
     CATCHER,
     DIELECTRIC,
     INSTANCE,

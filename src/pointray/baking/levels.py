@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.records import RECORD, SPREAD, SPREAD_RECORDS, SPREAD_SHARES
-from ..kernels.tree import EMPTY, Tree
+from ..engine.kernels.records import RECORD, SPREAD, SPREAD_RECORDS, SPREAD_SHARES
+from ..engine.kernels.tree import EMPTY, Tree
 from ..neighbors import NeighborTree
 from .patches import BLOCK_SPLATS, PatchSet, blend_for, nearest_blend, splats_of
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import Array, borrow, f32, i32, inline, kernel, next_tile
-from ..kernels.records import DIRECT, INDIRECT, MOMENTS, RECORD
+from ..engine.jit import Array, borrow, f32, i32, inline, kernel, next_tile
+from ..engine.kernels.records import DIRECT, INDIRECT, MOMENTS, RECORD
 from ..shade.baked_code import COLORS, MOMENTS_OF_GRAY, pack_moments
 from ..shade.rgbe import pack_rgbe, signed
 from .patches import AROUND, BLOCK_SPLATS

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from ..jit import Array, borrow, inline, kernel, next_tile
-from ..kernels.records import MATERIAL_SIZE, ShadingPoint, World
-from ..kernels.sampling import WHICH, sample_pair
-from ..kernels.vec import Vec3, add
+from ..engine.jit import Array, borrow, inline, kernel, next_tile
+from ..engine.kernels.records import MATERIAL_SIZE, ShadingPoint, World
+from ..engine.kernels.sampling import WHICH, sample_pair
+from ..engine.kernels.vec import Vec3, add
 from ..shade.bsdf import is_specular, sample_bsdf
 from ..shade.materials.diffuse import sample_diffuse
 

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f32, kernel, next_tile, run
-from ..kernels.records import NO_SKY, SKY_KIND, SKY_WIDTH, World
-from ..kernels.vec import LUMINANCE, add, luminance, scale
+from ..engine.jit import Array, borrow, f32, kernel, next_tile, run
+from ..engine.kernels.records import NO_SKY, SKY_KIND, SKY_WIDTH, World
+from ..engine.kernels.vec import LUMINANCE, add, luminance, scale
 from ..shade.sky import sky_radiance
 from .directions import SKY_EDGE, SKY_TEXELS, in_texel, texel_size
 

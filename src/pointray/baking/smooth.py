@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from ..jit import Array, borrow, f32, inline, kernel, next_tile
+from ..engine.jit import Array, borrow, f32, inline, kernel, next_tile
 
 ALLOWED = f32(0.35)  # the difference at which a neighbour counts nothing
 OFF_PLANE = f32(0.25)  # distance from the plane, in distances of the neighbours, at which it counts nothing

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import run
-from ..kernels.records import (
+from ..engine.jit import run
+from ..engine.kernels.records import (
     DISK_LIGHT,
     LIGHT,
     LIGHT_KIND,
@@ -17,7 +17,7 @@ from ..kernels.records import (
     SPHERE_LIGHT,
     World,
 )
-from ..kernels.vec import LUMINANCE
+from ..engine.kernels.vec import LUMINANCE
 from ..shade.environment import harmonics
 from .bounces import BLUE, CHUNK, FACTS, PER_SOURCE, RED, SEES_SKY, add_facts, add_irradiance, reflect
 from .directions import cell_moments

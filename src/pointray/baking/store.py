@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import run, uncompiled
-from ..kernels.records import DIRECT, INDIRECT, RECORD
+from ..engine.jit import run, uncompiled
+from ..engine.kernels.records import DIRECT, INDIRECT, RECORD
 from ..model import Model
 from ..shade.rgbe import unpack_rgbe
 from .bounces import GRAY, SEES_SKY

@@ -17,7 +17,7 @@ from ..base.progress import Progress, tell
 from ..cluster.crew import Crew
 from ..cluster.dispatch import Job
 from ..cluster.parcels import Parcel
-from ..jit import Array, run
+from ..engine.jit import Array, run
 from ..scene.world import Snapshot
 from .gather import ONE_TILE, Found, Patches, Rays, Targets, send_rays
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import Progress, tell
-from ..jit import run
-from ..kernels.records import (
+from ..engine.jit import run
+from ..engine.kernels.records import (
     BAKED_FRAME,
     BASE_COLOR,
     EMISSIVE,

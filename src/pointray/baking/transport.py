@@ -10,9 +10,18 @@ from numpy.typing import NDArray
 from ..base.progress import Progress
 from ..cluster.crew import Crew
 from ..cluster.parcels import Parcel
-from ..jit import run, uncompiled
-from ..kernels.records import DIELECTRIC, INSTANCE, MATERIAL_KIND, MATERIAL_SIZE, MIRROR, PLANE_SIZE, SHAPE_ROW, World
-from ..kernels.scratch import TILE
+from ..engine.jit import run, uncompiled
+from ..engine.kernels.records import (
+    DIELECTRIC,
+    INSTANCE,
+    MATERIAL_KIND,
+    MATERIAL_SIZE,
+    MIRROR,
+    PLANE_SIZE,
+    SHAPE_ROW,
+    World,
+)
+from ..engine.kernels.scratch import TILE
 from ..scene.world import Snapshot
 from ..shade.grid import MOST_WALLS
 from .bounces import CHUNK, Links, bytes_of, hide_links

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from ..engine.jit import compilations, compile_seconds, thread_count
 from ..image import write_image
-from ..jit import compilations, compile_seconds, thread_count
 from ..model import Model
 from ..points import procedural
 from ..rendering.camera import Camera

@@ -322,7 +322,7 @@ def given(context: typer.Context) -> dict[str, Any]:
 
 def use_threads(threads: int | None) -> int:
     """Set the number of threads for all stages; returns it."""
-    from ..jit import thread_count
+    from ..engine.jit import thread_count
 
     count = thread_count(threads)
     os.environ["POINTRAY_THREADS"] = str(count)

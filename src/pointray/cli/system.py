@@ -15,8 +15,8 @@ PACKAGES = ("numpy", "scipy", "numba", "laspy", "OpenEXR", "OpenImageIO", "pye57
 def describe_system() -> dict[str, Any]:
     """Versions, the machine, and which kernels are used and why."""
     from .. import __version__
-    from ..jit import thread_count
-    from ..jit.library import choice
+    from ..engine.jit import thread_count
+    from ..engine.jit.library import choice
 
     _, why = choice()
     return {

@@ -70,7 +70,7 @@ class CompilationWatch:
         self._thread.join()
 
     def _run(self) -> None:
-        from ..jit import BACKLOG
+        from ..engine.jit import BACKLOG
 
         while not self._ended.wait(POLL):
             state = BACKLOG.state
@@ -88,7 +88,7 @@ class CompilationWatch:
 
 def _how_often() -> str:
     """When kernels are compiled."""
-    from ..jit.disk import cache_folder
+    from ..engine.jit.disk_cache import cache_folder
 
     if cache_folder() is None:
         return "each time, as the cache folder (POINTRAY_CACHE) cannot be written"
@@ -113,7 +113,7 @@ def in_background(work: Callable[[], T]) -> T:
             errors.append(error)
         working.release()
 
-    from ..jit.alive import start
+    from ..engine.jit.c_threads import start
 
     is_there = start(body)
     try:

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from ..base.progress import Progress
-from ..jit import run
+from ..engine.jit import run
 from .crew import Ask, Crew
 from .dispatch import Job
 from .parcels import Parcel

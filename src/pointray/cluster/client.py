@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 from ..base.arguments import wrong
 from ..base.extras import require
 from ..base.memory import available_memory
-from ..jit import thread_count
+from ..engine.jit import thread_count
 from .worker import version_here
 
 Client: TypeAlias = Any  # a distributed.Client, or None

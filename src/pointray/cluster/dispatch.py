@@ -82,7 +82,7 @@ class Dispatch:
         self._crew, self._jobs = crew, jobs
         self._again: deque[tuple[Job, int]] = deque()  # jobs of workers that have died, and the number of attempts
         self.flights: list[_Flight] = []  # in the order in which they were handed out
-        self._ready: queue.SimpleQueue[Any] = queue.SimpleQueue()  # waits in C: see `jit.threads.run`
+        self._ready: queue.SimpleQueue[Any] = queue.SimpleQueue()  # waits in C: see `engine.jit.threads.run`
         self._times: deque[float] = deque(maxlen=64)  # seconds that jobs took
 
     @property

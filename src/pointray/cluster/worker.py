@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 
-from ..kernels.tree import Tree
+from ..engine.kernels.tree import Tree
 from ..model import Model
 from ..model_file import Place
 from .recipe import read_recipe

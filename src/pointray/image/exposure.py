@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import rgb, unit_vector
 from ..base.choices import AUTO
-from ..kernels.vec import LUMINANCE
+from ..engine.kernels.vec import LUMINANCE
 from ..shade.environment import EnvironmentLight, harmonics
 from ..shade.lights import SunLight
 from .tone import tone

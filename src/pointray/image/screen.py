@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..jit import Array, borrow, f32, kernel, next_tile, run
-from ..simd import float_bits
+from ..engine.jit import Array, borrow, f32, kernel, next_tile, run
+from ..engine.simd import float_bits
 from .tone import linear_to_srgb, tone
 
 Rgb8 = NDArray[np.uint8]

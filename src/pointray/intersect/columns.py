@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TypeAlias, TypeVar
 
-from ..jit import f32, inline
-from ..kernels.tree import CELL, COLUMNS, LEAF, PATCH, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW, SLAB, Tree
-from ..simd import (
+from ..engine.jit import f32, inline
+from ..engine.kernels.tree import CELL, COLUMNS, LEAF, PATCH, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW, SLAB, Tree
+from ..engine.simd import (
     F16,
     INF,
     ONE,

@@ -9,11 +9,11 @@ Rays of a camera or a caller start on no sheet: which part of them is searched c
 
 from __future__ import annotations
 
-from ..jit import f32, i64, inline
-from ..kernels.scratch import COUNT_NEAR, Scratch
-from ..kernels.tree import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit, Ray, Tree
-from ..kernels.vec import Vec3
-from ..simd import INF, ONE, ZERO, bits, count_trailing_zeros, lane, repeat4
+from ..engine.jit import f32, i64, inline
+from ..engine.kernels.scratch import COUNT_NEAR, Scratch
+from ..engine.kernels.tree import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit, Ray, Tree
+from ..engine.kernels.vec import Vec3
+from ..engine.simd import INF, ONE, ZERO, bits, count_trailing_zeros, lane, repeat4
 
 NEAR2 = f32(2.0**2)  # squared radii: beside a disc's rim a ray would meet its underside
 FLAT2 = f32(0.25**2)  # squared radii: on a sphere of radius R two discs are r / R apart, half of which belongs to each

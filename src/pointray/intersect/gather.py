@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import Array, f32, f64, i64, inline, routine
-from ..kernels.scratch import (
+from ..engine.jit import Array, f32, f64, i64, inline, routine
+from ..engine.kernels.scratch import (
     AT_DX,
     AT_DY,
     AT_DZ,
@@ -27,9 +27,9 @@ from ..kernels.scratch import (
     Scratch,
     slot_of,
 )
-from ..kernels.tree import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ, Tree
-from ..kernels.vec import Vec3
-from ..simd import (
+from ..engine.kernels.tree import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ, Tree
+from ..engine.kernels.vec import Vec3
+from ..engine.simd import (
     F16,
     INF,
     ONE,

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..jit import f32, inline
-from ..kernels.tree import LEAF, STEP, Tree
-from ..simd import F16, ONE, ZERO, Mask, broadcast16, select, trunc, vabs, vmax, vmin
+from ..engine.jit import f32, inline
+from ..engine.kernels.tree import LEAF, STEP, Tree
+from ..engine.simd import F16, ONE, ZERO, Mask, broadcast16, select, trunc, vabs, vmax, vmin
 
 MOST_STEPS = f32(2.0**22)  # counted from where a ray enters the model's bounds
 TOGETHER = f32(16.0)  # samples whose positions are counted from the same place

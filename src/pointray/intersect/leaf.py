@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..jit import Array, i64, inline
-from ..kernels.scratch import (
+from ..engine.jit import Array, i64, inline
+from ..engine.kernels.scratch import (
     AT_BEGIN,
     AT_DX,
     AT_DY,
@@ -42,8 +42,8 @@ from ..kernels.scratch import (
     TILE,
     Scratch,
 )
-from ..kernels.tree import DISC, LEAF, SHEETED, SURFACE, Hit, Ray, Tree
-from ..simd import (
+from ..engine.kernels.tree import DISC, LEAF, SHEETED, SURFACE, Hit, Ray, Tree
+from ..engine.simd import (
     F16,
     INF,
     ONE,

@@ -28,10 +28,10 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeAlias
 
-from ..jit import f32, inline
-from ..kernels.scratch import COUNT_SPLATS, Scratch
-from ..kernels.tree import BORDERED, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM, Tree
-from ..simd import (
+from ..engine.jit import f32, inline
+from ..engine.kernels.scratch import COUNT_SPLATS, Scratch
+from ..engine.kernels.tree import BORDERED, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM, Tree
+from ..engine.simd import (
     F16,
     INF,
     ONE,

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ..jit import f32, inline
-from ..kernels.scratch import Scratch
-from ..kernels.tree import REFINE, SURFACE, Tree
-from ..simd import (
+from ..engine.jit import f32, inline
+from ..engine.kernels.scratch import Scratch
+from ..engine.kernels.tree import REFINE, SURFACE, Tree
+from ..engine.simd import (
     F16,
     INF,
     ONE,

@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from ..jit import Array, f32, i64, inline
-from ..kernels.scratch import (
+from ..engine.jit import Array, f32, i64, inline
+from ..engine.kernels.scratch import (
     BEGIN,
     DX,
     DY,
@@ -33,12 +33,26 @@ from ..kernels.scratch import (
     Scratch,
     store3,
 )
-from ..kernels.tree import BLOCK, FAR, INV_R2, LEAF_BLOCKS, PX, PY, PZ, SCATTER, SCATTERED, SPHERES, Hit, Ray, Tree
-from ..kernels.tree import NX as MEAN_X
-from ..kernels.tree import NY as MEAN_Y
-from ..kernels.tree import NZ as MEAN_Z
-from ..kernels.vec import Vec3
-from ..simd import (
+from ..engine.kernels.tree import (
+    BLOCK,
+    FAR,
+    INV_R2,
+    LEAF_BLOCKS,
+    PX,
+    PY,
+    PZ,
+    SCATTER,
+    SCATTERED,
+    SPHERES,
+    Hit,
+    Ray,
+    Tree,
+)
+from ..engine.kernels.tree import NX as MEAN_X
+from ..engine.kernels.tree import NY as MEAN_Y
+from ..engine.kernels.tree import NZ as MEAN_Z
+from ..engine.kernels.vec import Vec3
+from ..engine.simd import (
     F8,
     INF,
     ONE,

@@ -19,11 +19,11 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..jit import Array, f32, i64, inline
-from ..kernels.scratch import COUNT_SPLATS, Scratch, slot_of
-from ..kernels.tree import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ, Tree
-from ..kernels.vec import Vec3
-from ..simd import F16, ONE, ZERO, Real, broadcast16, broadcast_from, repeat4, select, vmax, vsqrt
+from ..engine.jit import Array, f32, i64, inline
+from ..engine.kernels.scratch import COUNT_SPLATS, Scratch, slot_of
+from ..engine.kernels.tree import BLOCK, IMLS, INV_R2, NX, NY, NZ, PAPER, PX, PY, PZ, Tree
+from ..engine.kernels.vec import Vec3
+from ..engine.simd import F16, ONE, ZERO, Real, broadcast16, broadcast_from, repeat4, select, vmax, vsqrt
 
 HALF, TWO = f32(0.5), f32(2.0)
 QUARTER = f32(0.25)

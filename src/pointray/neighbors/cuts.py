@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import Progress, part_of, tell
-from ..jit import Array, i64, inline, kernel, next_tile, run, thread_count, uncompiled
+from ..engine.jit import Array, i64, inline, kernel, next_tile, run, thread_count, uncompiled
 from .order import first_part
 
 HALF = 16  # bits of a digit

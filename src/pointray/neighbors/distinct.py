@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f64, i64, inline, kernel
-from ..simd import float_bits, prefetch
+from ..engine.jit import Array, borrow, f64, i64, inline, kernel
+from ..engine.simd import float_bits, prefetch
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int32]

@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, cancelled, f32, inline, kernel, next_tile, run
-from ..simd import INF, broadcast16, lane, load4, load16, store, vmax, vmin
+from ..engine.jit import Array, borrow, cancelled, f32, inline, kernel, next_tile, run
+from ..engine.simd import INF, broadcast16, lane, load4, load16, store, vmax, vmin
 
 ROW = 4  # float32 of a row: x, y, z, and the point's number as bits
 LEAF = 4  # points in the order of their numbers

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from ..jit import Array, f32, f64, i64, inline
-from ..simd import (
+from ..engine.jit import Array, f32, f64, i64, inline
+from ..engine.simd import (
     bits,
     broadcast16,
     broadcast_from,

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, i64, kernel, next_tile, run
-from ..simd import prefetch
+from ..engine.jit import Array, borrow, i64, kernel, next_tile, run
+from ..engine.simd import prefetch
 
 WORD = 4  # bytes that are copied at once
 CHUNK = 1 << 14  # rows that a thread copies at a time

@@ -16,8 +16,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile
-from ..simd import (
+from ..engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile
+from ..engine.simd import (
     ZERO,
     Bits,
     bits,

@@ -6,8 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..jit import Array, f32, f64, i64, inline, routine
-from ..simd import ZERO, bits, broadcast16, count_trailing_zeros, load16, square_sum, store, vmax
+from ..engine.jit import Array, f32, f64, i64, inline, routine
+from ..engine.simd import ZERO, bits, broadcast16, count_trailing_zeros, load16, square_sum, store, vmax
 from .sites import BLOCK, LANES, NODE
 
 AT_PLACE = 16  # blocks that are examined at least, even if k points at the query's place are known

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, i64, kernel, next_tile, run
-from ..simd import INF, load16, reduce_max, reduce_min
+from ..engine.jit import Array, borrow, i64, kernel, next_tile, run
+from ..engine.simd import INF, load16, reduce_max, reduce_min
 from .order import kd_order
 
 LANES = 16  # points of a block, children of a node

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import Progress, part_of, tell
-from ..jit import run
+from ..engine.jit import run
 from .search import CHUNK, find_nearest
 from .sites import LANES, Blocks, Boxes, make_blocks, make_boxes, scale_of
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.disk_columns import Column, Columns
 from ..base.progress import Progress, tell
-from ..kernels.tree import LONGEST
+from ..engine.kernels.tree import LONGEST
 from ..model_folder import Index, PartFile, write_columns, write_index, write_part
 from ..splats.scattered import Drawing
 from ..tree.build import Splats

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..base.disk_columns import Columns
 from ..data import Points
-from ..kernels.tree import BOUNDS, Tree, no_tree
+from ..engine.kernels.tree import BOUNDS, Tree, no_tree
 from ..model import LEVEL_SAMPLES
 from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part

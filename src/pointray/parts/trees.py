@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..base.progress import Progress, tell
 from ..data import Points
-from ..kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
+from ..engine.kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
 from ..model_folder import PartFile, write_part
 from ..points.usual import steady
 from ..tree.blocks import PER_BLOCK, make_blocks

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f64, i64, inline, kernel, next_tile, run
+from ..engine.jit import Array, borrow, f64, i64, inline, kernel, next_tile, run
 from ..neighbors import distinct, neighbors
 
 Floats = NDArray[np.float32]

@@ -5,15 +5,15 @@ See `shade/baked_light.py`.
 
 from __future__ import annotations
 
-from ..jit import Array, i64, inline, kernel
-from ..kernels.records import World
-from ..kernels.scratch import DIRECTION, TILE, Scratch, load3
+from ..engine.jit import Array, i64, inline, kernel
+from ..engine.kernels.records import World
+from ..engine.kernels.scratch import DIRECTION, TILE, Scratch, load3
+from ..engine.simd import Bits
 from ..shade.backfaces import mute_back_faces
 from ..shade.baked_light import add_baked, add_live, meet_lamps
 from ..shade.shading_points import add_radiance, begin_radiance, is_shaded, store_shading_points
 from ..shade.sky import sky_radiance
 from ..shade.specular_rays import begin_specular, set_specular_rays, spawn_specular
-from ..simd import Bits
 from ..trace.hits import describe_tile
 from ..trace.world import meets_nothing, trace_tile
 from .film import add_sample

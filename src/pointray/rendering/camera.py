@@ -20,7 +20,7 @@ from ..base.arguments import (
     wrong,
 )
 from ..base.choices import PROJECTIONS, number_of
-from ..kernels.records import (
+from ..engine.kernels.records import (
     ACROSS,
     CAMERA,
     EYE,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arguments import check_kind, check_number, check_positive, check_whole, wrong
-from ..kernels.records import UPWARD
+from ..engine.kernels.records import UPWARD
 from .camera import Camera, unit
 
 Floats = NDArray[np.float64]

@@ -12,10 +12,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..jit import Array, f32, inline
-from ..kernels.records import LENS_RADIUS, ORTHOGRAPHIC, PANORAMA, PERSPECTIVE, PROJECTION
-from ..kernels.sampling import ON_LENS, on_disc, pixel_key, sample_pair
-from ..kernels.scratch import (
+from ..engine.jit import Array, f32, inline
+from ..engine.kernels.records import LENS_RADIUS, ORTHOGRAPHIC, PANORAMA, PERSPECTIVE, PROJECTION
+from ..engine.kernels.sampling import ON_LENS, on_disc, pixel_key, sample_pair
+from ..engine.kernels.scratch import (
     CAUGHT,
     DIRECTION,
     IMAGE_X,
@@ -36,8 +36,8 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.vec import Vec3, add, along_curve, luminance, scale, unit
-from ..simd import Bits, count_trailing_zeros
+from ..engine.kernels.vec import Vec3, add, along_curve, luminance, scale, unit
+from ..engine.simd import Bits, count_trailing_zeros
 from ..trace.world import set_ray
 from .lens import BLACKMAN_HARRIS, BOX, GAUSSIAN, TENT, on_screen, position_in_pixel, project, through_lens
 

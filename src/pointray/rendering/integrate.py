@@ -19,9 +19,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..jit import Array, borrow, cancelled, i64, inline, keep_alive, kernel, next_tile
-from ..kernels.records import World, WorldHit
-from ..kernels.scratch import (
+from ..engine.jit import Array, borrow, cancelled, i64, inline, keep_alive, kernel, next_tile
+from ..engine.kernels.records import World, WorldHit
+from ..engine.kernels.scratch import (
     CAUGHT,
     COST_DIRECTION,
     COST_ORIGIN,
@@ -35,7 +35,8 @@ from ..kernels.scratch import (
     new_scratch,
     store3,
 )
-from ..kernels.vec import Vec3, add, scale
+from ..engine.kernels.vec import Vec3, add, scale
+from ..engine.simd import Bits
 from ..shade.ambient import see_sky
 from ..shade.backfaces import mute_back_faces
 from ..shade.bsdf import base_color
@@ -45,7 +46,6 @@ from ..shade.path import begin_paths, trace_paths
 from ..shade.shading_points import add_radiance, begin_radiance, is_shaded, store_shading_points
 from ..shade.sky import has_sky, sky_radiance
 from ..shade.specular_rays import begin_specular, set_specular_rays, spawn_specular
-from ..simd import Bits
 from ..trace.hits import describe_tile, material_at, tile_hit
 from ..trace.world import NO_RAY, meets_nothing, set_ray, trace_tile
 from .film import (

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..cluster.client import Client
 from ..cluster.crew import taken
-from ..kernels.records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
+from ..engine.kernels.records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
 from ..scene.casting import intersect_snapshot
 from ..scene.rays import Hits, check_rays
 from ..scene.scene import Scene

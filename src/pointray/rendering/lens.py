@@ -11,10 +11,20 @@ import math
 import numpy as np
 
 from ..base.choices import FILTERS, number_of
-from ..jit import Array, inline
-from ..kernels.records import ACROSS, EYE, FORWARD, LENS_RADIUS, NEARNESS, ORTHOGRAPHIC, PANORAMA, PROJECTION, UPWARD
-from ..kernels.sampling import IN_PIXEL, sample_pair
-from ..kernels.vec import Vec3, add, dot, load3_flat, scale, sub, unit
+from ..engine.jit import Array, inline
+from ..engine.kernels.records import (
+    ACROSS,
+    EYE,
+    FORWARD,
+    LENS_RADIUS,
+    NEARNESS,
+    ORTHOGRAPHIC,
+    PANORAMA,
+    PROJECTION,
+    UPWARD,
+)
+from ..engine.kernels.sampling import IN_PIXEL, sample_pair
+from ..engine.kernels.vec import Vec3, add, dot, load3_flat, scale, sub, unit
 
 BOX, TENT, GAUSSIAN, BLACKMAN_HARRIS = (
     number_of(FILTERS, name) for name in ("box", "tent", "gaussian", "blackman-harris")

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.records import (
+from ..engine.kernels.records import (
     BY_COORDINATE,
     INSTANCE,
     KIND,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.vec import LUMINANCE
+from ..engine.kernels.vec import LUMINANCE
 
 ROUNDING = 4e-6  # share of a squared mean: the variance that sums of equal samples may have by rounding
 BAND = 1 << 17  # pixels that are processed together where noise is measured

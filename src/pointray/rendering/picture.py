@@ -15,8 +15,8 @@ from ..base.memory import check_memory
 from ..base.warning_log import warn
 from ..cluster.client import Client
 from ..cluster.crew import Crew, taken
+from ..engine.jit import Cancel, run
 from ..image.denoise import check_denoise, denoise
-from ..jit import Cancel, run
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .baked import baked_frame

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.choices import EXPOSED, FILTERS, INTEGRATORS, MUTED, NOISY, number_of
-from ..kernels.records import (
+from ..engine.kernels.records import (
     DISK_LIGHT,
     EMISSIVE,
     INSTANCE,

@@ -20,8 +20,8 @@ import numpy as np
 from ..baking.baked import bake
 from ..baking.gather import send_rays
 from ..baking.settings import BakeSettings
-from ..jit import BACKLOG, KERNELS, compile_beside, wait_for
-from ..kernels.records import BAKED, BAKED_FRAME
+from ..engine.jit import BACKLOG, KERNELS, compile_beside, wait_for
+from ..engine.kernels.records import BAKED, BAKED_FRAME
 from ..scene.instances import Plane
 from ..scene.scene import Scene
 from ..scene.world import Snapshot

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW
+from ..engine.kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW
 from ..model import Model
 from ..trace.cast import PLAIN, Pace, blend_attribute
 from .paints import categories_in

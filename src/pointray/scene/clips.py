@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import unit_vector, vector
-from ..kernels.records import CLIP, CLIP_OFFSET
+from ..engine.kernels.records import CLIP, CLIP_OFFSET
 
 MOST = 16
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_direction, check_flag, check_numbers, check_positive, reflectance, rgb, vector
-from ..kernels.records import (
+from ..engine.kernels.records import (
     CATCHER,
     INSTANCE,
     KIND,

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import Points, categories_of, spread_rows
-from ..image.tone import srgb_to_linear
-from ..kernels.records import (
+from ..engine.kernels.records import (
     BLENDED,
     BY_COORDINATE,
     CLASSES,
@@ -26,6 +25,7 @@ from ..kernels.records import (
     PAINT_SIZE,
     PAINT_START,
 )
+from ..image.tone import srgb_to_linear
 from ..model import Model
 from ..shade.attributes import COORDINATES, Attribute, category_colors
 from ..shade.colormaps import colormap, shows_classes

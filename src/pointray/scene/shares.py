@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.records import KIND, MODEL, PLANE, SHAPE_ROW
+from ..engine.kernels.records import KIND, MODEL, PLANE, SHAPE_ROW
 from .shown import instances_of
 from .world import Snapshot, reach_boxes
 

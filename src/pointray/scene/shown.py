@@ -7,8 +7,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.records import BY_COORDINATE, INSTANCE, PAINT, PAINT_KIND, PAINT_SIZE, SHAPE_ROW, World
-from ..kernels.tree import Tree, model_table, no_tree
+from ..engine.kernels.records import BY_COORDINATE, INSTANCE, PAINT, PAINT_KIND, PAINT_SIZE, SHAPE_ROW, World
+from ..engine.kernels.tree import Tree, model_table, no_tree
 from ..model import Model
 from ..shade.attributes import Attribute
 from .paints import Paints

@@ -8,8 +8,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..image.tone import srgb_to_linear
-from ..kernels.records import (
+from ..engine.kernels.records import (
     ACROSS,
     CATCHER,
     EYE,
@@ -23,6 +22,7 @@ from ..kernels.records import (
     LightTree,
     World,
 )
+from ..image.tone import srgb_to_linear
 from ..model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights, no_sky

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
-from ..jit import inline
-from ..kernels.records import INSTANCE, KIND, MODEL, World
-from ..kernels.scratch import RADIANCE, SHADING_INSTANCE, SHADING_SIDE, TILE, Scratch, store3
-from ..kernels.vec import add, dot, luminance, scale
+from ..engine.jit import inline
+from ..engine.kernels.records import INSTANCE, KIND, MODEL, World
+from ..engine.kernels.scratch import RADIANCE, SHADING_INSTANCE, SHADING_SIDE, TILE, Scratch, store3
+from ..engine.kernels.vec import add, dot, luminance, scale
 from .bsdf import emitted, is_specular
 from .shading_points import is_shaded, shading_point
 from .sky import has_sky, sky_irradiance

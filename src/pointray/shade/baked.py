@@ -7,10 +7,8 @@ has fewer records than splats: the light of each splat is blended from four of t
 
 from __future__ import annotations
 
-from ..intersect.gather import nearest_slot
-from ..intersect.surface import FourPoints, weights_seen
-from ..jit import Array, array_at, borrow, f32, f64, i32, i64, inline, routine
-from ..kernels.records import (
+from ..engine.jit import Array, array_at, borrow, f32, f64, i32, i64, inline, routine
+from ..engine.kernels.records import (
     BAKED,
     BAKED_BACK,
     BAKED_COUNT,
@@ -29,7 +27,7 @@ from ..kernels.records import (
     SHAPE_ROW,
     World,
 )
-from ..kernels.scratch import (
+from ..engine.kernels.scratch import (
     ARRIVING,
     COUNT_NEAR,
     INSTANCE_OF,
@@ -44,9 +42,9 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.tree import BLOCK, LEAF, NX, NY, NZ, SCATTERED, SHEETED, Tree, tree_at
-from ..kernels.vec import BLACK
-from ..simd import (
+from ..engine.kernels.tree import BLOCK, LEAF, NX, NY, NZ, SCATTERED, SHEETED, Tree, tree_at
+from ..engine.kernels.vec import BLACK
+from ..engine.simd import (
     ONE,
     ZERO,
     bits,
@@ -59,6 +57,8 @@ from ..simd import (
     vmax,
     vsqrt,
 )
+from ..intersect.gather import nearest_slot
+from ..intersect.surface import FourPoints, weights_seen
 from ..trace.hits import list_around, material_at, next_of_leaf
 from ..trace.paint import Four
 from ..trace.space import matrix_at, of_size_one

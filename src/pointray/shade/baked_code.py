@@ -16,9 +16,9 @@ from __future__ import annotations
 
 import math
 
-from ..jit import Array, f32, inline
-from ..kernels.vec import LUMINANCE, Vec3, luminance
-from ..simd import F16, I16, bit_fields, first_quarter, quarters, sum_over_quarters, third_quarter, vabs
+from ..engine.jit import Array, f32, inline
+from ..engine.kernels.vec import LUMINANCE, Vec3, luminance
+from ..engine.simd import F16, I16, bit_fields, first_quarter, quarters, sum_over_quarters, third_quarter, vabs
 from .harmonics import BAND_1, BAND_2
 
 LEVELS, COLOR_LEVELS = 15, 7  # steps up and down

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-from ..jit import i64, inline
-from ..kernels.records import LIGHT, LIGHT_KIND, PHONG, World
-from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, sample_pair
-from ..kernels.scratch import (
+from ..engine.jit import i64, inline
+from ..engine.kernels.records import LIGHT, LIGHT_KIND, PHONG, World
+from ..engine.kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, sample_pair
+from ..engine.kernels.scratch import (
     ARRIVING,
     DIRECTION,
     GAIN,
@@ -25,8 +25,8 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.vec import BLACK, Vec3, add, around, dot, mirrored, multiply, scale
-from ..simd import Bits
+from ..engine.kernels.vec import BLACK, Vec3, add, around, dot, mirrored, multiply, scale
+from ..engine.simd import Bits
 from ..trace.hits import tile_hit
 from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from
 from .baked import find_baked

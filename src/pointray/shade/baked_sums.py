@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from ..jit import Array, f32, f64, i64, inline
-from ..kernels.records import DIRECT, INDIRECT, MOMENTS, RECORD, SPREAD, SPREAD_RECORDS, SPREAD_SHARES
-from ..kernels.scratch import (
+from ..engine.jit import Array, f32, f64, i64, inline
+from ..engine.kernels.records import DIRECT, INDIRECT, MOMENTS, RECORD, SPREAD, SPREAD_RECORDS, SPREAD_SHARES
+from ..engine.kernels.scratch import (
     ARRIVING,
     ARRIVING_COLORS,
     ARRIVING_MOMENTS,
@@ -22,8 +22,8 @@ from ..kernels.scratch import (
     Scratch,
     store3,
 )
-from ..kernels.vec import add, scale
-from ..simd import F16, ZERO, broadcast16, columns, load16_int, repeat4, store, sums_of_fours
+from ..engine.kernels.vec import add, scale
+from ..engine.simd import F16, ZERO, broadcast16, columns, load16_int, repeat4, store, sums_of_fours
 from .baked_code import COLORS, MOMENTS_OF_GRAY, REACH_1, REACH_2, REACH_COLOR, unpack_moments
 from .rgbe import unpack_four
 

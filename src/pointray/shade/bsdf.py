@@ -8,8 +8,8 @@ it enters a closed body and gain it where it leaves: the same picture, unless a 
 
 from __future__ import annotations
 
-from ..jit import inline
-from ..kernels.records import (
+from ..engine.jit import inline
+from ..engine.kernels.records import (
     ALPHA,
     BASE_COLOR,
     DIELECTRIC,
@@ -25,7 +25,7 @@ from ..kernels.records import (
     ShadingPoint,
     World,
 )
-from ..kernels.vec import BLACK, Vec3, dot, load3_flat, scale
+from ..engine.kernels.vec import BLACK, Vec3, dot, load3_flat, scale
 from .materials.diffuse import eval_diffuse, sample_diffuse
 from .materials.phong import eval_phong, lobes_of_phong, sample_phong
 from .materials.principled import eval_principled, exponent_of_facets, lobes_of_principled, sample_principled

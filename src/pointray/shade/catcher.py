@@ -11,10 +11,10 @@ import math
 
 import numpy as np
 
-from ..jit import i64, inline
-from ..kernels.records import CATCHER, INSTANCE, KIND, LIGHT, LIGHT_KIND, World
-from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, sample_pair
-from ..kernels.scratch import (
+from ..engine.jit import i64, inline
+from ..engine.kernels.records import CATCHER, INSTANCE, KIND, LIGHT, LIGHT_KIND, World
+from ..engine.kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, sample_pair
+from ..engine.kernels.scratch import (
     CAUGHT,
     GAIN,
     KEY,
@@ -31,8 +31,8 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.vec import BLACK, Vec3, dot, luminance, scale
-from ..simd import Bits, count_trailing_zeros
+from ..engine.kernels.vec import BLACK, Vec3, dot, luminance, scale
+from ..engine.simd import Bits, count_trailing_zeros
 from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .choice import meets_lamp
 from .emitters import from_middle, sample_light

@@ -5,10 +5,10 @@ No loop visits all lights: with 5,000 lamps a path tests some dozen. See `shade/
 
 from __future__ import annotations
 
-from ..jit import Array, inline
-from ..kernels.records import LIGHT, World
-from ..kernels.sampling import find_share
-from ..kernels.vec import BLACK, Vec3
+from ..engine.jit import Array, inline
+from ..engine.kernels.records import LIGHT, World
+from ..engine.kernels.sampling import find_share
+from ..engine.kernels.vec import BLACK, Vec3
 from .emitters import intersect_light, sun_in
 
 FLAT = 1e-200  # a direction's component is no smaller, so that no box test divides by zero

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from ..jit import inline
-from ..kernels.records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT, World
-from ..kernels.scratch import (
+from ..engine.jit import inline
+from ..engine.kernels.records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT, World
+from ..engine.kernels.scratch import (
     DIRECTION,
     GAIN,
     SHADING_NORMAL,
@@ -20,7 +20,7 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.vec import BLACK, either, multiply, scale
+from ..engine.kernels.vec import BLACK, either, multiply, scale
 from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .ambient import find_sky_seen
 from .bsdf import ambient, emitted, eval_bsdf

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..jit import inline
-from ..kernels.records import (
+from ..engine.jit import inline
+from ..engine.kernels.records import (
     DISK_LIGHT,
     LIGHT_AREA,
     LIGHT_FACING,
@@ -26,8 +26,8 @@ from ..kernels.records import (
     SUN_LIGHT,
     World,
 )
-from ..kernels.sampling import on_disc
-from ..kernels.vec import BLACK, Vec3, add, dot, length, load3_flat, scale, sub, tangents, turned
+from ..engine.kernels.sampling import on_disc
+from ..engine.kernels.vec import BLACK, Vec3, add, dot, length, load3_flat, scale, sub, tangents, turned
 
 TINY = 1e-300
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_numbers, rgb, unit_vector
-from ..kernels.records import (
+from ..engine.kernels.records import (
     GRADIENT_SKY,
     NO_SKY,
     PICTURE_SKY,

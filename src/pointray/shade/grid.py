@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from ..jit import Array, inline
-from ..kernels.records import (
+from ..engine.jit import Array, inline
+from ..engine.kernels.records import (
     BAKED_FRAME,
     GRID_EDGE,
     GRID_HALF,
@@ -21,7 +21,7 @@ from ..kernels.records import (
     PLANE_V,
     World,
 )
-from ..kernels.vec import Vec3, add, dot, load3_flat, scale, sub
+from ..engine.kernels.vec import Vec3, add, dot, load3_flat, scale, sub
 
 MOST_WALLS = 64  # planes up to which each is asked whether it stands between two points
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from ..jit import inline
-from ..kernels.vec import Six, Vec3
+from ..engine.jit import inline
+from ..engine.kernels.vec import Six, Vec3
 
 BAND_0 = 0.28209479177387814  # sqrt(1 / (4 pi))
 BAND_1 = 0.4886025119029199  # sqrt(3 / (4 pi)), the largest value

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import LEAST_LENGTH, check_flag, check_number, rgb, unit_vector, vector
-from ..kernels.records import (
+from ..engine.kernels.records import (
     DISK_LIGHT,
     LIGHT,
     LIGHT_AREA,

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Table
+from ..engine.jit import Table
 from .harmonics import BAND_0, BAND_1, BAND_2, BAND_2_CROSS
 
 NUMBERS = 8

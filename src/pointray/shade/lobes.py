@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from ..jit import f32, inline
-from ..kernels.records import MATERIAL_KIND, PHONG, World
-from ..kernels.scratch import ARRIVING, ARRIVING_COLORS, ARRIVING_MOMENTS, TILE, Scratch, load3
-from ..kernels.vec import BLACK, LUMINANCE, Vec3, add, dot, luminance, scale
-from ..simd import F8, lane, load8
+from ..engine.jit import f32, inline
+from ..engine.kernels.records import MATERIAL_KIND, PHONG, World
+from ..engine.kernels.scratch import ARRIVING, ARRIVING_COLORS, ARRIVING_MOMENTS, TILE, Scratch, load3
+from ..engine.kernels.vec import BLACK, LUMINANCE, Vec3, add, dot, luminance, scale
+from ..engine.simd import F8, lane, load8
 from .bsdf import lobe_exponent
 from .harmonics import Five, as_vector, times_matrix
 from .lobe_tables import COLUMNS, FACETS, HALFWAY, LAST, LOBES, NUMBERS, PHONG_LOBES, ROWS

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import i64, inline
-from ..kernels.records import LIGHT, World
-from ..kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, ROULETTE, WHICH, sample_pair
-from ..kernels.scratch import (
+from ..engine.jit import i64, inline
+from ..engine.kernels.records import LIGHT, World
+from ..engine.kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, ROULETTE, WHICH, sample_pair
+from ..engine.kernels.scratch import (
     DIRECTION,
     GAIN,
     KEY,
@@ -29,8 +29,8 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.vec import BLACK, Vec3, add, multiply, scale
-from ..simd import Bits
+from ..engine.kernels.vec import BLACK, Vec3, add, multiply, scale
+from ..engine.simd import Bits
 from ..trace.hits import describe_tile, tile_hit
 from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from, trace_tile
 from .bsdf import emitted, eval_bsdf, is_specular, sample_bsdf

@@ -9,9 +9,9 @@ import math
 
 import numpy as np
 
-from ..jit import f32, i64, inline
-from ..kernels.vec import Vec3
-from ..simd import F16, I16, bit_fields, last_quarter, power_of_two
+from ..engine.jit import f32, i64, inline
+from ..engine.kernels.vec import Vec3
+from ..engine.simd import F16, I16, bit_fields, last_quarter, power_of_two
 
 LARGEST = 65408.0  # 511 / 512 * 2^16
 BIAS, MANTISSA = 15, 9

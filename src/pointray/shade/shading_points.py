@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from ..jit import f64, i64, inline
-from ..kernels.records import INSTANCE, SHAPE_ROW, ShadingPoint, World
-from ..kernels.scratch import (
+from ..engine.jit import f64, i64, inline
+from ..engine.kernels.records import INSTANCE, SHAPE_ROW, ShadingPoint, World
+from ..engine.kernels.scratch import (
     COLOR,
     DIRECTION,
     INSTANCE_OF,
@@ -26,8 +26,20 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.tree import BLOCK, NX, NY, NZ, SCATTER, SCATTERED, SPHERES, tree_at
-from ..kernels.vec import BLACK, WHITE, Vec3, add, dot, length, multiply, scale, transform, transform_transposed, unit
+from ..engine.kernels.tree import BLOCK, NX, NY, NZ, SCATTER, SCATTERED, SPHERES, tree_at
+from ..engine.kernels.vec import (
+    BLACK,
+    WHITE,
+    Vec3,
+    add,
+    dot,
+    length,
+    multiply,
+    scale,
+    transform,
+    transform_transposed,
+    unit,
+)
 from ..trace.hits import material_at
 from ..trace.space import matrix_at, of_size_one
 from .bsdf import base_color

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ..jit import f64, inline
-from ..kernels.records import (
+from ..engine.jit import f64, inline
+from ..engine.kernels.records import (
     NO_SKY,
     PICTURE_SKY,
     SKY_GROUND,
@@ -20,8 +20,8 @@ from ..kernels.records import (
     SKY_ZENITH,
     World,
 )
-from ..kernels.sampling import find_share
-from ..kernels.vec import BLACK, Vec3, add, dot, load3_flat, scale, sub
+from ..engine.kernels.sampling import find_share
+from ..engine.kernels.vec import BLACK, Vec3, add, dot, load3_flat, scale, sub
 from .emitters import LightSample
 
 

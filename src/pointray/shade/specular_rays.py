@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import inline
-from ..kernels.records import DIELECTRIC, MATERIAL_KIND, World
-from ..kernels.scratch import (
+from ..engine.jit import inline
+from ..engine.kernels.records import DIELECTRIC, MATERIAL_KIND, World
+from ..engine.kernels.scratch import (
     MOST_WAITING,
     SHADING_DEPTH,
     SHADING_SIDE,
@@ -23,7 +23,7 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.vec import BLACK, Vec3, load3_flat, multiply, scale
+from ..engine.kernels.vec import BLACK, Vec3, load3_flat, multiply, scale
 from ..trace.world import NO_RAY, set_ray, set_ray_from
 from .bsdf import is_specular, sample_bsdf
 from .materials.specular import glass

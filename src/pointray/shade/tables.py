@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.records import (
+from ..engine.kernels.records import (
     DISK_LIGHT,
     LIGHT,
     LIGHT_AREA,

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
-from ..kernels.vec import Vec3, tangents
+from ..engine.jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
+from ..engine.kernels.vec import Vec3, tangents
 
 GAP = math.radians(115)  # a straight border leaves 180 degrees; one in 75 sets of 20 random directions leaves this
 TURNED = 1.2  # the least that `_turn` grows along an angle of GAP is 1.22

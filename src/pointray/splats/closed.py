@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
-from ..simd import (
+from ..engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
+from ..engine.simd import (
     F16,
     I16,
     ONE,
@@ -62,7 +62,7 @@ def _dot16(a: Three16, b: Three16) -> F16:
 
 @inline
 def _tangents16(n: Three16) -> tuple[Three16, Three16]:
-    """See `kernels.vec.tangents`."""
+    """See `engine.kernels.vec.tangents`."""
     sign = select(n[2] >= ZERO, broadcast16(ONE), -ONE)
     a = -ONE / (sign + n[2])
     b = n[0] * n[1] * a

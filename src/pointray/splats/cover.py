@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, cancelled, f32, f64, i32, inline, kernel, routine, run, u64
+from ..engine.jit import Array, cancelled, f32, f64, i32, inline, kernel, routine, run, u64
 from .grow import Cloud, Splats
 from .heap import pop, push
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f32, f64, i64, kernel, next_tile, run
+from ..engine.jit import Array, borrow, f32, f64, i64, kernel, next_tile, run
 from ..neighbors import distinct
 
 MOST_CELLS = 2**20  # along an axis

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
-from ..kernels.vec import Vec3
+from ..engine.jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
+from ..engine.kernels.vec import Vec3
 from .heap import pop, push
 
 AWAY = 0.0  # cosine of the angle to the splat's normal at which a point's normal turns away: 0.5 took 1.8 times as many

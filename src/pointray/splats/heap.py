@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..jit import Array, routine
+from ..engine.jit import Array, routine
 
 
 @routine

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
-from ..kernels.vec import dot, load3_flat
-from ..simd import F16, gather16, load16, store, vmax, vmin
+from ..engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
+from ..engine.kernels.vec import dot, load3_flat
+from ..engine.simd import F16, gather16, load16, store, vmax, vmin
 from .closed import USUAL
 from .voronoi import CHUNK, OTHER_SHEET, Hood
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, i64, inline, kernel
+from ..engine.jit import Array, borrow, i64, inline, kernel
 
 Floats = NDArray[np.float32]
 

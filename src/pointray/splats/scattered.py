@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.arguments import check_choice, check_positive
 from ..base.choices import AS_SPHERES, AS_SURFACE, AUTO, SCATTER
 from ..data import Points
-from ..kernels.tree import DISCS, SPHERES
+from ..engine.kernels.tree import DISCS, SPHERES
 from ..neighbors import NeighborTree
 from ..points.path import Path, along_path
 from ..points.usual import Usual

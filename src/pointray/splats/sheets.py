@@ -10,8 +10,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, i64, kernel, next_tile, run
-from ..kernels.vec import dot, load3_flat, sub
+from ..engine.jit import Array, borrow, i64, kernel, next_tile, run
+from ..engine.kernels.vec import dot, load3_flat, sub
 from .voronoi import Hood
 
 OPPOSED = math.cos(math.radians(150))  # cosine of two normals below which they are of two sheets

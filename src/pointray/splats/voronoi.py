@@ -13,8 +13,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
-from ..kernels.vec import Vec3, add, cross, dot, length, load3_flat, scale, sub, tangents
+from ..engine.jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
+from ..engine.kernels.vec import Vec3, add, cross, dot, length, load3_flat, scale, sub, tangents
 from .borders import FOLD
 
 OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals below which points lie on two sheets

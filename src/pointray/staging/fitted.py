@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.tree import BLOCK, NX, Tree
+from ..engine.kernels.tree import BLOCK, NX, Tree
 
 
 def fitted_normals(tree: Tree, rows: NDArray[np.integer[Any]], count: int) -> NDArray[np.float32]:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..data import STRETCHES, Points, spread_rows
-from ..kernels.records import TO_MODEL
-from ..kernels.tree import Tree
+from ..engine.kernels.records import TO_MODEL
+from ..engine.kernels.tree import Tree
 from ..model import Model
 from ..scene.scene import Scene
 from .clusters import find_main, places

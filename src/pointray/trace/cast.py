@@ -9,11 +9,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ..intersect.gather import list_blocks, segment
-from ..intersect.surface import weights_of_block
-from ..jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
-from ..kernels.records import INSTANCE, SHAPE_ROW, World
-from ..kernels.scratch import (
+from ..engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
+from ..engine.kernels.records import INSTANCE, SHAPE_ROW, World
+from ..engine.kernels.scratch import (
     COUNT_NEAR,
     DIRECTION,
     NEAREST,
@@ -24,9 +22,11 @@ from ..kernels.scratch import (
     new_scratch,
     store3,
 )
-from ..kernels.tree import SCATTERED, tree_at
-from ..kernels.vec import Vec3, add, along_curve, dot, load3_flat, scale
-from ..simd import lane
+from ..engine.kernels.tree import SCATTERED, tree_at
+from ..engine.kernels.vec import Vec3, add, along_curve, dot, load3_flat, scale
+from ..engine.simd import lane
+from ..intersect.gather import list_blocks, segment
+from ..intersect.surface import weights_of_block
 from .hits import describe_tile, tile_hit
 from .world import NO_RAY, is_blocked, occlude_tile, set_ray, trace_tile
 

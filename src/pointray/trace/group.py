@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from ..jit import Array, f32, i64, inline
-from ..kernels.scratch import (
+from ..engine.jit import Array, f32, i64, inline
+from ..engine.kernels.scratch import (
     ASIDE,
     BEGIN,
     DX,
@@ -28,8 +28,8 @@ from ..kernels.scratch import (
     TILE,
     Scratch,
 )
-from ..kernels.tree import SCATTER_LEAVES, Tree
-from ..simd import (
+from ..engine.kernels.tree import SCATTER_LEAVES, Tree
+from ..engine.simd import (
     ONE,
     ZERO,
     Bits,

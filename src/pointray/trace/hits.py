@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..intersect.gather import Capsule, list_blocks, nearest_slot
-from ..intersect.surface import FourPoints, Sheet, weights_seen
-from ..jit import Array, borrow, f32, f64, i64, inline, routine
-from ..kernels.records import INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR, PAINT, SHAPE_ROW, World, WorldHit
-from ..kernels.scratch import (
+from ..engine.jit import Array, borrow, f32, f64, i64, inline, routine
+from ..engine.kernels.records import INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR, PAINT, SHAPE_ROW, World, WorldHit
+from ..engine.kernels.scratch import (
     COLOR,
     COUNT_NEAR,
     INSTANCE_OF,
@@ -23,9 +21,9 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.tree import LEAF, SCATTERED, SHEETED, Tree, tree_at
-from ..kernels.vec import transform
-from ..simd import (
+from ..engine.kernels.tree import LEAF, SCATTERED, SHEETED, Tree, tree_at
+from ..engine.kernels.vec import transform
+from ..engine.simd import (
     F16,
     ONE,
     ZERO,
@@ -40,6 +38,8 @@ from ..simd import (
     vmax,
     vsqrt,
 )
+from ..intersect.gather import Capsule, list_blocks, nearest_slot
+from ..intersect.surface import FourPoints, Sheet, weights_seen
 from .paint import Four, paint_four, paint_one
 from .space import matrix_at
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from ..intersect.lattice import BEHIND
-from ..jit import Array, f32, f64, i64, inline
-from ..kernels.records import INSTANCE, SHAPE_ROW, World
-from ..kernels.scratch import (
+from ..engine.jit import Array, f32, f64, i64, inline
+from ..engine.kernels.records import INSTANCE, SHAPE_ROW, World
+from ..engine.kernels.scratch import (
     ANYWHERE,
     BEGIN,
     CUT,
@@ -40,9 +39,10 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.tree import DISC, LONGEST, SCATTER, SURFACE, tree_at
-from ..kernels.vec import add, dot, either, scale, transform_transposed
-from ..simd import ONE, ZERO, Bits, broadcast16, count_bits, count_trailing_zeros, load16, select, store
+from ..engine.kernels.tree import DISC, LONGEST, SCATTER, SURFACE, tree_at
+from ..engine.kernels.vec import add, dot, either, scale, transform_transposed
+from ..engine.simd import ONE, ZERO, Bits, broadcast16, count_bits, count_trailing_zeros, load16, select, store
+from ..intersect.lattice import BEHIND
 from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
 from .space import Bounds, ToModel, into_model, matrix_at, model_bounds, of_size_one
 from .tile import ALL, bits_of_row, closest_of_tile, tile_ray

@@ -6,9 +6,9 @@ directions are no slower than if each were traced singly.
 
 from __future__ import annotations
 
-from ..jit import f32, i64, inline
-from ..kernels.records import INSTANCE, KIND, MODEL, TOP_BOUNDS, TOP_CENTER, TOP_NODE, World
-from ..kernels.scratch import (
+from ..engine.jit import f32, i64, inline
+from ..engine.kernels.records import INSTANCE, KIND, MODEL, TOP_BOUNDS, TOP_CENTER, TOP_NODE, World
+from ..engine.kernels.scratch import (
     DIRECTION,
     LANES,
     NEAREST,
@@ -24,9 +24,9 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.tree import Ray
-from ..kernels.vec import load3_flat
-from ..simd import INF, ONE, ZERO, Bits, bits, broadcast16, load16, mask16, reduce_min, select, vmax, vmin
+from ..engine.kernels.tree import Ray
+from ..engine.kernels.vec import load3_flat
+from ..engine.simd import INF, ONE, ZERO, Bits, bits, broadcast16, load16, mask16, reduce_min, select, vmax, vmin
 from .space import WorldRay, into_model
 from .tile import ALL, bits_of_row
 from .traverse import make_ray

@@ -6,9 +6,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..intersect.surface import FourPoints, Sheet, weights_seen
-from ..jit import f64, i64, inline
-from ..kernels.records import (
+from ..engine.jit import f64, i64, inline
+from ..engine.kernels.records import (
     BLENDED,
     BY_COORDINATE,
     INSTANCE,
@@ -23,7 +22,7 @@ from ..kernels.records import (
     SHAPE_ROW,
     World,
 )
-from ..kernels.scratch import (
+from ..engine.kernels.scratch import (
     COLOR,
     COUNT_NEAR,
     DIRECTION,
@@ -36,9 +35,10 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.tree import Tree, tree_at
-from ..kernels.vec import Vec3, add, dot, load3_flat, scale
-from ..simd import F16, ONE, ZERO, broadcast16, repeat4, store
+from ..engine.kernels.tree import Tree, tree_at
+from ..engine.kernels.vec import Vec3, add, dot, load3_flat, scale
+from ..engine.simd import F16, ONE, ZERO, broadcast16, repeat4, store
+from ..intersect.surface import FourPoints, Sheet, weights_seen
 
 SLACK = 1e-3  # share of one colour of the map: a blend of equal values must not round down into the colour before
 

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from ..jit import i64, inline
-from ..kernels.records import (
+from ..engine.jit import i64, inline
+from ..engine.kernels.records import (
     PLANE_CHECKER,
     PLANE_COLOR,
     PLANE_INSTANCE,
@@ -17,7 +17,7 @@ from ..kernels.records import (
     PLANE_V,
     World,
 )
-from ..kernels.scratch import (
+from ..engine.kernels.scratch import (
     COLOR,
     CUT,
     DIRECTION,
@@ -33,8 +33,8 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.vec import Vec3, add, dot, length, load3_flat, scale, sub
-from ..simd import ZERO
+from ..engine.kernels.vec import Vec3, add, dot, length, load3_flat, scale, sub
+from ..engine.simd import ZERO
 from .space import WorldRay
 
 ON_PLANE = 1e-12  # share of the coordinates within which a ray starts on a plane: some thousand roundings

@@ -11,10 +11,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from ..jit import Array, f64, inline
-from ..kernels.records import TO_MODEL, World
-from ..kernels.tree import BOUNDS
-from ..kernels.vec import Vec3, add, length, load3_flat, scale, sub, transform
+from ..engine.jit import Array, f64, inline
+from ..engine.kernels.records import TO_MODEL, World
+from ..engine.kernels.tree import BOUNDS
+from ..engine.kernels.vec import Vec3, add, length, load3_flat, scale, sub, transform
 
 WorldRay: TypeAlias = tuple[Vec3, Vec3, float, float]  # origin, direction, t_min, t_max
 Bounds: TypeAlias = tuple[Vec3, Vec3]  # lo x y z, hi x y z

@@ -7,11 +7,8 @@ that pass through all three search it. Hits are those of `traverse.closest`.
 
 from __future__ import annotations
 
-from ..intersect.columns import FLAT
-from ..intersect.leaf import search_alone, search_together, together
-from ..intersect.scattered import begin_scattered, finish_scattered, search_leaf
-from ..jit import Array, i32, i64, inline
-from ..kernels.scratch import (
+from ..engine.jit import Array, i32, i64, inline
+from ..engine.kernels.scratch import (
     BEGIN,
     COUNT_LEAVES,
     COUNT_NODES,
@@ -42,7 +39,7 @@ from ..kernels.scratch import (
     TILE,
     Scratch,
 )
-from ..kernels.tree import (
+from ..engine.kernels.tree import (
     CELL,
     GROUP,
     LEAF,
@@ -58,7 +55,7 @@ from ..kernels.tree import (
     Tree,
     tree_at,
 )
-from ..simd import (
+from ..engine.simd import (
     ONE,
     ZERO,
     Bits,
@@ -78,6 +75,9 @@ from ..simd import (
     vmax,
     vmin,
 )
+from ..intersect.columns import FLAT
+from ..intersect.leaf import search_alone, search_together, together
+from ..intersect.scattered import begin_scattered, finish_scattered, search_leaf
 from .traverse import ROUNDING, Planes, far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
 
 ALL = -1  # all rays, as bits of an int64

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from ..intersect.columns import FLAT
-from ..intersect.leaf import search_alone
-from ..intersect.scattered import hit_scattered, nearest_of_leaf
-from ..jit import Array, f32, i64, inline
-from ..kernels.scratch import COUNT_LEAVES, COUNT_NODES, Scratch
-from ..kernels.tree import (
+from ..engine.jit import Array, f32, i64, inline
+from ..engine.kernels.scratch import COUNT_LEAVES, COUNT_NODES, Scratch
+from ..engine.kernels.tree import (
     BLOCK,
     CELL,
     LEAF,
@@ -28,8 +25,11 @@ from ..kernels.tree import (
     Tree,
     tree_at,
 )
-from ..kernels.vec import Vec3
-from ..simd import INF, ONE, ZERO, bits, broadcast8, count_trailing_zeros, lane, load8, prefetch, vmax, vmin
+from ..engine.kernels.vec import Vec3
+from ..engine.simd import INF, ONE, ZERO, bits, broadcast8, count_trailing_zeros, lane, load8, prefetch, vmax, vmin
+from ..intersect.columns import FLAT
+from ..intersect.leaf import search_alone
+from ..intersect.scattered import hit_scattered, nearest_of_leaf
 
 TINY = f32(1e-20)
 ROUNDING = f32(1e-6)

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import borrow, i64, inline, routine
-from ..kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, World
-from ..kernels.scratch import (
+from ..engine.jit import borrow, i64, inline, routine
+from ..engine.kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, World
+from ..engine.kernels.scratch import (
     ANYWHERE,
     CUT,
     DIRECTION,
@@ -23,8 +23,8 @@ from ..kernels.scratch import (
     load3,
     store3,
 )
-from ..kernels.vec import Vec3, dot, either, length, load3_flat
-from ..simd import ONE, ZERO
+from ..engine.kernels.vec import Vec3, dot, either, length, load3_flat
+from ..engine.simd import ONE, ZERO
 from .instance import through_instance
 from .instance_bvh import begin_walk, open_node, shorten, still_open
 from .plane import ON_PLANE, tile_on_plane

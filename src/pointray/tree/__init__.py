@@ -1,6 +1,6 @@
 """Splats -> Tree: which splats matter in which part of space, and where the surface can be (parts III and IV).
 
-build : all steps on one page; `Splats` comes in, `kernels.tree.Tree` goes out
+build : all steps on one page; `Splats` comes in, `engine.kernels.tree.Tree` goes out
 blocks : neighbours together, four splats to a block
 top, subtrees, cells : space is cut into roots, and these into voxels, each with the blocks that matter in it
 near : which splats are near a box

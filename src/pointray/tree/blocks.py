@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, f32, kernel, next_tile, run
-from ..kernels.tree import BLOCK, EMPTY, INV_R2, NX, PX
+from ..engine.jit import Array, f32, kernel, next_tile, run
+from ..engine.kernels.tree import BLOCK, EMPTY, INV_R2, NX, PX
 
 PER_BLOCK = 4
 CHUNK = 4096  # blocks that a thread fills at a time
@@ -57,7 +57,7 @@ def make_blocks(
     order: NDArray[np.int32],
     threads: int | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Blocks (see `kernels.tree.BLOCK`) of the splats in the given order, and each block's bounding sphere.
+    """Blocks (see `engine.kernels.tree.BLOCK`) of the splats in the given order, and each block's bounding sphere.
 
     Returns
     -------

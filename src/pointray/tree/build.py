@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.choices import SURFACES, number_of
-from ..jit import run
-from ..kernels.tree import (
+from ..engine.jit import run
+from ..engine.kernels.tree import (
     BOUNDS,
     GROUP,
     HEAD,

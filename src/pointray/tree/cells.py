@@ -13,8 +13,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..jit import Array, cancelled, f32, inline, kernel, next_tile
-from ..kernels.tree import BLOCK
+from ..engine.jit import Array, cancelled, f32, inline, kernel, next_tile
+from ..engine.kernels.tree import BLOCK
 from .near import Box, Span, copy_near, gather, room_for
 
 FEW = 3  # a voxel with no more blocks than this is not cut further

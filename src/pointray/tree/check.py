@@ -1,4 +1,4 @@
-"""The validator: it checks each rule of `kernels/tree.py` on a tree, with NumPy, slowly and plainly."""
+"""The validator: it checks each rule of `engine/kernels/tree.py` on a tree, with NumPy, slowly and plainly."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from ..jit import uncompiled
-from ..kernels.tree import (
+from ..engine.jit import uncompiled
+from ..engine.kernels.tree import (
     BLOCK,
     CELL,
     COLUMNS,

@@ -11,10 +11,10 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..jit import Array, f32, inline
-from ..kernels.tree import COLUMNS, NO_SURFACE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
-from ..kernels.vec import Vec3
-from ..simd import (
+from ..engine.jit import Array, f32, inline
+from ..engine.kernels.tree import COLUMNS, NO_SURFACE, PATCH_B, PATCH_C, PATCH_HIGH, PATCH_LOW
+from ..engine.kernels.vec import Vec3
+from ..engine.simd import (
     F16,
     INF,
     ONE,
@@ -186,7 +186,7 @@ def fill_patches(
 
     mean : of the members' radii
     slab : the normal of the leaf's slab; its thickness; limits, see `leaves.limits_of`
-    words : room for a number for each member; out : (64,) float32, see `kernels.tree.PATCH`
+    words : room for a number for each member; out : (64,) float32, see `engine.kernels.tree.PATCH`
     """
     normal, thickness, limits = slab
     u, v, w = axes = across(normal[0], normal[1], normal[2])

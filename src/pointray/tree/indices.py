@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.choices import SURFACES
-from ..kernels.tree import (
+from ..engine.kernels.tree import (
     BLOCK,
     BORDERED,
     BOUNDS,

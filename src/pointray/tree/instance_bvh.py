@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, f32, inline, kernel
-from ..kernels.records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_SIZE
+from ..engine.jit import Array, f32, inline, kernel
+from ..engine.kernels.records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_SIZE
 
 FEW = 3  # no more models than this are tried one after the other, without a tree
 BINS = 16

@@ -29,8 +29,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ..jit import Array, f32, f64, i64, inline, kernel, next_tile
-from ..kernels.tree import (
+from ..engine.jit import Array, f32, f64, i64, inline, kernel, next_tile
+from ..engine.kernels.tree import (
     BLOCK,
     BORDERED,
     CELL,
@@ -52,7 +52,7 @@ from ..kernels.tree import (
     SLAB_LO,
     STEP,
 )
-from ..simd import (
+from ..engine.simd import (
     F16,
     INF,
     ONE,

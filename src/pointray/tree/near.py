@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from ..jit import Array, f64, i64, inline, routine
-from ..kernels.tree import BLOCK, INV_R2
-from ..simd import (
+from ..engine.jit import Array, f64, i64, inline, routine
+from ..engine.kernels.tree import BLOCK, INV_R2
+from ..engine.simd import (
     F16,
     INF,
     ONE,

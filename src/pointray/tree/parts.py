@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.tree import BLOCK, Tree, first_scattered
+from ..engine.kernels.tree import BLOCK, Tree, first_scattered
 from .build import Splats
 from .stored import stored_splats
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, inline, kernel, next_tile, run
-from ..kernels.tree import (
+from ..engine.jit import Array, inline, kernel, next_tile, run
+from ..engine.kernels.tree import (
     BLOCK,
     BOUNDS,
     EMPTY,

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, i64, kernel, next_tile, run
-from ..kernels.tree import BLOCK, INV_R2, NODE, NX, PX, WIDTH, Tree
+from ..engine.jit import Array, borrow, i64, kernel, next_tile, run
+from ..engine.kernels.tree import BLOCK, INV_R2, NODE, NX, PX, WIDTH, Tree
 
 CHUNK = 1 << 14  # splats of a tile
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, run
+from ..engine.jit import Array, run
 from .cells import FULL, Cells, cut_roots
 from .top import PER_GROUP, Top
 

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..jit import Array, borrow, f32, kernel, next_tile, run, uncompiled
-from ..kernels.tree import BLOCK, FAR, INV_R2, PX
+from ..engine.jit import Array, borrow, f32, kernel, next_tile, run, uncompiled
+from ..engine.kernels.tree import BLOCK, FAR, INV_R2, PX
 from ..neighbors.order import first_part
 from .blocks import PER_BLOCK
 

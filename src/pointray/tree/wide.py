@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..jit import Array, inline, kernel
-from ..kernels.tree import NO_CHILD, NODE, WIDTH
+from ..engine.jit import Array, inline, kernel
+from ..engine.kernels.tree import NO_CHILD, NODE, WIDTH
 
 
 @inline

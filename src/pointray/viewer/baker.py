@@ -21,7 +21,7 @@ from collections.abc import Callable
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
 from ..base.warning_log import heard
-from ..jit import thread_count
+from ..engine.jit import thread_count
 from ..rendering.settings import Settings
 from ..rendering.warmup import wait_until_warm, warm_up
 from ..scene.scene import Scene

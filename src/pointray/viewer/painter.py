@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from ..baking.baked import Baked
+from ..engine.jit import Cancel
 from ..image.screen import to_8bit
 from ..image.tone import backdrop_rows
-from ..jit import Cancel
 from ..rendering.camera import Camera
 from ..rendering.picture import Picture
 from ..rendering.settings import Settings

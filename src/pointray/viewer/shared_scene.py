@@ -13,7 +13,7 @@ import numpy as np
 from ..base.arguments import check_direction
 from ..base.choices import AS_SPHERES, AUTO
 from ..base.memory import give_back
-from ..jit import BACKLOG
+from ..engine.jit import BACKLOG
 from ..model import Model
 from ..rendering.camera import Camera
 from ..rendering.settings import Settings

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data import Points
-from ...jit import compile_seconds
+from ...engine.jit import compile_seconds
 from ...model import Model
 from ...points import procedural
 from ...rendering.camera import Camera

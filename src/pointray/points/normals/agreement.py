@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import TypeAlias
 
-from ...jit import Array, f32, inline
-from ...simd import ONE, ZERO, Real, select, vmax, vsqrt
+from ...engine.jit import Array, f32, inline
+from ...engine.simd import ONE, ZERO, Real, select, vmax, vsqrt
 
 Reals: TypeAlias = tuple[Real, Real, Real]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ...jit import f32, inline
-from ...simd import F16, ONE, ZERO, Mask, bits, broadcast16, load16, select, store, vabs, vmax, vmin, vsqrt
+from ...engine.jit import f32, inline
+from ...engine.simd import F16, ONE, ZERO, Mask, bits, broadcast16, load16, select, store, vabs, vmax, vmin, vsqrt
 from .sixteen import LANES, Sextuple, Sixteen, Triple, distance_weight, inner, load_place, zeros
 
 SWEEPS = 6  # of three rotations; 3 mostly suffice

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, kernel
+from ...engine.jit import Array, kernel
 from ...neighbors import distinct, kd_order, neighbors
 
 Floats = NDArray[np.float32]

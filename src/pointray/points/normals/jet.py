@@ -7,8 +7,8 @@ gives normals as exact as float64 does.
 
 from __future__ import annotations
 
-from ...jit import Array, f32, inline, routine
-from ...simd import F16, ONE, Mask, broadcast16, load16, select, store, vmax, vmin, vsqrt
+from ...engine.jit import Array, f32, inline, routine
+from ...engine.simd import F16, ONE, Mask, broadcast16, load16, select, store, vmax, vmin, vsqrt
 from .axes import Plane, fit_plane
 from .moments import (
     RIDGE,

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.progress import Progress, part_of, tell
-from ...jit import Array, borrow, f32, kernel, next_tile, routine, run
+from ...engine.jit import Array, borrow, f32, kernel, next_tile, routine, run
+from ...engine.simd import INF, ONE, broadcast16, load16, select, store, vmax
 from ...neighbors import NeighborTree, neighbor_chunks
-from ...simd import INF, ONE, broadcast16, load16, select, store, vmax
 from ..usual import Usual
 from .jet import AXIS, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, jet, take_triple
 from .sixteen import LANES, Sixteen, load_point, new_sixteen, zeros

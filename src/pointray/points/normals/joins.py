@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, i64, kernel
+from ...engine.jit import Array, i64, kernel
 from .pieces import climb
 from .votes import Votes, sum_of, turned
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, kernel, next_tile, run
-from ...simd import store
+from ...engine.jit import Array, borrow, kernel, next_tile, run
+from ...engine.simd import store
 from .axes import fit_plane
 from .jet import store_triple
 from .sixteen import LANES, inner, load_point, new_sixteen

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeAlias
 
-from ...jit import f32, inline
-from ...simd import F16, ONE, ZERO, broadcast16, vmax
+from ...engine.jit import f32, inline
+from ...engine.simd import F16, ONE, ZERO, broadcast16, vmax
 from .sixteen import Sextuple, Triple, inner, zeros
 
 RIDGE = f32(1e-4)  # of the square terms, times the sum of weights: points on a line still have an answer

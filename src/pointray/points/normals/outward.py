@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, i64, kernel
+from ...engine.jit import Array, i64, kernel
 
 Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]

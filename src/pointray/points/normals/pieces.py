@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, i64, inline, kernel, next_tile, run
-from ...simd import gather_rows8, load_apart16, store
+from ...engine.jit import Array, borrow, i64, inline, kernel, next_tile, run
+from ...engine.simd import gather_rows8, load_apart16, store
 from .agreement import agreement_of
 
 Floats = NDArray[np.float32]

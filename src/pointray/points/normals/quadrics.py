@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ...jit import Array, routine
+from ...engine.jit import Array, routine
 
 TERMS = 6  # of a quadric over two variables: 1, p, q, pp, pq, qq; a seventh column of the terms is the height
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f64, kernel, next_tile, run
+from ...engine.jit import Array, borrow, f64, kernel, next_tile, run
 from .agreement import agreement
 from .winding import Frame, Splats, Winding, spacings
 

@@ -11,8 +11,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ...jit import Array, f32, f64, inline, u64
-from ...simd import F16, broadcast16, load16
+from ...engine.jit import Array, f32, f64, inline, u64
+from ...engine.simd import F16, broadcast16, load16
 
 LANES = 16
 ROW = 3 * LANES  # numbers of one neighbour of all sixteen points: x, y and z

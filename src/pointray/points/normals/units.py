@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f64, kernel, next_tile, run
+from ...engine.jit import Array, borrow, f64, kernel, next_tile, run
 
 CHUNK = 1 << 14  # vectors of a tile
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, i64, kernel, next_tile, run
+from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
 from .agreement import agreement
 
 Floats = NDArray[np.float32]

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile, run
+from ...engine.jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile, run
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_choice, check_numbers, check_whole
-from ...jit import Array, borrow, f64, kernel, next_tile, run
+from ...engine.jit import Array, borrow, f64, kernel, next_tile, run
 from .clay import COLUMNS, Solid
 from .creases import areas, edges_of, quarter, refine_creases, settled
 from .meshing import mesh_solid

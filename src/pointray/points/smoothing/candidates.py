@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...jit import Array, f32, f64, inline, routine
-from ...simd import (
+from ...engine.jit import Array, f32, f64, inline, routine
+from ...engine.simd import (
     F16,
     INF,
     ONE,

@@ -13,8 +13,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
-from ...simd import (
+from ...engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
+from ...engine.simd import (
     F16,
     ONE,
     ZERO,

@@ -15,8 +15,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f64, inline, kernel, next_tile, routine, run
-from ...kernels.vec import Vec3
+from ...engine.jit import Array, borrow, f64, inline, kernel, next_tile, routine, run
+from ...engine.kernels.vec import Vec3
 from ...neighbors import NeighborTree
 from .creases import MODEL, fit_creases
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
-from ...simd import INF, ONE, Mask, bits, broadcast16, load16, select, store, vmax, vsqrt
+from ...engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
+from ...engine.simd import INF, ONE, Mask, bits, broadcast16, load16, select, store, vmax, vsqrt
 from ..normals.jet import AXIS, HEIGHT, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, SPREAD, jet, take_triple
 from ..normals.sixteen import LANES, Sixteen, inner, load_place, load_point, new_sixteen, zeros
 

@@ -5,8 +5,8 @@ Every so manieth neighbour judges. Its heights over all candidates are one vecto
 
 from __future__ import annotations
 
-from ...jit import Array, f32, inline, routine
-from ...simd import (
+from ...engine.jit import Array, f32, inline, routine
+from ...engine.simd import (
     F16,
     INF,
     ZERO,

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.progress import Progress, tell
-from ...jit import Array, borrow, kernel, next_tile, run
-from ...kernels.vec import tangents
+from ...engine.jit import Array, borrow, kernel, next_tile, run
+from ...engine.kernels.vec import tangents
 from ...neighbors import NeighborTree
 from .fits import fit, new_memory
 from .survey import AROUND

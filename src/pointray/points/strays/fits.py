@@ -7,8 +7,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...jit import Array, f64, inline, routine
-from ...kernels.vec import Vec3, tangents
+from ...engine.jit import Array, f64, inline, routine
+from ...engine.kernels.vec import Vec3, tangents
 from ..normals.planes import plane
 from ..normals.quadrics import TERMS, solve
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import run
+from ...engine.jit import run
 from ...neighbors import neighbors
 from ..linked import linked_parts
 from .floors import Floors

@@ -8,8 +8,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, inline, kernel, next_tile, routine, run
-from ...kernels.vec import Vec3, tangents
+from ...engine.jit import Array, borrow, inline, kernel, next_tile, routine, run
+from ...engine.kernels.vec import Vec3, tangents
 from ..normals.planes import plane
 from ..normals.quadrics import TERMS, solve
 from .fits import into_ball

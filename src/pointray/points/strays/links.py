@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ...jit import Array, borrow, f64, kernel, next_tile
+from ...engine.jit import Array, borrow, f64, kernel, next_tile
 
 CHUNK = 4096  # points of a tile
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.progress import Progress, tell
-from ...jit import Array, borrow, f64, inline, kernel, next_tile, run
-from ...kernels.vec import tangents
+from ...engine.jit import Array, borrow, f64, inline, kernel, next_tile, run
+from ...engine.kernels.vec import tangents
 from ...neighbors import NeighborTree
 from .fits import fit, new_memory, nth
 

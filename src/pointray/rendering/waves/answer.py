@@ -6,9 +6,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...jit import Array, borrow, i64, keep_alive, kernel, next_tile, run
-from ...kernels.records import World
-from ...kernels.scratch import (
+from ...engine.jit import Array, borrow, i64, keep_alive, kernel, next_tile, run
+from ...engine.kernels.records import World
+from ...engine.kernels.scratch import (
     COLOR,
     INSTANCE_OF,
     NEAREST,
@@ -19,7 +19,7 @@ from ...kernels.scratch import (
     load3,
     new_scratch,
 )
-from ...kernels.vec import load3_flat, scale
+from ...engine.kernels.vec import load3_flat, scale
 from ...shade.shading_points import store_shading_points
 from ...trace.cast import PLAIN, Pace
 from ...trace.hits import describe_tile

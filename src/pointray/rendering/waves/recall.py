@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...jit import Array, borrow, i64, inline, kernel, routine, uncompiled
-from ...kernels.records import World
-from ...kernels.scratch import (
+from ...engine.jit import Array, borrow, i64, inline, kernel, routine, uncompiled
+from ...engine.kernels.records import World
+from ...engine.kernels.scratch import (
     COLOR,
     DIRECTION,
     INSTANCE_OF,
@@ -37,9 +37,9 @@ from ...kernels.scratch import (
     load3,
     store3,
 )
-from ...kernels.vec import load3_flat
+from ...engine.kernels.vec import load3_flat
+from ...engine.simd import Bits
 from ...shade.shading_points import store_shading_points
-from ...simd import Bits
 from ...trace.hits import describe_tile
 from ...trace.instance import through_instance
 from ...trace.instance_bvh import begin_walk

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, borrow, kernel, next_tile, run
-from ...kernels.vec import load3_flat
+from ...engine.jit import Array, borrow, kernel, next_tile, run
+from ...engine.kernels.vec import load3_flat
 
 BATCH = 4096  # rays that a thread takes at a time
 PAD = 1e-5  # share of the size of all boxes together: they are grown by it, more than `tree/instance_bvh.py` does

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...cluster.crew import Crew
 from ...cluster.dispatch import Job
-from ...kernels.records import World
+from ...engine.kernels.records import World
 from ...scene.shares import Rows, Shares, boxes_of
 from ...scene.world import Snapshot
 from ...trace.cast import Pace

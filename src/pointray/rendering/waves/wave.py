@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...jit import Array, run
-from ...kernels.records import World
-from ...kernels.scratch import TILE
+from ...engine.jit import Array, run
+from ...engine.kernels.records import World
+from ...engine.kernels.scratch import TILE
 from ...trace.cast import PLAIN, Pace
 from ..film import LONGEST_PASS
 from ..integrate import BLOCK_EDGE, Pass

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import reflectance
-from ...kernels.records import BASE_COLOR, MATERIAL_KIND, MATERIAL_SIZE, OWN_COLOR
+from ...engine.kernels.records import BASE_COLOR, MATERIAL_KIND, MATERIAL_SIZE, OWN_COLOR
 from ..attributes import Attribute
 
 Color = ArrayLike | Attribute | None

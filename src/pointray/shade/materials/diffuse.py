@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import rgb
-from ...jit import inline
-from ...kernels.records import DIFFUSE, EMISSIVE, EMITTED, ShadingPoint
-from ...kernels.vec import Vec3, around, scale
+from ...engine.jit import inline
+from ...engine.kernels.records import DIFFUSE, EMISSIVE, EMITTED, ShadingPoint
+from ...engine.kernels.vec import Vec3, around, scale
 from .base import Color, Material, record_of
 
 

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import check_range
-from ...jit import inline
-from ...kernels.records import EXPONENT, PHONG, SPECULAR, ShadingPoint, World
-from ...kernels.vec import Vec3, add, around, dot, mirrored, scale
+from ...engine.jit import inline
+from ...engine.kernels.records import EXPONENT, PHONG, SPECULAR, ShadingPoint, World
+from ...engine.kernels.vec import Vec3, add, around, dot, mirrored, scale
 from .base import Color, Material, record_of
 from .diffuse import eval_diffuse, sample_diffuse
 

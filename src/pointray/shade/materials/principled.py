@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import check_range
-from ...jit import inline
-from ...kernels.records import ALPHA, COAT, METALLIC, PRINCIPLED, ShadingPoint, World
-from ...kernels.vec import Vec3, add, around, dot, load3_flat, mirrored, scale, unit
+from ...engine.jit import inline
+from ...engine.kernels.records import ALPHA, COAT, METALLIC, PRINCIPLED, ShadingPoint, World
+from ...engine.kernels.vec import Vec3, add, around, dot, load3_flat, mirrored, scale, unit
 from ..lobe_tables import COLUMNS, FACET_SHARES, ROWS
 from .base import Color, Material, record_of
 from .diffuse import sample_diffuse

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import check_range
-from ...jit import inline
-from ...kernels.records import DIELECTRIC, IOR, MATERIAL_KIND, MIRROR, ShadingPoint, World
-from ...kernels.vec import WHITE, Vec3, dot, mirrored, scale, sub
+from ...engine.jit import inline
+from ...engine.kernels.records import DIELECTRIC, IOR, MATERIAL_KIND, MIRROR, ShadingPoint, World
+from ...engine.kernels.vec import WHITE, Vec3, dot, mirrored, scale, sub
 from .base import Color, Material, record_of
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....jit import Array, i64, kernel
+from ....engine.jit import Array, i64, kernel
 
 LARGEST_RATIO = 88  # three bytes stand for at most 264
 CUT_OFF, TOO_LONG, BEFORE_START = -1, -2, -3

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
-from ....jit import Array, i64, inline, kernel
+from ....engine.jit import Array, i64, inline, kernel
 
 UNSIGNED, SIGNED, FLOAT = range(3)
 KINDS = {"u": UNSIGNED, "i": SIGNED, "f": FLOAT}

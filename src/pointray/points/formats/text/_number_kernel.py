@@ -8,7 +8,7 @@ Python's float.
 
 from __future__ import annotations
 
-from ....jit import Array, borrow, i64, inline, kernel, next_tile, u64
+from ....engine.jit import Array, borrow, i64, inline, kernel, next_tile, u64
 
 OTHER, DIGIT, DOT, BLANK, DELIMITER, END = range(6)  # what a byte is; from BLANK on it separates
 SKIP, FLOAT, SCAN, INT = range(4)  # what becomes of a column: nothing, float64, its limits if whole, int64

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ....jit import run
+from ....engine.jit import run
 from .._odd_numbers import odd_number
 from .._source import Faults
 from ._lines import BLOCK, LONGEST, line_at, shortened

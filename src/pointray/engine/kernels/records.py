@@ -1,14 +1,14 @@
 """The records of a scene, in the world: instances, lights, materials, cameras, and the hits of rays.
 
 What each array holds, and in which unit, is said once, here. All arrays are flat and C-contiguous. A model's own
-arrays are those of `kernels/tree.py`.
+arrays are those of `engine/kernels/tree.py`.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..base.choices import PROJECTIONS, number_of
+from ...base.choices import PROJECTIONS, number_of
 from ..jit import Array
 from .vec import Vec3
 

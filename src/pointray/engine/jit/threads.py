@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from .alive import start
 from .arrays import fetch_add, peek
-from .beside import wait_for
+from .c_threads import start
 from .decorators import inline
 from .numbers import Array
+from .second_process import wait_for
 
 # The slots that a kernel and its caller share: int64, a cache line apart.
 NEXT, TOTAL, CANCEL, SLOTS = 0, 8, 16, 24

@@ -82,7 +82,7 @@ FOUND_ASIDE = _rows()  # FOUND of all the tile's rays, while a group of them is 
 SCATTER_SLOT = _rows()  # slot of the nearest scattered point hit in the current model, -1 for none
 NUMBERS_SIZE = _rows.size
 
-# model, float32: the rays in the current model, see `kernels.tree.Ray`, and what is computed of them at a leaf.
+# model, float32: the rays in the current model, see `engine.kernels.tree.Ray`, and what is computed of them at a leaf.
 _rows = Rows(TILE)
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (_rows() for _ in range(9))
 # How far it is followed: at first to a step behind where it ends, see `intersect/march.py`, then to where it enters the

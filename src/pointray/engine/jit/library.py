@@ -17,10 +17,10 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
-from ..base.dependencies import ROOT, digest_of, key_of
+from ...base.dependencies import ROOT, digest_of, key_of
 from .boundary import Results, error_at, packer, size_of
 
-FOLDER = ROOT / "native"
+FOLDER = ROOT / "engine" / "native"
 MANIFEST, FORMAT = "manifest.json", 2
 # Check every array access and every SIMD load (slow). The test suite runs once with it; it is part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..base.choices import SURFACES, number_of
+from ...base.choices import SURFACES, number_of
 from ..jit import Array, array_at, f32, i32, inline
 
 EMPTY, FAR = f32(1e15), f32(1e14)

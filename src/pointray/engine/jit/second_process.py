@@ -50,7 +50,7 @@ def compile_beside(module: str, kernels: dict[str, float]) -> None:
 
 def _can_be_kept() -> bool:
     """Whether there is a cache folder, through which the process hands kernels over."""
-    from .disk import cache_folder
+    from .disk_cache import cache_folder
 
     return cache_folder() is not None
 

@@ -8,7 +8,7 @@ import llvmlite.ir as ir
 from numba.core import cgutils, types
 
 from ..jit.decorators import inline
-from ..jit.disk import cpu_features
+from ..jit.disk_cache import cpu_features
 from ..jit.intrinsics import intrinsic
 from ..jit.library import CHECK
 from .lanes import bits, count_bits, count_trailing_zeros, lane

@@ -16,7 +16,7 @@ from numba.core.registry import cpu_target
 
 from .backlog import BACKLOG, COUNTS
 from .decorators import KERNELS, Later, Table
-from .disk import KernelCache, cache_folder
+from .disk_cache import KernelCache, cache_folder
 from .library import CHECK
 
 njit: Any = numba.njit
