@@ -28,11 +28,11 @@ import numpy as np
 import pointray as pr
 from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
 from pointray.cli.benchmark.views import far_view, near_view
+from pointray.cloud.neighbors import neighbors
 from pointray.engine.jit import borrow, keep_alive, kernel, next_tile, run
 from pointray.engine.kernels.records import World
 from pointray.engine.kernels.scratch import TILE, new_scratch
 from pointray.engine.kernels.vec import load3_flat
-from pointray.neighbors import neighbors
 from pointray.points.procedural import mesh, solid
 from pointray.points.procedural.creases import edges_of, quarter, settled
 from pointray.trace.cast import _occluded

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 import pointray as pr
+from pointray.cloud.neighbors import distinct, neighbors
 from pointray.engine.jit import thread_count
-from pointray.neighbors import distinct, neighbors
 from truth import DEEP, Floats, Truth
 
 BATCH = 250_000  # rays at a time

@@ -31,8 +31,8 @@ from noise_surfaces import (
     surfaces,
 )
 from noise_tables import Figure, Limit, figures
+from pointray.cloud.neighbors import neighbors
 from pointray.engine.jit import thread_count
-from pointray.neighbors import neighbors
 from truth import FOLDER, Floats
 
 EYE = np.array([-3.0, -30.0, 0.0])  # of the tower's wall

@@ -32,7 +32,7 @@ Way = Callable[[Floats, int], Any]  # positions (n, 3) float32 and a number of n
 
 
 def ours(positions: Floats, k: int) -> Floats:
-    from pointray.neighbors import neighbors
+    from pointray.cloud.neighbors import neighbors
 
     return neighbors(positions, k)[1]
 

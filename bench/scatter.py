@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pointray as pr
-from pointray.points.ready import placed_for_model
+from pointray.cloud.preparation import placed_for_model
 from pointray.splats.scatter import find_scattered, find_scattered_placed
 from scatter_scanners import SAMPLINGS, scan
 from scatter_scenes import CLASSES, make_scene

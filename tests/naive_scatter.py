@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pointray.neighbors import kd_order
+from pointray.cloud.neighbors import kd_order
 from pointray.splats import scatter, scatter_rules
 from pointray.splats.scatter_islands import CLOSED_IN, ISLANDS, SPECKS
 

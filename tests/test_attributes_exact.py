@@ -9,8 +9,8 @@ import pytest
 
 import pointray as pr
 from pointray.cli import execute
+from pointray.cloud.georeference import SCAN, Survey
 from pointray.splats.radii import radii_in
-from pointray.survey import SCAN, Survey
 from pointray.viewer.pick import _said, pick
 
 N = 2000

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.data import categories_of, is_label
+from pointray.cloud.points import categories_of, is_label
 from pointray.splats.averages import attribute_averages, commonest, has_categories, have_categories
 
 N, GROUPS = 1500, 200

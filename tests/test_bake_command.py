@@ -18,8 +18,8 @@ from pointray.cli import execute, serve
 from pointray.cli.commands.files import bake as bake_command
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_scene import PLAIN
+from pointray.cloud.normals.validation import trusted
 from pointray.image.tone import linear_to_srgb, srgb_to_linear, tone
-from pointray.points.trust import trusted
 from pointray.scenefile import plan
 from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.view_settings import ViewSettings

@@ -6,7 +6,7 @@ from PIL import Image
 
 import pointray as pr
 from pointray.cli import execute
-from pointray.data import categories_of
+from pointray.cloud.points import categories_of
 from pointray.image.legend import _entries, draw_legend
 from pointray.image.tone import linear_to_srgb
 from pointray.shade.attributes import category_colors, category_name

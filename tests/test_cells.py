@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial import Voronoi
 
 from conftest import long, sphere_points
-from pointray.neighbors import distinct, neighbors
-from pointray.points.usual import quantile
+from pointray.cloud.neighbors import distinct, neighbors
+from pointray.cloud.statistics import quantile
 from pointray.splats import cells, choose_radii
 from pointray.splats.borders import FOLD, GAP, find_gaps
 from pointray.splats.cells import NEIGHBORS

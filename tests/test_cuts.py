@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from conftest import sphere_points, uneven_points
-from pointray.neighbors import kd_order
-from pointray.neighbors.cuts import find_cuts
+from pointray.cloud.neighbors import kd_order
+from pointray.cloud.neighbors.cuts import find_cuts
 
 
 def in_chunks(points, rows=3001):

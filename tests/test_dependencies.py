@@ -115,7 +115,8 @@ def test_the_key_of_a_kernel_covers_every_function_that_it_calls():
 KEYS = """
 import json, sys
 from pathlib import Path
-from pointray import dependencies, model_cache
+from pointray import model_cache
+from pointray.base import dependencies
 from pointray.engine.jit.decorators import Later
 from pointray.base.dependencies import ROOT, key_of
 
@@ -136,7 +137,7 @@ for name in sys.argv[2].split():
 assert keys() == before
 print(json.dumps(changed))
 """
-KERNELS = ["neighbors/search.py", "tree/leaves.py", "trace/cast.py", "rendering/integrate.py", "baking/gather.py"]
+KERNELS = ["cloud/neighbors/search.py", "tree/leaves.py", "trace/cast.py", "rendering/integrate.py", "baking/gather.py"]
 SEARCH, LEAVES, CAST, FRAME, RAYS = KERNELS
 CHANGED = {  # file -> keys that its edit changes
     "__main__.py": [],
@@ -148,11 +149,11 @@ CHANGED = {  # file -> keys that its edit changes
     "intersect/march.py": [CAST, FRAME, RAYS],
     "engine/jit/compile.py": [*KERNELS, "model"],
     "engine/kernels/vec.py": [LEAVES, CAST, FRAME, RAYS, "model"],
-    "neighbors/search.py": [SEARCH, "model"],
-    "neighbors/tree.py": ["model"],
+    "cloud/neighbors/search.py": [SEARCH, "model"],
+    "cloud/neighbors/tree.py": ["model"],
     "parts/levels.py": [],
     "points/formats/ply/ply.py": ["model"],
-    "points/smoothing/fit.py": ["model"],
+    "cloud/denoising/fit.py": ["model"],
     "rendering/picture.py": [],
     "rendering/film.py": [FRAME],
     "scene/scene.py": [],

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from conftest import shared_model
+from pointray.cloud.georeference import numbers_of
 from pointray.points import files, read
 from pointray.points.formats._source import Request
 from pointray.points.formats.e57 import _header as _e57_header
 from pointray.points.formats.e57 import e57
-from pointray.survey import numbers_of
 
 pye57 = pytest.importorskip("pye57")
 libe57 = pytest.importorskip("pye57.libe57")

@@ -5,7 +5,7 @@ import pytest
 
 import pointray as pr
 from conftest import long
-from pointray.neighbors import distinct
+from pointray.cloud.neighbors import distinct
 
 
 def sides(cells):

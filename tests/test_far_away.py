@@ -7,7 +7,7 @@ from PIL import Image
 import pointray as pr
 from conftest import long
 from pointray.cli import execute
-from pointray.data import Points
+from pointray.cloud.points import Points
 
 FAR = np.array([512_345.678, 5_400_000.123, 321.5])
 SIZE = 200

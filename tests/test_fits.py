@@ -6,10 +6,10 @@ from scipy.spatial import cKDTree
 
 import naive_fits
 from conftest import long
-from pointray.points.normals.jets import _fit_rows, fit_residuals
-from pointray.points.normals.layers import Layers
-from pointray.points.smoothing.creases import fit_creases
-from pointray.points.smoothing.fit import fit_surface
+from pointray.cloud.denoising.creases import fit_creases
+from pointray.cloud.denoising.fit import fit_surface
+from pointray.cloud.normals.jets import _fit_rows, fit_residuals
+from pointray.cloud.normals.layers import Layers
 
 COUNT = 360
 PLACES = {"here": (1.0, 0.0), "tiny": (1e-12, 0.0), "huge": (1e12, 0.0), "far off": (1.0, 300.0)}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.neighbors import kd_order
+from pointray.cloud.neighbors import kd_order
 from pointray.splats.support import find_support
 
 NOISE = np.float32(1e-3)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.neighbors import kd_order, neighbors
-from pointray.points.usual import Usual
+from pointray.cloud.neighbors import kd_order, neighbors
+from pointray.cloud.statistics import Usual
 from pointray.splats import cells, choose_radii
 from pointray.splats.gaps import WIDEST, find_limits
 from pointray.splats.radii import OVERLAP

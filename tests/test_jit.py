@@ -112,7 +112,7 @@ def test_threads_are_checked(monkeypatch, text):
 
 USE = """
 import sys
-from pointray import jit
+from pointray.engine import jit
 from pointray.engine.kernels import vec
 @jit.kernel
 def use(x):
@@ -123,7 +123,7 @@ print(use(3.0), jit.compilations())
 
 TOGETHER = """
 import os, sys
-from pointray import jit
+from pointray.engine import jit
 @jit.kernel
 def tiny(x):
     return 2.0 * x
@@ -217,7 +217,7 @@ def test_a_cache_folder_that_cannot_be_written_is_no_error(elsewhere, tmp_path):
 
 CALLS = """
 import numpy as np
-from pointray import jit
+from pointray.engine import jit
 @jit.routine
 def far_away(x, k):
     return x[k] * x[k + 1]
@@ -252,7 +252,7 @@ def test_a_damaged_index_of_the_cache_is_no_error(elsewhere, tmp_path):
 
 
 PIECE = """
-from pointray import jit
+from pointray.engine import jit
 @jit.inline
 def piece(x):
     return x * 2.0

@@ -15,7 +15,7 @@ import pointray as pr
 from conftest import long, shared_model
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
-from pointray.neighbors import NeighborTree, kd_order
+from pointray.cloud.neighbors import NeighborTree, kd_order
 from pointray.parts import prepare as prepare_module
 from pointray.parts.arrange import boxes_of
 from pointray.parts.large import Large

@@ -6,9 +6,9 @@ import pytest
 import pointray as pr
 from conftest import long, shared_model
 from pointray import Points
-from pointray.neighbors import kd_order
-from pointray.points.normals.jets import fit_normals
-from pointray.points.normals.layers import Layers
+from pointray.cloud.neighbors import kd_order
+from pointray.cloud.normals.jets import fit_normals
+from pointray.cloud.normals.layers import Layers
 
 TOWER = (-3, -30, 0)
 

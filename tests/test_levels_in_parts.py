@@ -13,8 +13,8 @@ import pytest
 import pointray as pr
 from pointray.base.disk_columns import Column, Columns
 from pointray.cli import execute
+from pointray.cloud.neighbors import kd_order
 from pointray.model_folder import INDEX
-from pointray.neighbors import kd_order
 from pointray.parts import coarser, levels
 from pointray.parts.prepare import prepare
 from pointray.parts.split import split

@@ -36,7 +36,7 @@ PICTURE = """
 import hashlib, sys
 {before}
 import pointray as pr
-from pointray import jit
+from pointray.engine import jit
 model = pr.Model(pr.procedural("torus", 3000).positions)
 scene = pr.Scene()
 scene.add(model)

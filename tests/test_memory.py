@@ -223,7 +223,7 @@ def little(monkeypatch):
 @pytest.mark.parametrize("with_normals", [True, False])
 def test_a_model_that_does_not_fit_is_refused_at_once(little, monkeypatch, with_normals):
     rows = sphere_points(100_000)
-    monkeypatch.setattr("pointray.points.ready.place", lambda *args, **more: pytest.fail("work was begun"))
+    monkeypatch.setattr("pointray.cloud.preparation.place", lambda *args, **more: pytest.fail("work was begun"))
     with pytest.raises(
         ValueError, match=r"33 MiB of memory are needed to make a model of 100,000 points.*--max-points"
     ):
@@ -267,7 +267,7 @@ print(size("VmHWM") - before)
 @pytest.mark.parametrize("kind", ["with", "without", "noisy"])
 def test_models_take_about_what_is_asked_for(kind):
     """Noisy points do: that is known only when work has begun."""
-    from pointray.points.ready import PEAK
+    from pointray.cloud.preparation import PEAK
 
     done = subprocess.run([sys.executable, "-c", MODEL_PEAK, kind], capture_output=True, text=True, check=True)
     a_point = int(done.stdout) / 500_000

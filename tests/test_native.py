@@ -145,7 +145,7 @@ import hashlib, json, sys
 from pathlib import Path
 import numpy as np
 import pointray as pr
-from pointray import jit
+from pointray.engine import jit
 from pointray.engine.jit import library
 {before}
 
@@ -230,7 +230,7 @@ import json, sys
 from pathlib import Path
 import numpy as np
 import pointray as pr
-from pointray import jit
+from pointray.engine import jit
 from pointray.engine.jit import library
 {before}
 u, v = np.random.default_rng(0).random((2, 4000)) * 2 * np.pi

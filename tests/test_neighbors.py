@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 from conftest import long, sphere_points
-from pointray.neighbors import NeighborTree, distinct, kd_order, neighbor_chunks, neighbors, take
-from pointray.neighbors.order import LEAF
-from pointray.neighbors.search import PER_NEIGHBOR, SPARE
+from pointray.cloud.neighbors import NeighborTree, distinct, kd_order, neighbor_chunks, neighbors, take
+from pointray.cloud.neighbors.order import LEAF
+from pointray.cloud.neighbors.search import PER_NEIGHBOR, SPARE
 
 SPHERE = sphere_points(3000)
 GRID = np.stack(np.meshgrid(*[np.arange(11)] * 3), axis=-1).reshape(-1, 3).astype(np.float32)
@@ -133,7 +133,7 @@ def test_many_points_have_an_order_too(rng):
 def test_other_processors_find_the_same(features, tmp_path):
     """Without AVX-512, and with every access to an array checked."""
     code = (
-        "import numpy as np; from pointray.neighbors import neighbors, kd_order;"
+        "import numpy as np; from pointray.cloud.neighbors import neighbors, kd_order;"
         "p = np.random.default_rng(0).random((700, 3), np.float32); p = np.concatenate([p, p[:50]]);"
         "d, i = neighbors(p, 12); q = p.astype(float);"
         "s = ((q[:, None] - q) ** 2); s = s[..., 0] + s[..., 1] + s[..., 2];"

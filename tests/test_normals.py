@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 
 from conftest import long, shared_model, sphere_points
-from pointray.data import Points
-from pointray.neighbors import distinct, kd_order, neighbors
+from pointray.cloud.neighbors import distinct, kd_order, neighbors
+from pointray.cloud.normals.consistency import agreement_share
+from pointray.cloud.normals.estimate import mend_normals
+from pointray.cloud.normals.jets import fit_normals, survey
+from pointray.cloud.normals.orientation import agree
+from pointray.cloud.normals.outward import looks_inward
+from pointray.cloud.normals.sheets import part_sheets
+from pointray.cloud.points import Points
 from pointray.points import estimate_normals, procedural, read
-from pointray.points.normals.checks import agreement_share
-from pointray.points.normals.estimate import mend_normals
-from pointray.points.normals.jets import fit_normals, survey
-from pointray.points.normals.orientation import agree
-from pointray.points.normals.outward import looks_inward
-from pointray.points.normals.sheets import part_sheets
 
 SPHERE = sphere_points(3000)
 

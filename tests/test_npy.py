@@ -6,12 +6,12 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from pointray.data import Points
+from pointray.cloud.georeference import RESIDUAL, SCAN, Survey, numbers_of
+from pointray.cloud.points import Points
 from pointray.points import read, write
 from pointray.points.files import write_points
 from pointray.points.formats.arrays import _array as _arrays
 from pointray.points.formats.arrays import npy
-from pointray.survey import RESIDUAL, SCAN, Survey, numbers_of
 
 N = 70
 XYZ, NORMALS = np.random.default_rng(7).normal(size=(2, N, 3)).astype(np.float32)

@@ -30,7 +30,11 @@ pytest.importorskip("ziglang", reason="it links for other systems (make wheel in
 ROOT = Path(pointray.__file__).parents[2]
 WHEELS = ROOT / "build" / "wheel"
 LEVEL = "x86-64-v3"  # whose results on Windows are those here
-FEW = "pointray.neighbors.search.find_nearest", "pointray.splats.borders._find_gaps", "pointray.tree.wide.collapse"
+FEW = (
+    "pointray.cloud.neighbors.search.find_nearest",
+    "pointray.splats.borders._find_gaps",
+    "pointray.tree.wide.collapse",
+)
 
 RECORD = """
 import sys

@@ -12,7 +12,7 @@ from plyfile import PlyData, PlyElement
 from conftest import shared_model
 from pointray.base.atomic_write import check_writable, replacing
 from pointray.cli import BAD_INPUT, execute
-from pointray.data import Points
+from pointray.cloud.points import Points
 from pointray.points import read, write
 from pointray.points.formats._source import CHUNK
 from pointray.points.formats.ply import _ascii

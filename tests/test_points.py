@@ -3,8 +3,8 @@ import pickle
 import numpy as np
 import pytest
 
-from pointray.data import Points
-from pointray.survey import Survey
+from pointray.cloud.georeference import Survey
+from pointray.cloud.points import Points
 
 CLOUD = np.random.default_rng(1).random((1000, 3))
 UTM = np.array([637369.0, 5851979.0, 406.0])

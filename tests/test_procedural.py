@@ -182,7 +182,7 @@ def test_wrong_arguments():
 
 
 def test_points_are_handed_over():
-    data = pytest.importorskip("pointray.data")
+    data = pytest.importorskip("pointray.cloud.points")
     points = procedural("sphere", 100)
     assert isinstance(points, data.Points)
     assert points.positions.shape == (100, 3)

@@ -10,6 +10,7 @@ import pytest
 
 import pointray as pr
 from pointray.base import memory
+from pointray.cloud.georeference import RESIDUAL, SCAN, Survey, numbers_of
 from pointray.points import files, gather
 from pointray.points.colors import ColorRange, to_shades
 from pointray.points.filling import Filling
@@ -17,7 +18,6 @@ from pointray.points.formats._source import Chunk, Listing, Source
 from pointray.points.formats.ply import _binary
 from pointray.points.opening import Opener
 from pointray.points.selection import Selection
-from pointray.survey import RESIDUAL, SCAN, Survey, numbers_of
 
 XYZ = np.random.default_rng(4).random((1000, 3))
 CLASSES = np.random.default_rng(5).integers(0, 9, 1000).astype(np.uint8)

@@ -10,7 +10,7 @@ from plyfile import PlyData, PlyElement
 import pointray as pr
 from conftest import MODELS, shared_model, sphere_points
 from pointray.cli import execute
-from pointray.points.rounding import find_rounding
+from pointray.cloud.rounding import find_rounding
 
 QUICK = "--spp", "1", "--light", "headlight"
 PLACE = np.float64([432_100, 5_412_300, 240])

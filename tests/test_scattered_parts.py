@@ -15,8 +15,8 @@ import pointray as pr
 from conftest import long, shared_model
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
+from pointray.cloud.neighbors import kd_order
 from pointray.model_folder import INDEX
-from pointray.neighbors import kd_order
 from pointray.parts.prepare import prepare
 from pointray.parts.split import split
 from pointray.points.files import request_of

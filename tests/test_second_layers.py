@@ -6,9 +6,9 @@ from scipy.spatial import cKDTree
 
 import pointray as pr
 from conftest import long
-from pointray.points.strays import merge_for_model
-from pointray.points.strays.passes import merge_passes
-from pointray.points.strays.survey import CORE, GROUP, KEPT, Survey
+from pointray.cloud.outliers import merge_for_model
+from pointray.cloud.outliers.local_fits import CORE, GROUP, KEPT, Survey
+from pointray.cloud.outliers.passes import merge_passes
 
 N = 12_000
 H = np.sqrt(4 / N)  # the spacing on the wall

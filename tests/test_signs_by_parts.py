@@ -10,16 +10,16 @@ import pytest
 import pointray as pr
 from conftest import long, shared_model, sphere_points
 from pointray.base.disk_columns import Columns
-from pointray.neighbors import NeighborTree, distinct, kd_order
+from pointray.cloud.neighbors import NeighborTree, distinct, kd_order
+from pointray.cloud.normals.jets import fit_normals
+from pointray.cloud.normals.joins import Held, join
+from pointray.cloud.normals.layers import Layers, sides
+from pointray.cloud.normals.orientation import NEAR, agree, orient
+from pointray.cloud.normals.outward import LARGE, SAMPLE, take_sample
+from pointray.cloud.normals.votes import STEPS, Votes, sum_of
 from pointray.parts import ballots
 from pointray.parts.ballots import Ballots, drop_all, keep, name_of
 from pointray.parts.signs import GROUP, PIECE, POINTS, SIGN, SIGNED, Local, Signs, firsts_of
-from pointray.points.normals.jets import fit_normals
-from pointray.points.normals.joins import Held, join
-from pointray.points.normals.layers import Layers, sides
-from pointray.points.normals.orientation import NEAR, agree, orient
-from pointray.points.normals.outward import LARGE, SAMPLE, take_sample
-from pointray.points.normals.votes import STEPS, Votes, sum_of
 
 STRETCH = 2048  # points that a margin consists of
 

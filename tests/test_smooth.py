@@ -5,8 +5,8 @@ import pytest
 
 import pointray as pr
 from conftest import long
-from pointray.points.path import along_path
-from pointray.points.smoothing.noise import noise_along
+from pointray.cloud.denoising.noise import noise_along
+from pointray.cloud.kd_ordering import along_path
 
 
 def torus_points(rng, n):

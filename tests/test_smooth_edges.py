@@ -5,7 +5,7 @@ import pytest
 
 import pointray as pr
 from conftest import long
-from pointray.points.smoothing.edges import ROUNDING, Edges
+from pointray.cloud.denoising.edges import ROUNDING, Edges
 
 N = 20_000
 H = np.sqrt(24 / N)

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.cloud.neighbors import NeighborTree
 from pointray.engine.kernels.tree import model_table
-from pointray.neighbors import NeighborTree
 from pointray.rendering.picture import Picture
 
 CAMERA = pr.Camera.look_at((0, -6, 1.5), (0, 0, 0), size=(32, 24))

@@ -8,9 +8,9 @@ import pytest
 import pointray as pr
 from conftest import long
 from naive import meet_scattered, walk
+from pointray.cloud.kd_ordering import along_path
+from pointray.cloud.statistics import Usual
 from pointray.engine.kernels.tree import NO_CHILD, SCATTERED, first_scattered
-from pointray.points.path import along_path
-from pointray.points.usual import Usual
 from pointray.splats.scattered import Drawing, shapes_of
 from pointray.tree.check import check_tree
 from pointray.tree.indices import check_indices

@@ -16,7 +16,8 @@ import pytest
 import pointray as pr
 from conftest import long
 from pointray.base.disk_columns import Columns
-from pointray.data import choose_origin
+from pointray.cloud.georeference import RESIDUAL, SCAN, Survey
+from pointray.cloud.points import choose_origin
 from pointray.parts import convert
 from pointray.parts import spool as own
 from pointray.parts.spool import Spooled, spool, spooled_in
@@ -26,7 +27,6 @@ from pointray.points.formats.ply import _binary
 from pointray.points.gather import gather
 from pointray.points.opening import Opener
 from pointray.points.selection import Selection
-from pointray.survey import RESIDUAL, SCAN, Survey
 from scans import full_points, small_scans
 from test_las import write_random
 from test_reading import Rows
@@ -407,7 +407,7 @@ def test_what_is_refused_before_files_are_read(columns, monkeypatch):
 
 
 def test_too_many_rows_are_told_on_the_way(columns, monkeypatch):
-    monkeypatch.setattr("pointray.data.MOST", 1500)
+    monkeypatch.setattr("pointray.cloud.points.MOST", 1500)
     openers = [Opener(str(k), lambda: Rows(Chunk(XYZ), known=False)) for k in range(2)]
     with pytest.raises(ValueError, match="1: 1,600 points are too many"):
         spool(openers, Selection(), columns)

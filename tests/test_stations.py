@@ -5,9 +5,9 @@ import pytest
 
 import pointray as pr
 from pointray import Points, estimate_normals
-from pointray.points.normals.estimate import mend_normals
-from pointray.points.normals.stations import eyes_of
-from pointray.survey import SCAN, Survey
+from pointray.cloud.georeference import SCAN, Survey
+from pointray.cloud.normals.estimate import mend_normals
+from pointray.cloud.normals.stations import eyes_of
 
 WEST, EAST = (-5.0, 0.0, 0.3), (5.0, 0.0, -0.2)
 BOTH = Survey(stations=(WEST, EAST))
@@ -161,7 +161,7 @@ def test_a_torus_seen_from_two_stations():
 
 
 def test_fitted_normals_in_place_of_wrong_ones_face_the_stations():
-    from pointray.points.trust import replaced
+    from pointray.cloud.normals.validation import replaced
 
     positions, exact, scan = wall(thickness=0.2)
     points = Points(positions, -exact, attributes={SCAN: scan}, survey=BOTH)

@@ -6,7 +6,7 @@ import pytest
 import pointray as pr
 from conftest import long, shared_model
 from pointray.cli import execute
-from pointray.points.strays import without_strays
+from pointray.cloud.outliers import without_strays
 
 N = 10_000
 H = np.sqrt(4 / N)  # the spacing on the wall

@@ -8,7 +8,7 @@ import pytest
 
 import pointray as pr
 from conftest import long, shared_model, sphere_points
-from pointray.neighbors import distinct, kd_order
+from pointray.cloud.neighbors import distinct, kd_order
 from pointray.splats.cover import choose, relax
 from pointray.splats.deviation import deviations
 from pointray.splats.grow import grow

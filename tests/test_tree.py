@@ -7,8 +7,8 @@ import pytest
 
 import pointray as pr
 from conftest import long, shared_model, sphere_points, uneven_points
+from pointray.cloud.neighbors import kd_order
 from pointray.engine.kernels.tree import LEAF, LEAST, NO_SURFACE, STEP
-from pointray.neighbors import kd_order
 from pointray.tree.build import Splats, build_tree
 from pointray.tree.cells import MOST_LEAST
 from pointray.tree.check import check_tree

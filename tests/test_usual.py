@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from pointray.points.usual import BITS, Usual, steady
+from pointray.cloud.statistics import BITS, Usual, steady
 
 
 @pytest.mark.parametrize("value", [1e-30, 0.0071279, 0.6, 1.0, 3.0, 12345.6])

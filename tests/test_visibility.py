@@ -6,10 +6,10 @@ import pytest
 import pointray as pr
 from conftest import shared_model
 from pointray import Points, Survey, estimate_normals
-from pointray.points.normals.estimate import mend_normals
-from pointray.points.normals.stations import eyes_of
-from pointray.points.normals.visibility import HIDDEN, hidden_share, ignored_stations
-from pointray.survey import SCAN
+from pointray.cloud.georeference import SCAN
+from pointray.cloud.normals.estimate import mend_normals
+from pointray.cloud.normals.stations import eyes_of
+from pointray.cloud.normals.visibility import HIDDEN, hidden_share, ignored_stations
 from test_large import prepared
 from test_stations import seen_torus
 

@@ -137,7 +137,7 @@ if __name__ == "__main__":
 PICTURE = """
     pr.render(scene, pr.Camera.look_at((3, 0, 2), (0, 0, 0), size=(8, 8)), pr.Settings("phong"))
 """
-CHEAP = ["neighbors.rows", "tree.wide"]  # modules with the kernels of a model that compile fastest
+CHEAP = ["cloud.neighbors.rows", "tree.wide"]  # modules with the kernels of a model that compile fastest
 
 
 def run(program, cache):

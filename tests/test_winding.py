@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.neighbors import NeighborTree, kd_order
-from pointray.points.normals.winding import SOFT, TILE, Frame, Splats, Winding, roots_of, spacings, top_of
+from pointray.cloud.neighbors import NeighborTree, kd_order
+from pointray.cloud.normals.winding import SOFT, TILE, Frame, Splats, Winding, roots_of, spacings, top_of
 
 
 @pytest.fixture(scope="module")

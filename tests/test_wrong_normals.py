@@ -11,9 +11,9 @@ import pointray as pr
 from conftest import long, shared_model, sphere_points
 from pointray.cli import execute
 from pointray.cli.scan_scene import PLAIN
-from pointray.points import nearby
-from pointray.points.normals.given import WRONG
-from pointray.points.trust import trusted
+from pointray.cloud.neighbors import few_queries as nearby
+from pointray.cloud.normals.comparison import WRONG
+from pointray.cloud.normals.validation import trusted
 from pointray.viewer.loading import Files
 from pointray.viewer.shared_scene import SharedScene
 

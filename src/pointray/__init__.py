@@ -33,8 +33,8 @@ _HOME = {
     "PointLight": "shade.lights",
     "RectLight": "shade.lights",
     "SphereLight": "shade.lights",
-    "Points": "data",
-    "Survey": "survey",
+    "Points": "cloud.points",
+    "Survey": "cloud.georeference",
     "Principled": "shade.materials.principled",
     "Scene": "scene.scene",
     "SceneFile": "scenefile",
@@ -43,24 +43,24 @@ _HOME = {
     "SunLight": "shade.lights",
     "animate": "rendering.sequence",
     "bake": "baking.baked",
-    "check_normals": "points",
-    "clean": "points.cleaning",
+    "check_normals": "cloud.normals.comparison",
+    "clean": "cloud.cleaning",
     "draw_legend": "image",
-    "estimate_normals": "points",
+    "estimate_normals": "cloud.normals.estimate",
     "eyes_along": "points.trajectory",
-    "find_flaws": "points.cleaning",
-    "find_strays": "points.strays",
+    "find_flaws": "cloud.cleaning",
+    "find_strays": "cloud.outliers",
     "fly": "rendering.camera_path",
     "frame": "staging.first_view",
     "load_scene": "scenefile",
-    "merge_layers": "points.strays",
+    "merge_layers": "cloud.outliers",
     "procedural": "points",
     "procedural_distance": "points",
     "formats": "points.known_formats",  # a name of `points/` itself would hide the folder
     "read": "points",
     "render": "rendering.picture",
     "render_layers": "rendering.layers",
-    "smooth": "points.smoothing.smooth",
+    "smooth": "cloud.denoising.smooth",
     "studio": "staging.studio",
     "subsample": "splats.subsample",
     "transform": "scene.transforms",
@@ -78,7 +78,13 @@ if TYPE_CHECKING:
     from .baking.baked import StaleLightWarning as StaleLightWarning
     from .baking.baked import bake as bake
     from .baking.settings import BakeSettings as BakeSettings
-    from .data import Points as Points
+    from .cloud.cleaning import clean as clean
+    from .cloud.cleaning import find_flaws as find_flaws
+    from .cloud.denoising.smooth import smooth as smooth
+    from .cloud.georeference import Survey as Survey
+    from .cloud.outliers import find_strays as find_strays
+    from .cloud.outliers import merge_layers as merge_layers
+    from .cloud.points import Points as Points
     from .image import draw_legend as draw_legend
     from .image import write_image as write_image
     from .image import write_layers as write_layers
@@ -89,12 +95,7 @@ if TYPE_CHECKING:
     from .points import procedural_distance as procedural_distance
     from .points import read as read
     from .points import write as write
-    from .points.cleaning import clean as clean
-    from .points.cleaning import find_flaws as find_flaws
     from .points.known_formats import formats as formats
-    from .points.smoothing.smooth import smooth as smooth
-    from .points.strays import find_strays as find_strays
-    from .points.strays import merge_layers as merge_layers
     from .points.trajectory import eyes_along as eyes_along
     from .rendering.camera import Camera as Camera
     from .rendering.camera_path import fly as fly
@@ -125,7 +126,6 @@ if TYPE_CHECKING:
     from .splats.subsample import subsample as subsample
     from .staging.first_view import frame as frame
     from .staging.studio import studio as studio
-    from .survey import Survey as Survey
     from .viewer import view as view
 
 

@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from .base.arguments import check_callback, check_choice, check_path, check_positive, check_whole
 from .base.choices import AUTO, SURFACES
-from .data import Points, spread_rows
+from .cloud.denoising.smooth import Placed, check_sigma
+from .cloud.points import Points, spread_rows
+from .cloud.preparation import check_model_memory, finite_rows, placed_for_model
 from .engine.kernels.tree import LONGEST, SCATTER, Tree, no_tree
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
-from .points.ready import check_model_memory, finite_rows, placed_for_model
-from .points.smoothing.smooth import Placed, check_sigma
 from .residence import Key, OnDisk, Residence, Source
 from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from .splats.make import Made, Sizes, check_size, make_splats

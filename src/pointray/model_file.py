@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
-from .data import FARTHEST, Points
+from .cloud.georeference import Survey
+from .cloud.points import FARTHEST, Points
 from .engine.kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, SCATTER, STEP, Tree
-from .survey import Survey
 from .tree.indices import check_indices
 
 SAVED = ".pointray"  # the usual end of such a file's name
@@ -216,7 +216,7 @@ def points_of(found: Arrays, survey: Survey) -> Points:
     origin = take_array(found, "points.origin", np.float64, (3,))
     names = [name for name in found if name.startswith("attribute.")]
     attributes = {name.removeprefix("attribute."): found.pop(name) for name in names}
-    normals, colors = found.pop("points.normals", None), found.pop("points.colors", None)
+    normals, colors = found.pop("cloud.normals", None), found.pop("points.colors", None)
     return Points.about(origin, positions, normals, colors, attributes, survey)
 
 

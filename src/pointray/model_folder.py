@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from .array_file import Kind, Pieces, read_arrays, take_array, write_arrays
 from .base.atomic_write import replacing
-from .data import Points
+from .cloud.points import Points
 from .engine.kernels.tree import BOUNDS, HEAD, LONGEST, SCATTER, Tree, no_tree
 from .model_file import (
     LAYOUT,

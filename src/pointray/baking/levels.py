@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.neighbors import NeighborTree
 from ..engine.kernels.records import RECORD, SPREAD, SPREAD_RECORDS, SPREAD_SHARES
 from ..engine.kernels.tree import EMPTY, Tree
-from ..neighbors import NeighborTree
 from .patches import BLOCK_SPLATS, PatchSet, blend_for, nearest_blend, splats_of
 
 STEP = 4  # patches of a level for one of the next

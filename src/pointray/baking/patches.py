@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.neighbors import NeighborTree
 from ..engine.jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
 from ..engine.kernels.tree import BLOCK, FAR, INV_R2, NX, PX, Tree, first_scattered
 from ..engine.kernels.vec import Vec3
-from ..neighbors import NeighborTree
 
 NEAR = 16  # neighbours of a patch, which its light is smoothed with
 AROUND = 8  # patches whose light a splat's is blended from

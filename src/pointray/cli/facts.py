@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import Points
+from ..cloud.georeference import Survey
+from ..cloud.points import Points
 from ..shade.attributes import ASPRS, is_classification
-from ..survey import Survey
 from .prepare import read_scan
 from .report import describe, describe_model
 from .scan_files import ScanFiles

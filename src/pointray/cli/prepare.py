@@ -13,6 +13,7 @@ import numpy as np
 from ..base.arguments import check_positive
 from ..base.choices import AUTO
 from ..base.warning_log import warn
+from ..cloud.normals.validation import trusted
 from ..model import SURFACE
 from ..model_file import SAVED
 from ..parts.prepare import begun_points, check_unfinished, fits, part_points_for
@@ -20,7 +21,6 @@ from ..parts.prepare import prepare as prepare_parts
 from ..parts.split import PART, check_new, split
 from ..points.selection import Selection
 from ..points.trajectory import read_trajectory
-from ..points.trust import trusted
 from ..splats.radii import radii_in
 from ..splats.scattered import Drawing
 from ..tree.settings import check_settings
@@ -190,7 +190,7 @@ def _prepared(
     """The points after all steps that the options ask for, and what was done, in words."""
     import pointray as pr
 
-    from ..points.cleaning import find_flaws
+    from ..cloud.cleaning import find_flaws
     from ..splats.subsample import find_subsample
 
     done = []

@@ -9,15 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import Progress, part_of, tell
-from ..data import Points
+from ..cloud.cleaning import Flaws, find_flaws
+from ..cloud.denoising.smooth import place
+from ..cloud.neighbors import distinct, kd_order, neighbors
+from ..cloud.neighbors.few_queries import rows_around
+from ..cloud.normals.comparison import compare_normals
+from ..cloud.normals.validation import told
+from ..cloud.points import Points
+from ..cloud.rounding import find_rounding
 from ..model import Model
-from ..neighbors import distinct, kd_order, neighbors
-from ..points.cleaning import Flaws, find_flaws
-from ..points.nearby import rows_around
-from ..points.normals.given import compare_normals
-from ..points.rounding import find_rounding
-from ..points.smoothing.smooth import place
-from ..points.trust import told
 from ..splats.radii import radii_in
 from ..splats.support import find_support
 

@@ -96,7 +96,7 @@ class ScanFiles:
         points = pr.read(self.files, progress=progress, **self.reading.arguments)
         if not self.reading.drop_strays:
             return points
-        from ..points.strays import without_strays
+        from ..cloud.outliers import without_strays
 
         return without_strays(points, self.name, viewpoint)
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from ..base.choices import AUTO, EXPOSED, MUTED, SAME
-from ..data import Points
-from ..points.trust import trusted
+from ..cloud.normals.validation import trusted
+from ..cloud.points import Points
 from ..shade.lights import SunLight
 from ..splats.radii import radii_in
 from ..staging import STUDIO

@@ -34,7 +34,7 @@ def check_saved(file: Path, is_plain: bool) -> None:
 
 def smooth_of(text: str) -> str | float:
     """Parse "auto" or a number from 0."""
-    from ..points.smoothing.smooth import check_sigma
+    from ..cloud.denoising.smooth import check_sigma
 
     if text == AUTO:
         return text

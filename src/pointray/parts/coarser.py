@@ -13,16 +13,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import Points
+from ..cloud.georeference import Survey
+from ..cloud.neighbors import kd_order
+from ..cloud.points import Points
+from ..cloud.sampled_statistics import Sampled
+from ..cloud.statistics import Usual, sample_of
 from ..model_file import Level
 from ..model_folder import write_level
-from ..neighbors import kd_order
-from ..points.sampled import Sampled
-from ..points.usual import Usual, sample_of
 from ..splats.averages import attribute_averages
 from ..splats.levels import SUPPORT, Fine, means_of
 from ..splats.support import Support, find_support
-from ..survey import Survey
 from ..tree.build import Splats, bounds_of
 from ..tree.leaves import longest_step
 from ..tree.settings import TreeSettings

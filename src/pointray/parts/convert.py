@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from ..base.disk_columns import Column, Columns
 from ..base.progress import Progress, part_of, tell
-from ..data import are_finite, check_any_finite, check_attribute
+from ..cloud.georeference import RESIDUAL, SCAN, Survey
+from ..cloud.points import are_finite, check_any_finite, check_attribute
+from ..cloud.preparation import tell_left_out
 from ..points.colors import GREY, ColorRange, to_shades
 from ..points.formats._source import CHUNK
 from ..points.joining import (
@@ -26,8 +28,6 @@ from ..points.joining import (
 )
 from ..points.lacking import tell_lacking
 from ..points.locating import locate, origin_of, sample_step, surveyed
-from ..points.ready import tell_left_out
-from ..survey import RESIDUAL, SCAN, Survey
 from .raw import RAW, Raw
 from .spooled import ATTRIBUTE, COLORS, NORMALS, POSITIONS, Spooled
 

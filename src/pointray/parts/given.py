@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..base.disk_columns import Column, Columns
-from ..data import Points
-from ..points.normals.visibility import ignored_stations, station_sample
+from ..cloud.georeference import SCAN
+from ..cloud.normals.visibility import ignored_stations, station_sample
+from ..cloud.points import Points
 from ..splats.radii import radii_among
-from ..survey import SCAN
 from .arrange import CHUNK
 from .spooled import Spooled
 

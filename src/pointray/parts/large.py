@@ -15,15 +15,15 @@ import numpy as np
 from ..base.disk_columns import Columns
 from ..base.progress import Progress, part_of
 from ..base.warning_log import warn
+from ..cloud.denoising.noise import Stretches, settled
+from ..cloud.georeference import SCAN
+from ..cloud.normals.consistency import agreement_share, sample_rows
+from ..cloud.normals.estimate import DISAGREE, told
+from ..cloud.normals.stations import warn_of_ignored
+from ..cloud.normals.units import to_units
 from ..cluster.chores import Team
-from ..points.normals.checks import agreement_share, sample_rows
-from ..points.normals.estimate import DISAGREE, told
-from ..points.normals.stations import warn_of_ignored
-from ..points.normals.units import to_units
-from ..points.smoothing.noise import Stretches, settled
 from ..splats.scattered import ALL_SURFACE, Drawing, check_drawing
 from ..splats.support import lone_note
-from ..survey import SCAN
 from ..tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import TILE, Arrangement
 from .coarser import Named

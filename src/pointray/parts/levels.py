@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.disk_columns import Columns
+from ..cloud.statistics import steady
 from ..model import COARSER, LEVEL_SAMPLES
 from ..model_folder import LevelFile, PartFile
-from ..points.usual import steady
 from ..splats.averages import have_categories
 from ..splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
 from ..tree.settings import check_settings

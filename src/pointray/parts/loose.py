@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.disk_columns import Columns
-from ..data import Points
+from ..cloud.points import Points
 from ..engine.kernels.tree import BOUNDS, Tree, no_tree
 from ..model import LEVEL_SAMPLES
 from ..model_file import Level

@@ -15,12 +15,12 @@ from ..base.atomic_write import check_writable
 from ..base.disk_columns import Columns
 from ..base.memory import FULL_DISK, available_memory
 from ..base.progress import Progress, part_of
+from ..cloud.preparation import PEAK
 from ..cluster.client import machines_of
 from ..cluster.worker import version_here
 from ..model_folder import INDEX, UNFINISHED, VERSION
 from ..points.files import headers, open_files, stamp
 from ..points.formats._source import Request
-from ..points.ready import PEAK
 from ..points.selection import Selection
 from ..splats.scattered import Drawing
 from ..tree.settings import TreeSettings

@@ -1,4 +1,4 @@
-"""Where a cloud in parts has second layers: blocks are opened from part to part, as `points/strays/search.py` does."""
+"""Where a cloud in parts has second layers: blocks are opened from part to part, as `cloud/outliers/search.py` does."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..points.strays.floors import LEAST, Ground
-from ..points.strays.search import Search, block_size
+from ..cloud.outliers.floors import LEAST, Ground
+from ..cloud.outliers.search import Search, block_size
 from .local import Local
 from .stages import LAYERS, Cloud, path_of
 from .work import Facts, Work

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from ..base.disk_columns import Columns
 from ..base.progress import tell
-from ..neighbors import take
-from ..points.normals.estimate import estimate_normals
-from ..points.sampled import of_places
-from ..points.usual import Usual
+from ..cloud.neighbors import take
+from ..cloud.normals.estimate import estimate_normals
+from ..cloud.sampled_statistics import of_places
+from ..cloud.statistics import Usual
 from ..splats.local_planes import columns_of
 from ..splats.make import check_size
 from ..splats.scatter import FEW, scattered_places

@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.disk_columns import Columns
-from ..points.normals.joins import join
-from ..points.normals.outward import Sample, inward_of, take_sample
-from ..points.normals.pieces import TILE, find_pieces
-from ..points.normals.votes import cast_votes
+from ..cloud.normals.joins import join
+from ..cloud.normals.outward import Sample, inward_of, take_sample
+from ..cloud.normals.pieces import TILE, find_pieces
+from ..cloud.normals.votes import cast_votes
 from .ballots import Ballots, drop_all, keep, name_of
 
 # Columns: of each point its piece, counted in its part, its sign in that, and its sign; of each piece, which are

@@ -15,7 +15,7 @@ from ..base.arguments import check_callback, check_flag, check_path, check_whole
 from ..base.atomic_write import check_writable
 from ..base.disk_columns import Columns
 from ..base.progress import Progress, part_of, tell
-from ..data import Points
+from ..cloud.points import Points
 from ..model import Model
 from ..model_folder import INDEX, Index, PartFile, write_index, write_points
 from ..tree.build import Splats

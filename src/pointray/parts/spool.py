@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..base.disk_columns import Columns
 from ..base.progress import Progress, part_of
-from ..data import check_attribute, check_count
+from ..cloud.points import check_attribute, check_count
 from ..points.colors import ColorRange
 from ..points.filling import Filling
 from ..points.formats._source import Chunk, Listing

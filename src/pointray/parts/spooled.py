@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.disk_columns import Columns
-from ..survey import Survey
+from ..cloud.georeference import Survey
 from .raw import RAW
 
 FACTS = "spooled"

@@ -1,7 +1,7 @@
 """What a part's surface is: positions and normals where they are met by rays, and supports, as in a whole model.
 
 Each function does one stage for one part, from columns of earlier stages, which other parts have written too. Numbers
-that hold for all parts come from a sample, see `points.usual`, or from all parts, as the noise.
+that hold for all parts come from a sample, see `cloud.statistics`, or from all parts, as the noise.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.disk_columns import Columns
-from ..data import Points
-from ..neighbors import distinct, take
-from ..points.normals.estimate import estimate_normals, seen_from, with_units
-from ..points.normals.jets import survey
-from ..points.normals.layers import Layers
-from ..points.normals.orientation import NEAR
-from ..points.normals.sheets import is_thick
-from ..points.normals.stations import eyes_of, faced, is_known
-from ..points.path import Path
-from ..points.sampled import of_places
-from ..points.smoothing.noise import Stretches, examined, points_per_stretch
-from ..points.smoothing.smooth import Fitting, Noise, noise_by, smooth_known
-from ..points.strays.layers import Part, merge_for_model
-from ..points.strays.search import block_size
-from ..points.usual import Usual
+from ..cloud.denoising.noise import Stretches, examined, points_per_stretch
+from ..cloud.denoising.smooth import Fitting, Noise, noise_by, smooth_known
+from ..cloud.georeference import Survey
+from ..cloud.kd_ordering import Path
+from ..cloud.neighbors import distinct, take
+from ..cloud.normals.estimate import estimate_normals, seen_from, with_units
+from ..cloud.normals.jets import survey
+from ..cloud.normals.layers import Layers
+from ..cloud.normals.orientation import NEAR
+from ..cloud.normals.sheets import is_thick
+from ..cloud.normals.stations import eyes_of, faced, is_known
+from ..cloud.outliers.layers import Part, merge_for_model
+from ..cloud.outliers.search import block_size
+from ..cloud.points import Points
+from ..cloud.sampled_statistics import of_places
+from ..cloud.statistics import Usual
 from ..splats.support import Support, find_support
-from ..survey import Survey
 from ..tree.settings import TreeSettings
 from .local import Local
 from .members import distinct_numbers
@@ -37,7 +37,7 @@ from .members import distinct_numbers
 Floats = NDArray[np.float32]
 
 # Columns: of the cloud as it was given, and of what is found, stage by stage.
-POSITIONS, GIVEN = "points.positions", "points.normals"
+POSITIONS, GIVEN = "points.positions", "cloud.normals"
 MERGED, UNITS, TURNED, KNOWN = "merged", "units", "turned", "known"
 LAYERS = "layers"  # of blocks, see `second_layers.py`
 PLACED, NORMALS, FACED, NOISE = "placed", "normals", "faced", "noise"

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..points.smoothing.noise import Stretches
-from ..points.usual import Usual
+from ..cloud.denoising.noise import Stretches
+from ..cloud.statistics import Usual
 from ..splats.make import check_size
 from ..splats.support import Support
 from ..tree.settings import TreeSettings

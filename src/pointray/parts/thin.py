@@ -1,4 +1,4 @@
-"""Thin sheets of a closed cloud in parts: normals are turned as in the whole, to the bit, see `points.normals.sheets`.
+"""Thin sheets of a closed cloud in parts: normals are turned as in the whole, to the bit, see `cloud.normals.sheets`.
 
 A winding number is a sum over all points: over tiles of the kd order, of whose trees all parts know the roots. A pass
 reads the tiles that its numbers ask for. What a pass finds is in columns of its own when the next one begins: a part
@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..points.normals.orientation import NEAR
-from ..points.normals.sheets import (
+from ..cloud.normals.orientation import NEAR
+from ..cloud.normals.sheets import (
     RINGS,
     STEP,
     disagrees,
@@ -27,7 +27,7 @@ from ..points.normals.sheets import (
     scale_of,
     step_of,
 )
-from ..points.normals.winding import TILE, Frame, Splats, Winding, roots_of, spacings, top_of
+from ..cloud.normals.winding import TILE, Frame, Splats, Winding, roots_of, spacings, top_of
 from .facing import Span, near_in
 from .local import Local, runs_of
 from .stages import FACED, PARTED, PLACED, THICK, Cloud

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import Progress, tell
-from ..data import Points
+from ..cloud.points import Points
+from ..cloud.statistics import steady
 from ..engine.kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
 from ..model_folder import PartFile, write_part
-from ..points.usual import steady
 from ..tree.blocks import PER_BLOCK, make_blocks
 from ..tree.build import Splats, Whole, bounds_of, build_tree
 from ..tree.leaves import longest_step

@@ -16,9 +16,9 @@ procedural : models made by formula
 Begin with files, then normals/estimate.
 """
 
+from ..cloud.normals.comparison import check_normals
+from ..cloud.normals.estimate import estimate_normals
 from .files import read, write
-from .normals.estimate import estimate_normals
-from .normals.given import check_normals
 from .procedural import procedural, procedural_distance
 
 __all__ = ["check_normals", "estimate_normals", "procedural", "procedural_distance", "read", "write"]

@@ -26,7 +26,7 @@ from ..base.arguments import (
 from ..base.atomic_write import check_regular, replacing
 from ..base.progress import Progress
 from ..base.warning_log import warn
-from ..data import MOST, Points
+from ..cloud.points import MOST, Points
 from .formats._source import Format, Request
 from .gather import gather
 from .known_formats import format_of, writer_of

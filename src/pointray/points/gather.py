@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..base.memory import check_memory
 from ..base.progress import Progress, part_of, tell
-from ..data import Points, check_count
-from ..survey import RESIDUAL, SCAN, Survey
+from ..cloud.georeference import RESIDUAL, SCAN, Survey
+from ..cloud.points import Points, check_count
 from .colors import GREY, ColorRange, to_shades
 from .filling import Filling
 from .formats._source import Chunk, Listing

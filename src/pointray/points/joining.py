@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.warning_log import warn
-from ..survey import Survey
+from ..cloud.georeference import Survey
 from .colors import ColorRange
 from .formats._source import Chunk
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import SAMPLE, choose_origin
-from ..survey import Survey, numbers_of
-from .geographic import LocalFrame, in_file, projected
+from ..cloud.geographic import LocalFrame, in_file, projected
+from ..cloud.georeference import Survey, numbers_of
+from ..cloud.points import SAMPLE, choose_origin
 
 BLOCK = 1 << 15  # rows whose positions are moved at once: they stay in the processor's cache
 SAFE = 2**22  # of whole numbers as large float32 loses nothing

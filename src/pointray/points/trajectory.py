@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arguments import check_kind, check_path
-from ..data import Points
+from ..cloud.geographic import LocalFrame, in_file
+from ..cloud.points import Points
 from .files import headers, read
-from .geographic import LocalFrame, in_file
 
 TIMES = ("gps_time", "time", "t", "timestamp", "gpstime", "gps_seconds", "seconds")  # names of times, likeliest first
 WORDS = re.compile(r"[A-Za-z]{2,}")  # in a header or a comment; numbers have single letters, if any

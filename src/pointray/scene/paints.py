@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import Points, categories_of, spread_rows
+from ..cloud.points import Points, categories_of, spread_rows
 from ..engine.kernels.records import (
     BLENDED,
     BY_COORDINATE,

@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 from ..base.arguments import check_positive
 from ..base.atomic_write import check_regular
 from ..base.choices import NORMALS
+from ..cloud.denoising.smooth import check_sigma
+from ..cloud.normals.validation import trusted
 from ..model import SURFACE, Model
 from ..model_file import SAVED
 from ..model_folder import check_folder
@@ -19,8 +21,6 @@ from ..points.files import check_readable
 from ..points.known_formats import extensions
 from ..points.procedural import MOST, NAMES
 from ..points.reading import check_reading
-from ..points.smoothing.smooth import check_sigma
-from ..points.trust import trusted
 from ..points.unpacking import PACKED
 from ..splats.radii import radii_in
 from ..splats.scattered import check_drawing

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import FEWEST_ROWS, MOST_LABELS, categories_of, is_label
+from ..cloud.points import FEWEST_ROWS, MOST_LABELS, categories_of, is_label
 
 KNOWN = 0.5  # share of the values that must be finite, or the mean is NaN
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import Progress, tell
-from ..neighbors import NeighborTree
-from ..points.usual import Usual
+from ..cloud.neighbors import NeighborTree
+from ..cloud.statistics import Usual
 from .borders import find_gaps
 from .closed import CLOSED, OPEN, UNSURE, USUAL, WIDE, Closed, distances, measure_closed, pack_table, room_for
 from .gaps import MUCH, SOME, Limits, bridged, is_disordered

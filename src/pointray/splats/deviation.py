@@ -12,9 +12,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.neighbors import NeighborTree, kd_order
 from ..engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
 from ..engine.kernels.vec import Vec3, add, dot, length, scale
-from ..neighbors import NeighborTree, kd_order
 from .cells import NEIGHBORS
 from .grow import Floats, at
 from .sheets import find_sheets

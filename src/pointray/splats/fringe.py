@@ -19,10 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.neighbors import NeighborTree
+from ..cloud.statistics import Usual
 from ..engine.jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ..engine.kernels.vec import Vec3, dot, load3_flat, sub, tangents
-from ..neighbors import NeighborTree
-from ..points.usual import Usual
 from .borders import insert, widest
 from .cells import NEIGHBORS
 from .closed import USUAL

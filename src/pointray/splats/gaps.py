@@ -18,10 +18,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.neighbors import NeighborTree, distinct
+from ..cloud.statistics import Usual
 from ..engine.jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ..engine.kernels.vec import dot, load3_flat, sub, tangents
-from ..neighbors import NeighborTree, distinct
-from ..points.usual import Usual
 from .closed import USUAL, distances
 from .voronoi import CHUNK, CORNERS, Hood, Vec2, cell_of, mirror, up_to_seam
 

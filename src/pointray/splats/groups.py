@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.neighbors import distinct
 from ..engine.jit import Array, borrow, f32, f64, i64, kernel, next_tile, run
-from ..neighbors import distinct
 
 MOST_CELLS = 2**20  # along an axis
 SIDES = 6  # the main directions; a number of a cell times this is exact in float32

@@ -7,10 +7,10 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.normals.axes import principal_axes
+from ..cloud.normals.fit_batch import Triple, inner, zeros
 from ..engine.jit import Array, borrow, f32, inline, kernel, next_tile, run
 from ..engine.simd import F16, ONE, ZERO, broadcast16, gather16, load16, select, store, vabs, vmax, vsqrt
-from ..points.normals.axes import principal_axes
-from ..points.normals.sixteen import Triple, inner, zeros
 
 LANES = 16
 CHUNK = 2048  # points that a thread takes at a time

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..base.progress import Progress, tell
 from ..base.warning_log import warn
-from ..neighbors import kd_order, take
-from ..points.smoothing.smooth import Placed
+from ..cloud.denoising.smooth import Placed
+from ..cloud.neighbors import kd_order, take
 from ..tree.build import Splats
 from ..tree.settings import TreeSettings
 from .levels import THIN

@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_numbers
 from ..base.progress import Progress, part_of
-from ..data import Points
-from ..neighbors import NeighborTree, distinct
-from ..points.usual import Usual
+from ..cloud.neighbors import NeighborTree, distinct
+from ..cloud.points import Points
+from ..cloud.statistics import Usual
 from .borders import lone_borders
 from .cells import Cells, Cloud, cloud_of
 from .closed import USUAL, distances

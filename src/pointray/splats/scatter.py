@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from ..base.arguments import check_callback
 from ..base.progress import Progress, part_of, tell
-from ..data import Points
-from ..neighbors import NeighborTree, distinct, kd_order, take
-from ..points.smoothing.smooth import Placed
+from ..cloud.denoising.smooth import Placed
+from ..cloud.neighbors import NeighborTree, distinct, kd_order, take
+from ..cloud.points import Points
 from .local_planes import LocalPlanes, columns_of, disagreement, fit_planes
 from .scatter_islands import follow_around
 from .scatter_normals import Normals, follow_normals

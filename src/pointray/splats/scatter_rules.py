@@ -13,9 +13,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.normals.fit_batch import Triple, inner, zeros
 from ..engine.jit import Array, borrow, f32, inline, kernel, next_tile, run
 from ..engine.simd import F16, ONE, ZERO, Mask, gather16, load16, select, store, vabs, vmax, vmin
-from ..points.normals.sixteen import Triple, inner, zeros
 from .local_planes import CHUNK, LANES, Xyz, difference, gather_triple, load_triple
 
 Floats = NDArray[np.float32]

@@ -9,11 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_choice, check_positive
 from ..base.choices import AS_SPHERES, AS_SURFACE, AUTO, SCATTER
-from ..data import Points
+from ..cloud.kd_ordering import Path, along_path
+from ..cloud.neighbors import NeighborTree
+from ..cloud.points import Points
+from ..cloud.statistics import Usual
 from ..engine.kernels.tree import DISCS, SPHERES
-from ..neighbors import NeighborTree
-from ..points.path import Path, along_path
-from ..points.usual import Usual
 from ..tree.build import Splats
 from .gaps import largest_reach
 from .local_planes import columns_of, fit_planes

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import Points
+from ..cloud.points import Points
 from ..tree.build import Splats
 from .averages import attribute_averages
 from .groups import Groups, groups_in_cells

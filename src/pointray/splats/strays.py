@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..neighbors import distinct, neighbors
+from ..cloud.neighbors import distinct, neighbors
 
 NOTICE = 3.0  # medians of reach: a disc wider than this is examined
 OTHERS = 10.0  # this many other discs are enough however wide a disc is: a sphere of 100 points explains itself

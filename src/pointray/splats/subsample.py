@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ..base.arguments import check_callback, check_kind, check_positive, check_whole
 from ..base.warning_log import warn
-from ..data import Points
-from ..neighbors import distinct, kd_order, neighbors
-from ..points.smoothing.smooth import check_sigma, place
-from ..survey import RESIDUAL
+from ..cloud.denoising.smooth import check_sigma, place
+from ..cloud.georeference import RESIDUAL
+from ..cloud.neighbors import distinct, kd_order, neighbors
+from ..cloud.points import Points
 from .averages import attribute_averages
 from .cells import NEIGHBORS
 from .cover import relax

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import Progress, part_of, tell
-from ..neighbors import NeighborTree, distinct, take
-from ..points.sampled import of_places
-from ..points.usual import Usual
+from ..cloud.neighbors import NeighborTree, distinct, take
+from ..cloud.sampled_statistics import of_places
+from ..cloud.statistics import Usual
 from .cells import NEIGHBORS
 from .fringe import trim_fringe
 from .radii import choose_radii

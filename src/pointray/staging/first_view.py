@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.arguments import Vector, check_choice, check_direction, check_kind, check_number
 from ..base.choices import AUTO, VIEWS
 from ..base.warning_log import warn
-from ..data import Points
+from ..cloud.points import Points
 from ..model import Model
 from ..rendering.camera import SIZE, Camera
 from ..scene.scene import Scene

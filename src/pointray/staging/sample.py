@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import STRETCHES, Points, spread_rows
+from ..cloud.points import STRETCHES, Points, spread_rows
 from ..engine.kernels.records import TO_MODEL
 from ..engine.kernels.tree import Tree
 from ..model import Model

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.choices import SURFACES, number_of
+from ..cloud.neighbors import kd_order
+from ..cloud.statistics import steady
 from ..engine.jit import run
 from ..engine.kernels.tree import (
     BOUNDS,
@@ -26,8 +28,6 @@ from ..engine.kernels.tree import (
     WIDTH,
     Tree,
 )
-from ..neighbors import kd_order
-from ..points.usual import steady
 from .blocks import make_blocks
 from .leaves import fill_groups, fill_leaves, limits_of, longest_step
 from .settings import TreeSettings

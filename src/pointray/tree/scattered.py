@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.neighbors import kd_order
 from ..engine.jit import Array, inline, kernel, next_tile, run
 from ..engine.kernels.tree import (
     BLOCK,
@@ -27,7 +28,6 @@ from ..engine.kernels.tree import (
     Tree,
     first_scattered,
 )
-from ..neighbors import kd_order
 from .blocks import PER_BLOCK, make_blocks
 from .build import Splats, bounds_of, packed_colors, rows_of_slots, unpacked_colors
 from .wide import collapse, enclose

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.neighbors.order import first_part
 from ..engine.jit import Array, borrow, f32, kernel, next_tile, run, uncompiled
 from ..engine.kernels.tree import BLOCK, FAR, INV_R2, PX
-from ..neighbors.order import first_part
 from .blocks import PER_BLOCK
 
 PER_GROUP = 64  # blocks

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from .. import __version__
-from ..data import Points
+from ..cloud.points import Points
 from ..image.legend import draw_legend
 from ..rendering.camera import Camera
 from ..scene.scene import Scene

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.georeference import RESIDUAL
 from ..model import Model
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute, category_name
-from ..survey import RESIDUAL
 
 MOST_LINES = 24
 WHOLE = 1e15  # floats below it that are whole numbers are written without decimals and exponent

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..data import Points
+from ..cloud.points import Points
 from ..image.tone import srgb_to_linear
 from ..rendering.camera import Camera, view_axes
 from ..staging.studio import CLAY, HORIZON, KEY, KEY_DIRECTION

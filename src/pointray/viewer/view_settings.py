@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import Vector
 from ..base.choices import AUTO, EXPOSED, SAME
+from ..cloud.georeference import RESIDUAL
 from ..image.exposure import tone_of, white_under
 from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
 from ..model import Model
@@ -31,7 +32,6 @@ from ..shade.materials.specular import Dielectric, Mirror
 from ..staging import HEADLIGHT, STUDIO
 from ..staging.direction import axes_of
 from ..staging.studio import CLAY
-from ..survey import RESIDUAL
 from .light_control import Color, LightControl, controls_of, light_controls_of, new_light_control
 from .shared_scene import SharedScene
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...data import Points
+from ...cloud.points import Points
 from ...engine.jit import compile_seconds
 from ...model import Model
 from ...points import procedural

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from ...data import Points
+from ...cloud.points import Points
 from ...rendering.camera import Camera
 from ...scene.scene import Scene
 

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.progress import Progress
-from ...data import Points
-from ...survey import Survey
+from ...cloud.georeference import Survey
+from ...cloud.points import Points
 
 CHUNK = 1 << 18  # rows of a chunk, about
 HEAD = 1 << 12  # bytes of a file's beginning from which its format is recognised

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...data import Points
-from ...survey import RESIDUAL, numbers_of
-from ..geographic import in_file
+from ...cloud.geographic import in_file
+from ...cloud.georeference import RESIDUAL, numbers_of
+from ...cloud.points import Points
 
 
 def is_float64(points: Points) -> bool:

@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ...survey import Survey
+from ...cloud.georeference import Survey
 from ._counts import missing
 from ._odd_numbers import plain_lines
 from ._source import CHUNK, HEAD, NO, SURE, Chunk, Faults, Format, Listing, Request, Source

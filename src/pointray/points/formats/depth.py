@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...survey import Survey
+from ...cloud.georeference import Survey
 from ._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
 
 PNG, NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...survey import Survey
+from ...cloud.georeference import Survey
 from ._named_columns import roles_of
 from ._source import CHUNK, MAYBE, NO, Chunk, Faults, Format, Listing, Request, Source
 

@@ -44,7 +44,7 @@ from .solids import (
 )
 
 if TYPE_CHECKING:
-    from ...data import Points
+    from ...cloud.points import Points
 
 NAMES = ("statue", "sphere", "torus", "lattice")
 MOST = 100_000_000
@@ -158,7 +158,7 @@ def procedural(name: str, n: int, seed: int = 0) -> Points:
     ValueError
         The name is unknown, or n is no whole number in its range.
     """
-    from ...data import Points
+    from ...cloud.points import Points
 
     positions, normals, colors = sample(name, n, seed)
     return Points(positions, normals=normals, colors=colors)

@@ -13,7 +13,7 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from ....survey import Survey
+from ....cloud.georeference import Survey
 from ._array import Header, blocks_of, read_header
 
 SUFFIX = ".npy"

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.progress import Progress, tell
-from ....data import Points
-from ....survey import RESIDUAL
+from ....cloud.georeference import RESIDUAL
+from ....cloud.points import Points
 from .._counts import missing
 from .._named_columns import CHANNELS, NORMAL_AXES, Columns, roles_of
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source

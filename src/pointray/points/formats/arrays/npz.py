@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ....base.progress import Progress, tell
 from ....base.warning_log import warn
-from ....data import Points
-from ....survey import RESIDUAL
+from ....cloud.georeference import RESIDUAL
+from ....cloud.points import Points
 from .._named_columns import POSITIONS, SPECIAL, Columns, Roles, roles_of
 from .._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
 from .._unnamed_columns import judge_array

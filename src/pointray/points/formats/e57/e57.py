@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ....survey import SCAN, Survey
+from ....cloud.georeference import SCAN, Survey
 from ...colors import GREY
 from .._counts import unequal
 from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ....survey import RESIDUAL
+from ....cloud.georeference import RESIDUAL
 from .._source import Chunk, Faults
 from ._header import Header, _text
 

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.progress import Progress, tell
-from ....data import Points
-from ....survey import RESIDUAL, Survey, numbers_of
-from ...geographic import in_file
+from ....cloud.geographic import in_file
+from ....cloud.georeference import RESIDUAL, Survey, numbers_of
+from ....cloud.points import Points
 from .._source import CHUNK
 from ._crs import USER, WKT, records_for
 

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ....survey import Survey
+from ....cloud.georeference import Survey
 from .._counts import missing, rows_behind
 from .._source import CHUNK, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._copc import Copc, copc_of, nodes_of

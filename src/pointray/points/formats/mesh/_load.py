@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.memory import check_memory
-from ....data import check_count
+from ....cloud.points import check_count
 from ...colors import ColorRange, to_shades
 from .._source import Faults
 from ._gltf import UnsupportedError, readable

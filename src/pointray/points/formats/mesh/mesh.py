@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.extras import require
-from ....survey import Survey
+from ....cloud.georeference import Survey
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ..ply._header import least_size, read_header
 from ._text import STL_HEADER, check_stl, is_text_stl

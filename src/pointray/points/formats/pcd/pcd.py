@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ....survey import Survey
+from ....cloud.georeference import Survey
 from .._counts import most_lines, rows_behind, rows_there, unequal, whole_lines
 from .._named_columns import Columns, Roles, roles_of
 from .._odd_numbers import plain_lines

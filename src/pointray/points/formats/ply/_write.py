@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement
 
 from ....base.progress import Progress, tell
-from ....data import Points
-from ...geographic import in_file
+from ....cloud.geographic import in_file
+from ....cloud.points import Points
 from .._source import CHUNK
 from ._names import COLORS, NORMALS
 

@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
-from ....survey import Survey
+from ....cloud.georeference import Survey
 from .._counts import most_lines, rows_behind
 from .._packed_colors import PackedColors, find_packed
 from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.extras import require
-from ....survey import Survey
+from ....cloud.georeference import Survey
 from .._source import NO, SURE, Chunk, Format, Request, Source
 from ._common import HARMONIC, KEEPS, ROWS, Splats, listing_of, opaque_chunks, smallest_three
 

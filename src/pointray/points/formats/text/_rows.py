@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from ....survey import Survey
+from ....cloud.georeference import Survey
 from .._counts import unequal
 from .._source import Chunk, Faults, Listing, Request, Source
 from ._columns import Layout, merged, scanning

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.warning_log import warn
-from ....survey import SCAN, Survey
+from ....cloud.georeference import SCAN, Survey
 from ...colors import GREY
 from .._counts import unequal
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source

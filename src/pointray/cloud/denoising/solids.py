@@ -1,0 +1,130 @@
+"""Solids of planes: two or three candidates, with signs, whose solid lies closest to a point's neighbours.
+
+Every so manieth neighbour judges. Its heights over all candidates are one vector.
+"""
+
+from __future__ import annotations
+
+from ...engine.jit import Array, f32, inline, routine
+from ...engine.simd import (
+    F16,
+    INF,
+    ZERO,
+    Mask,
+    bits,
+    broadcast16,
+    broadcast_from,
+    count_trailing_zeros,
+    lane,
+    load16,
+    mask16,
+    reduce_min,
+    select,
+    store,
+    vabs,
+    vmax,
+    vmin,
+)
+from ..normals.fit_batch import LANES, zeros
+from .candidates import CANDIDATES, JUDGES, Neighbors, height
+
+BLUNT = 0.9  # cosine of the angle between planes from which they are one
+BELOW = f32(-1e15)  # offset of a plane below all
+
+
+@routine
+def judge(k: int, memory: Neighbors) -> int:
+    """Write the heights of some neighbours over all candidates; returns how many neighbours."""
+    found, width, judges = memory.found, len(memory.weights), 0
+    n = load16(found, 0), load16(found, LANES), load16(found, 2 * LANES)
+    offset = load16(found, 3 * LANES)
+    for j in range(0, k, max(k // JUDGES, 1)):
+        x, y = broadcast_from(memory.places, j), broadcast_from(memory.places, width + j)
+        z = broadcast_from(memory.places, 2 * width + j)
+        store(memory.heights, LANES * judges, n[0] * x + n[1] * y + n[2] * z + offset)
+        judges += 1
+    return judges
+
+
+@inline
+def _unlike(planes: Array, a: int, memory: Neighbors) -> Mask:
+    """Which candidates are at an angle to plane a."""
+    found, normal = memory.found, (planes[a], planes[LANES + a], planes[2 * LANES + a])
+    cosine = load16(found, 0) * normal[0] + load16(found, LANES) * normal[1] + load16(found, 2 * LANES) * normal[2]
+    return vabs(cosine) <= f32(BLUNT)
+
+
+@inline
+def _take(memory: Neighbors, at: int, a: int, sign: float) -> None:
+    """Choose candidate a."""
+    for c in range(4):
+        memory.chosen[LANES * c + at] = f32(sign) * memory.found[LANES * c + a]
+
+
+@routine
+def choose_two(judges: int, cut: float, memory: Neighbors) -> float:
+    """The two candidates, with signs, whose solid lies closest to the neighbours; returns the sum of squares."""
+    least, one, two, sign_one, sign_two = INF, 0, 0, 1.0, 1.0
+    for a in range(1, CANDIDATES):
+        allowed = _unlike(memory.found, a, memory) & mask16((1 << a) - 1)
+        if bits(allowed) == 0:
+            continue
+        convex, concave, up, down = _squares(judges, a, cut, memory)
+        best = vmin(vmin(convex, concave), vmin(up, down))
+        best = select(allowed, best, broadcast16(INF))
+        lowest = reduce_min(best)
+        if lowest < least:
+            least, one, two = lowest, a, count_trailing_zeros(bits(best <= lowest))
+            sign_one = 1.0 if min(lane(convex, two), lane(up, two)) <= lowest else -1.0
+            sign_two = 1.0 if min(lane(convex, two), lane(down, two)) <= lowest else -1.0
+    _take(memory, 0, one, sign_one)
+    _take(memory, 1, two, sign_two)
+    for c in range(3):
+        memory.chosen[LANES * c + 2] = ZERO
+    memory.chosen[3 * LANES + 2] = BELOW
+    return least
+
+
+@inline
+def _squares(judges: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, F16, F16, F16]:
+    """Squared distances to the solids of candidate a and each other one, with both, neither or one of them turned."""
+    most = broadcast16(f32(cut))
+    convex = concave = up = down = zeros()
+    for j in range(judges):
+        p, q = broadcast_from(memory.heights, LANES * j + a), load16(memory.heights, LANES * j)
+        high, low, right, left = vmax(p, q), vmin(p, q), vmax(p, ZERO - q), vmax(ZERO - p, q)
+        convex, concave = convex + vmin(high * high, most), concave + vmin(low * low, most)
+        up, down = up + vmin(right * right, most), down + vmin(left * left, most)
+    return convex, concave, up, down
+
+
+@routine
+def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
+    """Replace one of three planes by the candidate with which their solid comes closest; returns the sum of squares."""
+    chosen, one, two, judges = memory.chosen, (at + 1) % 3, (at + 2) % 3, 0
+    allowed = _unlike(chosen, one, memory) & _unlike(chosen, two, memory) & mask16((1 << CANDIDATES) - 1)
+    if bits(allowed) == 0:
+        return INF
+    width, most, up = len(memory.weights), broadcast16(f32(cut)), zeros()
+    down = up
+    for j in range(0, k, max(k // JUDGES, 1)):
+        x, y = broadcast_from(memory.places, j), broadcast_from(memory.places, width + j)
+        place = x, y, broadcast_from(memory.places, 2 * width + j)
+        p, q = vmax(height(chosen, one, place), height(chosen, two, place)), load16(memory.heights, LANES * judges)
+        above, below = vmax(p, q), vmax(p, ZERO - q)
+        up, down, judges = up + vmin(above * above, most), down + vmin(below * below, most), judges + 1
+    best = select(allowed, vmin(up, down), broadcast16(INF))
+    least = reduce_min(best)
+    a = count_trailing_zeros(bits(best <= least))
+    _take(memory, at, a, 1.0 if lane(up, a) < lane(down, a) else -1.0)
+    return least
+
+
+@inline
+def choose_third(k: int, cut: float, memory: Neighbors) -> float:
+    """The candidate that makes the solid of two planes come closest, then better ones than these two."""
+    least = _replace(k, 2, cut, memory)
+    if least < INF:
+        least = min(least, _replace(k, 0, cut, memory))
+        least = min(least, _replace(k, 1, cut, memory))
+    return least

@@ -1,0 +1,240 @@
+"""The kd order of a cloud that does not fit into memory: which points each of its parts holds.
+
+A part is an aligned stretch of the order of `order.kd_order`, a power of two of points long (the last one may be
+shorter), and so a subtree of the kd-tree; it can be sorted by itself. The points are read level by level: the
+coordinate at which a span is cut is found by its bits, 16 at a time, which takes two readings, whatever the number of
+spans (radix selection). If several points of a span lie on its cut, a third one tells which of them are of the first
+side: those of the lowest rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.progress import Progress, part_of, tell
+from ...engine.jit import Array, i64, inline, kernel, next_tile, run, thread_count, uncompiled
+from .order import first_part
+
+HALF = 16  # bits of a digit
+DIGITS = 1 << HALF
+ZERO = 1 << 31  # the key of 0
+ROOM = 1 << 28  # bytes of the counts, with which more threads share the work
+LOOKS = 0.4, 0.8  # shares of a level's time after which upper digits are known, and lower ones
+
+Floats = NDArray[np.float32]
+Whole = NDArray[np.int64]
+Chunks = Callable[[], Iterable[Floats]]
+
+
+class Cuts(NamedTuple):
+    """The top of a kd-tree, down to its parts.
+
+    axes : (m,) int64, across which each span is cut
+    keys : (m,) int64, the coordinate there, see `_key`
+    ties : (m,) int64, points at that coordinate are of the first side if their row is lower than this
+    children : (m, 2) int64, a node or ~part
+    """
+
+    axes: Whole
+    keys: Whole
+    ties: Whole
+    children: Whole
+
+    def parts_of(self, positions: Floats, row: int) -> Whole:
+        """The part of each of some positions, (m, 3) float32, which are the rows from `row` on."""
+        parts = np.empty(len(positions), np.int64)
+        run(_find_parts, -(-len(parts) // DIGITS), _bits_of(positions), row, self, parts)
+        return parts
+
+
+class _Span(NamedTuple):
+    """A stretch of the order that is to be cut: its first place and length; node, side : where the tree names it."""
+
+    place: int
+    points: int
+    node: int
+    side: int
+
+
+@inline
+def _key(bits: int) -> int:
+    """A number from 0 to 2^32 that is ordered as the float32 with these bits; those of 0 and -0 are the same."""
+    return i64(bits) + ZERO if bits >= 0 else -i64(bits)
+
+
+@inline
+def _part_of(bits: Array, i: int, row: int, cuts: Cuts) -> int:
+    """The part of the point i, whose row is `row`."""
+    node = i64(0) if len(cuts.axes) > 0 else i64(-1)
+    while node >= 0:
+        key = _key(bits[i, cuts.axes[node]])
+        is_second = key > cuts.keys[node] or (key == cuts.keys[node] and row >= cuts.ties[node])
+        node = cuts.children[node, 1 if is_second else 0]
+    return ~node
+
+
+@kernel
+def _find_parts(work: Array, bits: Array, row: int, cuts: Cuts, parts: Array) -> int:
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * DIGITS, min((tile + 1) * DIGITS, len(bits))):
+            parts[i] = _part_of(bits, i, row + i, cuts)
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _count_upper(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, bounds: Array, counts: Array) -> int:
+    """Bound the spans by keys, and count the upper digits of their coordinates. Each tile has bounds and counts.
+
+    slots : (parts,) which span a part is the first of, or -1
+    bounds : (tiles, spans, 6) least keys and greatest; counts : (tiles, spans, 3, DIGITS) int32
+    """
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * len(bits) // len(bounds), (tile + 1) * len(bits) // len(bounds)):
+            span = slots[_part_of(bits, i, row + i, cuts)]
+            if span >= 0:
+                for c in range(3):
+                    key = _key(bits[i, c])
+                    bounds[tile, span, c] = min(bounds[tile, span, c], key)
+                    bounds[tile, span, 3 + c] = max(bounds[tile, span, 3 + c], key)
+                    counts[tile, span, c, key >> HALF] += 1
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _count_lower(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, counts: Array) -> int:
+    """Count the lower digits of coordinates with certain upper ones.
+
+    chosen : (spans, 2) axis and upper digits; counts : (tiles, spans, DIGITS) int32
+    """
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * len(bits) // len(counts), (tile + 1) * len(bits) // len(counts)):
+            span = slots[_part_of(bits, i, row + i, cuts)]
+            if span >= 0:
+                key = _key(bits[i, chosen[span, 0]])
+                if key >> HALF == chosen[span, 1]:
+                    counts[tile, span, key & (DIGITS - 1)] += 1
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _find_ties(bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, left: Array, ties: Array) -> int:
+    """Find the row after which as many points have been seen on each cut as are `left` to its first side.
+
+    chosen : (spans, 2) axis and key
+    """
+    for i in range(len(bits)):
+        span = slots[_part_of(bits, i, row + i, cuts)]
+        if span >= 0 and left[span] > 0 and _key(bits[i, chosen[span, 0]]) == chosen[span, 1]:
+            left[span] -= 1
+            if left[span] == 0:
+                ties[span] = row + i + 1
+    return 0
+
+
+def find_cuts(chunks: Chunks, count: int, size: int, progress: Progress | None = None) -> Cuts:
+    """The cuts of the kd order of many points, down to parts of `size` points.
+
+    Parameters
+    ----------
+    chunks : callable
+        Gives all points, (m, 3) float32 at a time, finite, as often as asked in the same order.
+    count : int
+        How many there are.
+    size : int
+        A power of two.
+    progress : callable, optional
+        Called with the share done.
+
+    Raises
+    ------
+    ValueError
+        If the chunks hold another number of points.
+    """
+    none = np.zeros(0, np.int64)
+    cuts = Cuts(none, none, none, np.zeros((0, 2), np.int64))
+    spans = [_Span(0, count, -1, 0)] if count > size else []
+    levels, level = max(-(-count // size) - 1, 1).bit_length(), 0
+    while spans:
+        cloud = _Cloud(chunks, count, cuts, np.full(-(-count // size), -1))
+        cloud.slots[[span.place // size for span in spans]] = np.arange(len(spans))
+        sizes = np.array([uncompiled(first_part)(span.points) for span in spans])
+        found = _cut(cloud, sizes, part_of(progress, level / levels, (level + 1) / levels))
+        children, halves = cuts.children.tolist(), []
+        for node, (span, first) in enumerate(zip(spans, sizes.tolist(), strict=True), len(cuts.axes)):
+            if span.node >= 0:
+                children[span.node][span.side] = node
+            children.append([~(span.place // size), ~((span.place + first) // size)])
+            halves += [_Span(span.place, first, node, 0), _Span(span.place + first, span.points - first, node, 1)]
+        axes, keys, ties = (np.concatenate(pair) for pair in zip(cuts[:3], found, strict=True))
+        cuts = Cuts(axes, keys, ties, np.array(children))
+        spans, level = [half for half in halves if half.points > size], level + 1
+    tell(progress, 1.0)
+    return cuts
+
+
+class _Cloud(NamedTuple):
+    """All points, and the spans that are to be cut; slots : (parts,) which span a part is the first of, or -1."""
+
+    chunks: Chunks
+    points: int
+    cuts: Cuts
+    slots: Whole
+
+    def read(self, look: Callable[[NDArray[np.int32], int], Any], progress: Progress | None) -> None:
+        """Give all points to a function, with the row of the first."""
+        row = 0
+        for chunk in self.chunks():
+            look(_bits_of(chunk), row)
+            row += len(chunk)
+            tell(progress, min(row / self.points, 1.0))
+        if row != self.points:
+            raise ValueError(f"{row:,} points were read where {self.points:,} were expected")
+
+
+def _cut(cloud: _Cloud, sizes: Whole, progress: Progress | None) -> tuple[Whole, Whole, Whole]:
+    """Axis, key and tie of the cut of each span; sizes : (spans,) how many points are of the first side."""
+    spans, rest = len(sizes), (cloud.cuts, cloud.slots)
+    tiles = min(max(ROOM // (spans * 3 * DIGITS * 4), 1), thread_count())
+    bounds = np.tile([2 * ZERO + 1] * 3 + [-1] * 3, (tiles, spans, 1))
+    upper = np.zeros((tiles, spans, 3, DIGITS), np.int32)
+    cloud.read(
+        lambda bits, row: run(_count_upper, tiles, bits, row, *rest, bounds, upper), part_of(progress, 0.0, LOOKS[0])
+    )
+    low, high = _values_of(bounds[..., :3].min(axis=0)), _values_of(bounds[..., 3:].max(axis=0))
+    axes = np.argmax(high - low, axis=1)  # the first of equal ones, as in `order`
+    digits, before = _digits_at(upper[:, np.arange(spans), axes], sizes)
+    lower, chosen = np.zeros((tiles, spans, DIGITS), np.int32), np.column_stack([axes, digits])
+    cloud.read(lambda bits, row: run(_count_lower, tiles, bits, row, *rest, chosen, lower), part_of(progress, *LOOKS))
+    last, below = _digits_at(lower, sizes - before)
+    keys, left, ties = digits * DIGITS + last, sizes - before - below, np.zeros(spans, np.int64)
+    if left.any():
+        chosen = np.column_stack([axes, keys])
+        cloud.read(lambda bits, row: _find_ties(bits, row, *rest, chosen, left, ties), part_of(progress, LOOKS[1], 1.0))
+    return axes, keys, ties
+
+
+def _digits_at(counts: NDArray[np.int32], ranks: Whole) -> tuple[Whole, Whole]:
+    """For each span the digit of its point of a rank, and how many points have lower ones; counts : by tiles."""
+    ends = counts.sum(axis=0, dtype=np.int64).cumsum(axis=1)
+    digits = np.array([np.searchsorted(row, rank, side="right") for row, rank in zip(ends, ranks, strict=True)])
+    before = np.where(digits > 0, ends[np.arange(len(ends)), digits - 1], 0)
+    return digits, before
+
+
+def _values_of(keys: Whole) -> Floats:
+    """The coordinates that keys stand for."""
+    return np.where(keys >= ZERO, keys - ZERO, -keys).astype(np.int32).view(np.float32)
+
+
+def _bits_of(positions: Floats) -> NDArray[np.int32]:
+    return np.ascontiguousarray(positions, np.float32).view(np.int32)

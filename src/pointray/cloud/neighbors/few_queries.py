@@ -1,0 +1,125 @@
+"""The neighbours of a few points among very many: only the points in the cells around them are searched."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, borrow, f64, i64, inline, kernel, next_tile, run
+from . import distinct, neighbors
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.integer[Any]]
+
+FEW = 500_000  # no more points than this are all searched
+GUESS, GUESSED = 20_000, 500  # sample that tells how large cells must be, and how many of it are queried
+WIDE = 1.5  # the size of a cell, in distances to the last neighbour
+SOUND = 0.8  # share of neighbourhoods that must lie within their cells; the others are left out
+TABLE = 1 << 24  # hash numbers of cells
+CHUNK = 1 << 16  # points that a thread tests at a time
+FAR = 2.0**61  # cells from the origin
+
+
+class Neighborhoods(NamedTuple):
+    """The nearest distinct positions of a few points.
+
+    Attributes
+    ----------
+    rows : (m, k) int
+        One row for each position, nearest first: the first is the point itself.
+    shared : (m, k) int
+        How many rows have that position.
+    farthest : (m,) float32
+        Distance to the last position.
+    """
+
+    rows: Rows
+    shared: Rows
+    farthest: Floats
+
+
+def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> Neighborhoods:
+    """The k nearest distinct positions of `count` random points, or of all points if there are fewer.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+        Finite.
+    """
+    random = np.random.default_rng(seed)
+    queries = np.sort(random.choice(len(positions), min(count, len(positions)), replace=False, shuffle=False))
+    if len(positions) <= FEW:
+        return _nearest(positions, np.arange(len(positions)), queries, k)
+    some = positions[random.integers(len(positions), size=GUESS)]
+    some = some[distinct(some)[0]]
+    farthest = float(np.median(neighbors(some, k, some[:GUESSED])[0][:, -1]))
+    cell = WIDE * farthest * np.sqrt(GUESS / len(positions))  # of a surface
+    while cell > 0:
+        around = rows_around(positions, positions[queries], cell)
+        found = _nearest(positions, around, queries, k)
+        sound = found.farthest <= cell
+        if len(around) == len(positions):
+            return found
+        if found.rows.shape[1] == k and sound.mean() >= SOUND:
+            return Neighborhoods(*(array[sound] for array in found))
+        cell *= 2
+    return _nearest(positions, np.arange(len(positions)), queries, k)
+
+
+def _nearest(positions: Floats, around: Rows, queries: Rows, k: int) -> Neighborhoods:
+    """The neighbourhoods of the rows `queries` among the rows `around`, which contain them."""
+    rows, ids = distinct(positions[around])
+    shared = np.bincount(ids)
+    distances, near = neighbors(positions[around[rows]], k, positions[queries])
+    return Neighborhoods(around[rows[near]], shared[near], distances[:, -1])
+
+
+def rows_around(positions: Floats, queries: Floats, cell: float) -> Rows:
+    """The rows in the cells of the queries and in the adjacent cells, and a few others with equal hashes."""
+    wanted, chosen = np.zeros(TABLE, np.bool_), np.empty(len(positions), np.bool_)
+    _mark(np.ascontiguousarray(queries), float(cell), wanted)
+    run(_choose, -(-len(positions) // CHUNK), np.ascontiguousarray(positions), float(cell), wanted, chosen)
+    return np.flatnonzero(chosen)
+
+
+@inline
+def _cell_of(positions: Array, i: int, cell: float) -> tuple[int, int, int]:
+    """The cell of a grid in which a point lies; far ones count as nearer."""
+    x, y, z = f64(positions[i, 0]) / cell, f64(positions[i, 1]) / cell, f64(positions[i, 2]) / cell
+    return (
+        i64(math.floor(min(max(x, -FAR), FAR))),
+        i64(math.floor(min(max(y, -FAR), FAR))),
+        i64(math.floor(min(max(z, -FAR), FAR))),
+    )
+
+
+@inline
+def _hash_of(x: int, y: int, z: int) -> int:
+    """A number below TABLE for a cell."""
+    return (x * 73856093 ^ y * 19349663 ^ z * 83492791) & (TABLE - 1)
+
+
+@kernel
+def _mark(queries: Array, cell: float, wanted: Array) -> int:
+    """Mark the cells of the queries, and those beside them."""
+    for i in range(len(queries)):
+        x, y, z = _cell_of(queries, i, cell)
+        for k in range(27):
+            wanted[_hash_of(x + k // 9 - 1, y + k // 3 % 3 - 1, z + k % 3 - 1)] = True
+    return 0
+
+
+@kernel
+def _choose(work: Array, positions: Array, cell: float, wanted: Array, chosen: Array) -> int:
+    """Choose the points in marked cells."""
+    positions, wanted, chosen = borrow(positions), borrow(wanted), borrow(chosen)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(chosen))):
+            x, y, z = _cell_of(positions, i, cell)
+            chosen[i] = wanted[_hash_of(x, y, z)]
+        tile = next_tile(work)
+    return 0

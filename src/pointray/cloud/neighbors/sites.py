@@ -1,0 +1,130 @@
+"""Points in blocks of 16 along their kd order, and boxes around them, 16 to a node, for the search.
+
+Coordinates are scaled by a power of two, exactly, so that no square of a distance that matters overflows or vanishes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
+from ...engine.simd import INF, load16, reduce_max, reduce_min
+from .order import kd_order
+
+LANES = 16  # points of a block, children of a node
+BLOCK = 3 * LANES  # float32 of a block: x, y, z of all its points; infinite where there is none
+NODE = 6 * LANES  # float32 of a node: the least x, y, z of all its children, then the greatest; empty ones are no box
+CHUNK = 256  # nodes that a thread fills at a time
+
+Floats = NDArray[np.float32]
+
+
+class Blocks(NamedTuple):
+    """Points in kd order.
+
+    size : how many
+    blocks : (b * BLOCK,) float32, scaled
+    numbers : (b * LANES,) int32, the caller's row of each point
+    """
+
+    size: int
+    blocks: Floats
+    numbers: NDArray[np.int32]
+
+
+class Boxes(NamedTuple):
+    """Boxes around blocks.
+
+    nodes : (m * NODE,) float32, level by level from the blocks up; child c of a level's node i is 16 i + c of the level
+        below
+    starts : (levels + 1,) int64, the first node of each level, and the number of nodes
+    """
+
+    nodes: Floats
+    starts: NDArray[np.int64]
+
+
+@kernel
+def _fill_blocks(work: Array, positions: Array, order: Array, scale: float, blocks: Array, numbers: Array) -> int:
+    """Copy points in an order into blocks; without an order they are in it."""
+    positions, order, blocks, numbers = borrow(positions), borrow(order), borrow(blocks), borrow(numbers)
+    count = len(positions)
+    tile = next_tile(work)
+    while tile >= 0:
+        for b in range(tile * CHUNK * LANES, min((tile + 1) * CHUNK * LANES, len(numbers) // LANES)):
+            for k in range(LANES):
+                slot = b * LANES + k
+                i = -1
+                if slot < count:
+                    i = i64(order[slot]) if len(order) > 0 else slot
+                numbers[slot] = i
+                for c in range(3):
+                    blocks[b * BLOCK + c * LANES + k] = positions[i, c] * scale if i >= 0 else INF
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _fill_leaves(work: Array, count: int, blocks: Array, nodes: Array) -> int:
+    """Bound every block; the children of a node are 16 blocks."""
+    blocks, nodes = borrow(blocks), borrow(nodes)
+    filled = -(-count // LANES)
+    tile = next_tile(work)
+    while tile >= 0:
+        for b in range(tile * CHUNK * LANES, min((tile + 1) * CHUNK * LANES, filled)):
+            at = b // LANES * NODE + b % LANES
+            for c in range(3):
+                least, greatest = INF, -INF
+                for k in range(min(LANES, count - b * LANES)):
+                    value = blocks[b * BLOCK + c * LANES + k]
+                    least, greatest = min(least, value), max(greatest, value)
+                nodes[at + c * LANES], nodes[at + (3 + c) * LANES] = least, greatest
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _fill_levels(nodes: Array, starts: Array) -> int:
+    """Bound the nodes of each level in the level above."""
+    for level in range(len(starts) - 2):
+        for i in range(starts[level], starts[level + 1]):
+            j = i - starts[level]
+            at = (starts[level + 1] + j // LANES) * NODE + j % LANES
+            for c in range(3):
+                nodes[at + c * LANES] = reduce_min(load16(nodes, i * NODE + c * LANES))
+                nodes[at + (3 + c) * LANES] = reduce_max(load16(nodes, i * NODE + (3 + c) * LANES))
+    return 0
+
+
+def scale_of(positions: Floats) -> float:
+    """The power of two that brings coordinates to 1 or below, as far as float32 goes."""
+    greatest = max(float(positions.max()), -float(positions.min()))
+    return math.ldexp(1.0, int(np.clip(-math.frexp(greatest)[1], -120, 120)))
+
+
+def make_blocks(positions: Floats, scale: float, in_order: bool) -> Blocks:
+    """Blocks of points; `in_order`: they are in their kd order."""
+    n = len(positions)
+    order = np.empty(0, np.int32) if in_order or n == 0 else kd_order(positions)
+    count = -(-n // LANES)
+    out = np.empty(count * BLOCK, np.float32), np.empty(count * LANES, np.int32)
+    run(_fill_blocks, -(-count // (CHUNK * LANES)), positions, order, np.float32(scale), *out)
+    return Blocks(n, *out)
+
+
+def make_boxes(points: Blocks) -> Boxes:
+    """Boxes around blocks and around each other, up to a single node."""
+    counts = [-(-len(points.numbers) // LANES**2)]
+    while counts[-1] > 1:
+        counts.append(-(-counts[-1] // LANES))
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    nodes = np.empty((starts[-1], 2, BLOCK), np.float32)
+    nodes[:, 0], nodes[:, 1] = np.inf, -np.inf
+    flat = nodes.reshape(-1)
+    run(_fill_leaves, -(-counts[0] // CHUNK), points.size, points.blocks, flat)
+    _fill_levels(flat, starts)
+    return Boxes(flat, starts)

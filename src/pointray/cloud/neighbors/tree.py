@@ -1,0 +1,119 @@
+"""Neighbours of points, for Python."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.progress import Progress, part_of, tell
+from ...engine.jit import run
+from .search import CHUNK, find_nearest
+from .sites import LANES, Blocks, Boxes, make_blocks, make_boxes, scale_of
+
+Floats = NDArray[np.float32]
+Indices = NDArray[np.int32]
+
+TREE = 0.3  # share of the time for 20 neighbours that the tree takes
+ROWS = 1 << 16  # rows of a table at a time
+
+
+class Near(NamedTuple):
+    """Neighbours of m queries, nearest first.
+
+    distances : (m, k) float32; indices : (m, k) int32, rows of the positions
+    """
+
+    distances: Floats
+    indices: Indices
+
+
+class NeighborTree:
+    """A tree of positions for repeated neighbour queries.
+
+    Neighbours are exact: the k with the least distances in float64, equally far ones by their rows, unless hundreds of
+    positions are equal to the query.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+        Finite.
+    in_order : bool
+        Whether they are in the order of `kd_order`, which saves the sorting.
+    """
+
+    def __init__(self, positions: Floats, in_order: bool = False) -> None:
+        self._scale = scale_of(positions)
+        self._points: Blocks = make_blocks(positions, self._scale, in_order)
+        self._boxes: Boxes = make_boxes(self._points)
+        self._in_order = in_order
+
+    def query(self, k: int, queries: Floats | None = None, progress: Progress | None = None) -> Near:
+        """The k nearest positions of each query.
+
+        Parameters
+        ----------
+        k : int
+            If there are fewer positions, all are returned.
+        queries : (m, 3) float32, optional
+            None: the positions themselves; each is then among its own neighbours (first, unless it has duplicates).
+        progress : callable, optional
+            Called with the share done.
+
+        Returns
+        -------
+        distances : (m, min(k, n)) float32
+        indices : (m, min(k, n)) int32
+        """
+        asked = self._points if queries is None else make_blocks(queries, self._scale, False)
+        k = min(k, self._points.size)
+        distances = np.empty((asked.size, k), np.float32)
+        return Near(distances, self._search(asked, (0, asked.size), distances, k, progress))
+
+    def rows(self, k: int, part: slice | None = None, progress: Progress | None = None) -> Indices:
+        """The rows of the k nearest of each position, (n, min(k, n)) int32, without distances.
+
+        part : a stretch of the positions, which must be in order; it begins at a multiple of 16
+        """
+        span = (0, self._points.size) if part is None else (part.start, min(part.stop, self._points.size))
+        k = min(k, self._points.size)
+        return self._search(self._points, span, np.empty((0, k), np.float32), k, progress)
+
+    def rows_at(self, k: int, queries: Floats) -> Indices:
+        """The rows of the k nearest positions of each query, (m, min(k, n)) int32, without distances."""
+        asked, k = make_blocks(queries, self._scale, False), min(k, self._points.size)
+        return self._search(asked, (0, asked.size), np.empty((0, k), np.float32), k, None)
+
+    def _search(
+        self, asked: Blocks, span: tuple[int, int], distances: Floats, k: int, progress: Progress | None
+    ) -> Indices:
+        count = span[1] - span[0]
+        indices = np.empty((count, k), np.int32)
+        numbers = np.empty(0, np.int32) if asked is self._points and self._in_order else asked.numbers
+        tree = self._points.blocks, self._points.numbers, *self._boxes
+        rows = 1.0 / self._scale, distances.reshape(-1), indices.reshape(-1)
+        tiles = -(-count // (LANES * CHUNK))
+        run(find_nearest, tiles, tree, (asked.blocks, numbers, span[0]), span[1], k, rows, progress=progress)
+        tell(progress, 1.0)
+        return indices
+
+
+def neighbors(positions: Floats, k: int, queries: Floats | None = None, progress: Progress | None = None) -> Near:
+    """The k nearest positions of each query, see `NeighborTree.query`."""
+    tree = NeighborTree(positions)
+    tell(progress, TREE)
+    return tree.query(k, queries, part_of(progress, TREE, 1.0))
+
+
+def neighbor_chunks(positions: Floats, k: int, progress: Progress | None = None) -> Iterator[tuple[slice, Indices]]:
+    """The k nearest of each position, a part of the rows at a time: (rows, (m, min(k, n)) int32), nearest first.
+
+    This serves tables too large to be held at once. The positions must be in the order of `kd_order`.
+    """
+    tree = NeighborTree(positions, in_order=True)
+    for start in range(0, len(positions), ROWS):
+        part = slice(start, min(start + ROWS, len(positions)))
+        yield part, tree.rows(k, part)
+        tell(progress, part.stop / len(positions))

@@ -1,0 +1,62 @@
+"""A check of a file's normals: whether neighbours face opposite sides."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, kernel
+from ..neighbors import distinct, kd_order, neighbors
+
+Floats = NDArray[np.float32]
+
+ACROSS = 0.1  # sine at which a point lies out of another's tangent plane
+OPPOSITE = -0.5  # cosine below which two normals face opposite sides
+RUNS, RUN = 64, 2048  # stretches of the kd order that stand for a large cloud
+
+
+@kernel
+def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array) -> int:
+    """How many edges have normals that face opposite sides, not counting edges between the two sides of a wall.
+
+    From either side of a wall the other lies behind (of a slit, in front); with random signs both are equally frequent.
+    """
+    level = before = behind = 0
+    for t in range(len(rows)):
+        for j in near[t]:
+            nm = height = square = 0.0
+            for c in range(3):
+                d = positions[j, c] - positions[rows[t], c]
+                nm += normals[rows[t], c] * normals[j, c]
+                height += normals[rows[t], c] * d
+                square += d * d
+            if nm < OPPOSITE:
+                across = height * height > ACROSS * ACROSS * square
+                level += not across
+                before += across and height > 0.0
+                behind += across and height < 0.0
+    return level + 2 * min(before, behind)
+
+
+def sample_rows(count: int) -> NDArray[np.int64]:
+    """The places in a kd order of so many points that stand for all: stretches, or each, if there are few."""
+    if count <= RUNS * RUN:
+        return np.arange(count)
+    starts = np.linspace(0, count - RUN, RUNS).astype(np.int64)
+    return (starts[:, None] + np.arange(RUN)).ravel()
+
+
+def agreement_share(positions: Floats, normals: Floats, order: NDArray[np.int32] | None = None) -> float:
+    """Share of the three nearest neighbours that face the opposite side, from a sample if there are many points.
+
+    order : of the positions, like that of `kd_order`, if it is known
+    """
+    order = kd_order(positions) if order is None else order
+    order = order[sample_rows(len(order))]
+    order = order[distinct(positions[order])[0]]
+    path, unit = positions[order], normals[order]
+    if len(path) < 2:
+        return 0.0
+    rows = np.arange(0, len(path), 4)
+    near = neighbors(path, 4, path[rows])[1][:, 1:]
+    return float(_count_agreement(path, unit, rows, np.ascontiguousarray(near)) / near.size)

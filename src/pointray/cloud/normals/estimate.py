@@ -1,0 +1,288 @@
+"""Normals: estimated if a cloud has none, and mended if some are missing or disagree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.arguments import check_callback, check_kind, check_whole
+from ...base.progress import Progress, part_of, tell
+from ..kd_ordering import Path, along_path
+from ..neighbors import distinct, neighbor_chunks, neighbors
+from ..points import Points
+from .consistency import agreement_share
+from .jets import Fits, Planes, fit_normals
+from .layers import Layers, sides
+from .orientation import NEAR, orient
+from .outward import looks_inward
+from .sheets import part_sheets
+from .stations import (
+    check_apart,
+    check_eyes,
+    eyes_of,
+    faced,
+    is_known,
+    settle_unknown,
+    warn_of_ignored,
+    warn_of_lost_scans,
+)
+from .units import to_units
+from .visibility import ignored_stations
+
+MENDING = 8  # good normals that stand in for a missing one
+UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before a message mentions it
+DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are recomputed: real scans have up to 0.006
+
+FITTED, ORIENTED = 0.7, 0.8  # shares of the time after which normals are fitted, and oriented
+
+Floats = NDArray[np.float32]
+Fitting = Callable[[Floats, int, Floats | None, Progress | None, Planes | None], Fits]  # see `fit_normals`
+
+
+def estimate_normals(
+    points: Points,
+    neighbors: int | None = None,
+    viewpoint: ArrayLike | None = None,
+    progress: Progress | None = None,
+) -> Points:
+    """Normals of quadrics fitted to the nearest neighbours, turned to agree with each other.
+
+    Parameters
+    ----------
+    points : Points
+    neighbors : int, optional
+        How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10 to 64, chosen by
+        the point's noise and detail and the distance of scan lines.
+    viewpoint : (3,) or (n, 3) array_like, optional
+        World position of the scanner, or of the one that saw each point, NaN where that is unknown (`eyes_along` tells
+        it for a scanner that moved): every normal is turned towards the scanner, or, where it grazes the view, with the
+        plane through its neighbours. Of equal positions the first row's scanner
+        counts. None: the stations of `points.survey`, where the attribute "scan" tells which of them saw each point (a
+        single one without that attribute saw all); one from which its points cannot have been seen, as in merged
+        clouds, is ignored with a warning. Where the scanner is unknown signs pass from point to point and from
+        part to part, from those that are known; a connected group without any is turned outward, or up if it has no
+        outside.
+    progress : callable, optional
+        Called with the share done.
+
+    Returns
+    -------
+    Points
+        The same points with unit normals, (n, 3) float32; rows that are not finite have the normal 0.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three distinct positions, `neighbors` is less than 3, or the viewpoint has another
+        shape, or three numbers that are not finite, or is a single one among the points.
+
+    References
+    ----------
+    Cazals, Pouget: Estimating differential quantities using polynomial fitting of osculating jets (2003).
+    Mitra, Nguyen: Estimating surface normals in noisy point cloud data (2003).
+    Koenig, Gumhold: Consistent propagation of normal orientations in point clouds (2009).
+    Barill, Dickson, Schmidt, Levin, Jacobson: Fast winding numbers for soups and clouds (2018).
+    """
+    check_kind(points, "points", Points, "Points")
+    check_callback(progress)
+    if neighbors is not None:
+        neighbors = min(check_whole(neighbors, "neighbors", 3, or_none=True), max(len(points), 3))
+    return with_fits(points, partial(fit_normals, neighbors=neighbors), viewpoint, progress)[0]
+
+
+def with_fits(
+    points: Points,
+    fit: Fitting,
+    viewpoint: ArrayLike | None = None,
+    progress: Progress | None = None,
+    along: Path | None = None,
+) -> tuple[Points, Floats | None]:
+    """The points with what is fitted to their neighbours, and the noise that was smoothed away at each, (n,), if any.
+
+    Normals get signs like those of `estimate_normals`. `along`, if it is known, is the path through the points.
+    """
+    eyes = _stations_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
+    along = along or along_path(points)
+    path, rows = along.positions, along.rows
+    if len(path) < 3:
+        raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
+    if viewpoint is None:
+        warn_of_lost_scans(points)
+    elif eyes is not None and eyes.ndim == 1:
+        check_apart(path, eyes - points.origin)
+    eye = None if eyes is None else seen_from(points, eyes, rows)
+    known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye) & (eye != path).any(axis=1)
+    watch = progress if known.all() else part_of(progress, 0.0, FITTED)
+    layers = None if known.any() else Layers(path)
+    found = fit(path, 1 if known.all() else NEAR, eye, watch, layers)
+    if layers is not None:
+        if layers.noisy:
+            layers.planes *= orient(layers.moved, layers.planes, layers.near)[:, None]
+            found.normals[:] *= sides(found.normals, layers.planes, layers.near)[:, None]
+        else:
+            found.normals[:] *= orient(found.positions, found.normals, found.near)[:, None]
+        tell(progress, ORIENTED)
+        part_sheets(found.positions, found.normals, found.near, found.residuals)
+    elif not known.all():
+        settle_unknown(found.positions, found.normals, found.near, known)
+    normals = along.spread(found.normals, points)
+    if found.positions is path:
+        return points.with_normals(normals), None
+    positions = along.spread(found.positions, points)
+    positions[~points.finite] = points.positions[~points.finite]
+    assert found.noise is not None
+    return points.changed(positions=positions, normals=normals), along.spread(found.noise, points)
+
+
+def _stations_of(points: Points) -> NDArray[np.float64] | None:
+    """The stations that saw the points, see `eyes_of`; a warning names those that are ignored."""
+    ignored = ignored_stations(points)
+    warn_of_ignored(ignored, len(points.survey.stations))
+    return eyes_of(points, ignored)
+
+
+def seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]) -> Floats:
+    """The eyes of some rows, (m, 3), about the origin."""
+    chosen = eyes if eyes.ndim == 1 else eyes[rows]
+    return np.broadcast_to((chosen - points.origin).astype(np.float32), (len(rows), 3))
+
+
+def mend_normals(
+    points: Points, progress: Progress | None = None, along: Path | None = None
+) -> tuple[Points, str | None]:
+    """The points with unit normals wherever the position is finite, and a message on what was mended.
+
+    Parameters
+    ----------
+    points : Points
+    progress : callable, optional
+    along : Path, optional
+        The path through the points, if it is known.
+
+    Returns
+    -------
+    points : Points
+        A missing normal (zero, NaN or infinite) becomes the mean of the nearest good ones; if none is good, all are
+        estimated. If neighbours all over face opposite sides, directions are kept and signs are recomputed, with the
+        stations of `points.survey` as in `estimate_normals`. Normals that all face inwards are kept. Rows that are not
+        finite have the normal 0.
+    message : str or None
+        One line; None if all normals were good.
+    """
+    if points.normals is None:
+        why = "the points have no normals: estimated from their neighbours"
+        return estimate_normals(points, progress=progress), why
+    mended = with_units(points)
+    if mended is None:
+        why = "all normals are zero or not finite: estimated from the points' neighbours"
+        return estimate_normals(points, progress=progress), why
+    unit, sound = mended.unit, mended.sound
+    said, whole = told(mended.lost, mended.odd, len(points)), bool(sound.all())
+    known, facing = (points.positions, unit) if whole else (points.positions[sound], unit[sound])
+    share = agreement_share(known, facing, along.rows if along and whole else None)
+    if share > DISAGREE:
+        eyes = _stations_of(points)
+        advice = "" if eyes is not None else " (pass viewpoint= to estimate_normals where it is known)"
+        turned = unit
+        unit = _reorient(points, unit, eyes, along)
+        if not np.array_equal(unit, turned):
+            opposite = f"{100 * share:.0f}% of neighbouring normals look to opposite sides"
+            said.append(f"{opposite}: directions kept, signs set anew{advice}")
+    elif looks_inward(known, facing):
+        said.append(
+            "the normals look inwards: used as they are; unless this is a room seen from inside, turn them with "
+            "points.with_normals(-points.normals)"
+        )
+    return points.with_normals(unit), "; ".join(said) or None
+
+
+class Mended(NamedTuple):
+    """Normals of unit length.
+
+    unit : (n, 3) float32; 0 for rows that are not finite
+    sound : (n,) bool, which of them were given, for a row that is finite
+    lost, odd : how many were taken from their neighbours, and had another length
+    """
+
+    unit: Floats
+    sound: NDArray[np.bool_]
+    lost: int
+    odd: int
+
+
+def with_units(points: Points, counted: NDArray[np.int64] | None = None) -> Mended | None:
+    """The points' normals, made unit ones; missing ones are the mean of the nearest good ones. None: none is good.
+
+    counted : the rows that the numbers of mended ones are about. None: all
+    """
+    assert points.normals is not None
+    finite = points.finite
+    unit, length = to_units(points.normals)
+    good = length > 0
+    sound = finite & good
+    whole = bool(sound.all())  # then nothing is copied
+    if not (whole or sound.any()):
+        return None
+    lost = finite & ~good
+    if not whole:
+        unit[~sound] = 0
+    if lost.any():
+        unit[lost] = _mean_of_nearest(points.positions, unit, np.flatnonzero(sound), lost)
+    rows = slice(None) if counted is None else counted
+    lengths = length[rows] if whole else length[rows][sound[rows]]
+    return Mended(unit, sound, int(lost[rows].sum()), _odd_lengths(lengths))
+
+
+def told(lost: int, odd: int, total: int) -> list[str]:
+    """What was mended of so many normals, in words."""
+    said = []
+    if lost:
+        said.append(f"{lost:,} of {total:,} normals are zero or not finite: taken from their neighbours")
+    if odd:
+        said.append(f"{odd:,} of {total:,} normals are not of unit length: made so")
+    return said
+
+
+def _odd_lengths(length: NDArray[np.float64]) -> int:
+    """How many lengths are not 1 within UNIT; 0 if all are scaled alike."""
+    if not len(length) or length.max() - length.min() <= UNIT * length.min():  # as nearly always
+        return 0
+    usual = np.median(length)
+    if np.abs(length - usual).max() <= UNIT * usual:
+        return 0
+    return int((np.abs(length - 1) > UNIT).sum())
+
+
+def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, along: Path | None) -> Floats:
+    """The same directions with recomputed signs; rows with equal positions face the same side, or their stations."""
+    if eyes is not None and np.isfinite(eyes).all():
+        out = unit.copy()
+        out[~faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1
+        return out
+    path, ids, first = along or along_path(points)
+    finite = np.flatnonzero(points.finite)
+    directions = unit[first]
+    near = np.concatenate([found for _, found in neighbor_chunks(path, NEAR)])
+    if eyes is None:
+        directions *= orient(path, directions, near)[:, None]
+    else:
+        eye = seen_from(points, eyes, first)
+        directions[~faced(path, directions, eye)] *= -1
+        settle_unknown(path, directions, near, is_known(eye))
+    out = unit.copy()
+    against = np.einsum("ij,ij->i", unit[finite], directions[ids]) < 0
+    out[finite[against]] *= -1
+    return out
+
+
+def _mean_of_nearest(positions: Floats, unit: Floats, good: NDArray[Any], lost: NDArray[np.bool_]) -> Floats:
+    good = good[distinct(positions[good])[0]]  # a thousand equal positions make the search very slow
+    _, near = neighbors(positions[good], MENDING, positions[lost])
+    nearest = unit[good][near]
+    mean, length = to_units(nearest.mean(axis=1))
+    mean[length == 0] = nearest[length == 0, 0]  # they cancel out
+    return mean

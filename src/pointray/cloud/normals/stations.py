@@ -1,0 +1,119 @@
+"""Stations: where scanners stood tells to which side normals face."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ...base.arguments import check_numbers, vector
+from ...base.warning_log import warn
+from ..georeference import SCAN
+from ..points import Points
+from .orientation import agree
+from .outward import inward_groups
+from .visibility import ignored_stations
+
+Floats = NDArray[np.float32]
+
+CLOSE, FEW = 8, 100  # nearest points that tell whether a viewpoint lies among the points; points that can tell
+AMONG = 1.25  # the farthest of them lies as many times as far from the viewpoint as from the nearest, at most
+
+
+def eyes_of(points: Points, ignored: Sequence[int] | None = None) -> NDArray[np.float64] | None:
+    """The station that saw each point, world: (n, 3) float64, NaN where unknown, or (3,); None if all are unknown.
+
+    The attribute `SCAN` tells each point's. Without it a single station saw all points.
+    ignored : numbers of stations that are not believed. None: found by `ignored_stations`, if the points are a whole
+    """
+    ignored = ignored_stations(points) if ignored is None else ignored
+    stations = np.array(points.survey.stations, np.float64).reshape(-1, 3)
+    scans = points.attributes.get(SCAN)
+    if scans is None or scans.ndim != 1:
+        return stations[0] if len(stations) == 1 and not ignored else None
+    with np.errstate(invalid="ignore"):
+        known = (scans >= 0) & (scans < len(stations)) & (scans == np.rint(scans)) & ~np.isin(scans, ignored)
+    if not known.any():
+        return None
+    eyes = np.full((len(points), 3), np.nan)
+    eyes[known] = stations[scans[known].astype(np.int64)]
+    return eyes
+
+
+def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
+    """A viewpoint as a caller gives it: (3,), or (n, 3) with NaN where it is unknown."""
+    eyes = check_numbers(viewpoint, "viewpoint", "three numbers, or three for each point").astype(np.float64)
+    if eyes.ndim != 2:
+        return vector(viewpoint, "viewpoint")
+    if eyes.shape != (n, 3):
+        raise ValueError(f"viewpoint must have the shape (3,) or ({n}, 3), a row for each point, not {eyes.shape}")
+    return eyes
+
+
+def check_apart(positions: Floats, eye: NDArray[np.float64]) -> None:
+    """Refuse an eye, (3,), that lies among the points as one of them would: in a wall, which it sees from nowhere.
+
+    Points at the very eye are no reason: scanners write returns that they lost so.
+    """
+    distances = np.linalg.norm(positions - eye, axis=1)
+    distances[distances == 0] = np.inf
+    if np.isfinite(distances).sum() < FEW:
+        return
+    nearest = int(distances.argmin())
+    around = np.linalg.norm(positions - positions[nearest], axis=1)
+    if np.partition(distances, CLOSE)[CLOSE] < AMONG * np.partition(around, CLOSE)[CLOSE]:
+        raise ValueError(
+            f"the viewpoint lies among the points, {distances[nearest]:.3g} from one: "
+            "give the place where the scanner stood"
+        )
+
+
+def warn_of_ignored(ignored: Sequence[int], count: int) -> None:
+    """Say that stations are not believed. count : how many stations there are"""
+    if not ignored:
+        return
+    which = "the viewpoint of the file is not where a scanner stood"
+    if count > 1:
+        which = f"{len(ignored):,} of {count:,} viewpoints of the file are not where a scanner stood"
+    warn(f"{which}: ignored for normals", stacklevel=3)
+
+
+def warn_of_lost_scans(points: Points) -> None:
+    """Say which numbers of scans have no station, where others have one."""
+    scans, count = points.attributes.get(SCAN), len(points.survey.stations)
+    if scans is None or scans.ndim != 1 or not count:
+        return
+    with np.errstate(invalid="ignore"):
+        lost = np.isfinite(scans) & (scans >= 0) & ~((scans < count) & (scans == np.rint(scans)))
+    if lost.any():
+        warn(
+            f"{lost.sum():,} of {len(points):,} points are of scans like {scans[lost][0]:g}, and there are stations "
+            f"for 0 to {count - 1} only: they follow their neighbours; pass viewpoint= if you know who saw them",
+            stacklevel=3,
+        )
+
+
+def is_known(eyes: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which rows of (n, 3) eyes have one: (n,) bool."""
+    return np.asarray(np.isfinite(eyes).all(axis=1))
+
+
+def faced(positions: Floats, normals: Floats, eyes: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which normals do not face away from their eyes: (n,) bool, true where the eye is unknown."""
+    return ~(np.einsum("ij,ij->i", normals, eyes - positions) < 0)
+
+
+def settle_unknown(positions: Floats, normals: Floats, near: NDArray[np.int32], known: NDArray[np.bool_]) -> None:
+    """Turn the normals that no eye has turned so that they agree with those that one has, in place.
+
+    In each connected group the known normals vote; a group without any faces outward, as in `orient`.
+    """
+    signs, groups = agree(positions, normals, near)
+    votes = np.bincount(groups[known], signs[known], groups.max() + 1)
+    seen = np.bincount(groups[known], minlength=len(votes)) > 0
+    away = votes < 0
+    if not seen.all():
+        away[~seen] = inward_groups(positions, normals, signs, groups)[~seen]
+    normals[~known] *= (signs * np.where(away, -1, 1)[groups])[~known, None]

@@ -1,0 +1,84 @@
+"""Points from a file, before they are shown: which normals are used, and which warnings are given."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...base.arguments import check_choice
+from ...base.choices import NORMALS
+from ...base.progress import Progress
+from ...base.warning_log import warn
+from ..points import Points
+from ..rounding import find_rounding
+from .comparison import NormalsCheck, compare_normals
+from .estimate import estimate_normals
+from .stations import eyes_of
+
+KEEP = "--normals file"  # the option that keeps the file's normals
+CLEAR = 0.5  # cosine from which a file's normal decides a sign
+AGREED = 0.5  # the signs are turned if the share of opposite ones exceeds the share of equal ones by more than this
+
+
+def trusted(points: Points, choice: str = "auto", keep: str = KEEP, progress: Progress | None = None) -> Points:
+    """The points with the requested normals; warns of wrong normals and of rounded coordinates.
+
+    Parameters
+    ----------
+    points : Points
+    choice : {"auto", "file", "fit"}
+        "auto": the points' own normals, unless these are wrong; "file": their own normals; "fit": none, so that
+        `Model` estimates them.
+    keep : str
+        The option that keeps the file's normals, for messages.
+    progress : callable, optional
+        Progress of estimating normals.
+
+    Raises
+    ------
+    ValueError
+        If the file's normals are requested and there are none.
+    """
+    points, wrong = judged(points, choice, keep)
+    return replaced(points, progress) if wrong else points
+
+
+def judged(points: Points, choice: str = "auto", keep: str = KEEP) -> tuple[Points, bool]:
+    """The points, perhaps without normals, and whether `replaced` must estimate new ones; warns like `trusted`."""
+    check_normals_choice(points, choice, keep)
+    steps, rounded = find_rounding(points)
+    if rounded:
+        warn(rounded, stacklevel=3)
+    if choice == "fit":
+        return points.with_normals(None), False
+    if choice == "file":
+        return points, False
+    found = compare_normals(points, max(steps))
+    if found.wrong:
+        warn(f"{told(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
+    return points, found.wrong
+
+
+def check_normals_choice(points: Points, choice: str, keep: str = KEEP) -> None:
+    """ValueError if the file's normals are requested and there are none."""
+    check_choice(choice, "normals", NORMALS)
+    if choice == "file" and points.normals is None:
+        raise ValueError(f"{keep}: there are no normals in the file")
+
+
+def told(found: NormalsCheck) -> str:
+    """The warning about wrong normals."""
+    return f"normals in the file are a median of {found.angle:.0f} degrees off the surface"
+
+
+def replaced(points: Points, progress: Progress | None = None) -> Points:
+    """The points with fitted normals; if the old ones clearly face the other side, all are turned, but no station's."""
+    fitted = estimate_normals(points, progress=progress).normals
+    assert fitted is not None and points.normals is not None
+    if eyes_of(points) is not None:
+        return points.with_normals(fitted)
+    with np.errstate(invalid="ignore", over="ignore"):
+        length = np.linalg.norm(points.normals, axis=1)
+        side = np.einsum("ij,ij->i", fitted, points.normals)
+        clear = np.abs(side) > CLEAR * length
+    turned = bool(clear.any()) and float(np.sign(side[clear]).mean()) < -AGREED
+    return points.with_normals(-fitted if turned else fitted)

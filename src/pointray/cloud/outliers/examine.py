@@ -1,0 +1,184 @@
+"""The examination of points that may lie off their floor: each has a fit, and what it shows, of its own.
+
+A point is off its floor if it lies farther from it than the floor's own noise explains, while the floor goes on beneath
+the point, about as dense there as around it and on all sides, and little else is on the point's side. A bump of the
+surface has no floor beneath it, an edge has one on one side only, and two sheets are about as dense as each other.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.progress import Progress, tell
+from ...engine.jit import Array, borrow, kernel, next_tile, run
+from ...engine.kernels.vec import tangents
+from ..neighbors import NeighborTree
+from .fits import fit, new_memory
+from .local_fits import AROUND
+
+Floats = NDArray[np.float32]
+Rows = NDArray[np.int64]
+
+FAR, CLEAR, NEAR = 5.0, 3.2, 2.6  # noises off: surely; where its side holds more than the other; beside such points
+# So many times the noise less is enough, up to noise of so many spacings: of a layer 0.5 spacings off 93% are found,
+# not 87%. Of a torus with noise of 0.3 spacings 0.16% are lost; with as much less for all noise 0.24%.
+LITTLE, FAR_LESS, CLEAR_LESS = 0.1, 0.8, 0.3
+BEYOND = 3  # so many more points lie on its side, beyond the noise, than twice those on the other side
+SHOULDER = 0.8  # as a share of them: points at 2 to 3 noises. Rough ground has more, a layer fewer
+BETWEEN = 0.6  # as a share of them: points nearer to the floor, beyond its noise. A slope has more
+SPACINGS = 0.3  # and so many spacings off: what a quadric does not follow
+ROUGH, ROUGHLY = 1.6, 0.1  # the fit's own noise, in the noise around and in spacings: one across two sheets has more
+LEVEL = 3.0  # noises within which points belong to the floor
+
+# How a floor is beneath a point, in the cylinder about the point that the neighbourhood fills: at least so many points;
+# its middle off the axis, as a share of the radius (0.42 at a straight edge); the share of its points in the inner half
+# (usually 0.25); points on the other point's side, as a share of the floor's.
+ENOUGH, ASIDE, INNER, SPARSE = 12, 0.3, 0.1, 0.34
+ENOUGH_BESIDE, ASIDE_BESIDE, SPARSE_BESIDE = 5, 0.55, 0.34  # for a point beside others that are off the floor
+OFF, MAYBE, DOUBT = 3.0, 2.0, 1.0  # what the examination says
+
+# A point joins others that are off: so many in its neighbourhood, unless it may be off by itself, and such a share of
+# those at their height, which are at most so many of the floor's. Heights are the same within a share of the height
+# and within spacings, or half as much again if it may be off. Of a layer 4 spacings off 92% are found without this.
+BESIDE, MOSTLY, SPARSE_THERE = 2, 0.5, 0.6
+SAME, SAME_SPACINGS, MAYBE_SAME = 0.4, 1.0, 1.5
+
+CHUNK = 1024  # points of a tile
+ROWS = 1 << 17  # rows of a table at a time
+
+
+@kernel
+def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Array, out: Array) -> int:
+    """Write to out[i] whether the row is off its floor, the offset to it, the floor's spacing, and the company."""
+    positions, near, out, k = borrow(positions), borrow(near), borrow(out), near.shape[1]
+    first, other = new_memory(k), new_memory(k)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
+            n, own, far = fit(positions, rows[i], near, i, k, False, first)
+            m, second, far = fit(positions, rows[i], near, i, k, True, other)
+            if second < own:
+                n, own = m, second
+                r, terms, x = other[2], other[5], other[6]
+            else:
+                r, terms, x = first[2], first[5], first[6]
+            noise, height = noises[i] / far, -x[0]
+            wide = math.sqrt(max(1.0 - height * height, 0.0))
+            level = max(LEVEL * noise, SPACINGS * math.sqrt(math.pi / k) * max(wide, 0.1))
+            floor = inner = front = behind = between = shoulder = p_sum = q_sum = 0.0
+            for j in range(k):
+                p, q = terms[j, 1], terms[j, 2]
+                off, lateral = (r[j] if height > 0.0 else -r[j]), p * p + q * q
+                if lateral > wide * wide:
+                    continue
+                if abs(off) <= level:
+                    floor += 1.0
+                    p_sum, q_sum = p_sum + p, q_sum + q
+                    inner += 1.0 if lateral <= 0.25 * wide * wide else 0.0
+                    shoulder += 1.0 if off > 2.0 * noise else 0.0
+                elif off > 0.0:
+                    front += 1.0
+                    between += 1.0 if off < 0.7 * abs(height) else 0.0
+                else:
+                    behind += 1.0
+            count = max(floor, 1.0)
+            spacing = wide * math.sqrt(math.pi / count)
+            aside = math.sqrt(p_sum * p_sum + q_sum * q_sum) / count
+            one_sided = front >= 2.0 * behind + BEYOND and shoulder <= SHOULDER * front
+            little = min(noise, LITTLE * spacing)
+            far_off = CLEAR * noise - CLEAR_LESS * little if one_sided else FAR * noise - FAR_LESS * little
+            sure = abs(height) > far_off and inner >= INNER * floor
+            sure = sure and floor >= ENOUGH and aside <= ASIDE * wide and front <= SPARSE * floor
+            maybe = floor >= ENOUGH_BESIDE and aside <= ASIDE_BESIDE * wide and front <= SPARSE_BESIDE * floor
+            out[i, 0] = OFF if sure else (MAYBE if maybe else DOUBT)
+            if abs(height) <= max(NEAR * noise, SPACINGS * spacing) or between > BETWEEN * front:
+                out[i, 0] = DOUBT
+            if own > ROUGH * noise + ROUGHLY * spacing:
+                out[i, 0] = DOUBT
+            share = -height * far / (1.0 + x[1] ** 2 + x[2] ** 2)
+            one, two = tangents(n)
+            for c in range(3):
+                out[i, 1 + c] = share * (n[c] - x[1] * one[c] - x[2] * two[c])
+            out[i, 4], out[i, 5] = spacing * far, front
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _join(
+    work: Array, positions: Array, rows: Array, near: Array, said: Array, about: Array, joins: Array, out: Array
+) -> int:
+    """Write to joins[i] whether the row lies beside others that are off, at their height; to out[i] what is said then.
+
+    said, about : what the examination says of all
+    """
+    positions, near, about, out = borrow(positions), borrow(near), borrow(about), borrow(out)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
+            count = x = y = z = a = b = c = spacing = 0.0
+            for j in near[i]:
+                if said[j] == OFF:
+                    count += 1.0
+                    x, y, z = x + positions[j, 0], y + positions[j, 1], z + positions[j, 2]
+                    a, b, c, spacing = a + about[j, 0], b + about[j, 1], c + about[j, 2], spacing + about[j, 3]
+            joins[i], is_maybe = False, said[rows[i]] == MAYBE
+            height = math.sqrt(a * a + b * b + c * c) / max(count, 1.0)
+            if count < (1.0 if is_maybe else BESIDE) or height == 0.0:
+                continue
+            x, y, z, spacing = x / count, y / count, z / count, spacing / count
+            u, v, w = a / (count * height), b / (count * height), c / (count * height)
+            limit = min(SAME * height, SAME_SPACINGS * spacing)
+            same = floor = own = 0.0
+            for j in near[i]:
+                down = (positions[j, 0] - x) * u + (positions[j, 1] - y) * v + (positions[j, 2] - z) * w
+                same += 1.0 if abs(down) <= limit else 0.0
+                floor += 1.0 if abs(down - height) <= limit else 0.0
+                own = down if j == rows[i] else own
+            is_sparse = count >= MOSTLY * same and floor >= ENOUGH_BESIDE and same <= SPARSE_THERE * floor
+            joins[i] = is_sparse and abs(own) <= limit * (MAYBE_SAME if is_maybe else 1.0)
+            out[i, 0], out[i, 1], out[i, 2] = (height - own) * u, (height - own) * v, (height - own) * w
+            out[i, 3], out[i, 4] = spacing, same
+        tile = next_tile(work)
+    return 0
+
+
+def examined(
+    tree: NeighborTree, positions: Floats, rows: Rows, noise: Floats, progress: Progress | None = None
+) -> Floats:
+    """What the examination says of some rows with the noise around them.
+
+    Returns
+    -------
+    (m, 6) float32
+        `OFF`, `MAYBE` or `DOUBT`; the offset to the floor; the floor's spacing; how many points are on this side of it.
+    """
+    out = np.zeros((len(rows), 6), np.float32)
+    for start in range(0, len(rows), ROWS):
+        part = slice(start, start + ROWS)
+        found = tree.query(AROUND, positions[rows[part]])[1]
+        run(_examine, -(-len(found) // CHUNK), positions, rows[part], found, noise[part], out[part])
+        tell(progress, (start + len(found)) / len(rows))
+    return out
+
+
+def join(tree: NeighborTree, positions: Floats, said: Floats, about: Floats) -> NDArray[np.bool_]:
+    """Which points are off: those that surely are, and those beside them at their height, of which `about` is set.
+
+    said, about : (n,), (n, 5), see `examined`
+    """
+    off, rest = said == OFF, np.flatnonzero((said == MAYBE) | (said == DOUBT))
+    found_off, said_of_them = [rest[:0]], [about[:0]]
+    for start in range(0, len(rest), ROWS):
+        rows = rest[start : start + ROWS]
+        near = tree.query(AROUND, positions[rows])[1]
+        joins, out = np.zeros(len(rows), np.bool_), np.zeros((len(rows), 5), np.float32)
+        run(_join, -(-len(rows) // CHUNK), positions, rows, near, said, about, joins, out)
+        found_off.append(rows[joins])
+        said_of_them.append(out[joins])
+    joined = np.concatenate(found_off)
+    off[joined], about[joined] = True, np.concatenate(said_of_them)
+    return np.asarray(off)

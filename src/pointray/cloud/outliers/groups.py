@@ -1,0 +1,51 @@
+"""Sparse points between dense ones, and small groups that float by themselves."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import run
+from ..neighbors import neighbors
+from ..neighbors.components import linked_parts
+from .floors import Floors
+from .links import CHUNK, link, third_least
+from .local_fits import CORE
+
+Floats = NDArray[np.float32]
+
+THIN = 3.0  # times as far apart as the dense points within some steps: 27 times fewer to a volume
+STEPS = 3  # steps from neighbour to neighbour, to the third least of their distances
+GAP = 4.0  # distances to the `CORE`-th neighbour, some 6 spacings: a group farther from the rest floats
+FEW, SHARE = 20, 5e-4  # the most points of a floating group: so many, or this share of all
+
+
+def thin(floors: Floors) -> NDArray[np.bool_]:
+    """Which points are far sparser than those around and lie on no smooth sheet of such points."""
+    least = np.ascontiguousarray(floors.core)
+    for _ in range(STEPS):
+        low = np.empty_like(least)
+        run(third_least, -(-len(low) // CHUNK), least, floors.near, low)
+        least = low
+    return np.asarray((floors.core > THIN * least) & ~floors.is_on)
+
+
+def adrift(positions: Floats, floors: Floors, strays: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which points are in small groups, far from the rest; strays link nothing."""
+    n = len(positions)
+    floating = np.zeros(n, np.bool_)
+    core = np.maximum(floors.core, np.float32(np.median(floors.core)))
+    near, is_linked = floors.near[:, 1 : CORE + 1], np.empty((n, min(CORE, floors.near.shape[1] - 1)), np.bool_)
+    run(link, -(-n // CHUNK), positions, near, GAP * core, strays, is_linked)
+    part = linked_parts(near, is_linked)
+    sizes = np.bincount(part)
+    small = (sizes[part] <= max(FEW, SHARE * n)) & ~strays
+    rest = np.flatnonzero(~small & ~strays)
+    suspects = np.flatnonzero(small)
+    if len(rest) == 0 or len(suspects) == 0:
+        return floating
+    gaps, nearest = neighbors(positions[rest], 1, positions[suspects])
+    gap = np.full(len(sizes), np.inf)
+    np.minimum.at(gap, part[suspects], gaps[:, 0] / core[rest[nearest[:, 0]]])
+    floating[suspects] = (gap > GAP)[part[suspects]]
+    return floating

@@ -1,0 +1,365 @@
+"""The data that stages pass to each other: shape, dtype, unit and 'none' value of each array, defined once."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..base.arguments import check_kind, check_mapping, vector
+from .georeference import SCAN, Survey
+
+FARTHEST = 1e12  # a coordinate beyond this is a scanner's 'no return' marker: its square is useless in float32
+MOST = 2**31 - 1  # the most rows: their numbers are int32 in trees
+SAMPLE = 20_000  # rows from which the spacing is estimated
+FAR = 16  # times its own size: a cloud farther from zero than that loses digits of doubles, which an origin keeps
+MOST_CATEGORIES = 32  # distinct values
+FEWEST_ROWS = 10  # rows for each category, on average: a few points with whole numbers tell nothing
+LABELS = "classification", "point_source_id", SCAN  # names whose whole numbers are categories, however few points
+MEASURES = "intensity", "reflectance", "reflectivity", "amplitude"  # names whose whole numbers are no categories
+MOST_LABELS = 256  # distinct ones: as many classes as LAS has
+PROBE = 1000  # rows that are tested first
+CHUNK = 1 << 20  # rows that are looked at together
+SPREAD, STRETCHES = 1 << 18, 256  # rows of a mapped file that stand for all, in how many stretches
+
+
+@dataclass(frozen=True, slots=True, init=False, repr=False, eq=False)
+class Points:
+    """A point cloud as a scanner or a file gives it, one row for each point.
+
+    Rows with a position that is NaN or infinite are kept, so that row numbers stay the caller's; see `finite`.
+
+    Parameters
+    ----------
+    positions : (n, 3) array_like, float or int
+        World coordinates.
+    normals : (n, 3) array_like, optional
+        Stored as given: not normalised, and zero or NaN where unknown.
+    colors : (n, 3) or (n, 4) array_like, optional
+        sRGB, uint8 (0 to 255), uint16 (0 to 65535) or float (0 to 1); alpha is dropped. Some formats (LAS) keep 8 bits
+        in uint16: give these as uint8.
+    attributes : dict of str to (n,) or (n, k) array_like, optional
+        Any other values of each point: whole numbers, floats or bools.
+    origin : (3,) array_like, optional
+        The point that stored positions are relative to. None: zero, unless float32 would lose a ten-thousandth of the
+        spacing (maps: millions of metres), or digits of doubles that lie farther from zero than 16 times the cloud's
+        size; then a rounded point near the middle.
+    survey : Survey, optional
+        What is known of the coordinates: their reference system and unit, the scanners' places.
+
+    Attributes
+    ----------
+    positions : (n, 3) float32
+        C-contiguous, relative to `origin`: world = origin + positions.
+    origin : (3,) float64
+    normals : (n, 3) float32 or None
+    colors : (n, 3) uint8 or None
+    attributes : dict of str to (n,) or (n, k) array
+        Of the dtypes given, native; only floats of other than 4 or 8 bytes become float32 or float64.
+    survey : Survey
+
+    Raises
+    ------
+    ValueError
+        If a shape, dtype or value is wrong, or no row has a finite position.
+    """
+
+    positions: NDArray[np.float32]
+    origin: NDArray[np.float64]
+    normals: NDArray[np.float32] | None
+    colors: NDArray[np.uint8] | None
+    attributes: dict[str, NDArray[Any]]
+    survey: Survey
+
+    def __init__(
+        self,
+        positions: ArrayLike,
+        normals: ArrayLike | None = None,
+        colors: ArrayLike | None = None,
+        attributes: Mapping[str, ArrayLike] | None = None,
+        origin: ArrayLike | None = None,
+        survey: Survey | None = None,
+    ) -> None:
+        world = _check_positions(positions)
+        about = choose_origin(world) if origin is None else vector(origin, "origin")
+        self._fill(_localise(world, about), about, normals, colors, attributes, survey)
+
+    @classmethod
+    def about(
+        cls,
+        origin: ArrayLike,
+        positions: NDArray[np.float32],
+        normals: ArrayLike | None = None,
+        colors: ArrayLike | None = None,
+        attributes: Mapping[str, ArrayLike] | None = None,
+        survey: Survey | None = None,
+    ) -> Points:
+        """Points whose (n, 3) float32 positions are already relative to `origin`."""
+        points = cls.__new__(cls)
+        positions = _check_positions(positions)
+        points._fill(_localise(positions, np.zeros(3)), vector(origin, "origin"), normals, colors, attributes, survey)
+        return points
+
+    def _fill(
+        self,
+        positions: NDArray[np.float32],
+        origin: NDArray[np.float64],
+        normals: ArrayLike | None,
+        colors: ArrayLike | None,
+        attributes: Mapping[str, ArrayLike] | None,
+        survey: Survey | None,
+    ) -> None:
+        n = len(positions)
+        fields = {
+            "positions": positions,
+            "origin": origin,
+            "normals": None if normals is None else _check_normals(normals, n),
+            "colors": None if colors is None else _check_colors(colors, n),
+            "attributes": _check_attributes(attributes, n),
+            "survey": Survey() if survey is None else check_kind(survey, "survey", Survey, "a Survey"),
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+        if not (are_finite(positions[:PROBE]).any() or are_finite(positions).any()):
+            check_any_finite(0, n)
+
+    @property
+    def crs(self) -> str | None:
+        """The coordinate reference system, as well-known text or as a code like "EPSG:25832"; None if unknown."""
+        return self.survey.crs
+
+    @property
+    def world(self) -> NDArray[np.float64]:
+        """World coordinates, (n, 3) float64: a new array."""
+        return self.positions + self.origin
+
+    @property
+    def finite(self) -> NDArray[np.bool_]:
+        """(n,) bool: whether the row's position can be used: no NaN, no infinity, nothing beyond `FARTHEST`."""
+        return are_finite(self.positions)
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """Least and greatest world coordinates of the finite rows, (2, 3) float64."""
+        finite = self.finite
+        rows = self.positions if finite.all() else self.positions[finite]
+        # Column by column, in 1/8 of the time for rows of three.
+        least, greatest = [column.min() for column in rows.T], [column.max() for column in rows.T]
+        return np.stack([least, greatest]) + self.origin
+
+    def select(self, rows: NDArray[np.integer[Any]] | NDArray[np.bool_]) -> Points:
+        """The given rows (numbers or a mask), with the same origin."""
+        rows = _check_rows(rows, len(self))
+        return Points.about(
+            self.origin,
+            self.positions[rows],
+            None if self.normals is None else self.normals[rows],
+            None if self.colors is None else self.colors[rows],
+            {name: values[rows] for name, values in self.attributes.items()},
+            self.survey,
+        )
+
+    def changed(self, **fields: Any) -> Points:
+        """The same points with other normals, colors, attributes, survey or positions; the other arrays are shared."""
+        kept = {name: getattr(self, name) for name in ("positions", "normals", "colors", "attributes", "survey")}
+        return Points.about(self.origin, **{**kept, **fields})
+
+    def with_normals(self, normals: ArrayLike | None) -> Points:
+        """The same points with other normals, or without any if None; the other arrays are shared."""
+        return self.changed(normals=normals)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickles and copies hold the arrays, which are checked again."""
+        arrays = self.origin, self.positions, self.normals, self.colors, self.attributes
+        return Points.about, (*arrays, self.survey)
+
+    def __repr__(self) -> str:
+        low, high = self.bounds
+        size = " x ".join(f"{extent:.4g}" for extent in high - low)
+        held = [name for name in ("normals", "colors") if getattr(self, name) is not None] + list(self.attributes)
+        about = f", about ({', '.join(f'{x:.10g}' for x in self.origin)})" if self.origin.any() else ""
+        return f"<Points: {len(self):,}, size {size}{about}, with {', '.join(held) or 'positions only'}>"
+
+
+def check_count(n: int) -> None:
+    """ValueError for more points than int32 numbers, which trees use, can count."""
+    if n > MOST:
+        raise ValueError(f"{n:,} points are too many: at most {MOST:,} can be held at once")
+
+
+def _numbers(values: ArrayLike, name: str) -> NDArray[Any]:
+    """`values` as an array of ints or floats."""
+    try:
+        array = np.asarray(values)
+    except (TypeError, ValueError) as error:  # rows of different lengths
+        raise ValueError(f"{name} is no regular array of numbers: {error}") from None
+    if array.dtype.kind not in "biuf":
+        raise ValueError(f"{name} must hold ints or floats, not {array.dtype} (shape {array.shape})")
+    return array
+
+
+def _check_positions(positions: ArrayLike) -> NDArray[Any]:
+    world = _numbers(positions, "positions")
+    if world.ndim != 2 or world.shape[1] != 3:
+        raise ValueError(f"positions must have the shape (n, 3), not {world.shape}")
+    if len(world) == 0:
+        raise ValueError("positions holds no points: its shape is (0, 3)")
+    check_count(len(world))
+    return world
+
+
+def _check_rows(rows: Any, n: int) -> NDArray[Any]:
+    array = _numbers(rows, "rows")
+    if array.ndim != 1 or array.dtype.kind == "f" or (array.dtype == bool and len(array) != n):
+        raise ValueError(
+            f"rows must be whole numbers, or a mask of {n:,}, not {array.dtype} of the shape {array.shape}"
+        )
+    if len(array) == 0 or (array.dtype == bool and not array.any()):
+        raise ValueError("rows chooses no points")
+    if array.dtype != bool and (array.min() < -n or array.max() >= n):
+        raise ValueError(f"rows must be numbers from 0 to {n - 1}, not up to {array.max()}")
+    return array
+
+
+def _float32(array: NDArray[Any]) -> NDArray[np.float32]:
+    """A writable, C-contiguous float32 array, in the same memory where that is possible."""
+    with np.errstate(over="ignore"):  # too large a number becomes infinite: the row is not finite
+        return np.require(array, np.float32, ["C", "W", "A"])
+
+
+def _localise(world: NDArray[Any], origin: NDArray[np.float64]) -> NDArray[np.float32]:
+    return _float32(np.subtract(world, origin, dtype=np.float64) if origin.any() else world)
+
+
+def check_any_finite(finite: int, n: int) -> None:
+    """ValueError if none of n rows is finite."""
+    if not finite:
+        raise ValueError(f"positions: none of the {n:,} rows is finite and below {FARTHEST:g}")
+
+
+def are_finite(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(n,) bool: whether each of some positions (n, 3) can be used, see `Points.finite`."""
+    x, y, z = positions.T
+    limit = np.float32(FARTHEST)
+    return np.asarray((np.abs(x) <= limit) & (np.abs(y) <= limit) & (np.abs(z) <= limit))
+
+
+def choose_origin(world: NDArray[Any], count: int | None = None) -> NDArray[np.float64]:
+    """Zero, unless float32 about zero is too coarse for the spacing of the points, or for the digits of doubles.
+
+    count : the number of points, if only some of them are given
+    """
+    rows = world[:: -(-len(world) // SAMPLE)].astype(np.float64)
+    rows = rows[(np.abs(rows) <= FARTHEST).all(axis=1) & rows.any(axis=1)]  # 0, 0, 0 stands for no return
+    if len(rows) == 0:
+        return np.zeros(3)
+    # The inner 96%, as a stray point (often at 0, 0, 0) must not decide the size of the model.
+    low, high = np.quantile(rows, [0.02, 0.98], axis=0)
+    spacing = _spacing(high - low, count or len(world))
+    distance = np.maximum(-low, high).max()
+    is_exact = (rows.astype(np.float32) == rows).all()  # as they are; about an origin they may lose their last bit
+    if distance * 2.0**-24 <= 1e-4 * spacing and (is_exact or distance <= FAR * (high - low).max()):
+        return np.zeros(3)
+    step = 10.0 ** np.floor(np.log10(max((high - low).max(), spacing)))
+    return np.asarray(np.round((low + high) / 2 / step) * step)
+
+
+def _spacing(size: NDArray[np.float64], n: int) -> float:
+    """Distance between neighbours if n points cover the sides of a box; one unit if the box has no size."""
+    x, y, z = size
+    area = x * y + y * z + z * x
+    return float(np.sqrt(area / n) or size.max() / n or 1.0)
+
+
+def _check_normals(normals: ArrayLike, n: int) -> NDArray[np.float32]:
+    array = _numbers(normals, "normals")
+    if array.shape != (n, 3):
+        raise ValueError(f"normals must have the shape ({n}, 3), a row for each position, not {array.shape}")
+    return _float32(array)
+
+
+def _check_colors(colors: ArrayLike, n: int) -> NDArray[np.uint8]:
+    array = _numbers(colors, "colors")
+    if array.shape not in ((n, 3), (n, 4)):
+        raise ValueError(f"colors must have the shape ({n}, 3) or ({n}, 4), a row for each position, not {array.shape}")
+    array = array[:, :3]
+    if array.dtype.kind == "f":
+        good = (array >= 0) & (array <= 1)  # false for NaN
+        if not good.all():
+            row = int(np.flatnonzero(~good.all(axis=1))[0])
+            raise ValueError(f"float colors must lie between 0 and 1; row {row} is {array[row].tolist()}")
+        array = np.rint(array * 255).astype(np.uint8)
+    if array.dtype == np.uint16:
+        array = np.rint(array / np.float32(65535 / 255)).astype(np.uint8)
+    if array.dtype != np.uint8:
+        raise ValueError(f"colors must be uint8 (0 to 255), uint16 (0 to 65535) or float (0 to 1), not {array.dtype}")
+    return np.require(array, np.uint8, ["C", "W"])
+
+
+def _check_attributes(attributes: Mapping[str, ArrayLike] | None, n: int) -> dict[str, NDArray[Any]]:
+    if attributes is None:
+        return {}
+    return {name: check_attribute(name, values, n) for name, values in check_mapping(attributes, "attributes").items()}
+
+
+def check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
+    """An attribute of n points, (n,) or (n, k), in the dtype in which it is kept; ValueError if it is none."""
+    if not isinstance(name, str) or not name:
+        raise ValueError(f"attributes: the name of one must be a string with letters in it, not {name!r}")
+    array = _numbers(values, f"attributes: attribute {name!r}")
+    if array.ndim not in (1, 2) or len(array) != n:
+        raise ValueError(
+            f"attributes: attribute {name!r} must have the shape ({n},) or ({n}, k), a row for each position, "
+            f"not {array.shape}"
+        )
+    dtype = array.dtype.newbyteorder("=")
+    if dtype.kind == "f" and dtype not in (np.float32, np.float64):
+        dtype = np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)
+    return np.require(array, dtype, ["C", "W", "A"])
+
+
+def spread_rows(n: int, most: int = SPREAD) -> NDArray[np.int64]:
+    """At most so many of n rows, in even stretches: of a mapped file few pages are read."""
+    if n <= most:
+        return np.arange(n)
+    each = most // STRETCHES
+    starts = np.linspace(0, n - each, STRETCHES).astype(np.int64)
+    return np.asarray((starts[:, None] + np.arange(each)).reshape(-1))
+
+
+def is_label(name: str) -> bool:
+    """Whether an attribute's name says that its whole numbers are categories."""
+    return _plain(name) in LABELS
+
+
+def _plain(name: str) -> str:
+    """An attribute's name as others than CloudCompare write it."""
+    return name.lower().removeprefix("scalar_")
+
+
+def categories_of(values: NDArray[Any], name: str = "") -> tuple[int, ...] | None:
+    """The categories of a column of values, None if it has none: bools, and whole numbers of few different values.
+
+    name : of the attribute; that of a label allows more values, and fewer points; a measure has no categories
+    """
+    if values.ndim != 1 or _plain(name) in MEASURES:
+        return None
+    sure = values.dtype == np.bool_ or is_label(name)
+    most, found = MOST_LABELS if sure else MOST_CATEGORIES, values[:0]
+    chunks = (values[start : start + CHUNK] for start in range(0, len(values), CHUNK))
+    for rows in itertools.chain([values[:: max(len(values) // PROBE, 1)]], chunks):
+        if rows.dtype.kind == "f" and not (np.isfinite(rows).all() and (rows == np.rint(rows)).all()):
+            return None
+        found = np.union1d(found, rows)
+        if len(found) > most:
+            return None
+    if not sure and len(values) < FEWEST_ROWS * len(found):
+        return None
+    return tuple(found.tolist() if values.dtype == np.bool_ else map(int, found))

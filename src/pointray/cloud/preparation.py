@@ -1,0 +1,64 @@
+"""The points of a model before they get a support: those that are finite, on their surface, with unit normals."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.memory import check_memory, give_back
+from ..base.progress import Progress, part_of
+from ..base.warning_log import warn
+from .denoising.smooth import Placed, place
+from .kd_ordering import along_path
+from .outliers import merge_for_model
+from .points import FARTHEST, Points
+
+PEAK = 350  # bytes a point beyond the points, at the peak: of noisy ones; clean ones take 100 to 190
+MERGED = 0.15  # share of the time for normals until second layers are merged
+SMALL = 1 << 16  # points from which memory is asked for: fewer take less than kernels do
+WAYS_OUT = "use fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
+
+
+def finite_rows(points: Points) -> NDArray[np.int32]:
+    """The rows that are finite; a warning tells how many are not."""
+    used = np.flatnonzero(points.finite).astype(np.int32)
+    tell_left_out(len(points) - len(used), len(points))
+    return used
+
+
+def tell_left_out(lost: int, total: int) -> None:
+    """Warn if points are left out because their positions are not finite."""
+    if lost:
+        text = f"{lost:,} of {total:,} points have no finite position below {FARTHEST:g}: left out"
+        warn(text, stacklevel=4)
+
+
+def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: Progress) -> Placed:
+    """Points with unit normals, repaired or estimated where needed, on the surface where they are noisy.
+
+    merge : whether second layers may be moved onto the surface, unless nothing is to be smoothed
+    """
+    merge, along = merge and sigma != 0.0, None
+    if merge:
+        along = along_path(points)
+        merged = merge_for_model(points, part_of(progress, 0.0, MERGED), along)
+        points, along = merged, along if merged is points else along.moved(merged)
+    placed, message = place(points, sigma, part_of(progress, MERGED if merge else 0.0, 1.0), along)
+    if message:
+        warn(message, stacklevel=3)
+    if len(points) > SMALL:
+        give_back()
+    if along is None:
+        return placed
+    apart = placed.noise is None and len(along.rows) == len(along.ids)
+    return placed._replace(order=along.order(), apart=apart)
+
+
+def check_model_memory(count: int) -> None:
+    """ValueError if the memory that so many points take while a model is made of them is not available."""
+    if count < SMALL:
+        return
+    try:
+        check_memory(PEAK * count, f"to make a model of {count:,} points")
+    except ValueError as error:
+        raise ValueError(f"{error}; {WAYS_OUT}") from None
