@@ -33,8 +33,8 @@ from pointray.engine.jit import borrow, keep_alive, kernel, next_tile, run
 from pointray.engine.kernels.records import World
 from pointray.engine.kernels.scratch import TILE, new_scratch
 from pointray.engine.kernels.vec import load3_flat
-from pointray.points.procedural import mesh, solid
-from pointray.points.procedural.creases import edges_of, quarter, settled
+from pointray.procedural_models import mesh, solid
+from pointray.procedural_models.creases import edges_of, quarter, settled
 from pointray.trace.cast import _occluded
 from pointray.trace.hits import tile_hit
 from pointray.trace.world import set_ray, trace_tile

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 import pointray as pr
 from mitsuba_pairs import LIGHTS, MATERIALS, Floats, diffuse, placed
-from pointray.points.procedural import mesh
-from pointray.points.procedural.creases import edges_of, quarter
+from pointray.procedural_models import mesh
+from pointray.procedural_models.creases import edges_of, quarter
 from truth import FOLDER
 
 DIAGONAL = 10.0

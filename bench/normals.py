@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import pointray as pr
-from pointray.points.procedural import area
+from pointray.procedural_models import area
 
 
 def shapes(count: int) -> dict[str, tuple[np.ndarray, np.ndarray, float]]:

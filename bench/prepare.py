@@ -34,7 +34,7 @@ from rich.console import Console
 from rich.table import Table
 
 import pointray as pr
-from pointray.points.procedural import area
+from pointray.procedural_models import area
 from prepare_stages import STAGES
 from truth import FOLDER
 

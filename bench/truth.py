@@ -16,9 +16,9 @@ from scipy.spatial import cKDTree
 
 import pointray as pr
 from pointray.engine.jit import borrow, inline, kernel, next_tile, run
-from pointray.points.procedural import area, mesh, solid
-from pointray.points.procedural.creases import areas, refine_creases, settled
-from pointray.points.procedural.solids import SETTLED, STENCIL, field, settle, slope
+from pointray.procedural_models import area, mesh, solid
+from pointray.procedural_models.creases import areas, refine_creases, settled
+from pointray.procedural_models.solids import SETTLED, STENCIL, field, settle, slope
 
 Floats = NDArray[np.float64]
 

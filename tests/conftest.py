@@ -95,7 +95,7 @@ def models_made_once(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempP
 
     A test that makes the same one twice calls `sample` as it was imported, see `tests/test_procedural.py`.
     """
-    module = importlib.import_module("pointray.points.procedural")
+    module = importlib.import_module("pointray.procedural_models")
     cache = getattr(pytestconfig, "cache", None)  # absent with -p no:cacheprovider
     key = f"procedural-{key_of([Path(module.__file__)])}"
     folder = tmp_path_factory.mktemp(key) if cache is None else cache.mkdir(key)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import pointray as pr
-from pointray.points.known_formats import written
+from pointray.io.known_formats import written
 from splats import cloud
 
 ROWS = 200

@@ -27,12 +27,12 @@ from pointray.cluster.recipe import pack, unpack
 from pointray.cluster.worker import DroppedError
 from pointray.engine.jit import run
 from pointray.engine.jit.threads import CANCEL
+from pointray.io.files import request_of
+from pointray.io.selection import Selection
 from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
 from pointray.parts.prepare import part_points_for, part_points_within, prepare
 from pointray.parts.work import Work, _do_once
-from pointray.points.files import request_of
-from pointray.points.selection import Selection
 from pointray.splats.scattered import Drawing
 from pointray.tree.settings import check_settings
 

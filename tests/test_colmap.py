@@ -7,8 +7,8 @@ import struct
 import numpy as np
 import pytest
 
-from pointray.points import read
-from pointray.points.formats import colmap
+from pointray.io.files import read
+from pointray.io.formats import colmap
 
 N = 300
 XYZ, RGB = np.random.default_rng(3).normal(size=(N, 3)), np.random.default_rng(4).integers(0, 256, (N, 3))

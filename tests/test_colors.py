@@ -11,7 +11,7 @@ import pytest
 
 import pointray as pr
 from conftest import case_file
-from pointray.points.formats._unnamed_columns import UndecidedError, judge
+from pointray.io.formats._unnamed_columns import UndecidedError, judge
 
 BLUE, RED, GREEN = (40, 60, 220), (220, 60, 40), (60, 200, 80)
 

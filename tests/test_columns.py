@@ -10,7 +10,7 @@ import pytest
 
 from pointray.base import disk_columns as own
 from pointray.base.disk_columns import Column, Columns
-from pointray.parts.raw import Raw
+from pointray.io.spooling.raw import Raw
 
 ROWS = np.random.default_rng(8).random((5000, 3), np.float32)
 ROWS.setflags(write=False)

@@ -8,7 +8,7 @@ import pytest
 import pointray as pr
 from conftest import sphere_points
 from pointray.cli import execute
-from pointray.points import files
+from pointray.io import files
 
 MARK = b"what was there before"
 

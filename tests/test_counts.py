@@ -16,9 +16,9 @@ import pytest
 import pointray as pr
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
-from pointray.parts.spool import spool
-from pointray.points.files import open_files, request_of
-from pointray.points.selection import Selection
+from pointray.io.files import open_files, request_of
+from pointray.io.selection import Selection
+from pointray.io.spooling.spool import spool
 from splats import cloud
 
 N = 40

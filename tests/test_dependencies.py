@@ -152,7 +152,7 @@ CHANGED = {  # file -> keys that its edit changes
     "cloud/neighbors/search.py": [SEARCH, "model"],
     "cloud/neighbors/tree.py": ["model"],
     "parts/levels.py": [],
-    "points/formats/ply/ply.py": ["model"],
+    "io/formats/ply/ply.py": ["model"],
     "cloud/denoising/fit.py": ["model"],
     "rendering/picture.py": [],
     "rendering/film.py": [FRAME],

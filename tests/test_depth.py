@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pointray.points import read
-from pointray.points.formats import depth
+from pointray.io.files import read
+from pointray.io.formats import depth
 
 CAMERA = (50.0, 55.0, 40.25, 30.5)
 STEPS = np.random.default_rng(3).integers(0, 5000, (60, 80)).astype(np.uint16)

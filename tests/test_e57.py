@@ -10,10 +10,11 @@ import pytest
 
 from conftest import shared_model
 from pointray.cloud.georeference import numbers_of
-from pointray.points import files, read
-from pointray.points.formats._source import Request
-from pointray.points.formats.e57 import _header as _e57_header
-from pointray.points.formats.e57 import e57
+from pointray.io import files
+from pointray.io.files import read
+from pointray.io.formats._source import Request
+from pointray.io.formats.e57 import _header as _e57_header
+from pointray.io.formats.e57 import e57
 
 pye57 = pytest.importorskip("pye57")
 libe57 = pytest.importorskip("pye57.libe57")

@@ -34,7 +34,7 @@ CAMERA = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(24, 16))
 
 CUBES = """
 import numpy as np
-from pointray.points.formats._source import NO, SURE, Chunk, Format, Listing, Whole
+from pointray.io.formats._source import NO, SURE, Chunk, Format, Listing, Whole
 
 def rows_of(path):
     rows = np.loadtxt(path, ndmin=2, skiprows=1)

@@ -354,7 +354,7 @@ def test_many_writers_of_one_folder_do_not_take_each_others_files(tmp_path):
     code = """
 import sys
 from pathlib import Path
-from pointray.points import replacing as files
+from pointray.base import atomic_write as files
 for k in range(60):
     files._swept.clear()
     with files.replacing(Path(sys.argv[1]) / f"{sys.argv[2]}.txt") as beside:

@@ -9,11 +9,10 @@ from plyfile import PlyData, PlyElement
 
 from conftest import shared_model
 from pointray.cloud.normals.estimate import mend_normals
-from pointray.points import read, write
-from pointray.points.files import headers
-from pointray.points.formats._source import HEAD, MAYBE, SURE, Request
-from pointray.points.formats.ply import _binary, ply
-from pointray.points.formats.splats import compressed_gaussians, gaussians
+from pointray.io.files import headers, read, write
+from pointray.io.formats._source import HEAD, MAYBE, SURE, Request
+from pointray.io.formats.ply import _binary, ply
+from pointray.io.formats.splats import compressed_gaussians, gaussians
 from splats import check, cloud, damaged
 
 NAMES = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{k}" for k in range(3)), *(f"f_rest_{k}" for k in range(9))]

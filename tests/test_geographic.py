@@ -12,7 +12,7 @@ import pointray as pr
 from conftest import case_file
 from pointray.cloud.geographic import PLANE, PROJ, LocalFrame, is_geographic, projected
 from pointray.cloud.georeference import Survey
-from pointray.points.trajectory import eyes_along
+from pointray.io.trajectory import eyes_along
 
 WGS84 = 'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],UNIT["degree",0.0174532925199433]]'
 UTM = 'PROJCS["WGS 84 / UTM 32N",GEOGCS["WGS 84"],PROJECTION["Transverse_Mercator"],UNIT["metre",1]]'

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from pointray.points import read
-from pointray.points.formats import kitti
+from pointray.io.files import read
+from pointray.io.formats import kitti
 
 N = 80  # a file of so many rows of 16 bytes, or of 64 of 20, has the same size
 XYZ = np.random.default_rng(9).normal(size=(N, 3)).astype(np.float32) * 20

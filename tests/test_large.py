@@ -16,14 +16,14 @@ from conftest import long, shared_model
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
 from pointray.cloud.neighbors import NeighborTree, kd_order
+from pointray.io.files import request_of
+from pointray.io.selection import Selection
 from pointray.parts import prepare as prepare_module
 from pointray.parts.arrange import boxes_of
 from pointray.parts.large import Large
 from pointray.parts.local import REACH, local_of
 from pointray.parts.prepare import part_points_within, prepare
 from pointray.parts.work import Work
-from pointray.points.files import request_of
-from pointray.points.selection import Selection
 from pointray.splats.scattered import ALL_SURFACE
 from pointray.tree.settings import check_settings
 from pointray.tree.stored import stored_splats

@@ -16,10 +16,10 @@ from laspy.vlrs.known import WktCoordinateSystemVlr
 import pointray as pr
 from conftest import long, shared_model
 from pointray.cloud.georeference import RESIDUAL, Survey, numbers_of
-from pointray.points.files import headers
-from pointray.points.formats._source import Request
-from pointray.points.formats.las._crs import keys_of, records_for, unit_of
-from pointray.points.formats.las.las import LasSource
+from pointray.io.files import headers
+from pointray.io.formats._source import Request
+from pointray.io.formats.las._crs import keys_of, records_for, unit_of
+from pointray.io.formats.las.las import LasSource
 
 FILES = ("1.2-with-color.las", "Megaplot.laz", "autzen_trim_rgb.laz", long("lion_takanawa.copc.laz"))
 VERSIONS = [("1.1", f) for f in (0, 1)] + [("1.2", f) for f in (2, 3)] + [("1.3", f) for f in (4, 5)]

@@ -14,13 +14,13 @@ import pointray as pr
 from pointray.base.disk_columns import Column, Columns
 from pointray.cli import execute
 from pointray.cloud.neighbors import kd_order
+from pointray.io.files import request_of
+from pointray.io.selection import Selection
 from pointray.model_folder import INDEX
 from pointray.parts import coarser, levels
 from pointray.parts.prepare import prepare
 from pointray.parts.split import split
 from pointray.parts.trees import cells_of, plan_of, shown, tree_within
-from pointray.points.files import request_of
-from pointray.points.selection import Selection
 from pointray.splats.levels import LEAST_POINTS
 from pointray.splats.scattered import ALL_SURFACE
 from pointray.tree.build import build_tree

@@ -8,8 +8,9 @@ import pytest
 from PIL import Image
 from plyfile import PlyData, PlyElement
 
-from pointray.points import files, read
-from pointray.points.formats.mesh import mesh
+from pointray.io import files
+from pointray.io.files import read
+from pointray.io.formats.mesh import mesh
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -78,7 +79,7 @@ def test_points_are_even_on_a_triangle(tmp_path):
 
 
 def test_many_points_come_in_blocks(tmp_path, monkeypatch):
-    from pointray.points.formats.mesh import _points as _mesh_points
+    from pointray.io.formats.mesh import _points as _mesh_points
 
     path = save(tmp_path, ball(), "stl")
     whole = read(path, sample=1000)

@@ -193,6 +193,6 @@ def test_the_command_line_says_so(tmp_path, capsys, monkeypatch):
 
 def test_without_trimesh_the_vertices_of_ply_are_read(tmp_path, monkeypatch):
     trimesh.creation.box().export(str(tmp_path / "a.ply"))
-    monkeypatch.setattr("pointray.points.formats.mesh.mesh.find_spec", lambda name: None)
+    monkeypatch.setattr("pointray.io.formats.mesh.mesh.find_spec", lambda name: None)
     points, said = noted(tmp_path / "a.ply")
     assert len(points) == 8 and len(said) == 1 and "which needs trimesh: pip install" in said[0]

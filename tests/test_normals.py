@@ -4,13 +4,14 @@ import pytest
 from conftest import long, shared_model, sphere_points
 from pointray.cloud.neighbors import distinct, kd_order, neighbors
 from pointray.cloud.normals.consistency import agreement_share
-from pointray.cloud.normals.estimate import mend_normals
+from pointray.cloud.normals.estimate import estimate_normals, mend_normals
 from pointray.cloud.normals.jets import fit_normals, survey
 from pointray.cloud.normals.orientation import agree
 from pointray.cloud.normals.outward import looks_inward
 from pointray.cloud.normals.sheets import part_sheets
 from pointray.cloud.points import Points
-from pointray.points import estimate_normals, procedural, read
+from pointray.io.files import read
+from pointray.procedural_models import procedural
 
 SPHERE = sphere_points(3000)
 

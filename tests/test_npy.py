@@ -8,10 +8,9 @@ import pytest
 
 from pointray.cloud.georeference import RESIDUAL, SCAN, Survey, numbers_of
 from pointray.cloud.points import Points
-from pointray.points import read, write
-from pointray.points.files import write_points
-from pointray.points.formats.arrays import _array as _arrays
-from pointray.points.formats.arrays import npy
+from pointray.io.files import read, write, write_points
+from pointray.io.formats.arrays import _array as _arrays
+from pointray.io.formats.arrays import npy
 
 N = 70
 XYZ, NORMALS = np.random.default_rng(7).normal(size=(2, N, 3)).astype(np.float32)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pointray.points.formats.text import _numbers
-from pointray.points.formats.text._numbers import FLOAT, INT, SCAN, SKIP, Dialect, Reader, line_at, number_of, smallest
+from pointray.io.formats.text import _numbers
+from pointray.io.formats.text._numbers import FLOAT, INT, SCAN, SKIP, Dialect, Reader, line_at, number_of, smallest
 
 PLAIN = Dialect()
 WORDS = ["nan", "inf", "-inf", "+NaN", "-nan", "Infinity", "1.", "+.5", ".5", "-0", "-0.0", "0e5", "1E+05", "5.e-3"]

@@ -17,13 +17,13 @@ import pointray as pr
 from conftest import sphere_points
 from pointray.base.disk_columns import Column
 from pointray.cli import execute
+from pointray.io.files import request_of
+from pointray.io.selection import Selection
 from pointray.model_folder import INDEX, SURFACE_ONLY
 from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
 from pointray.parts.large import Large
 from pointray.parts.prepare import begun_points, prepare
-from pointray.points.files import request_of
-from pointray.points.selection import Selection
 from pointray.tree.settings import check_settings
 
 SIZE = 1 << 14  # the least there is for so few points
@@ -221,7 +221,7 @@ def test_a_disk_that_fills_at_any_stage_is_told_and_the_work_goes_on(
     scan: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever was half written is not taken for whole."""
-    monkeypatch.setattr("pointray.parts.spool._check_room", lambda *about: None)
+    monkeypatch.setattr("pointray.io.spooling.spool._check_room", lambda *about: None)
     size, named, runs = 1 << 19, [], 0
     with disk_of(tmp_path / "disk", size) as resize:
         while True:
@@ -257,7 +257,7 @@ def test_any_column_may_be_half_written(
 
     monkeypatch.setattr(Column, "_put", fail)
     monkeypatch.setattr("pointray.parts.arrange.CHUNK", 4096)
-    monkeypatch.setattr("pointray.parts.convert.CHUNK", 4096)
+    monkeypatch.setattr("pointray.io.spooling.convert.CHUNK", 4096)
     second = {"positions": 2, "scattered.colors": 2, "cloud.normals": 2}  # of later columns only one part is left
     for name in (*second, "tiles", "merged", "placed", "normals", "radii"):
         wanted[:], calls[:], failing[:] = [name], [0], [second.get(name, 1)]

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from conftest import shared_model
-from pointray.points import read
-from pointray.points.formats.pcd import pcd
-from pointray.points.formats.pcd._lzf import unpack
+from pointray.io.files import read
+from pointray.io.formats.pcd import pcd
+from pointray.io.formats.pcd._lzf import unpack
 
 N = 60
 XYZ, NORMALS = np.random.default_rng(5).normal(size=(2, N, 3)).astype(np.float32)

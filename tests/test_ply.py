@@ -13,9 +13,9 @@ from conftest import shared_model
 from pointray.base.atomic_write import check_writable, replacing
 from pointray.cli import BAD_INPUT, execute
 from pointray.cloud.points import Points
-from pointray.points import read, write
-from pointray.points.formats._source import CHUNK
-from pointray.points.formats.ply import _ascii
+from pointray.io.files import read, write
+from pointray.io.formats._source import CHUNK
+from pointray.io.formats.ply import _ascii
 
 XYZ = np.random.default_rng(2).random((50, 3)).astype(np.float32)
 RGB = np.random.default_rng(3).integers(0, 256, (50, 3)).astype(np.uint8)

@@ -11,8 +11,8 @@ import pytest
 from plyfile import PlyData, PlyElement
 
 import pointray as pr
-from pointray.points.formats.ply._faces import read_triangles
-from pointray.points.formats.ply._header import read_header
+from pointray.io.formats.ply._faces import read_triangles
+from pointray.io.formats.ply._header import read_header
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 
 from conftest import long
 from pointray.engine.jit import Array, kernel
-from pointray.points.procedural import _MESH_CELL, NAMES, area, mesh, procedural, procedural_distance, sample
-from pointray.points.procedural.clay import _foot
-from pointray.points.procedural.creases import edges_of
+from pointray.procedural_models import _MESH_CELL, NAMES, area, mesh, procedural, procedural_distance, sample
+from pointray.procedural_models.clay import _foot
+from pointray.procedural_models.creases import edges_of
 
 
 @cache

@@ -8,9 +8,8 @@ import pytest
 
 from conftest import shared_model
 from pointray.cloud.georeference import SCAN
-from pointray.points import read
-from pointray.points.files import headers
-from pointray.points.formats._source import Request
+from pointray.io.files import headers, read
+from pointray.io.formats._source import Request
 from test_text import mutated
 
 TURNED = "0 1 0 0\n-1 0 0 0\n0 0 1 0\n10 20 30 1\n"  # row vectors: x becomes y

@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 import pointray as pr
 from conftest import long, shared_model, sphere_points
 from pointray.cloud.neighbors import distinct, neighbors
-from pointray.points import read
+from pointray.io.files import read
 from pointray.splats import check_radii, choose_radii
 from pointray.splats.radii import OVERLAP
 from pointray.splats.voronoi import Hood, measure_cells

@@ -11,13 +11,13 @@ import pytest
 import pointray as pr
 from pointray.base import memory
 from pointray.cloud.georeference import RESIDUAL, SCAN, Survey, numbers_of
-from pointray.points import files, gather
-from pointray.points.colors import ColorRange, to_shades
-from pointray.points.filling import Filling
-from pointray.points.formats._source import Chunk, Listing, Source
-from pointray.points.formats.ply import _binary
-from pointray.points.opening import Opener
-from pointray.points.selection import Selection
+from pointray.io import files, gather
+from pointray.io.colors import ColorRange, to_shades
+from pointray.io.filling import Filling
+from pointray.io.formats._source import Chunk, Listing, Source
+from pointray.io.formats.ply import _binary
+from pointray.io.opening import Opener
+from pointray.io.selection import Selection
 
 XYZ = np.random.default_rng(4).random((1000, 3))
 CLASSES = np.random.default_rng(5).integers(0, 9, 1000).astype(np.uint8)

@@ -16,11 +16,11 @@ from conftest import long, shared_model
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
 from pointray.cloud.neighbors import kd_order
+from pointray.io.files import request_of
+from pointray.io.selection import Selection
 from pointray.model_folder import INDEX
 from pointray.parts.prepare import prepare
 from pointray.parts.split import split
-from pointray.points.files import request_of
-from pointray.points.selection import Selection
 from pointray.splats.scatter import find_scattered, scattered_places
 from pointray.splats.scattered import Drawing
 from pointray.tree.settings import check_settings

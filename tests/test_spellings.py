@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from conftest import MODELS
-from pointray.points import read
-from pointray.points.formats._odd_numbers import odd_number, plain_lines
+from pointray.io.files import read
+from pointray.io.formats._odd_numbers import odd_number, plain_lines
 
 CASES = MODELS.parent / "cases"
 HEADER = """ply

@@ -18,15 +18,15 @@ from conftest import long
 from pointray.base.disk_columns import Columns
 from pointray.cloud.georeference import RESIDUAL, SCAN, Survey
 from pointray.cloud.points import choose_origin
-from pointray.parts import convert
-from pointray.parts import spool as own
-from pointray.parts.spool import Spooled, spool, spooled_in
-from pointray.points.files import open_files, request_of
-from pointray.points.formats._source import CHUNK, Chunk, Listing
-from pointray.points.formats.ply import _binary
-from pointray.points.gather import gather
-from pointray.points.opening import Opener
-from pointray.points.selection import Selection
+from pointray.io.files import open_files, request_of
+from pointray.io.formats._source import CHUNK, Chunk, Listing
+from pointray.io.formats.ply import _binary
+from pointray.io.gather import gather
+from pointray.io.opening import Opener
+from pointray.io.selection import Selection
+from pointray.io.spooling import convert
+from pointray.io.spooling import spool as own
+from pointray.io.spooling.spool import Spooled, spool, spooled_in
 from scans import full_points, small_scans
 from test_las import write_random
 from test_reading import Rows
@@ -45,7 +45,7 @@ def small_chunks(request, monkeypatch):
     if "large_chunks" in request.fixturenames:
         return
     for name in READERS:
-        module = __import__(f"pointray.points.formats.{name}", fromlist=["CHUNK"])
+        module = __import__(f"pointray.io.formats.{name}", fromlist=["CHUNK"])
         if hasattr(module, "CHUNK"):
             monkeypatch.setattr(module, "CHUNK", 64)
     monkeypatch.setattr(convert, "CHUNK", 64)
@@ -348,7 +348,7 @@ def test_origins(columns, monkeypatch, shift):
         samples.append((sample.tobytes(), total))
         return choose_origin(sample, total)
 
-    monkeypatch.setattr("pointray.points.locating.choose_origin", choose)
+    monkeypatch.setattr("pointray.io.locating.choose_origin", choose)
     first, second = np.tile(XYZ, (31, 1)) + shift, np.tile(XYZ, (20, 1))[:-13] * 100
     second[:50] = np.nan
     with np.errstate(invalid="ignore"):
@@ -439,9 +439,9 @@ import resource, signal, sys
 from pathlib import Path
 from pointray.cli import _reason
 from pointray.base.disk_columns import Columns
-from pointray.parts.spool import spool
-from pointray.points.files import open_files, request_of
-from pointray.points.selection import Selection
+from pointray.io.spooling.spool import spool
+from pointray.io.files import open_files, request_of
+from pointray.io.selection import Selection
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 for limit in sys.argv[3:]:

@@ -8,9 +8,8 @@ import warnings
 import numpy as np
 import pytest
 
-from pointray.points import read
-from pointray.points.files import headers
-from pointray.points.formats.splats import splat, spz
+from pointray.io.files import headers, read
+from pointray.io.formats.splats import splat, spz
 from splats import check, cloud, damaged
 
 HARMONICS = [0, 3, 8, 15, 24]

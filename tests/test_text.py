@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from conftest import shared_model
-from pointray.points import read
-from pointray.points.files import headers
-from pointray.points.formats._source import MAYBE, NO, SURE
-from pointray.points.formats.text import _numbers, text
+from pointray.io.files import headers, read
+from pointray.io.formats._source import MAYBE, NO, SURE
+from pointray.io.formats.text import _numbers, text
 
 XYZ = np.random.default_rng(3).uniform(-100, 100, (50, 3))
 NORMALS = XYZ / np.linalg.norm(XYZ, axis=1, keepdims=True)

@@ -7,7 +7,7 @@ import pointray as pr
 from pointray import Points
 from pointray.cloud.georeference import SCAN, Survey
 from pointray.cloud.normals.stations import check_apart
-from pointray.points.trajectory import read_trajectory
+from pointray.io.trajectory import read_trajectory
 
 FAR = np.array([512_345.678, 5_400_000.123, 321.5])
 START = 316_000.25

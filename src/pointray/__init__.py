@@ -47,17 +47,17 @@ _HOME = {
     "clean": "cloud.cleaning",
     "draw_legend": "image",
     "estimate_normals": "cloud.normals.estimate",
-    "eyes_along": "points.trajectory",
+    "eyes_along": "io.trajectory",
     "find_flaws": "cloud.cleaning",
     "find_strays": "cloud.outliers",
     "fly": "rendering.camera_path",
     "frame": "staging.first_view",
     "load_scene": "scenefile",
     "merge_layers": "cloud.outliers",
-    "procedural": "points",
-    "procedural_distance": "points",
-    "formats": "points.known_formats",  # a name of `points/` itself would hide the folder
-    "read": "points",
+    "procedural": "procedural_models",
+    "procedural_distance": "procedural_models",
+    "formats": "io.known_formats",  # a name of `points/` itself would hide the folder
+    "read": "io.files",
     "render": "rendering.picture",
     "render_layers": "rendering.layers",
     "smooth": "cloud.denoising.smooth",
@@ -66,7 +66,7 @@ _HOME = {
     "transform": "scene.transforms",
     "turntable": "rendering.camera_path",
     "view": "viewer",
-    "write": "points",
+    "write": "io.files",
     "write_image": "image",
     "write_layers": "image",
 }
@@ -82,21 +82,21 @@ if TYPE_CHECKING:
     from .cloud.cleaning import find_flaws as find_flaws
     from .cloud.denoising.smooth import smooth as smooth
     from .cloud.georeference import Survey as Survey
+    from .cloud.normals.comparison import check_normals as check_normals
+    from .cloud.normals.estimate import estimate_normals as estimate_normals
     from .cloud.outliers import find_strays as find_strays
     from .cloud.outliers import merge_layers as merge_layers
     from .cloud.points import Points as Points
     from .image import draw_legend as draw_legend
     from .image import write_image as write_image
     from .image import write_layers as write_layers
+    from .io.files import read as read
+    from .io.files import write as write
+    from .io.known_formats import formats as formats
+    from .io.trajectory import eyes_along as eyes_along
     from .model import Model as Model
-    from .points import check_normals as check_normals
-    from .points import estimate_normals as estimate_normals
-    from .points import procedural as procedural
-    from .points import procedural_distance as procedural_distance
-    from .points import read as read
-    from .points import write as write
-    from .points.known_formats import formats as formats
-    from .points.trajectory import eyes_along as eyes_along
+    from .procedural_models import procedural as procedural
+    from .procedural_models import procedural_distance as procedural_distance
     from .rendering.camera import Camera as Camera
     from .rendering.camera_path import fly as fly
     from .rendering.camera_path import turntable as turntable

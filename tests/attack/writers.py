@@ -25,8 +25,8 @@ from attack import CrashError, WrongError
 from pointray import model_cache
 from pointray.cli import execute
 from pointray.image.frames import Frames
+from pointray.io.known_formats import written
 from pointray.model_file import SAVED
-from pointray.points.known_formats import written
 
 Write = Callable[[Path, int], None]
 SIZE = (64, 48)

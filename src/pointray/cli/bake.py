@@ -50,7 +50,7 @@ class BakeOutput(NamedTuple):
 
 def check_output(output: BakeOutput) -> None:
     """Raise an error, before any work is done, if the result cannot be written."""
-    from ..points.known_formats import written
+    from ..io.known_formats import written
 
     if output.colors and output.is_light:
         raise ValueError(f"{output.path}: holds light only; --colors is for {', '.join(written())}")

@@ -30,6 +30,6 @@ def convert(paths: Sequence[Path], reading: Reading, output: Path, force: bool) 
 
 def _write(output: Path, points: Any, progress: Progress) -> list[str]:
     """Write points; returns what the format cannot hold, in words."""
-    from ..points.files import write_points
+    from ..io.files import write_points
 
     return write_points(output, points, lambda share: progress.show("writing", share))

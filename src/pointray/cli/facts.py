@@ -69,7 +69,7 @@ def _bytes_of(saved: Path) -> int:
 
 
 def _headers(scan: ScanFiles) -> Iterator[dict[str, Any]]:
-    from ..points.files import headers
+    from ..io.files import headers
 
     for file, format, listing in headers(scan.files, scan.reading.request):
         known = {"file": str(file), "format": format.name, "bytes": file.stat().st_size, "rows": listing.count}

@@ -14,13 +14,13 @@ from ..base.arguments import check_positive
 from ..base.choices import AUTO
 from ..base.warning_log import warn
 from ..cloud.normals.validation import trusted
+from ..io.selection import Selection
+from ..io.trajectory import read_trajectory
 from ..model import SURFACE
 from ..model_file import SAVED
 from ..parts.prepare import begun_points, check_unfinished, fits, part_points_for
 from ..parts.prepare import prepare as prepare_parts
 from ..parts.split import PART, check_new, split
-from ..points.selection import Selection
-from ..points.trajectory import read_trajectory
 from ..splats.radii import radii_in
 from ..splats.scattered import Drawing
 from ..tree.settings import check_settings

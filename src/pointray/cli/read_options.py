@@ -69,7 +69,7 @@ class Reading:
     @property
     def request(self) -> Any:
         """The `Request` that formats get."""
-        from ..points.files import request_of
+        from ..io.files import request_of
 
         return request_of(
             self.columns, self.bounds, self.resolution, self.sample, self.opacity, self.intrinsics, self.strict
@@ -190,7 +190,7 @@ def reading_of(values: dict[str, Any]) -> Reading:
         parsed[name] = _choices(values[name] or [], f"--{name}")
     reading = Reading(**parsed)
     if not reading.is_plain:
-        from ..points.reading import check_reading
+        from ..io.reading import check_reading
 
         try:
             check_reading(reading.arguments)

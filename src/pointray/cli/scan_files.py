@@ -140,8 +140,8 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
 def check_scan(file: Path, reading: Reading | None = None) -> None:
     """Raise an error if a scan or a saved model cannot be opened, or a scan's header is wrong."""
     from ..base.atomic_write import check_regular
+    from ..io.files import check_readable
     from ..model_folder import check_folder
-    from ..points.files import check_readable
 
     if is_in_parts(file):
         check_folder(file)
@@ -153,8 +153,8 @@ def check_scan(file: Path, reading: Reading | None = None) -> None:
 
 def _scans_in(folder: Path) -> list[Path]:
     """The files of a folder that can be read, in the order of their names; a note tells of the others."""
-    from ..points.known_formats import extensions
-    from ..points.unpacking import PACKED
+    from ..io.known_formats import extensions
+    from ..io.unpacking import PACKED
 
     known, files, left = set(extensions()), [], []
     for path in sorted(folder.iterdir()):
@@ -185,7 +185,7 @@ def check_result(output: Path, *others: str) -> None:
     others : extensions besides those of points that the command writes
     """
     from ..base.atomic_write import check_writable
-    from ..points.known_formats import writer_of, written
+    from ..io.known_formats import writer_of, written
 
     extension = output.suffix.lower()
     if extension not in (*written(), *others):

@@ -8,9 +8,9 @@ from ..base.disk_columns import Column, Columns
 from ..cloud.georeference import SCAN
 from ..cloud.normals.visibility import ignored_stations, station_sample
 from ..cloud.points import Points
+from ..io.spooling.spooled import Spooled
 from ..splats.radii import radii_among
 from .arrange import CHUNK
-from .spooled import Spooled
 
 # What is found once: stations that are not believed, and whether there are radii.
 IGNORED, GIVEN_RADII = "ignored-stations", "given-radii"

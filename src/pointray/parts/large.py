@@ -22,6 +22,7 @@ from ..cloud.normals.estimate import DISAGREE, told
 from ..cloud.normals.stations import warn_of_ignored
 from ..cloud.normals.units import to_units
 from ..cluster.chores import Team
+from ..io.spooling.spooled import Spooled
 from ..splats.scattered import ALL_SURFACE, Drawing, check_drawing
 from ..splats.support import lone_note
 from ..tree.settings import LOOSE_TRIM, TreeSettings
@@ -32,7 +33,6 @@ from .finish import Described, Half, finish, finish_loose, finish_surface, id_in
 from .given import RADIUS, GivenColumns
 from .second_layers import find_layers
 from .separate import LOOSE, ROW, SEPARATED, SURFACE, Shaping, number_rows, separate
-from .spooled import Spooled
 from .stages import (
     GIVEN,
     KNOWN,

@@ -18,16 +18,16 @@ from ..base.progress import Progress, part_of
 from ..cloud.preparation import PEAK
 from ..cluster.client import machines_of
 from ..cluster.worker import version_here
+from ..io.files import headers, open_files, stamp
+from ..io.formats._source import Request
+from ..io.selection import Selection
+from ..io.spooling.spool import spool
+from ..io.spooling.spooled import spooled_in
 from ..model_folder import INDEX, UNFINISHED, VERSION
-from ..points.files import headers, open_files, stamp
-from ..points.formats._source import Request
-from ..points.selection import Selection
 from ..splats.scattered import Drawing
 from ..tree.settings import TreeSettings
 from .alone import alone, team_for
 from .large import Large, Wanted
-from .spool import spool
-from .spooled import spooled_in
 
 TASK = "task"  # what is known of the files and settings, there
 SPOOLED = 0.25  # share of the time

@@ -13,15 +13,14 @@ from ..base.atomic_write import check_regular
 from ..base.choices import NORMALS
 from ..cloud.denoising.smooth import check_sigma
 from ..cloud.normals.validation import trusted
+from ..io.files import check_readable, read
+from ..io.known_formats import extensions
+from ..io.reading import check_reading
+from ..io.unpacking import PACKED
 from ..model import SURFACE, Model
 from ..model_file import SAVED
 from ..model_folder import check_folder
-from ..points import procedural, read
-from ..points.files import check_readable
-from ..points.known_formats import extensions
-from ..points.procedural import MOST, NAMES
-from ..points.reading import check_reading
-from ..points.unpacking import PACKED
+from ..procedural_models import MOST, NAMES, procedural
 from ..splats.radii import radii_in
 from ..splats.scattered import check_drawing
 from ..tree.settings import check_settings

@@ -12,7 +12,7 @@ import numpy as np
 from ...cloud.points import Points
 from ...engine.jit import compile_seconds
 from ...model import Model
-from ...points import procedural
+from ...procedural_models import procedural
 from ...rendering.camera import Camera
 from ...rendering.picture import render
 from ...rendering.settings import Settings

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.jit import Array, borrow, kernel, next_tile, run
+from ..engine.jit import Array, borrow, kernel, next_tile, run
 from .clay import (
     ADD,
     CARVE,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import cos, floor, sin, sqrt
 
-from ...engine.jit import Array, inline, kernel, next_tile, routine
-from ...engine.kernels.vec import Vec3
+from ..engine.jit import Array, inline, kernel, next_tile, routine
+from ..engine.kernels.vec import Vec3
 from .clay import Solid, work_clay
 from .smooth import blend
 

@@ -27,8 +27,8 @@ from .joining import (
     missing_of,
     scans_of,
 )
-from .lacking import tell_lacking
 from .locating import locate, origin_of, sample_step, surveyed
+from .missing_columns import tell_lacking
 from .opening import Opener, announced_rows, check_some, chosen_of, listings_of, name_of, named, shares_of
 from .selection import Selection, Thinning
 

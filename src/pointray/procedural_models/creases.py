@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.jit import Array, borrow, kernel, next_tile, run
+from ..engine.jit import Array, borrow, kernel, next_tile, run
 from .clay import Solid
 from .solids import NEARLY, settle
 

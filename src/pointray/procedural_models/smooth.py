@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...engine.jit import inline
+from ..engine.jit import inline
 
 
 @inline

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import floor, sin, sqrt
 
-from ...engine.jit import Array, inline, routine
-from ...engine.kernels.vec import Vec3
+from ..engine.jit import Array, inline, routine
+from ..engine.kernels.vec import Vec3
 from .clay import (
     ADD,
     CARVE,

@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Columns
-from ..cloud.georeference import Survey
+from ...base.disk_columns import Columns
+from ...cloud.georeference import Survey
 from .raw import RAW
 
 FACTS = "spooled"

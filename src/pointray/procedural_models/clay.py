@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.jit import Array, inline, routine
-from ...engine.kernels.vec import Vec3
+from ..engine.jit import Array, inline, routine
+from ..engine.kernels.vec import Vec3
 from .reliefs import relief
 from .smooth import blend, step
 

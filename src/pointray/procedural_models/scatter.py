@@ -13,8 +13,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, run, u64
-from ...engine.kernels.vec import Vec3
+from ..engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, run, u64
+from ..engine.kernels.vec import Vec3
 from .creases import areas as triangle_areas
 
 FIRST_DISTANCE = 0.79  # in units of sqrt(A / n)

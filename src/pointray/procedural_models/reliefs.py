@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import atan2, cos, exp, floor, pi, sin, sqrt
 
-from ...engine.jit import inline, routine
+from ..engine.jit import inline, routine
 from .smooth import blend, step
 
 HAIR, FOLDS, MEANDER, FLUTES, SPIRAL = 10, 11, 12, 13, 14

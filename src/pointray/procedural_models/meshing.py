@@ -8,7 +8,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from ...engine.jit import Array, borrow, inline, kernel, next_tile, run
+from ..engine.jit import Array, borrow, inline, kernel, next_tile, run
 from .clay import Solid
 from .solids import NEARLY, field, settle
 

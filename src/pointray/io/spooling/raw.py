@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Column, Columns
+from ...base.disk_columns import Column, Columns
 
 RAW = "raw."  # how the names of their columns begin
 

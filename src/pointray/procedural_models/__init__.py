@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...base.arguments import check_choice, check_numbers, check_whole
-from ...engine.jit import Array, borrow, f64, kernel, next_tile, run
+from ..base.arguments import check_choice, check_numbers, check_whole
+from ..engine.jit import Array, borrow, f64, kernel, next_tile, run
 from .clay import COLUMNS, Solid
 from .creases import areas, edges_of, quarter, refine_creases, settled
 from .meshing import mesh_solid
@@ -44,7 +44,7 @@ from .solids import (
 )
 
 if TYPE_CHECKING:
-    from ...cloud.points import Points
+    from ..cloud.points import Points
 
 NAMES = ("statue", "sphere", "torus", "lattice")
 MOST = 100_000_000
@@ -158,7 +158,7 @@ def procedural(name: str, n: int, seed: int = 0) -> Points:
     ValueError
         The name is unknown, or n is no whole number in its range.
     """
-    from ...cloud.points import Points
+    from ..cloud.points import Points
 
     positions, normals, colors = sample(name, n, seed)
     return Points(positions, normals=normals, colors=colors)

@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Column, Columns
-from ..base.progress import Progress, part_of, tell
-from ..cloud.georeference import RESIDUAL, SCAN, Survey
-from ..cloud.points import are_finite, check_any_finite, check_attribute
-from ..cloud.preparation import tell_left_out
-from ..points.colors import GREY, ColorRange, to_shades
-from ..points.formats._source import CHUNK
-from ..points.joining import (
+from ...base.disk_columns import Column, Columns
+from ...base.progress import Progress, part_of, tell
+from ...cloud.georeference import RESIDUAL, SCAN, Survey
+from ...cloud.points import are_finite, check_any_finite, check_attribute
+from ...cloud.preparation import tell_left_out
+from ..colors import GREY, ColorRange, to_shades
+from ..formats._source import CHUNK
+from ..joining import (
     Part,
     attributes_of,
     color_kind,
@@ -26,8 +26,8 @@ from ..points.joining import (
     missing_of,
     scans_of,
 )
-from ..points.lacking import tell_lacking
-from ..points.locating import locate, origin_of, sample_step, surveyed
+from ..locating import locate, origin_of, sample_step, surveyed
+from ..missing_columns import tell_lacking
 from .raw import RAW, Raw
 from .spooled import ATTRIBUTE, COLORS, NORMALS, POSITIONS, Spooled
 

@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Columns
-from ..base.progress import Progress, part_of
-from ..cloud.points import check_attribute, check_count
-from ..points.colors import ColorRange
-from ..points.filling import Filling
-from ..points.formats._source import Chunk, Listing
-from ..points.joining import Part, common_survey
-from ..points.opening import Opener, announced_rows, check_some, chosen_of, listings_of, name_of, named, shares_of
-from ..points.selection import Selection
+from ...base.disk_columns import Columns
+from ...base.progress import Progress, part_of
+from ...cloud.points import check_attribute, check_count
+from ..colors import ColorRange
+from ..filling import Filling
+from ..formats._source import Chunk, Listing
+from ..joining import Part, common_survey
+from ..opening import Opener, announced_rows, check_some, chosen_of, listings_of, name_of, named, shares_of
+from ..selection import Selection
 from .convert import Cloud, File, convert
 from .spooled import ATTRIBUTE, COLORS, FACTS, NORMALS, POSITIONS, Spooled, clear, spooled_in
 
