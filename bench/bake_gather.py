@@ -18,7 +18,7 @@ from pointray.engine.kernels.scratch import KEY, RADIANCE, TILE, load3, new_scra
 from pointray.engine.kernels.vec import load3_flat
 from pointray.shade.path import begin_paths, trace_paths
 from pointray.shade.shading_points import begin_radiance
-from pointray.trace.world import set_ray
+from pointray.surface.trace.world import set_ray
 
 DEEP = 1000  # scatterings
 OFF = 0.1  # share of a ray's length by which its hit may miss the point

@@ -35,9 +35,9 @@ from pointray.engine.kernels.scratch import TILE, new_scratch
 from pointray.engine.kernels.vec import load3_flat
 from pointray.procedural_models import mesh, solid
 from pointray.procedural_models.creases import edges_of, quarter, settled
-from pointray.trace.cast import _occluded
-from pointray.trace.hits import tile_hit
-from pointray.trace.world import set_ray, trace_tile
+from pointray.surface.trace.cast import _occluded
+from pointray.surface.trace.hits import tile_hit
+from pointray.surface.trace.world import set_ray, trace_tile
 from views import bounce_rays, shadow_rays
 
 BATCH = 1024

@@ -15,9 +15,9 @@ import warnings
 import numpy as np
 
 import pointray as pr
-from pointray.tree.build import build_tree
-from pointray.tree.parts import splats_of
-from pointray.tree.settings import LEAF_WIDTH
+from pointray.surface.tree.build import build_tree
+from pointray.surface.tree.parts import splats_of
+from pointray.surface.tree.settings import LEAF_WIDTH
 
 SIDES = ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.2, 1.0, -0.3), (0.1, 0.2, 1.0))
 

@@ -1,4 +1,4 @@
-"""How well `pointray.splats.scatter` tells surfaces from scattered points: labelled scenes, clean scans, and time.
+"""How well `pointray.surface.splats.scattered.classification` tells surfaces from scattered points: labelled scenes, clean scans, and time.
 
     python bench/scatter.py [--seeds 100 101 102] [--samplings ...] [--pictures FOLDER]
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import pointray as pr
 from pointray.cloud.preparation import placed_for_model
-from pointray.splats.scatter import find_scattered, find_scattered_placed
+from pointray.surface.splats.scattered.classification import find_scattered, find_scattered_placed
 from scatter_scanners import SAMPLINGS, scan
 from scatter_scenes import CLASSES, make_scene
 

@@ -32,7 +32,7 @@ import pointray as pr
 from pointray.base.choices import SCATTER
 from pointray.cli import execute
 from pointray.cloud.normals.validation import trusted
-from pointray.splats.radii import radii_in
+from pointray.surface.splats.radii import radii_in
 from scatter_scanners import SAMPLINGS, scan
 from scatter_scenes import make_scene
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from pointray.engine.jit import inline, kernel, next_tile, run
 from pointray.engine.kernels.tree import SCATTER, SPHERES, first_scattered
-from pointray.intersect.march import BORDER_SHARE
-from pointray.tree.scattered import scattered_of
+from pointray.surface.intersect.march import BORDER_SHARE
+from pointray.surface.tree.scattered import scattered_of
 
 KINDS = {"paper": 0, "imls": 1, "apss": 2}
 STEPS = 40  # samples in a radius

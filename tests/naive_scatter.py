@@ -1,4 +1,4 @@
-"""A slow, obvious twin of `splats/scatter.py` without normals: all distances, NumPy's eigenvectors, in float64."""
+"""A slow, obvious twin of `surface/splats/scattered/classification.py` without normals: all distances, NumPy's eigenvectors, in float64."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pointray.cloud.neighbors import kd_order
-from pointray.splats import scatter, scatter_rules
-from pointray.splats.scatter_islands import CLOSED_IN, ISLANDS, SPECKS
+from pointray.surface.splats.scattered import classification as scatter
+from pointray.surface.splats.scattered import rules as scatter_rules
+from pointray.surface.splats.scattered.islands import CLOSED_IN, ISLANDS, SPECKS
 
 ISLAND_LIMITS = CLOSED_IN, SPECKS, ISLANDS
 

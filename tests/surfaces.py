@@ -15,7 +15,7 @@ from pointray.shade.bsdf import (
     sample_bsdf,
 )
 from pointray.shade.materials.specular import glass
-from pointray.trace.hits import material_at
+from pointray.surface.trace.hits import material_at
 
 
 @kernel

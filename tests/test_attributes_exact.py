@@ -10,7 +10,7 @@ import pytest
 import pointray as pr
 from pointray.cli import execute
 from pointray.cloud.georeference import SCAN, Survey
-from pointray.splats.radii import radii_in
+from pointray.surface.splats.radii import radii_in
 from pointray.viewer.pick import _said, pick
 
 N = 2000

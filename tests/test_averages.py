@@ -8,7 +8,7 @@ import pytest
 
 import pointray as pr
 from pointray.cloud.points import categories_of, is_label
-from pointray.splats.averages import attribute_averages, commonest, has_categories, have_categories
+from pointray.surface.splats.averages import attribute_averages, commonest, has_categories, have_categories
 
 N, GROUPS = 1500, 200
 DTYPES = ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"]

@@ -9,14 +9,14 @@ from scipy.spatial import Voronoi
 from conftest import long, sphere_points
 from pointray.cloud.neighbors import distinct, neighbors
 from pointray.cloud.statistics import quantile
-from pointray.splats import cells, choose_radii
-from pointray.splats.borders import FOLD, GAP, find_gaps
-from pointray.splats.cells import NEIGHBORS
-from pointray.splats.closed import CLOSED, OPEN, UNSURE, WIDE, distances, measure_closed, pack_table
-from pointray.splats.medians import medians_around
-from pointray.splats.radii import _in_cells
-from pointray.splats.sheets import BESIDE, OPPOSED, find_sheets
-from pointray.splats.voronoi import OTHER_SHEET, Hood, measure_cells
+from pointray.surface.splats import cells, choose_radii
+from pointray.surface.splats.borders import FOLD, GAP, find_gaps
+from pointray.surface.splats.cells import NEIGHBORS
+from pointray.surface.splats.closed import CLOSED, OPEN, UNSURE, WIDE, distances, measure_closed, pack_table
+from pointray.surface.splats.medians import medians_around
+from pointray.surface.splats.radii import _in_cells
+from pointray.surface.splats.sheets import BESIDE, OPPOSED, find_sheets
+from pointray.surface.splats.voronoi import OTHER_SHEET, Hood, measure_cells
 
 
 def square(n, seed=0):

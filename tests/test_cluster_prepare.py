@@ -33,8 +33,8 @@ from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
 from pointray.parts.prepare import part_points_for, part_points_within, prepare
 from pointray.parts.work import Work, _do_once
-from pointray.splats.scattered import Drawing
-from pointray.tree.settings import check_settings
+from pointray.surface.splats.scattered.spheres import Drawing
+from pointray.surface.tree.settings import check_settings
 
 SIZE = 1 << 14  # of a part: the least there is for so few points
 FEW = 20_000  # points of two parts

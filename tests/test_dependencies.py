@@ -137,7 +137,13 @@ for name in sys.argv[2].split():
 assert keys() == before
 print(json.dumps(changed))
 """
-KERNELS = ["cloud/neighbors/search.py", "tree/leaves.py", "trace/cast.py", "rendering/integrate.py", "baking/gather.py"]
+KERNELS = [
+    "cloud/neighbors/search.py",
+    "surface/tree/leaves.py",
+    "surface/trace/cast.py",
+    "rendering/integrate.py",
+    "baking/gather.py",
+]
 SEARCH, LEAVES, CAST, FRAME, RAYS = KERNELS
 CHANGED = {  # file -> keys that its edit changes
     "__main__.py": [],
@@ -146,7 +152,7 @@ CHANGED = {  # file -> keys that its edit changes
     "cli/options.py": [],
     "cluster/client.py": [],
     "image/tone.py": [],
-    "intersect/march.py": [CAST, FRAME, RAYS],
+    "surface/intersect/march.py": [CAST, FRAME, RAYS],
     "engine/jit/compile.py": [*KERNELS, "model"],
     "engine/kernels/vec.py": [LEAVES, CAST, FRAME, RAYS, "model"],
     "cloud/neighbors/search.py": [SEARCH, "model"],
@@ -160,10 +166,10 @@ CHANGED = {  # file -> keys that its edit changes
     "scenefile/words.py": [],
     "shade/path.py": [FRAME],
     "engine/simd/vector.py": [*KERNELS, "model"],
-    "splats/voronoi.py": ["model"],
+    "surface/splats/voronoi.py": ["model"],
     "staging/studio.py": [],
-    "trace/traverse.py": [CAST, FRAME, RAYS],
-    "tree/cells.py": [LEAVES, "model"],
+    "surface/trace/traverse.py": [CAST, FRAME, RAYS],
+    "surface/tree/cells.py": [LEAVES, "model"],
     "viewer/viewer.py": [],
 }
 

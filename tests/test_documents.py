@@ -52,7 +52,9 @@ def rooms() -> list[tuple[str, list[str]]]:
 
 
 def test_the_checks_see_what_is_wrong():
-    assert missing(paths_in("`tree/build.py`, `tree/build.p`, `bench/`, `docs/decisions/tree.md`, `x = 1`")) == []
+    assert (
+        missing(paths_in("`surface/tree/build.py`, `tree/build.p`, `bench/`, `docs/decisions/tree.md`, `x = 1`")) == []
+    )
     assert missing(paths_in("`tree/built.py`, `house/`, `bench/none.py`")) == [
         "bench/none.py",
         "house/",

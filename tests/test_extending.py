@@ -25,8 +25,8 @@ from pointray.rendering.integrate import Pass, render_tiles
 from pointray.rendering.picture import KERNELS
 from pointray.shade.materials.base import Material
 from pointray.shade.materials.principled import Principled
-from pointray.trace.hits import tile_hit
-from pointray.trace.world import trace_tile
+from pointray.surface.trace.hits import tile_hit
+from pointray.surface.trace.world import trace_tile
 
 ROOT = Path(pr.__file__).parent
 BRASS = (0.9, 0.7, 0.3)

@@ -5,7 +5,7 @@ import pytest
 
 import pointray as pr
 from pointray.cloud.neighbors import kd_order
-from pointray.splats.support import find_support
+from pointray.surface.splats.support import find_support
 
 NOISE = np.float32(1e-3)
 

@@ -6,10 +6,10 @@ import pytest
 import pointray as pr
 from pointray.cloud.neighbors import kd_order, neighbors
 from pointray.cloud.statistics import Usual
-from pointray.splats import cells, choose_radii
-from pointray.splats.gaps import WIDEST, find_limits
-from pointray.splats.radii import OVERLAP
-from pointray.tree.settings import TRIM
+from pointray.surface.splats import cells, choose_radii
+from pointray.surface.splats.gaps import WIDEST, find_limits
+from pointray.surface.splats.radii import OVERLAP
+from pointray.surface.tree.settings import TRIM
 
 SPACING = 0.05
 UP = np.float32([0, 0, 1])

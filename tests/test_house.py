@@ -49,7 +49,7 @@ TOWER = [
 
 
 def name_of(path: Path) -> str:
-    """The name of a file's module below the package, such as `trace.tile`; an `__init__` has that of its folder."""
+    """The name of a file's module below the package, such as `surface.trace.tile`; an `__init__` has that of its folder."""
     parts = path.relative_to(PACKAGE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 

@@ -7,7 +7,7 @@ import pointray as pr
 from conftest import long
 from pointray.engine.kernels.records import MATERIAL_SIZE, TOP_BOUNDS, TOP_CENTER, TOP_NODE
 from pointray.engine.kernels.tree import ROW
-from pointray.tree.instance_bvh import DEEP, FEW, build_top
+from pointray.surface.tree.instance_bvh import DEEP, FEW, build_top
 
 
 @pytest.fixture(scope="module")

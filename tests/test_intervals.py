@@ -9,7 +9,7 @@ import pointray as pr
 from conftest import long, shared_model, sphere_points
 from naive import KINDS, field, splats_of
 from pointray.engine.kernels.tree import LONGEST
-from pointray.intersect.march import START, START_UNREFINED
+from pointray.surface.intersect.march import START, START_UNREFINED
 
 FEW, MANY = 64, 128  # pixels across a picture, see `cast`
 SMOOTH = "torus", "torus, refine=0", "torus, disc"

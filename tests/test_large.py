@@ -24,9 +24,9 @@ from pointray.parts.large import Large
 from pointray.parts.local import REACH, local_of
 from pointray.parts.prepare import part_points_within, prepare
 from pointray.parts.work import Work
-from pointray.splats.scattered import ALL_SURFACE
-from pointray.tree.settings import check_settings
-from pointray.tree.stored import stored_splats
+from pointray.surface.splats.scattered.spheres import ALL_SURFACE
+from pointray.surface.tree.settings import check_settings
+from pointray.surface.tree.stored import stored_splats
 
 SIZE = 1 << 14
 SHARE = re.compile(r"^\d+(?=% of neighbouring normals)")

@@ -6,17 +6,17 @@ import pytest
 from conftest import sphere_points
 from pointray.engine.jit import uncompiled
 from pointray.engine.kernels.tree import NO_SURFACE
-from pointray.tree.build import Splats, build_tree
-from pointray.tree.columns import MARGIN, STEEP, WORTH, across
-from pointray.tree.columns import PAD as COLUMN_PAD
-from pointray.tree.leaves import PAD, limits_of
-from pointray.tree.settings import TRIM, TreeSettings
+from pointray.surface.tree.build import Splats, build_tree
+from pointray.surface.tree.columns import MARGIN, STEEP, WORTH, across
+from pointray.surface.tree.columns import PAD as COLUMN_PAD
+from pointray.surface.tree.leaves import PAD, limits_of
+from pointray.surface.tree.settings import TRIM, TreeSettings
 
 TOLERANCE = 2e-3  # radii: the square of a cosine is rounded, and its sine is taken to be a little too large
 
 
 def slab(x, n, r, m):
-    """Least and greatest m.x of any surface: the bound at the head of `tree/leaves.py`."""
+    """Least and greatest m.x of any surface: the bound at the head of `surface/tree/leaves.py`."""
     a, b, c, d = limits_of("apss", TRIM)
     cosine, away = (n @ m).min(), 1.0
     if cosine > 0:

@@ -11,8 +11,8 @@ from pointray.cli import execute
 from pointray.engine.kernels.records import INSTANCE, SHAPE_ROW
 from pointray.engine.kernels.tree import ROW
 from pointray.rendering.lod import at_distance
-from pointray.splats.groups import groups_in_cells
-from pointray.splats.levels import coarsen
+from pointray.surface.splats.groups import groups_in_cells
+from pointray.surface.splats.levels import coarsen
 
 
 @pytest.fixture(scope="module")

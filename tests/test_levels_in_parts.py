@@ -21,12 +21,12 @@ from pointray.parts import coarser, levels
 from pointray.parts.prepare import prepare
 from pointray.parts.split import split
 from pointray.parts.trees import cells_of, plan_of, shown, tree_within
-from pointray.splats.levels import LEAST_POINTS
-from pointray.splats.scattered import ALL_SURFACE
-from pointray.tree.build import build_tree
-from pointray.tree.parts import splats_of
-from pointray.tree.settings import check_settings
-from pointray.tree.stored import reach_of, stored_splats
+from pointray.surface.splats.levels import LEAST_POINTS
+from pointray.surface.splats.scattered.spheres import ALL_SURFACE
+from pointray.surface.tree.build import build_tree
+from pointray.surface.tree.parts import splats_of
+from pointray.surface.tree.settings import check_settings
+from pointray.surface.tree.stored import reach_of, stored_splats
 
 SIZE = 1 << 14
 

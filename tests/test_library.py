@@ -26,7 +26,7 @@ def is_there() -> bool:
         kernels = json.loads((library.FOLDER / library.MANIFEST).read_text())["kernels"]
     except FileNotFoundError:
         return False
-    return kernels["pointray.tree.wide.enclose"]["key"] == key_of([PACKAGE / "tree" / "wide.py"])
+    return kernels["pointray.surface.tree.wide.enclose"]["key"] == key_of([PACKAGE / "tree" / "wide.py"])
 
 
 needs_library = pytest.mark.skipif(not is_there(), reason="no compiled kernels of these sources (make kernels)")
@@ -171,17 +171,17 @@ def test_a_level_that_this_processor_lacks_is_passed_over(folder):
 def test_a_kernel_of_other_sources_is_not_used(folder):
     manifest = json.loads((folder / library.MANIFEST).read_text())
     assert chosen()[0]._is_of_today
-    manifest["kernels"]["pointray.tree.wide.collapse"]["key"] = "0" * 16
-    manifest["sources"]["tree/wide.py"] = "0" * 64
+    manifest["kernels"]["pointray.surface.tree.wide.collapse"]["key"] = "0" * 16
+    manifest["sources"]["surface/tree/wide.py"] = "0" * 64
     (folder / library.MANIFEST).write_text(json.dumps(manifest))
     found, _ = chosen()
     file = PACKAGE / "tree" / "wide.py"
-    assert found.find("pointray.tree.wide.collapse", file) is None
-    assert found.find("pointray.tree.wide.enclose", file) is not None
-    assert found.find("pointray.tree.wide.no_such", file) is None
+    assert found.find("pointray.surface.tree.wide.collapse", file) is None
+    assert found.find("pointray.surface.tree.wide.enclose", file) is not None
+    assert found.find("pointray.surface.tree.wide.no_such", file) is None
     manifest["sources"] = {"removed.py": "0" * 64}
     (folder / library.MANIFEST).write_text(json.dumps(manifest))
-    assert chosen()[0].find("pointray.tree.wide.collapse", file) is None
+    assert chosen()[0].find("pointray.surface.tree.wide.collapse", file) is None
 
 
 @needs_library
@@ -191,14 +191,14 @@ def test_a_library_that_is_replaced_while_it_is_used_stays(folder, monkeypatch):
     found, _ = chosen()
     for path in files_in(folder):
         path.write_bytes(b"\0" * path.stat().st_size)
-    call = found.find("pointray.tree.wide.enclose", PACKAGE / "tree" / "wide.py")
+    call = found.find("pointray.surface.tree.wide.enclose", PACKAGE / "tree" / "wide.py")
     children, leaf_of = np.array([[1, 2], [-1, -1], [-1, -1]], np.int32), np.array([-1, 0, 1], np.int32)
     boxes = np.zeros((3, 6))
     call(children, leaf_of, np.array([[0, 0, 0, 1, 1, 1], [2, 2, 2, 3, 3, 3.0]]), boxes)
     assert boxes[0].tolist() == [0, 0, 0, 3, 3, 3]
-    with pytest.raises(TypeError, match="pointray.tree.wide.enclose: .*<f4"):
+    with pytest.raises(TypeError, match="pointray.surface.tree.wide.enclose: .*<f4"):
         call(children, leaf_of, boxes.astype(np.float32), boxes)
-    with pytest.raises(TypeError, match="pointray.tree.wide.enclose: .*arguments"):
+    with pytest.raises(TypeError, match="pointray.surface.tree.wide.enclose: .*arguments"):
         call(children)
 
 

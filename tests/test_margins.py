@@ -9,7 +9,7 @@ import pytest
 import pointray as pr
 from conftest import long
 from pointray.baking.surfaces import find_sheets
-from pointray.tree.indices import check_indices
+from pointray.surface.tree.indices import check_indices
 
 WIDE = 120.0  # in spacings, which are 1
 LOW = WIDE / 2 - 10  # where a box of 20 in its middle begins

@@ -55,7 +55,11 @@ def main():
 if __name__ == "__main__":
     main()
 """
-SMALL = "pointray.tree.wide.enclose", "pointray.tree.wide.collapse", "pointray.splats.grow._grade"
+SMALL = (
+    "pointray.surface.tree.wide.enclose",
+    "pointray.surface.tree.wide.collapse",
+    "pointray.surface.splats.grow._grade",
+)
 
 
 def start(root: Path, folder: Path, jobs: int, *kernels: str) -> subprocess.Popen[str]:
@@ -110,10 +114,10 @@ def test_an_edited_kernel_is_compiled_anew_and_no_other(copy, tmp_path):
     path = copy / "src" / "pointray" / "splats" / "grow.py"
     text = path.read_text()
     path.write_text(text + "# edited\n")
-    assert built(copy, tmp_path, 2, *SMALL) == ["pointray.splats.grow._grade"]
+    assert built(copy, tmp_path, 2, *SMALL) == ["pointray.surface.splats.grow._grade"]
     path.write_text(text)
     assert content(tmp_path) != before
-    assert built(copy, tmp_path, 2, *SMALL) == ["pointray.splats.grow._grade"]
+    assert built(copy, tmp_path, 2, *SMALL) == ["pointray.surface.splats.grow._grade"]
     assert content(tmp_path) == before
 
 

@@ -7,7 +7,7 @@ import pointray as pr
 from pointray.engine.jit import borrow, keep_alive, kernel
 from pointray.engine.kernels.scratch import COUNT_SPLATS, new_scratch, slot_of
 from pointray.engine.kernels.tree import CELL, LEAF
-from pointray.intersect.gather import gather, list_blocks, list_splats, segment
+from pointray.surface.intersect.gather import gather, list_blocks, list_splats, segment
 
 
 @kernel

@@ -32,8 +32,8 @@ WHEELS = ROOT / "build" / "wheel"
 LEVEL = "x86-64-v3"  # whose results on Windows are those here
 FEW = (
     "pointray.cloud.neighbors.search.find_nearest",
-    "pointray.splats.borders._find_gaps",
-    "pointray.tree.wide.collapse",
+    "pointray.surface.splats.borders._find_gaps",
+    "pointray.surface.tree.wide.collapse",
 )
 
 RECORD = """

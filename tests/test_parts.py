@@ -18,8 +18,8 @@ from pointray.model_file import KIND
 from pointray.model_folder import INDEX, POINTS, LevelFile, PartFile, write_level, write_part
 from pointray.parts.split import split
 from pointray.parts.trees import nth_least
-from pointray.tree.build import build_tree
-from pointray.tree.parts import splats_of
+from pointray.surface.tree.build import build_tree
+from pointray.surface.tree.parts import splats_of
 
 SIDES = ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.1, 0.2, 1.0))
 

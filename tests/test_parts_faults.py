@@ -24,7 +24,7 @@ from pointray.parts import alone as alone_module
 from pointray.parts import prepare as prepare_module
 from pointray.parts.large import Large
 from pointray.parts.prepare import begun_points, prepare
-from pointray.tree.settings import check_settings
+from pointray.surface.tree.settings import check_settings
 
 SIZE = 1 << 14  # the least there is for so few points
 

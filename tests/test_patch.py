@@ -9,7 +9,7 @@ from conftest import long
 from pointray.engine.jit import kernel
 from pointray.engine.kernels.tree import CELL, LEAF, NO_SURFACE, SLAB
 from pointray.engine.simd import load16, store
-from pointray.intersect.columns import axes_of, narrow, narrow_one
+from pointray.surface.intersect.columns import axes_of, narrow, narrow_one
 
 STEPS = 20_000
 

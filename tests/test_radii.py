@@ -6,9 +6,9 @@ import pointray as pr
 from conftest import long, shared_model, sphere_points
 from pointray.cloud.neighbors import distinct, neighbors
 from pointray.io.files import read
-from pointray.splats import check_radii, choose_radii
-from pointray.splats.radii import OVERLAP
-from pointray.splats.voronoi import Hood, measure_cells
+from pointray.surface.splats import check_radii, choose_radii
+from pointray.surface.splats.radii import OVERLAP
+from pointray.surface.splats.voronoi import Hood, measure_cells
 
 N = 10_000
 SPHERE = sphere_points(N)

@@ -9,9 +9,9 @@ import naive_scatter
 import pointray as pr
 from conftest import shared_model
 from pointray.cloud.preparation import placed_for_model
-from pointray.splats.local_planes import columns_of, disagreement, fit_planes
-from pointray.splats.scatter import FEW, find_scattered, find_scattered_placed
-from pointray.splats.scatter_islands import CLOSED_IN, ISLANDS, SPECKS, follow_around
+from pointray.surface.splats.local_planes import columns_of, disagreement, fit_planes
+from pointray.surface.splats.scattered.classification import FEW, find_scattered, find_scattered_placed
+from pointray.surface.splats.scattered.islands import CLOSED_IN, ISLANDS, SPECKS, follow_around
 from scatter_scanners import scan
 from scatter_scenes import CLASSES, CROWN, GROUND, ROOF, STRAY, WALL, make_scene
 

@@ -21,9 +21,9 @@ from pointray.io.selection import Selection
 from pointray.model_folder import INDEX
 from pointray.parts.prepare import prepare
 from pointray.parts.split import split
-from pointray.splats.scatter import find_scattered, scattered_places
-from pointray.splats.scattered import Drawing
-from pointray.tree.settings import check_settings
+from pointray.surface.splats.scattered.classification import find_scattered, scattered_places
+from pointray.surface.splats.scattered.spheres import Drawing
+from pointray.surface.tree.settings import check_settings
 
 SIZE = 1 << 14
 

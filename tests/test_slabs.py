@@ -1,4 +1,4 @@
-"""The claim proved at the head of `tree/leaves.py`: the surface f = 0 of any few splats lies in their slab."""
+"""The claim proved at the head of `surface/tree/leaves.py`: the surface f = 0 of any few splats lies in their slab."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,8 @@ import pytest
 from conftest import long
 from naive import KINDS, bisect, field
 from pointray.engine.jit import f32, kernel, next_tile, run
-from pointray.tree.columns import LANES, PARTS, Members, slab_along
-from pointray.tree.leaves import limits_of
+from pointray.surface.tree.columns import LANES, PARTS, Members, slab_along
+from pointray.surface.tree.leaves import limits_of
 
 TRIM, STEPS, LINES = 0.75, 120, 24
 PAD = 1e-4  # of a radius, against rounding: the slab of a single splat has no thickness

@@ -11,10 +11,10 @@ from naive import meet_scattered, walk
 from pointray.cloud.kd_ordering import along_path
 from pointray.cloud.statistics import Usual
 from pointray.engine.kernels.tree import NO_CHILD, SCATTERED, first_scattered
-from pointray.splats.scattered import Drawing, shapes_of
-from pointray.tree.check import check_tree
-from pointray.tree.indices import check_indices
-from pointray.tree.scattered import scattered_of
+from pointray.surface.splats.scattered.spheres import Drawing, shapes_of
+from pointray.surface.tree.check import check_tree
+from pointray.surface.tree.indices import check_indices
+from pointray.surface.tree.scattered import scattered_of
 
 UP = np.array([0.0, 0.0, 1.0])
 

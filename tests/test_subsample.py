@@ -9,11 +9,11 @@ import pytest
 import pointray as pr
 from conftest import long, shared_model, sphere_points
 from pointray.cloud.neighbors import distinct, kd_order
-from pointray.splats.cover import choose, relax
-from pointray.splats.deviation import deviations
-from pointray.splats.grow import grow
-from pointray.splats.subsample import describe_cloud
-from pointray.splats.subset import measure, select_greedily
+from pointray.surface.splats.cover import choose, relax
+from pointray.surface.splats.deviation import deviations
+from pointray.surface.splats.grow import grow
+from pointray.surface.splats.subsample import describe_cloud
+from pointray.surface.splats.subset import measure, select_greedily
 
 
 def diagonal(points):
@@ -322,7 +322,7 @@ def test_the_statue_of_the_paper(monkeypatch):
         counts.append((len(rows), len(relaxed)))
         return relaxed
 
-    monkeypatch.setattr("pointray.splats.subset.relax", counted)
+    monkeypatch.setattr("pointray.surface.splats.subset.relax", counted)
     subset, radii = pr.subsample(points, tolerance)
     assert len(subset) < 30_000
     assert counts[0][1] <= 0.9 * counts[0][0]

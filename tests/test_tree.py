@@ -9,11 +9,11 @@ import pointray as pr
 from conftest import long, shared_model, sphere_points, uneven_points
 from pointray.cloud.neighbors import kd_order
 from pointray.engine.kernels.tree import LEAF, LEAST, NO_SURFACE, STEP
-from pointray.tree.build import Splats, build_tree
-from pointray.tree.cells import MOST_LEAST
-from pointray.tree.check import check_tree
-from pointray.tree.settings import LEAF_WIDTH, TreeSettings, check_settings
-from pointray.tree.stored import stored_splats
+from pointray.surface.tree.build import Splats, build_tree
+from pointray.surface.tree.cells import MOST_LEAST
+from pointray.surface.tree.check import check_tree
+from pointray.surface.tree.settings import LEAF_WIDTH, TreeSettings, check_settings
+from pointray.surface.tree.stored import stored_splats
 
 COUNTS = {"torus": 10_000, "sphere": 40_000, "lattice": 40_000, "statue": 200_000}
 

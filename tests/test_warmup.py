@@ -137,7 +137,7 @@ if __name__ == "__main__":
 PICTURE = """
     pr.render(scene, pr.Camera.look_at((3, 0, 2), (0, 0, 0), size=(8, 8)), pr.Settings("phong"))
 """
-CHEAP = ["cloud.neighbors.rows", "tree.wide"]  # modules with the kernels of a model that compile fastest
+CHEAP = ["cloud.neighbors.rows", "surface.tree.wide"]  # modules with the kernels of a model that compile fastest
 
 
 def run(program, cache):
@@ -156,7 +156,7 @@ def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path):
     """Some kernels are missing in the cache, one of which a second process compiles; on the next start none is."""
     cache = linked_cache(tmp_path / "cache")
     run(COLD + PICTURE, cache)
-    missing = [*CHEAP, "trace.cast"]
+    missing = [*CHEAP, "surface.trace.cast"]
     folders = [folder for name in missing for folder in cache.glob(f"*/{name}-*")]
     assert {folder.name.rsplit("-", 1)[0] for folder in folders} >= set(CHEAP)
     for folder in folders:
@@ -170,7 +170,7 @@ def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path):
 def uncompiled(monkeypatch):
     """A kernel that counts as not compiled."""
     monkeypatch.setattr(jit.Kernel, "is_compiled", False)
-    return "pointray.trace.cast._closest"
+    return "pointray.surface.trace.cast._closest"
 
 
 @pytest.mark.parametrize("program", ["raise SystemExit(3)", "print('pointray.no.such')", "print('\\xff' * 9)"])

@@ -19,7 +19,7 @@ from pointray.rendering.waves.spread import NOTHING
 from pointray.rendering.waves.travel import View, held_world
 from pointray.rendering.waves.wave import Pictured, Waves, answer_question, passes_of, pieces_of
 from pointray.scene.shares import Shares, boxes_of
-from pointray.trace.world import occlude_tile, trace_tile
+from pointray.surface.trace.world import occlude_tile, trace_tile
 
 
 def by_waves(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings, holders: int) -> tuple[Any, list[int]]:

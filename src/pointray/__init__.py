@@ -62,7 +62,7 @@ _HOME = {
     "render_layers": "rendering.layers",
     "smooth": "cloud.denoising.smooth",
     "studio": "staging.studio",
-    "subsample": "splats.subsample",
+    "subsample": "surface.splats.subsample",
     "transform": "scene.transforms",
     "turntable": "rendering.camera_path",
     "view": "viewer",
@@ -123,9 +123,9 @@ if TYPE_CHECKING:
     from .shade.materials.principled import Principled as Principled
     from .shade.materials.specular import Dielectric as Dielectric
     from .shade.materials.specular import Mirror as Mirror
-    from .splats.subsample import subsample as subsample
     from .staging.first_view import frame as frame
     from .staging.studio import studio as studio
+    from .surface.splats.subsample import subsample as subsample
     from .viewer import view as view
 
 

@@ -21,16 +21,16 @@ from .engine.kernels.tree import LONGEST, SCATTER, Tree, no_tree
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
 from .residence import Key, OnDisk, Residence, Source
-from .splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
-from .splats.make import Made, Sizes, check_size, make_splats
-from .splats.radii import check_radii
-from .splats.scatter import find_scattered_placed, has_few_places
-from .splats.scattered import Drawing, check_drawing, check_mask, make_scattered
-from .splats.scattered_levels import Loose, coarsen_scattered, joined, spacing_of
-from .tree.build import Splats, build_tree
-from .tree.scattered import scattered_of, scattered_rows, with_scattered
-from .tree.settings import LOOSE_TRIM, check_settings, settings_of
-from .tree.stored import longest_leaf, reach_of, stored_splats
+from .surface.splats.build import Made, Sizes, check_size, make_splats
+from .surface.splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
+from .surface.splats.radii import check_radii
+from .surface.splats.scattered.classification import find_scattered_placed, has_few_places
+from .surface.splats.scattered.levels import Loose, coarsen_scattered, joined, spacing_of
+from .surface.splats.scattered.spheres import Drawing, check_drawing, check_mask, make_scattered
+from .surface.tree.build import Splats, build_tree
+from .surface.tree.scattered import scattered_of, scattered_rows, with_scattered
+from .surface.tree.settings import LOOSE_TRIM, check_settings, settings_of
+from .surface.tree.stored import longest_leaf, reach_of, stored_splats
 
 SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
@@ -49,7 +49,7 @@ class Model(OnDisk):
     radii : (n,) array_like, optional
         Support radius of each point, in the unit of the positions. None: chosen (paper, part II).
     surface : {"paper", "imls", "apss", "disc"}, optional
-        The implicit surface, see `pointray.intersect.surface`; "disc" is the flat splats of the paper's figure 1a.
+        The implicit surface, see `pointray.surface.intersect.surface`; "disc" is the flat splats of the paper's figure 1a.
         None: "apss".
     samples : int
         Samples along a ray over a support's diameter, the paper's N: steps are radius * 2 / N or less.

@@ -18,7 +18,7 @@ from .array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
 from .cloud.georeference import Survey
 from .cloud.points import FARTHEST, Points
 from .engine.kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, SCATTER, STEP, Tree
-from .tree.indices import check_indices
+from .surface.tree.indices import check_indices
 
 SAVED = ".pointray"  # the usual end of such a file's name
 LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]

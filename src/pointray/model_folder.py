@@ -39,7 +39,7 @@ from .model_file import (
     take_tree,
     write_model,
 )
-from .tree.stored import longest_leaf, radii_of, reach_of
+from .surface.tree.stored import longest_leaf, radii_of, reach_of
 
 INDEX, POINTS = "index.json", "points.pointray"
 UNFINISHED = "unfinished"  # the folder in it that holds what is found until all is done

@@ -47,8 +47,8 @@ from ..shade.emitters import sample_light
 from ..shade.grid import grid_cell, grid_frame
 from ..shade.rgbe import pack_rgbe, signed
 from ..shade.shading_points import shading_point, start_of, store_shading_points
-from ..trace.hits import describe_tile, material_at, tile_hit
-from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from, trace_tile
+from ..surface.trace.hits import describe_tile, material_at, tile_hit
+from ..surface.trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from, trace_tile
 from .directions import SKY_TEXELS, link_direction, texel_of
 
 BLACK, INSIDE, SKY = 0, 1, 2

@@ -32,7 +32,7 @@ from ..engine.kernels.records import (
     World,
 )
 from ..scene.world import Snapshot
-from ..trace.cast import closest_hits
+from ..surface.trace.cast import closest_hits
 from .gather import TARGET, Targets
 from .patches import NEAR, PIECE, PatchSet, choose_patches
 from .planes import Grid, fit_grid, grid_colors, grid_positions

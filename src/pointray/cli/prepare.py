@@ -21,9 +21,9 @@ from ..model_file import SAVED
 from ..parts.prepare import begun_points, check_unfinished, fits, part_points_for
 from ..parts.prepare import prepare as prepare_parts
 from ..parts.split import PART, check_new, split
-from ..splats.radii import radii_in
-from ..splats.scattered import Drawing
-from ..tree.settings import check_settings
+from ..surface.splats.radii import radii_in
+from ..surface.splats.scattered.spheres import Drawing
+from ..surface.tree.settings import check_settings
 from .cluster import working_on
 from .read_options import Reading
 from .scan_files import ScanFiles, check_not_input, check_result, scan_of
@@ -191,7 +191,7 @@ def _prepared(
     import pointray as pr
 
     from ..cloud.cleaning import find_flaws
-    from ..splats.subsample import find_subsample
+    from ..surface.splats.subsample import find_subsample
 
     done = []
     if options["drop_duplicates"] or options["drop_outliers"]:
@@ -236,7 +236,7 @@ def _prepared(
 
 def _fit_of(found: Any, limit: float | None) -> str:
     """How well the surface of the kept points fits all points, in words."""
-    from ..splats.subsample import NOISY, SHARE
+    from ..surface.splats.subsample import NOISY, SHARE
 
     if limit is None:
         return ""

@@ -18,8 +18,8 @@ from ..cloud.normals.validation import told
 from ..cloud.points import Points
 from ..cloud.rounding import find_rounding
 from ..model import Model
-from ..splats.radii import radii_in
-from ..splats.support import find_support
+from ..surface.splats.radii import radii_in
+from ..surface.splats.support import find_support
 
 Positions = NDArray[np.float32]
 

@@ -12,9 +12,9 @@ from ..base.choices import AUTO, EXPOSED, MUTED, SAME
 from ..cloud.normals.validation import trusted
 from ..cloud.points import Points
 from ..shade.lights import SunLight
-from ..splats.radii import radii_in
 from ..staging import STUDIO
 from ..staging.first_view import ViewChoice
+from ..surface.splats.radii import radii_in
 from .baked_light import FIRST, LightSource, light_source
 from .options import background_of, settings_of
 from .scan_files import ScanFiles

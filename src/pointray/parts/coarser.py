@@ -20,13 +20,13 @@ from ..cloud.sampled_statistics import Sampled
 from ..cloud.statistics import Usual, sample_of
 from ..model_file import Level
 from ..model_folder import write_level
-from ..splats.averages import attribute_averages
-from ..splats.levels import SUPPORT, Fine, means_of
-from ..splats.support import Support, find_support
-from ..tree.build import Splats, bounds_of
-from ..tree.leaves import longest_step
-from ..tree.settings import TreeSettings
-from ..tree.stored import reach_of
+from ..surface.splats.averages import attribute_averages
+from ..surface.splats.levels import SUPPORT, Fine, means_of
+from ..surface.splats.support import Support, find_support
+from ..surface.tree.build import Splats, bounds_of
+from ..surface.tree.leaves import longest_step
+from ..surface.tree.settings import TreeSettings
+from ..surface.tree.stored import reach_of
 from .arrange import boxes_of
 from .grid import Grid, cells_of_part, widened
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer

@@ -14,10 +14,10 @@ from ..base.disk_columns import Column, Columns
 from ..base.progress import Progress, tell
 from ..engine.kernels.tree import LONGEST
 from ..model_folder import Index, PartFile, write_columns, write_index, write_part
-from ..splats.scattered import Drawing
-from ..tree.build import Splats
-from ..tree.settings import TreeSettings
-from ..tree.top import Groups
+from ..surface.splats.scattered.spheres import Drawing
+from ..surface.tree.build import Splats
+from ..surface.tree.settings import TreeSettings
+from ..surface.tree.top import Groups
 from . import layer
 from .arrange import CHUNK
 from .coarser import ATTRIBUTE, Named

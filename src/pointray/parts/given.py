@@ -9,7 +9,7 @@ from ..cloud.georeference import SCAN
 from ..cloud.normals.visibility import ignored_stations, station_sample
 from ..cloud.points import Points
 from ..io.spooling.spooled import Spooled
-from ..splats.radii import radii_among
+from ..surface.splats.radii import radii_among
 from .arrange import CHUNK
 
 # What is found once: stations that are not believed, and whether there are radii.

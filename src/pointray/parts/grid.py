@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..splats.groups import Groups, cell_numbers, groups_in_cells
-from ..splats.scattered_levels import without_sides
+from ..surface.splats.groups import Groups, cell_numbers, groups_in_cells
+from ..surface.splats.scattered.levels import without_sides
 from .layer import NORMALS, POSITIONS, Layer
 from .members import among, distinct_numbers
 

@@ -23,9 +23,9 @@ from ..cloud.normals.stations import warn_of_ignored
 from ..cloud.normals.units import to_units
 from ..cluster.chores import Team
 from ..io.spooling.spooled import Spooled
-from ..splats.scattered import ALL_SURFACE, Drawing, check_drawing
-from ..splats.support import lone_note
-from ..tree.settings import LOOSE_TRIM, TreeSettings
+from ..surface.splats.scattered.spheres import ALL_SURFACE, Drawing, check_drawing
+from ..surface.splats.support import lone_note
+from ..surface.tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import TILE, Arrangement
 from .coarser import Named
 from .facing import turn_fits, turn_given

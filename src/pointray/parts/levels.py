@@ -18,9 +18,9 @@ from ..base.disk_columns import Columns
 from ..cloud.statistics import steady
 from ..model import COARSER, LEVEL_SAMPLES
 from ..model_folder import LevelFile, PartFile
-from ..splats.averages import have_categories
-from ..splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
-from ..tree.settings import check_settings
+from ..surface.splats.averages import have_categories
+from ..surface.splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
+from ..surface.tree.settings import check_settings
 from .coarser import (
     ATTRIBUTE,
     BORDERS,

@@ -19,12 +19,12 @@ from ..engine.kernels.tree import BOUNDS, Tree, no_tree
 from ..model import LEVEL_SAMPLES
 from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part
-from ..splats.scattered import Drawing
-from ..splats.scattered_levels import Loose, coarsen_scattered, spacing_of
-from ..tree.build import Splats
-from ..tree.scattered import with_scattered
-from ..tree.settings import check_settings
-from ..tree.stored import reach_of
+from ..surface.splats.scattered.levels import Loose, coarsen_scattered, spacing_of
+from ..surface.splats.scattered.spheres import Drawing
+from ..surface.tree.build import Splats
+from ..surface.tree.scattered import with_scattered
+from ..surface.tree.settings import check_settings
+from ..surface.tree.stored import reach_of
 from .coarser import ATTRIBUTE, Named, Written, box_around
 from .grid import Grid, cells_of_part
 from .layer import COLORS, NORMALS, POSITIONS, RADII, Layer

@@ -24,8 +24,8 @@ from ..io.selection import Selection
 from ..io.spooling.spool import spool
 from ..io.spooling.spooled import spooled_in
 from ..model_folder import INDEX, UNFINISHED, VERSION
-from ..splats.scattered import Drawing
-from ..tree.settings import TreeSettings
+from ..surface.splats.scattered.spheres import Drawing
+from ..surface.tree.settings import TreeSettings
 from .alone import alone, team_for
 from .large import Large, Wanted
 

@@ -19,11 +19,11 @@ from ..cloud.neighbors import take
 from ..cloud.normals.estimate import estimate_normals
 from ..cloud.sampled_statistics import of_places
 from ..cloud.statistics import Usual
-from ..splats.local_planes import columns_of
-from ..splats.make import check_size
-from ..splats.scatter import FEW, scattered_places
-from ..splats.scatter_normals import Normals
-from ..splats.scattered import Drawing, shapes_of
+from ..surface.splats.build import check_size
+from ..surface.splats.local_planes import columns_of
+from ..surface.splats.scattered.classification import FEW, scattered_places
+from ..surface.splats.scattered.fitted_normals import Normals
+from ..surface.splats.scattered.spheres import Drawing, shapes_of
 from .arrange import CHUNK, SORTED
 from .local import Local
 from .stages import Cloud, path_of

@@ -18,9 +18,9 @@ from ..base.progress import Progress, part_of, tell
 from ..cloud.points import Points
 from ..model import Model
 from ..model_folder import INDEX, Index, PartFile, write_index, write_points
-from ..tree.build import Splats
-from ..tree.parts import splats_of, surface_of
-from ..tree.scattered import scattered_of
+from ..surface.tree.build import Splats
+from ..surface.tree.parts import splats_of, surface_of
+from ..surface.tree.scattered import scattered_of
 from . import layer
 from .coarser import ATTRIBUTE, Named
 from .layer import Layer

@@ -29,8 +29,8 @@ from ..cloud.outliers.search import block_size
 from ..cloud.points import Points
 from ..cloud.sampled_statistics import of_places
 from ..cloud.statistics import Usual
-from ..splats.support import Support, find_support
-from ..tree.settings import TreeSettings
+from ..surface.splats.support import Support, find_support
+from ..surface.tree.settings import TreeSettings
 from .local import Local
 from .members import distinct_numbers
 

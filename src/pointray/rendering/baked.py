@@ -14,8 +14,8 @@ from ..shade.baked_light import add_baked, add_live, meet_lamps
 from ..shade.shading_points import add_radiance, begin_radiance, is_shaded, store_shading_points
 from ..shade.sky import sky_radiance
 from ..shade.specular_rays import begin_specular, set_specular_rays, spawn_specular
-from ..trace.hits import describe_tile
-from ..trace.world import meets_nothing, trace_tile
+from ..surface.trace.hits import describe_tile
+from ..surface.trace.world import meets_nothing, trace_tile
 from .film import add_sample
 from .integrate import Pass, render_tiles
 

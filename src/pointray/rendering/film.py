@@ -38,7 +38,7 @@ from ..engine.kernels.scratch import (
 )
 from ..engine.kernels.vec import Vec3, add, along_curve, luminance, scale, unit
 from ..engine.simd import Bits, count_trailing_zeros
-from ..trace.world import set_ray
+from ..surface.trace.world import set_ray
 from .lens import BLACKMAN_HARRIS, BOX, GAUSSIAN, TENT, on_screen, position_in_pixel, project, through_lens
 
 Corner: TypeAlias = tuple[int, int]  # column and row of a tile's first pixel

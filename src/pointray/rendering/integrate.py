@@ -46,8 +46,8 @@ from ..shade.path import begin_paths, trace_paths
 from ..shade.shading_points import add_radiance, begin_radiance, is_shaded, store_shading_points
 from ..shade.sky import has_sky, sky_radiance
 from ..shade.specular_rays import begin_specular, set_specular_rays, spawn_specular
-from ..trace.hits import describe_tile, material_at, tile_hit
-from ..trace.world import NO_RAY, meets_nothing, set_ray, trace_tile
+from ..surface.trace.hits import describe_tile, material_at, tile_hit
+from ..surface.trace.world import NO_RAY, meets_nothing, set_ray, trace_tile
 from .film import (
     EDGE,
     Background,

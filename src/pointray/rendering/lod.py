@@ -24,7 +24,7 @@ from ..engine.kernels.records import (
 from ..model import COARSER, Model
 from ..scene.shown import instances_of, world_showing
 from ..scene.world import Snapshot
-from ..splats.levels import SUPPORT
+from ..surface.splats.levels import SUPPORT
 from .camera import Camera
 from .window import may_see
 

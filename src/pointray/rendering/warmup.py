@@ -39,7 +39,7 @@ RECORD: dict[str, Any] = json.loads(Path(__file__).with_name("first_start.json")
 BUILD, NORMALS = RECORD["build"], RECORD["normals"]  # of a model; also if it has no normals
 BAKE, BLEND = RECORD["bake"], RECORD["blend"]  # of a bake; also if there are models
 PICTURES = RECORD["pictures"]  # besides what is shared by all kernels that trace rays, as are those of rays
-CLICK, RAYS = "trace.cast._closest", "baking.gather.send_rays"
+CLICK, RAYS = "surface.trace.cast._closest", "baking.gather.send_rays"
 SHARED: float = RECORD["shared"]  # seconds that the first kernel that traces rays takes longer, for all of a process
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..engine.kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW
 from ..model import Model
-from ..trace.cast import PLAIN, Pace, blend_attribute
+from ..surface.trace.cast import PLAIN, Pace, blend_attribute
 from .paints import categories_in
 from .world import Snapshot
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..cluster.arrays import Form, Shared, check_chunks, chunked_like
 from ..cluster.recipe import Stage
 from ..cluster.stowed import homes_for
-from ..trace.cast import PLAIN, Pace
+from ..surface.trace.cast import PLAIN, Pace
 from .blend import blend, blended_form
 from .rays import Hits, Rays, check_rays, leading_shape
 from .reached import closest_reached, occluded_reached

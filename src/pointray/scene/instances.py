@@ -34,7 +34,7 @@ from ..engine.kernels.records import (
 from ..model import Model
 from ..shade.materials.base import Material
 from ..shade.materials.diffuse import Diffuse
-from ..tree.instance_bvh import boxes_around
+from ..surface.tree.instance_bvh import boxes_around
 from .paints import Coat, Paints, PaintTables, check_attribute
 
 

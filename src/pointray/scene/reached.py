@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..trace.cast import Pace, closest_hits, occlusions
+from ..surface.trace.cast import Pace, closest_hits, occlusions
 from .rays import Rays
 from .world import Snapshot, reach_boxes
 

@@ -28,7 +28,7 @@ from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights, no_sky
 from ..shade.lights import Light, fixed, goes_along
 from ..shade.tables import light_shares, light_trees
-from ..tree.instance_bvh import boxes_around, build_top
+from ..surface.tree.instance_bvh import boxes_around, build_top
 from .clips import clip_records
 from .instances import Instances
 from .paints import Paints

@@ -21,9 +21,9 @@ from ..model import SURFACE, Model
 from ..model_file import SAVED
 from ..model_folder import check_folder
 from ..procedural_models import MOST, NAMES, procedural
-from ..splats.radii import radii_in
-from ..splats.scattered import check_drawing
-from ..tree.settings import check_settings
+from ..surface.splats.radii import radii_in
+from ..surface.splats.scattered.spheres import check_drawing
+from ..surface.tree.settings import check_settings
 from .lines import Key
 from .source import Source
 from .words import TEXT, WHOLE, Word, check_table, optional, unknown, value_at, words_of

@@ -7,7 +7,7 @@ from ..engine.kernels.records import World
 from ..engine.kernels.sampling import DIRECTION_OF, ON_PATH, sample_pair
 from ..engine.kernels.scratch import KEY, SHADING_NORMAL, SHADING_SIDE, SKY_SEEN, TILE, Scratch, load3
 from ..engine.simd import Bits
-from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
+from ..surface.trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .materials.diffuse import sample_diffuse
 from .shading_points import add_radiance, is_shaded, shading_point, start_of
 

@@ -57,11 +57,11 @@ from ..engine.simd import (
     vmax,
     vsqrt,
 )
-from ..intersect.gather import nearest_slot
-from ..intersect.surface import FourPoints, weights_seen
-from ..trace.hits import list_around, material_at, next_of_leaf
-from ..trace.paint import Four
-from ..trace.space import matrix_at, of_size_one
+from ..surface.intersect.gather import nearest_slot
+from ..surface.intersect.surface import FourPoints, weights_seen
+from ..surface.trace.hits import list_around, material_at, next_of_leaf
+from ..surface.trace.paint import Four
+from ..surface.trace.space import matrix_at, of_size_one
 from .baked_sums import (
     SUM_DIRECT,
     SUM_LIGHT,

@@ -27,8 +27,8 @@ from ..engine.kernels.scratch import (
 )
 from ..engine.kernels.vec import BLACK, Vec3, add, around, dot, mirrored, multiply, scale
 from ..engine.simd import Bits
-from ..trace.hits import tile_hit
-from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from
+from ..surface.trace.hits import tile_hit
+from ..surface.trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from
 from .baked import find_baked
 from .bsdf import emitted, eval_bsdf, lobes_of
 from .choice import nearest_lamp

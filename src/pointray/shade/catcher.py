@@ -33,7 +33,7 @@ from ..engine.kernels.scratch import (
 )
 from ..engine.kernels.vec import BLACK, Vec3, dot, luminance, scale
 from ..engine.simd import Bits, count_trailing_zeros
-from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
+from ..surface.trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .choice import meets_lamp
 from .emitters import from_middle, sample_light
 from .materials.diffuse import sample_diffuse

@@ -21,7 +21,7 @@ from ..engine.kernels.scratch import (
     store3,
 )
 from ..engine.kernels.vec import BLACK, either, multiply, scale
-from ..trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
+from ..surface.trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .ambient import find_sky_seen
 from .bsdf import ambient, emitted, eval_bsdf
 from .emitters import from_middle

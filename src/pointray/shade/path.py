@@ -31,8 +31,8 @@ from ..engine.kernels.scratch import (
 )
 from ..engine.kernels.vec import BLACK, Vec3, add, multiply, scale
 from ..engine.simd import Bits
-from ..trace.hits import describe_tile, tile_hit
-from ..trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from, trace_tile
+from ..surface.trace.hits import describe_tile, tile_hit
+from ..surface.trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from, trace_tile
 from .bsdf import emitted, eval_bsdf, is_specular, sample_bsdf
 from .catcher import catch_paths, find_caught
 from .choice import chance_of, choose_light, meets_lamp, nearest_lamp, sky_chance, sun_after

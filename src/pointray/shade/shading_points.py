@@ -40,8 +40,8 @@ from ..engine.kernels.vec import (
     transform_transposed,
     unit,
 )
-from ..trace.hits import material_at
-from ..trace.space import matrix_at, of_size_one
+from ..surface.trace.hits import material_at
+from ..surface.trace.space import matrix_at, of_size_one
 from .bsdf import base_color
 
 SOFTNESS = 0.6  # share of the mean direction in the normal of a sphere, chosen by looking at crowns

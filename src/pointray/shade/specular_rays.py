@@ -24,7 +24,7 @@ from ..engine.kernels.scratch import (
     store3,
 )
 from ..engine.kernels.vec import BLACK, Vec3, load3_flat, multiply, scale
-from ..trace.world import NO_RAY, set_ray, set_ray_from
+from ..surface.trace.world import NO_RAY, set_ray, set_ray_from
 from .bsdf import is_specular, sample_bsdf
 from .materials.specular import glass
 from .shading_points import is_shaded, shading_point, start_of

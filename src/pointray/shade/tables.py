@@ -29,7 +29,7 @@ from ..engine.kernels.records import (
     SUN_LIGHT,
     LightTree,
 )
-from ..tree.instance_bvh import build_top
+from ..surface.tree.instance_bvh import build_top
 
 Floats = NDArray[np.float64]
 

@@ -24,9 +24,9 @@ from ..rendering.warmup import NORMALS, expect, is_warm, wait_until_warm
 from ..scene.scene import Scene
 from ..scenefile import Plan
 from ..shade.materials.diffuse import Diffuse
-from ..splats.radii import radii_in
 from ..staging.first_view import Scan, ViewChoice
 from ..staging.studio import CLAY, with_direct_light
+from ..surface.splats.radii import radii_in
 from .niceness import LEVELS, yielding
 from .shared_scene import SharedScene
 from .sketch import Sketch

@@ -18,7 +18,7 @@ from ...rendering.picture import render
 from ...rendering.settings import Settings
 from ...scene.scene import Scene
 from ...shade.lights import SunLight
-from ...splats.subsample import subsample
+from ...surface.splats.subsample import subsample
 from .views import far_view, near_view
 
 SIZE, STRESS_SIZE = (512, 512), (640, 480)

@@ -21,9 +21,9 @@ from ...engine.kernels.scratch import (
 )
 from ...engine.kernels.vec import load3_flat, scale
 from ...shade.shading_points import store_shading_points
-from ...trace.cast import PLAIN, Pace
-from ...trace.hits import describe_tile
-from ...trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from, trace_tile
+from ...surface.trace.cast import PLAIN, Pace
+from ...surface.trace.hits import describe_tile
+from ...surface.trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from, trace_tile
 
 BATCH = 16  # tiles that a thread takes at a time
 BEGINS, SLOT = 128, 63  # bits of a ray's slot: whether it is the first one of a tile; which ray of the tile it is

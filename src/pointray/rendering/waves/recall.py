@@ -40,10 +40,10 @@ from ...engine.kernels.scratch import (
 from ...engine.kernels.vec import load3_flat
 from ...engine.simd import Bits
 from ...shade.shading_points import store_shading_points
-from ...trace.hits import describe_tile
-from ...trace.instance import through_instance
-from ...trace.instance_bvh import begin_walk
-from ...trace.world import occlude_tile, trace_tile
+from ...surface.trace.hits import describe_tile
+from ...surface.trace.instance import through_instance
+from ...surface.trace.instance_bvh import begin_walk
+from ...surface.trace.world import occlude_tile, trace_tile
 from ..film import EDGE, Corner, set_pixel_rays
 from ..integrate import BLOCK_EDGE, Pass, quick_frame, sampled_frame
 

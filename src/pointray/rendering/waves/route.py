@@ -9,7 +9,9 @@ from ...engine.jit import Array, borrow, kernel, next_tile, run
 from ...engine.kernels.vec import load3_flat
 
 BATCH = 4096  # rays that a thread takes at a time
-PAD = 1e-5  # share of the size of all boxes together: they are grown by it, more than `tree/instance_bvh.py` does
+PAD = (
+    1e-5  # share of the size of all boxes together: they are grown by it, more than `surface/tree/instance_bvh.py` does
+)
 
 
 @kernel

@@ -16,7 +16,7 @@ from ...cluster.dispatch import Job
 from ...engine.kernels.records import World
 from ...scene.shares import Rows, Shares, boxes_of
 from ...scene.world import Snapshot
-from ...trace.cast import Pace
+from ...surface.trace.cast import Pace
 from ..camera import Camera
 from ..lod import at_distance
 from ..pieces import Piece

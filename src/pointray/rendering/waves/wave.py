@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...engine.jit import Array, run
 from ...engine.kernels.records import World
 from ...engine.kernels.scratch import TILE
-from ...trace.cast import PLAIN, Pace
+from ...surface.trace.cast import PLAIN, Pace
 from ..film import LONGEST_PASS
 from ..integrate import BLOCK_EDGE, Pass
 from ..pieces import Floats, Piece, cut

@@ -1,0 +1,239 @@
+"""What the surface is evaluated from: the splats near a bundle of rays, listed once for each voxel.
+
+A bundle is bounded by a capsule: all points within a distance of a segment. Blocks near the rays of a tile are
+gathered into working memory; the splats near four of these rays, or near one, are then listed from the copy.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ...engine.jit import Array, f32, f64, i64, inline, routine
+from ...engine.kernels.scratch import (
+    AT_DX,
+    AT_DY,
+    AT_DZ,
+    AT_HALF,
+    AT_X,
+    AT_Y,
+    AT_Z,
+    COUNT_NEAR,
+    COUNT_SPLATS,
+    GATHERED,
+    LANES,
+    Scratch,
+    slot_of,
+)
+from ...engine.kernels.tree import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ, Tree
+from ...engine.kernels.vec import Vec3
+from ...engine.simd import (
+    F16,
+    INF,
+    ONE,
+    ZERO,
+    Bits,
+    Mask,
+    Real,
+    bits,
+    broadcast16,
+    broadcast_from,
+    count_trailing_zeros,
+    load16,
+    move4,
+    pack,
+    reduce_max,
+    reduce_min,
+    select,
+    vabs,
+    vmax,
+    vmin,
+    vsqrt,
+)
+from .refine import Frame
+from .surface import HALF
+
+SLACK = f32(1.01)  # factor of radii: rounding may change them and the rays' positions by this much
+SURE = f32(1.0 - 1e-6)  # factor of squared distances from a segment's middle, which cancel where radii are far smaller
+NEAR = SLACK * SLACK  # factor of squared radii
+
+
+class Capsule(NamedTuple):
+    """All points within `spread` of the segment of half length `half` along the unit direction d about (x, y, z)."""
+
+    x: Real
+    y: Real
+    z: Real
+    dx: Real
+    dy: Real
+    dz: Real
+    half: Real
+    spread: float
+
+
+@inline
+def segment(o: Vec3, d: Vec3, t_low: float, t_high: float) -> Capsule:
+    """The capsule of a part of one ray."""
+    center = HALF * (t_low + t_high)
+    x, y, z = o[0] + center * d[0], o[1] + center * d[1], o[2] + center * d[2]
+    return Capsule(x, y, z, d[0], d[1], d[2], HALF * (t_high - t_low), ZERO)
+
+
+@inline
+def around(part: Array, ends: tuple[int, int], frame: Frame, half: F16 | float, active: Mask) -> Capsule:
+    """The capsule around parts of many rays. Its axis is the middle between two of them.
+
+    ends : indices of these two in `scratch.part`: along a Morton curve the first and the last are at opposite corners
+    frame, half : the parts, in vectors: the frame's positions are their middles here; active : mask of valid lanes
+    """
+    i, j = ends
+    px, py, pz = part[AT_X + i] + part[AT_X + j], part[AT_Y + i] + part[AT_Y + j], part[AT_Z + i] + part[AT_Z + j]
+    ax, ay, az = part[AT_DX + i] + part[AT_DX + j], part[AT_DY + i] + part[AT_DY + j], part[AT_DZ + i] + part[AT_DZ + j]
+    scale = ONE / f32(math.sqrt(ax * ax + ay * ay + az * az))
+    px, py, pz, ax, ay, az = HALF * px, HALF * py, HALF * pz, ax * scale, ay * scale, az * scale
+    # Middles and half lengths are split into components across the axis and along it.
+    x, y, z = frame.x - px, frame.y - py, frame.z - pz
+    turn = frame.dx * ax + frame.dy * ay + frame.dz * az
+    ux, uy, uz = half * frame.dx, half * frame.dy, half * frame.dz
+    along, length = x * ax + y * ay + z * az, half * turn
+    ux, uy, uz = ux - length * ax, uy - length * ay, uz - length * az
+    x, y, z = x - along * ax, y - along * ay, z - along * az
+    aside = vsqrt(x * x + y * y + z * z) + vsqrt(ux * ux + uy * uy + uz * uz)
+    near = reduce_min(select(active, along - vabs(length), broadcast16(INF)))
+    far = reduce_max(select(active, along + vabs(length), broadcast16(-INF)))
+    spread = reduce_max(select(active, aside, broadcast16(ZERO)))
+    half, middle = HALF * (far - near), HALF * (far + near)
+    return Capsule(px + middle * ax, py + middle * ay, pz + middle * az, ax, ay, az, half, spread)
+
+
+@inline
+def _distances(capsule: Capsule, x: F16, y: F16, z: F16) -> F16:
+    """Squared distances of 16 points from a capsule's segment, or less: rounding may only make them smaller."""
+    x, y, z = x - capsule.x, y - capsule.y, z - capsule.z
+    along = x * capsule.dx + y * capsule.dy + z * capsule.dz
+    beyond = vmax(vabs(along) - capsule.half, broadcast16(ZERO))
+    return SURE * (x * x + y * y + z * z) - along * along + beyond * beyond
+
+
+@inline
+def list_blocks(tree: Tree, leaf: int, capsule: Capsule, scratch: Scratch) -> None:
+    """List the leaf's blocks whose bounding sphere meets the capsule."""
+    first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
+    n = 0
+    for group in range(first, first + count):
+        offset = i64(group) * GROUP
+        square = _distances(
+            capsule, load16(tree.spheres, offset), load16(tree.spheres, offset + 16), load16(tree.spheres, offset + 32)
+        )
+        limit = SLACK * load16(tree.spheres, offset + 48) + capsule.spread  # NaN in an empty slot
+        n += pack(square < limit * limit, tree.refs, i64(group) * 16, scratch.near, n)
+    scratch.counts[COUNT_NEAR] = n
+
+
+@routine
+def nearest_slot(tree: Tree, leaf: int, x: float, y: float, z: float) -> int:
+    """The slot of the splat that is nearest to a point, in radii, among those that a leaf knows.
+
+    It replaces the splat of most weight where none has any: rounding can move a hit to the rim of all supports.
+    """
+    best, nearest = i64(-1), np.inf
+    first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
+    for k in range(16 * i64(first), 16 * (i64(first) + count)):
+        if np.isnan(tree.spheres[k // 16 * GROUP + 48 + k % 16]):
+            continue  # an empty slot
+        block = i64(tree.refs[k])
+        for j in range(4):
+            offset = block * BLOCK + j
+            dx, dy, dz = tree.blocks[offset + PX] - x, tree.blocks[offset + PY] - y, tree.blocks[offset + PZ] - z
+            away = f64(dx * dx + dy * dy + dz * dz) * f64(tree.blocks[offset + INV_R2])
+            away = away if tree.blocks[offset + PX] < FAR else np.inf
+            if best < 0 or away < nearest:
+                best, nearest = 4 * block + j, away
+    return best
+
+
+@inline
+def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
+    """Whether any of the listed splats belongs to a sheet with another one close by."""
+    for k in range(scratch.counts[COUNT_SPLATS]):
+        row = 3 * slot_of(scratch, i64(scratch.listed[k]))
+        if (tree.facing[row] | tree.facing[row + 1] | tree.facing[row + 2]) != 0:
+            return True
+    return False
+
+
+@inline
+def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought_side: float, rays: Bits) -> Bits:
+    """Drop the listed splats of sheets that the first of the given rays (4 bits) does not see.
+
+    Returns the rays that see the same sheets. Where two sheets are close together, a ray sees one at a time.
+    sought_side : 1 where splats that face a ray are seen, -1 where splats that face away are
+    """
+    first, n = count_trailing_zeros(rays), 0
+    for k in range(scratch.counts[COUNT_SPLATS]):
+        offset = i64(scratch.listed[k])
+        row = 3 * slot_of(scratch, offset)
+        along = frame.dx * tree.facing[row] + frame.dy * tree.facing[row + 1] + frame.dz * tree.facing[row + 2]
+        seeing = bits(along * sought_side <= ZERO)
+        if (seeing >> first) & 1 != 0:
+            rays &= seeing
+            scratch.listed[n] = offset
+            n += 1
+        else:
+            rays &= ~seeing
+    scratch.counts[COUNT_SPLATS] = n
+    return rays
+
+
+@inline
+def gather(tree: Tree, scratch: Scratch) -> None:
+    """Copy the listed blocks' splats to where 16 of them can be tested at once; empty slots hold splats far away."""
+    n = scratch.counts[COUNT_NEAR]
+    for k in range(n):
+        block, offset = i64(scratch.near[k]) * BLOCK, k // 4 * GATHERED + k % 4 * 4
+        for row in range(7):
+            move4(tree.blocks, block + 4 * row, scratch.splats, offset + 16 * row)
+    for k in range(n, (n + 3) // 4 * 4):
+        offset = k // 4 * GATHERED + k % 4 * 4
+        for i in range(4):
+            scratch.splats[offset + i] = EMPTY
+            scratch.splats[offset + 4 * INV_R2 + i] = ONE
+
+
+@inline
+def list_splats(scratch: Scratch, capsule: Capsule) -> None:
+    """List the gathered splats whose support meets a capsule without spread, which is a part of a ray."""
+    n, splats = 0, scratch.splats
+    for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
+        offset = group * GATHERED
+        x, y, z = load16(splats, offset + 4 * PX), load16(splats, offset + 4 * PY), load16(splats, offset + 4 * PZ)
+        near = _distances(capsule, x, y, z) * load16(splats, offset + 4 * INV_R2) < NEAR
+        n += pack(near, scratch.offsets, group * LANES, scratch.listed, n)
+    scratch.counts[COUNT_SPLATS] = n
+
+
+@inline
+def list_splats_of(scratch: Scratch, first: int, end: int) -> None:
+    """List the gathered splats whose support meets one of the rays in `scratch.part`."""
+    n, splats, part = 0, scratch.splats, scratch.part
+    for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
+        offset = group * GATHERED
+        x, y, z = load16(splats, offset + 4 * PX), load16(splats, offset + 4 * PY), load16(splats, offset + 4 * PZ)
+        square = broadcast16(INF)
+        for k in range(first, end):
+            ray = Capsule(
+                broadcast_from(part, AT_X + k),
+                broadcast_from(part, AT_Y + k),
+                broadcast_from(part, AT_Z + k),
+                broadcast_from(part, AT_DX + k),
+                broadcast_from(part, AT_DY + k),
+                broadcast_from(part, AT_DZ + k),
+                broadcast_from(part, AT_HALF + k),
+                ZERO,
+            )
+            square = vmin(square, _distances(ray, x, y, z))
+        near = square * load16(splats, offset + 4 * INV_R2) < NEAR
+        n += pack(near, scratch.offsets, group * LANES, scratch.listed, n)
+    scratch.counts[COUNT_SPLATS] = n

@@ -1,0 +1,288 @@
+"""Rays in one voxel: which splats they are near, and their first hits, for one ray alone or for rays of a tile."""
+
+from __future__ import annotations
+
+from ...engine.jit import Array, i64, inline
+from ...engine.kernels.scratch import (
+    AT_BEGIN,
+    AT_DX,
+    AT_DY,
+    AT_DZ,
+    AT_FIRST,
+    AT_HALF,
+    AT_LAST,
+    AT_OX,
+    AT_OY,
+    AT_OZ,
+    AT_SIDE,
+    AT_T,
+    AT_X,
+    AT_Y,
+    AT_Z,
+    BEGIN,
+    COUNT_SPLATS,
+    DX,
+    DY,
+    DZ,
+    ENTER,
+    FIRST,
+    FOUND,
+    HIT_T,
+    IX,
+    LANES,
+    LAST,
+    LENGTH,
+    NX,
+    NY,
+    NZ,
+    OX,
+    OY,
+    OZ,
+    SIDE,
+    TILE,
+    Scratch,
+)
+from ...engine.kernels.tree import DISC, LEAF, SHEETED, SURFACE, Hit, Ray, Tree
+from ...engine.simd import (
+    F16,
+    INF,
+    ONE,
+    ZERO,
+    Bits,
+    bits,
+    broadcast16,
+    count_bits,
+    count_trailing_zeros,
+    lane,
+    load16,
+    mask16,
+    repeat4,
+    select,
+    store_packed,
+)
+from .columns import Along, Axes, axes_of, narrow, narrow_one
+from .disc import search_discs
+from .gather import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
+from .lattice import SampleRange, sample_range, span, stretch
+from .march import Found, search, search_one
+from .refine import Frame
+from .surface import HALF
+
+BEYOND = i64(-(2**63))  # a bit beyond those of all rays but the last one; it is read where no ray is left
+
+
+@inline
+def together(tree: Tree) -> bool:
+    """Whether a leaf is searched for several rays together: not if the surface is discs."""
+    return int(tree.head[SURFACE]) != DISC
+
+
+@inline
+def search_alone(
+    tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float, float, float], lift: float, scratch: Scratch
+) -> tuple[Hit, float]:
+    """The first hit of a ray in a leaf's voxel.
+
+    Where two sheets are close together their normals cancel, and a step may pass both. So the sheets that face the ray
+    are searched first, and then those that face away, each as if the others were not there.
+    interval : where the ray enters and leaves the voxel, and the part in which the surface can be (tight box, slab)
+    lift : what the start rule has added to f so far, see `march.py`; the value after the search is returned
+    """
+    enter, leave, low, high = interval
+    hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
+    o, d, inverse = (ray.ox, ray.oy, ray.oz), (ray.dx, ray.dy, ray.dz), (ray.ix, ray.iy, ray.iz)
+    u, v, w = axes = axes_of(tree, leaf)
+    along = (o[u], o[v], o[w]), (d[u], d[v], d[w]), (inverse[u], inverse[v])
+    low, high = narrow_one(tree, leaf, axes, along, (low, high))
+    if not low <= high:
+        return hit, lift
+    sampled, fine = sample_range(
+        tree, leaf, (broadcast16(enter), broadcast16(low), broadcast16(high)), broadcast16(ray.t_min)
+    )
+    if bits(fine) == 0:
+        return hit, lift
+    first, last = span(tree, leaf, sampled)
+    capsule, start = segment(o, d, lane(first, 0), lane(last, 0)), lane(first, 0)
+    if int(tree.head[SURFACE]) == DISC:
+        position = o[0] + start * d[0], o[1] + start * d[1], o[2] + start * d[2]
+        list_blocks(tree, leaf, capsule, scratch)
+        return search_discs(tree, leaf, scratch, (position, start, ray), max(enter, abs(ray.t_min)), leave), lift
+    frame = Frame(
+        broadcast16(o[0]),
+        broadcast16(o[1]),
+        broadcast16(o[2]),
+        broadcast16(d[0]),
+        broadcast16(d[1]),
+        broadcast16(d[2]),
+        stretch(tree, leaf),
+        broadcast16(ray.side),
+    )
+    lifts = broadcast16(lift)
+    sought_side = ONE if tree.leaves[leaf * LEAF + SHEETED] != ZERO else ZERO
+    list_blocks(tree, leaf, capsule, scratch)
+    gather(tree, scratch)
+    while True:
+        list_splats(scratch, capsule)
+        if sought_side > ZERO and not lists_sheets(tree, scratch):
+            sought_side = ZERO  # the leaf has sheets, but not where this ray is
+        if sought_side != ZERO:
+            keep_sheet(tree, scratch, frame, sought_side, 1)
+        if scratch.counts[COUNT_SPLATS] > 0:
+            found = search_one(tree, leaf, frame, sampled, (sought_side, lifts), scratch)
+            lifted = max(lifted, found.lift)
+            if found.t < hit.t:
+                hit = Hit(found.t, found.nx, found.ny, found.nz, leaf)
+        else:
+            lifted = max(lifted, lift)
+        if not sought_side > ZERO:
+            return hit, lifted
+        sought_side = -ONE
+
+
+@inline
+def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
+    """16 rays of the tile, from index v on, along the axes of a leaf's columns: see `narrow`."""
+    x, y, z = axes[0] * TILE + v, axes[1] * TILE + v, axes[2] * TILE + v
+    return (
+        (load16(rows, OX + x), load16(rows, OX + y), load16(rows, OX + z)),
+        (load16(rows, DX + x), load16(rows, DX + y), load16(rows, DX + z)),
+        (load16(rows, IX + x), load16(rows, IX + y)),
+    )
+
+
+@inline
+def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
+    """Copy the passing rays of the tile (bits) into `scratch.part`; returns the rays that were copied.
+
+    Rays that miss the surface in every column are left out, and so are those whose samples float32 cannot tell apart.
+    """
+    rows, part, n, taken = scratch.model, scratch.part, 0, i64(0)
+    axes = axes_of(tree, leaf)
+    for v in range(0, TILE, LANES):
+        word = (passing >> v) & 0xFFFF
+        if word == 0:
+            continue
+        low, high = narrow(tree, leaf, axes, _along(axes, rows, v), (load16(rows, FIRST + v), load16(rows, LAST + v)))
+        met = low <= high
+        interval = load16(rows, ENTER + v), select(met, low, broadcast16(ZERO)), select(met, high, broadcast16(ZERO))
+        sampled, fine = sample_range(tree, leaf, interval, load16(rows, BEGIN + v))
+        word &= bits(fine & met)
+        if word == 0:
+            continue
+        active = mask16(word)
+        first, last = span(tree, leaf, sampled)
+        center, half = HALF * (first + last), HALF * (last - first)
+        dx, dy, dz = load16(rows, DX + v), load16(rows, DY + v), load16(rows, DZ + v)
+        store_packed(part, AT_X + n, active, load16(rows, OX + v) + center * dx)
+        store_packed(part, AT_Y + n, active, load16(rows, OY + v) + center * dy)
+        store_packed(part, AT_Z + n, active, load16(rows, OZ + v) + center * dz)
+        store_packed(part, AT_DX + n, active, dx)
+        store_packed(part, AT_DY + n, active, dy)
+        store_packed(part, AT_DZ + n, active, dz)
+        store_packed(part, AT_OX + n, active, load16(rows, OX + v))
+        store_packed(part, AT_OY + n, active, load16(rows, OY + v))
+        store_packed(part, AT_OZ + n, active, load16(rows, OZ + v))
+        store_packed(part, AT_HALF + n, active, half)
+        store_packed(part, AT_T + n, active, broadcast16(INF))
+        store_packed(part, AT_FIRST + n, active, sampled.first)
+        store_packed(part, AT_LAST + n, active, sampled.last)
+        store_packed(part, AT_BEGIN + n, active, sampled.begin)
+        store_packed(part, AT_SIDE + n, active, load16(rows, SIDE + v))
+        n += count_bits(word)
+        taken |= word << v
+    return taken
+
+
+@inline
+def _gather_for(tree: Tree, leaf: int, first: int, count: int, scratch: Scratch) -> None:
+    """List and gather the blocks near up to 16 of the rays in `scratch.part`."""
+    part = scratch.part
+    frame = Frame(
+        load16(part, AT_X + first),
+        load16(part, AT_Y + first),
+        load16(part, AT_Z + first),
+        load16(part, AT_DX + first),
+        load16(part, AT_DY + first),
+        load16(part, AT_DZ + first),
+        load16(part, AT_FIRST + first),
+        load16(part, AT_SIDE + first),
+    )
+    active, ends = mask16((1 << count) - 1), (first, first + count - 1)
+    list_blocks(tree, leaf, around(part, ends, frame, load16(part, AT_HALF + first), active), scratch)
+    gather(tree, scratch)
+
+
+@inline
+def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, SampleRange]:
+    """The frame and the samples of the rays first to first + 3 in `scratch.part`."""
+    sampled = SampleRange(
+        repeat4(part, AT_FIRST + first), repeat4(part, AT_LAST + first), repeat4(part, AT_BEGIN + first)
+    )
+    frame = Frame(
+        repeat4(part, AT_OX + first),
+        repeat4(part, AT_OY + first),
+        repeat4(part, AT_OZ + first),
+        repeat4(part, AT_DX + first),
+        repeat4(part, AT_DY + first),
+        repeat4(part, AT_DZ + first),
+        stretch(tree, leaf),
+        repeat4(part, AT_SIDE + first),
+    )
+    return frame, sampled
+
+
+@inline
+def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch: Scratch) -> Bits:
+    """Store the hits of the asked rays among four (4 bits) where they are nearer; returns the rays that were lifted.
+
+    rays : the numbers of the four in the tile, as bits; where there are fewer, the others have found nothing. The loop
+        always takes four steps, so that lanes are known when it is compiled: 1 to 2% of the time
+    """
+    rows, part, lifted = scratch.model, scratch.part, i64(0)
+    hits, lifts = bits(found.t < repeat4(part, AT_T + first)) & asked, bits(found.lift > ZERO) & asked
+    for i in range(4):
+        k = count_trailing_zeros(rays | BEYOND)
+        rays &= rays - 1
+        lifted |= ((lifts >> i) & 1) << k
+        if (hits >> i) & 1 != 0:
+            rows[HIT_T + k] = part[AT_T + first + i] = lane(found.t, i)
+            rows[LENGTH + k] = rows[ENTER + k]
+            rows[NX + k], rows[NY + k], rows[NZ + k] = lane(found.nx, i), lane(found.ny, i), lane(found.nz, i)
+            scratch.numbers[FOUND + k] = leaf
+    return lifted
+
+
+@inline
+def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
+    """Search a leaf for the passing rays of a tile (bits), four by four; returns those that the start rule lifted.
+
+    Where two sheets are close together, each ray sees one at a time, see `search_alone`: rays that see the same sheet
+    are searched together.
+    """
+    left = _take(tree, leaf, passing, scratch)
+    part, lifted, first = scratch.part, i64(0), 0
+    none = broadcast16(ZERO)
+    sheeted = tree.leaves[leaf * LEAF + SHEETED] != ZERO
+    while left != 0:
+        if first % LANES == 0:
+            _gather_for(tree, leaf, first, min(count_bits(left), LANES), scratch)
+        four = i64(0)
+        for _ in range(4):
+            four |= left & -left
+            left &= left - 1
+        rays = (1 << count_bits(four)) - 1
+        frame, sampled = _four(tree, leaf, part, first)
+        sought_side, waiting = (ONE if sheeted else ZERO), rays
+        while waiting != 0:
+            list_splats_of(scratch, first, first + count_bits(four))
+            if sought_side > ZERO and not lists_sheets(tree, scratch):
+                sought_side = ZERO
+            now = keep_sheet(tree, scratch, frame, sought_side, waiting) if sought_side != ZERO else waiting
+            waiting &= ~now
+            found = search(tree, leaf, frame, sampled, now, (sought_side, none), scratch)
+            if bits((found.t < INF) | (found.lift > ZERO)) != 0:
+                lifted |= _keep(leaf, found, now, four, first, scratch)
+            if waiting == 0 and sought_side > ZERO:
+                sought_side, waiting = -ONE, rays
+        first += 4
+    return lifted

@@ -1,0 +1,314 @@
+"""The intersection of rays with the surface inside one voxel (paper, part III).
+
+Samples lie on the lattice of `lattice.py`. Four samples of four rays are evaluated at once (lane 4 s + r: sample s of
+ray r): neighbouring rays see the same splats, which are listed once for all four. A ray's hits do not depend on the
+other three rays: splats that do not cover its samples have no weight there.
+
+Between two neighbouring samples that both have support there can be:
+- a sign change: a crossing;
+- the same sign, but a minimum of |f| between them, as the slopes tell: a grazing ray, or one through a crevice, may
+  cross twice; or support that begins or ends close to the surface. Four more samples decide;
+- nothing else.
+
+Start rule: a ray that starts within START radii of the surface starts *on* it, on the side that `Frame.side` tells.
+Until f has once been on that side it counts as lifted by this much: the splats around its origin do not block such a
+ray when it leaves, however flat, and do when it goes to the other side. A ray that a clip plane cuts starts on no
+surface.
+
+The ends of a ray, t_min and t_max, do not decide what is found either, but for the start rule: the samples go on
+before and behind them, and a root there does not count. The traversal of the tree also goes on by a step, as the
+estimate of a root may lie before the slab in which the surface is. Where the first crossing between two samples lies
+before the ray begins, the rest of their interval is searched too.
+
+A hit has a unit normal: where the normals of the splats cancel, or numbers exceed float32, there is no surface
+(`accept`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeAlias
+
+from ...engine.jit import f32, inline
+from ...engine.kernels.scratch import COUNT_SPLATS, Scratch
+from ...engine.kernels.tree import BORDERED, LEAF, LEAST, OVERHANG, REFINE, STEP, SURFACE, TRIM, Tree
+from ...engine.simd import (
+    F16,
+    INF,
+    ONE,
+    ZERO,
+    Bits,
+    Mask,
+    Real,
+    bits,
+    broadcast16,
+    count_trailing_zeros,
+    first_quarter,
+    fours,
+    lane,
+    mask16,
+    quarters,
+    select,
+    shift_lane,
+    shift_quarter,
+    vabs,
+    vmax,
+    vmin,
+    vsqrt,
+)
+from .lattice import SampleRange, start_of
+from .refine import (
+    Frame,
+    Pair,
+    Root,
+    all_samples,
+    choose,
+    crossing,
+    evaluate,
+    first_samples,
+    fold,
+    foot_of,
+    look_into,
+    means_at,
+    place,
+    sample,
+    unit,
+)
+from .surface import NAN, local_radius, overhang, value
+
+START, START_UNREFINED = f32(0.01), f32(0.05)  # radii; the second where refine is 0
+BORDER_SHARE = f32(0.4)  # share of the weight from which a hit counts as one on a border
+GRAZING = f32(0.02)  # radii: the interval is searched where two tangents meet within this distance of zero
+# f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
+JUMP, JUMP_UNREFINED = f32(0.05), f32(0.25)
+CREVICE = f32(0.1)  # radii: |f| below which an interval is searched without an estimate
+
+Samples: TypeAlias = tuple[F16, F16, F16]  # t, f, and its slope along the ray
+
+
+class Found(NamedTuple):
+    """First hits in a voxel: t (inf: none), unit normal, and what the start rule has added to f (0: nothing)."""
+
+    t: Real
+    nx: Real
+    ny: Real
+    nz: Real
+    lift: Real
+
+
+@inline
+def accept(
+    tree: Tree, scratch: Scratch, frame: Frame, leaf: int, root: Root, limits: tuple[float, F16, F16]
+) -> tuple[Bits, F16, F16, F16]:
+    """Which rays hit at their roots, and the normals there. f may jump from sign to sign, or P may exceed the trim.
+
+    limits : sought_side, 1 or -1 where only a sheet that faces the rays or faces away is sought, else 0; what f is
+    lifted by; and where the rays begin, with any sign
+    """
+    sought_side, lift, begin = limits
+    asked = bits(root.t < INF)
+    joined, foot, gap = root.joined, root.foot, vabs(root.rise)
+    good = asked
+    if bits(joined) & asked != asked:
+        means = means_at(scratch, frame, root.t, start_of(root.t, frame.stretch))
+        f, u4 = value(int(tree.head[SURFACE]), means)
+        foot, gap = choose(joined, foot, foot_of(means, u4)), select(joined, gap, vabs(f) - lift)
+        good &= bits(joined | (means.weight > ZERO))
+    if sought_side != ZERO:
+        good &= bits(sought_side * root.rise * frame.side <= ZERO)
+    (nx, ny, nz), known = unit(foot)
+    good &= bits(known & (root.t >= vabs(begin)))
+    away = vsqrt(foot.away)
+    jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
+    trim = tree.head[TRIM]
+    x, y, z = place(frame, root.t, start_of(root.t, frame.stretch))
+    # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
+    least = broadcast16(tree.leaves[leaf * LEAF + LEAST])
+    over = good & ~bits((away <= trim * least) & (gap <= jump * least))  # so also where they are NaN
+    border = tree.leaves[leaf * LEAF + BORDERED] != ZERO
+    if over != 0 or border:
+        radius = local_radius(scratch, x, y, z)
+        good &= bits((away <= trim * radius) & (gap <= jump * radius))
+        if border:
+            share, out = overhang(tree, scratch, x, y, z)
+            good &= ~bits((share > BORDER_SHARE) & (out > tree.head[OVERHANG] * radius))
+    return fold(good), nx, ny, nz
+
+
+@inline
+def _events(tree: Tree, leaf: int, a: Samples, b: Samples) -> tuple[Bits, Bits]:
+    """Where f crosses zero between samples (t, f, slope) and those before, and where something else may be."""
+    (t_a, f_a, slope_a), (t, f, slope) = a, b
+    changes = bits(crossing(f_a, f))
+    # A minimum between them is rare, so the rest is computed only then. One slope suffices where |f| changes by less
+    # than 3/4 of what the slope predicts.
+    falls, rises = f_a * slope_a < ZERO, f * slope > ZERO
+    gain, part = vabs(f) - vabs(f_a), f32(0.75) * (t - t_a)
+    early, late = falls & (gain > vabs(slope_a) * (ZERO - part)), rises & (gain < vabs(slope) * part)
+    # Support may also begin or end between them, close to the surface.
+    begins, ends = rises & (vabs(f) < vabs(slope) * (t - t_a)), falls & (vabs(f_a) < vabs(slope_a) * (t - t_a))
+    # NaN has no square >= 0: what is left has no support at the other sample.
+    rim = (begins ^ (begins & (f_a * f_a >= ZERO))) | (ends ^ (ends & (f * f >= ZERO)))
+    sinks = ((f_a * f > ZERO) & ((falls & rises) | early | late)) | rim
+    if bits(sinks) != 0:
+        # The margins are shares of the least radius, which does not depend on the size of the voxels.
+        least = tree.leaves[leaf * LEAF + LEAST]
+        # Both tangents meet below the margin: where f is convex, its minimum is above that point.
+        meet = f_a + slope_a * ((f - f_a - slope * (t - t_a)) / (slope_a - slope))
+        graze = falls & rises & ((meet * f < ZERO) | (vabs(meet) < broadcast16(GRAZING * least)))
+        crevice = (falls ^ rises) & (vmin(vabs(f), vabs(f_a)) < broadcast16(CREVICE * least))
+        sinks = sinks & (graze | crevice | rim)
+    return changes, bits(sinks)
+
+
+@inline
+def _lift_of(tree: Tree, leaf: int, f: F16) -> F16:
+    """What the start rule lifts rays by, given f where they start."""
+    share = START if tree.head[REFINE] > ZERO else START_UNREFINED
+    lift = broadcast16(share * tree.leaves[leaf * LEAF + LEAST])
+    return select(vabs(f) < lift, lift, broadcast16(ZERO))
+
+
+@inline
+def _pair(before: Samples, after: Samples, one: Mask) -> Pair:
+    """The samples (t, f, slope) that a mask with one lane for each ray selects, and those before them."""
+    (t_a, f_a, slope_a), (t, f, slope) = before, after
+    return Pair(
+        sample(t_a, one),
+        sample(f_a, one),
+        sample(slope_a, one),
+        sample(t, one),
+        sample(f, one),
+        sample(slope, one),
+    )
+
+
+@inline
+def search(
+    tree: Tree, leaf: int, frame: Frame, sampled: SampleRange, rays: Bits, limits: tuple[float, F16], scratch: Scratch
+) -> Found:
+    """First hits of four rays in a leaf's voxel, from the listed splats.
+
+    rays : 4 bits, the rays that are searched for
+    limits : 1 or -1 for the sheets that face the rays or face away, 0 for all; and what the start rule has lifted f by
+    A ray that begins between two samples is reported as lifted where that matters, so that it is traced alone.
+    """
+    sought_side, lift = limits
+    none = broadcast16(ZERO)
+    t_hit, nx, ny, nz = broadcast16(INF), none, none, none
+    step = tree.leaves[leaf * LEAF + STEP]
+    starts, high = bits(sampled.begin >= ZERO), sampled.last * step
+    t_before = f_before = slope_before = broadcast16(NAN)
+    k = sampled.first + quarters(ZERO, ONE, f32(2.0), f32(3.0))
+    left = rays if scratch.counts[COUNT_SPLATS] > 0 else 0
+    while left != 0:
+        t = vmin(k * step, high)
+        f, slope = evaluate(tree, scratch, frame, t)
+        if starts != 0:
+            lift = select(mask16(starts), _lift_of(tree, leaf, first_quarter(f)), lift)
+            between = sampled.begin > ZERO
+            # ONE is a mark: reported as lifted, so that the caller traces the ray alone.
+            lift = select(between, broadcast16(ONE), lift)
+            left &= ~fold(bits(between))
+            starts = 0
+        f = f + lift
+
+        before = shift_quarter(t_before, t), shift_quarter(f_before, f), shift_quarter(slope_before, slope)
+        after = t, f, slope
+        changes, sinks = _events(tree, leaf, before, after)
+        events = (changes | sinks) & (left * 0x1111)
+        while events != 0:
+            now = first_samples(events)
+            events &= ~now
+            one = mask16(now)
+            pair = _pair(before, after, one)
+            crosses = all_samples(fold(now & changes))
+            root = look_into(tree, scratch, frame, pair, crosses, fold(now), lift)
+            if bits(root.t < INF) != 0:
+                early = root.t < vabs(sampled.begin)
+                if bits(early) != 0:
+                    # As above: a root before the ray's begin.
+                    lift = select(early, broadcast16(ONE), lift)
+                    left &= ~fold(bits(early))
+                    events &= ~bits(early)
+                good, mx, my, mz = accept(tree, scratch, frame, leaf, root, (sought_side, lift, sampled.begin))
+                if good != 0:
+                    here = all_samples(good)
+                    t_hit = select(here, root.t, t_hit)
+                    nx, ny, nz = select(here, mx, nx), select(here, my, ny), select(here, mz, nz)
+                    left &= ~good
+                    events &= ~(good * 0x1111)
+        settled = fold(bits(f >= lift)) & left
+        lift = select(all_samples(settled), none, lift)
+        t_before, f_before, slope_before = t, f, slope
+        k = k + f32(4.0)
+        left &= bits(k <= sampled.last)
+    return Found(t_hit, nx, ny, nz, lift)
+
+
+@inline
+def _rest(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, begin: F16) -> tuple[Pair, Mask]:
+    """The rest of the interval between two samples behind where a ray begins; and whether f changes sign in it."""
+    f, slope = evaluate(tree, scratch, frame, begin)
+    return Pair(begin, f, slope, pair.tb, pair.fb, pair.slope_b), crossing(f, pair.fb)
+
+
+@inline
+def search_one(
+    tree: Tree, leaf: int, frame: Frame, sampled: SampleRange, limits: tuple[float, F16], scratch: Scratch
+) -> Found:
+    """`search` for one ray, which all lanes hold, given as numbers: lane s is sample s, sixteen at once.
+
+    With four samples at once, the ray in every quarter, bounces took 1.37 times as long at 32,000 points, and 1.1 to
+    1.3 times as long at scans.
+    """
+    sought_side, lift = limits
+    none = broadcast16(ZERO)
+    step = tree.leaves[leaf * LEAF + STEP]
+    starts, last, begin = lane(sampled.begin, 0) >= ZERO, lane(sampled.last, 0), vabs(sampled.begin)
+    # Only a ray that the start rule lifts has its first sample where it begins.
+    low, high = select(lift > ZERO, begin, none), sampled.last * step
+    between = lane(sampled.begin, 0) > ZERO
+    t_before = f_before = slope_before = broadcast16(NAN)
+    two, three, four = f32(2.0), f32(3.0), f32(4.0)
+    k = sampled.first + (four * quarters(ZERO, ONE, two, three) + fours(ZERO, ONE, two, three))
+    while True:
+        t = begin if between else vmin(vmax(k * step, low), high)
+        f, slope = evaluate(tree, scratch, frame, t)
+        if starts:
+            lift = _lift_of(tree, leaf, broadcast16(lane(f, 0)))
+            starts = False
+            if between:
+                low, between = select(lift > ZERO, begin, none), False
+                continue
+        # The lift lasts up to the quarter in which f is first on the ray's side.
+        settled = bits(f + lift >= lift)
+        before: Bits | Samples
+        before = (16 << (count_trailing_zeros(settled) & 12)) - 1 if settled != 0 else 0xFFFF
+        lifted = select(mask16(before), lift, none)
+        f = f + lifted
+
+        before = shift_lane(t_before, t), shift_lane(f_before, f), shift_lane(slope_before, slope)
+        after = t, f, slope
+        changes, sinks = _events(tree, leaf, before, after)
+        events = changes | sinks
+        while events != 0:
+            now = events & -events
+            events &= events - 1
+            here = mask16(now)
+            pair = _pair(before, after, here)
+            raised, crosses, todo = sample(lifted, here), all_samples(fold(now & changes)), fold(now)
+            while True:
+                root = look_into(tree, scratch, frame, pair, crosses, todo, raised)
+                if bits(root.t < begin) == 0 or lane(pair.ta, 0) >= lane(begin, 0):
+                    break
+                pair, crosses = _rest(tree, scratch, frame, pair, begin)
+            if bits(root.t < INF) != 0:
+                good, nx, ny, nz = accept(tree, scratch, frame, leaf, root, (sought_side, raised, begin))
+                if good != 0:
+                    i = count_trailing_zeros(good)
+                    return Found(lane(root.t, i), lane(nx, i), lane(ny, i), lane(nz, i), lane(raised, i))
+        lift = none if settled != 0 else lift
+        t_before, f_before, slope_before = t, f, slope
+        k = k + f32(16.0)
+        if not lane(k, 0) <= last:
+            return Found(INF, ZERO, ZERO, ZERO, lane(lift, 0))

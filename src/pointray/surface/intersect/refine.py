@@ -1,0 +1,263 @@
+"""From a bracket to the root of f along a ray (`look_into`): four samples a step, the last two joined by a line.
+
+Four rays go together: lane 4 s + r holds sample s of ray r; values of a ray as a whole are repeated in all quarters.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from ...engine.jit import f32, inline
+from ...engine.kernels.scratch import Scratch
+from ...engine.kernels.tree import REFINE, SURFACE, Tree
+from ...engine.simd import (
+    F16,
+    INF,
+    ONE,
+    ZERO,
+    Bits,
+    Mask,
+    bits,
+    broadcast16,
+    last_quarter,
+    mask16,
+    quarters,
+    select,
+    shift_quarter,
+    sum_over_quarters,
+    vmax,
+    vmin,
+    vsqrt,
+)
+from .lattice import start_of
+from .surface import HALF, TWO, Means, sums, value
+
+# The four samples of a secant step lie about the estimate, in lengths of the bracket: two are so close that the next
+# linear interpolation is exact to a thousandth of the radius, and two lie farther out in case the estimate is off.
+CLOSE = f32(0.02), f32(0.12)
+MORE = f32(3.0)  # secant steps after an estimate that was off
+EVEN = f32(0.1), f32(0.3)  # about the middle of the bracket, where there is no estimate
+# The squared length of a mean of unit normals below which rounding decides where the mean points.
+CANCELLED = f32(1e-12)
+FAINT = f32(0.1)  # weight (1 in the middle of a splat) below which a sample is at the rim of its supports
+
+
+class Frame(NamedTuple):
+    """Rays in a voxel, in vectors: four rays as lane 4 s + r, or sixteen rays.
+
+    (x, y, z) : origin; (dx, dy, dz) : unit direction
+    stretch : see `lattice.start_of`
+    side : +1 where a ray that starts on the surface is outside, -1 where it is inside
+    """
+
+    x: F16
+    y: F16
+    z: F16
+    dx: F16
+    dy: F16
+    dz: F16
+    stretch: F16
+    side: F16
+
+
+class Pair(NamedTuple):
+    """Two neighbouring samples of each ray: t, f and its slope along the ray."""
+
+    ta: F16
+    fa: F16
+    slope_a: F16
+    tb: F16
+    fb: F16
+    slope_b: F16
+
+
+class Foot(NamedTuple):
+    """What is known of a point besides f: the direction in which f rises, and the squared distance |x - P(x)|^2."""
+
+    nx: F16
+    ny: F16
+    nz: F16
+    away: F16
+
+
+class Root(NamedTuple):
+    """What is found between two samples: t (inf: nothing), half of the rise of f over the last bracket, and the foot.
+
+    joined : mask, the foot is interpolated between two close samples; elsewhere it is not known
+    """
+
+    t: F16
+    rise: F16
+    joined: Mask
+    foot: Foot
+
+
+@inline
+def fold(word: Bits) -> Bits:
+    """Which rays have a bit in any of their samples: 4 bits."""
+    return (word | (word >> 4) | (word >> 8) | (word >> 12)) & 15
+
+
+@inline
+def all_samples(rays: Bits) -> Mask:
+    """The mask of all samples of the given rays (4 bits)."""
+    return mask16(rays * 0x1111)
+
+
+@inline
+def first_samples(word: Bits) -> Bits:
+    """For each ray, the bit of its first sample whose bit is set."""
+    seen = word | (word << 4)
+    seen |= seen << 8
+    return word & ~(seen << 4) & 0xFFFF
+
+
+@inline
+def sample(vector: F16, one: Mask) -> F16:
+    """Each ray's lane that a mask with one lane for each ray selects, in all its samples; 0 where none is selected."""
+    return sum_over_quarters(select(one, vector, broadcast16(ZERO)))
+
+
+@inline
+def place(frame: Frame, t: F16, start: F16) -> tuple[F16, F16, F16]:
+    """The points at t on the rays, counted from a place near them: differences between samples are exact."""
+    x, y, z = start * frame.dx + frame.x, start * frame.dy + frame.y, start * frame.dz + frame.z
+    s = t - start
+    return s * frame.dx + x, s * frame.dy + y, s * frame.dz + z
+
+
+@inline
+def means_at(scratch: Scratch, frame: Frame, t: F16, start: F16) -> Means:
+    """The weighted means at each ray's samples t; start : see `place`."""
+    x, y, z = place(frame, t, start)
+    return sums(scratch, x, y, z)
+
+
+@inline
+def evaluate(tree: Tree, scratch: Scratch, frame: Frame, t: F16) -> tuple[F16, F16]:
+    """f, counted positive on the rays' own side, and its slope along the rays."""
+    means = means_at(scratch, frame, t, start_of(t, frame.stretch))
+    f, _ = value(int(tree.head[SURFACE]), means)
+    slope = means.nx * frame.dx + means.ny * frame.dy + means.nz * frame.dz
+    return f * frame.side, slope * frame.side
+
+
+@inline
+def crossing(a: F16, b: F16) -> Mask:
+    """Whether the sign changes between two values that both exist (zero counts as positive)."""
+    return ((a < ZERO) & (b >= ZERO)) | ((a >= ZERO) & (b < ZERO))
+
+
+@inline
+def foot_of(means: Means, u4: F16) -> Foot:
+    """The mean normal (for apss the sphere's gradient), and the squared distance of x from the mean of its splats."""
+    bend = TWO * u4
+    return Foot(
+        means.nx - bend * means.qx,
+        means.ny - bend * means.qy,
+        means.nz - bend * means.qz,
+        means.qx * means.qx + means.qy * means.qy + means.qz * means.qz,
+    )
+
+
+@inline
+def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
+    """Unit normals, and a mask of where they exist: not where normals cancel, and not where they are NaN."""
+    square = foot.nx * foot.nx + foot.ny * foot.ny + foot.nz * foot.nz
+    scale = ONE / vsqrt(square)
+    return (foot.nx * scale, foot.ny * scale, foot.nz * scale), (square > CANCELLED) & (square < INF)
+
+
+@inline
+def _between(foot: Foot, after: Any, share: F16) -> Foot:
+    """The foot between a sample (bits, one for each ray) and the one before it; 0 for rays without such a bit."""
+    before, after = mask16(after >> 4), mask16(after)
+    nothing = broadcast16(ZERO)
+    weight, both = select(after, share, ONE - share), before | after
+    return Foot(
+        sum_over_quarters(select(both, foot.nx * weight, nothing)),
+        sum_over_quarters(select(both, foot.ny * weight, nothing)),
+        sum_over_quarters(select(both, foot.nz * weight, nothing)),
+        sum_over_quarters(select(both, foot.away * weight, nothing)),
+    )
+
+
+@inline
+def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
+    """Foot a in the lanes where the mask holds, foot b in the others."""
+    return Foot(
+        select(mask, a.nx, b.nx), select(mask, a.ny, b.ny), select(mask, a.nz, b.nz), select(mask, a.away, b.away)
+    )
+
+
+@inline
+def _four_t(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
+    """Four t in brackets, about `around` of their lengths: two at the inner distance, two at the outer."""
+    near = mask16(0x0FF0)
+    sign = quarters(-ONE, -ONE, ONE, ONE)
+    share = vmin(vmax(around, broadcast16(ZERO)), broadcast16(ONE)) + sign * select(near, inner, outer)
+    return ta + (tb - ta) * vmin(vmax(share, broadcast16(ZERO)), broadcast16(ONE))
+
+
+@inline
+def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: Mask, todo: Bits, lift: F16) -> Root:
+    """The first crossing between two samples, after the model's number of secant steps.
+
+    crosses : mask, rays whose two samples have different signs; for the others four samples look for a crossing first
+    todo : 4 bits, the rays that are searched for; lift : what the start rule adds to f
+
+    A step evaluates four samples about the estimate; the first part with a crossing is the next bracket. Where an
+    estimate was off (the crossing is not between the two close samples), up to MORE steps follow. With one of these, up
+    to 17 of 1.4 million rays at a scan ended more than 2% of the radius apart in different trees; with three, none did
+    on ten of twelve scans, and 7 did on the noisiest.
+    """
+    ta, fa, tb, fb = pair.ta, pair.fa, pair.tb, pair.fb
+    steps = tree.head[REFINE]
+    most = steps + MORE if steps > ZERO else ZERO
+    inner, outer, step, share = broadcast16(CLOSE[0]), broadcast16(CLOSE[1]), broadcast16(ZERO), fa / (fa - fb)
+    if bits(crosses) & todo != todo:
+        # Without a crossing: the zero of the slope by linear interpolation (a parabola's minimum), or evenly spaced.
+        grazes = (fa * pair.slope_a < ZERO) & (fb * pair.slope_b > ZERO)
+        estimate = select(grazes, pair.slope_a / (pair.slope_a - pair.slope_b), broadcast16(HALF))
+        wide = mask16(bits(crosses | grazes) ^ 0xFFFF)
+        inner, outer = select(wide, broadcast16(EVEN[0]), inner), select(wide, broadcast16(EVEN[1]), outer)
+        step, share = select(crosses, step, broadcast16(-ONE)), select(crosses, share, estimate)
+    span, start = tb - ta, start_of(ta, frame.stretch)
+    none = broadcast16(ZERO)
+    foot = Foot(none, none, none, none)
+    joined = 0
+    while True:
+        go = (step < steps) | ((step < most) & (tb - ta > f32(3.0) * CLOSE[0] * span))
+        doing = bits(go) & (todo * 0x1111)
+        if doing == 0:
+            break
+        go = mask16(doing)
+        t = _four_t(ta, tb, share, inner, outer)
+        inner, outer = broadcast16(CLOSE[0]), broadcast16(CLOSE[1])
+        fresh = means_at(scratch, frame, t, start)
+        f, u4 = value(int(tree.head[SURFACE]), fresh)
+        f = f * frame.side + lift
+        before, t_before = shift_quarter(fa, f), shift_quarter(ta, t)
+        one = first_samples(bits(crossing(before, f)) & doing)
+        part = mask16(one)
+        found = fold(one)
+        # No crossing up to the last sample: it lies behind that sample, or nowhere.
+        last = last_quarter(f)
+        behind = bits((last < ZERO) ^ (fb < ZERO)) & doing & ~(found * 0x1111)
+        here, rest = all_samples(found), mask16(behind)
+        span = select(go & (step >= ZERO), tb - ta, span)
+        ta = select(here, sample(t_before, part), select(rest, last_quarter(t), ta))
+        fa = select(here, sample(before, part), select(rest, last, fa))
+        tb, fb = select(here, sample(t, part), tb), select(here, sample(f, part), fb)
+        span = select(go & (step < ZERO), tb - ta, span)
+        todo &= ~(fold(doing) & ~found & ~fold(behind))
+        share = fa / (fa - fb)
+        # Between two close samples the foot is interpolated too: 15% of the time. Where supports begin and end it is
+        # evaluated anew instead.
+        firm = (fresh.weight > FAINT) & (shift_quarter(none, fresh.weight) > FAINT)
+        line = one & bits(firm)
+        joined = (joined & ~fold(doing)) | fold(line)
+        foot = choose(all_samples(fold(line)), _between(foot_of(fresh, u4), line, share), foot)
+        step = step + select(go, broadcast16(ONE), none)
+    t = select(all_samples(todo), ta + (tb - ta) * share, broadcast16(INF))
+    return Root(t, HALF * (fb - fa), all_samples(joined & todo), foot)

@@ -1,0 +1,228 @@
+"""Scattered points, drawn as spheres or as single flat discs: where rays meet those of one leaf.
+
+The discriminant comes from the vector between the ray and the centre, not from the difference of two large squares
+(Haines et al., Precision Improvements for Ray/Sphere Intersection, Ray Tracing Gems, 2019, chapter 7).
+
+Start rule, see `meet_sphere` and `meet_disc`: a ray that starts on a sphere or a disc does not meet it, whatever its
+direction, as shading normals are blended and may let a ray begin below the exact horizon. Only where the ray starts on
+the inner side (`Ray.side` is -1: light that enters glass) does it meet the far side of the sphere. A ray that starts
+deeper inside meets the far side. A ray that a clip plane cuts starts on nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+from ...engine.jit import Array, f32, i64, inline
+from ...engine.kernels.scratch import (
+    BEGIN,
+    DX,
+    DY,
+    DZ,
+    FOUND,
+    HIT_T,
+    NX,
+    OX,
+    OY,
+    OZ,
+    SCATTER_END,
+    SCATTER_SLOT,
+    SCATTER_T,
+    SIDE,
+    Scratch,
+    store3,
+)
+from ...engine.kernels.tree import (
+    BLOCK,
+    FAR,
+    INV_R2,
+    LEAF_BLOCKS,
+    PX,
+    PY,
+    PZ,
+    SCATTER,
+    SCATTERED,
+    SPHERES,
+    Hit,
+    Ray,
+    Tree,
+)
+from ...engine.kernels.tree import NX as MEAN_X
+from ...engine.kernels.tree import NY as MEAN_Y
+from ...engine.kernels.tree import NZ as MEAN_Z
+from ...engine.kernels.vec import Vec3
+from ...engine.simd import (
+    F8,
+    INF,
+    ONE,
+    ZERO,
+    Bits,
+    Real,
+    bits,
+    broadcast8,
+    count_trailing_zeros,
+    join2,
+    lane,
+    load16,
+    select,
+    vabs,
+    vsqrt,
+)
+
+Three: TypeAlias = tuple[Real, Real, Real]
+
+# A ray starts on a sphere from 1% of the radius below it to 0.2% above: above it, a ray of another surface that
+# touches the sphere must still meet it.
+BELOW, ABOVE = f32(1.0 - 0.99**2), f32(1.002**2 - 1.0)  # squared radii
+FLAT2 = f32(0.01**2)  # squared radii: the distance from a disc's plane within which a ray starts on it
+
+
+@inline
+def approach(to: Three, d: Three, square: Real) -> tuple[Real, Real]:
+    """Where a ray is nearest to a sphere's centre, and the squared half of the chord, below 0 where it misses.
+
+    to : from the ray's origin to the centre; d : unit direction; square : of the radius
+    Of one ray and eight spheres, or of one sphere and sixteen rays.
+    """
+    along = to[0] * d[0] + to[1] * d[1] + to[2] * d[2]
+    x, y, z = to[0] - along * d[0], to[1] - along * d[1], to[2] - along * d[2]
+    return along, square - (x * x + y * y + z * z)
+
+
+@inline
+def meet_sphere(chord: tuple[Real, Real], start: tuple[Real, Real], square: Real) -> Real:
+    """t where a ray meets a sphere, inf where it does not.
+
+    chord : see `approach`; start : `Ray.t_min` and `Ray.side`; square : of the radius
+    """
+    (along, rest), (begin, side) = chord, start
+    half = vsqrt(rest)
+    ahead = along - vabs(begin)
+    near, anywhere = ahead * ahead, begin < ZERO
+    inside = near < select(anywhere, rest, rest - BELOW * square)
+    outside = near > select(anywhere, rest, rest + ABOVE * square)
+    far = inside | ((near <= rest + ABOVE * square) & (side < ZERO) & (begin >= ZERO))
+    meets = (rest >= ZERO) & (inside | ((far | outside) & (ahead > ZERO)))
+    return select(meets, along + select(far, half, ZERO - half), INF)
+
+
+@inline
+def meet_disc(
+    to: Three,
+    d: Three,
+    begin: Real,
+    disc: tuple[Real, Real, Real, Real],
+) -> Real:
+    """t where a ray meets a flat disc, inf where it does not, as `meet_sphere`. disc : normal and squared radius"""
+    mx, my, mz, square = disc
+    rise = mx * d[0] + my * d[1] + mz * d[2]
+    height = mx * to[0] + my * to[1] + mz * to[2]
+    t = height / rise
+    x, y, z = to[0] - t * d[0], to[1] - t * d[1], to[2] - t * d[2]
+    above = height - vabs(begin) * rise
+    away = (begin < ZERO) | (above * above > FLAT2 * square)
+    return select((x * x + y * y + z * z <= square) & (t >= vabs(begin)) & away, t, INF)
+
+
+@inline
+def _row(tree: Tree, at: int) -> F8:
+    """A row of two blocks."""
+    return join2(tree.blocks, at, at + BLOCK)
+
+
+@inline
+def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int) -> tuple[float, int]:
+    """(t, slot) of the nearest scattered point that the ray meets, of a leaf and what was found before.
+
+    nearest, slot : what was found before, or how far to search and -1. Of points at the same t the first slot counts.
+    """
+    at = block * BLOCK
+    to = _row(tree, at + PX) - ray.ox, _row(tree, at + PY) - ray.oy, _row(tree, at + PZ) - ray.oz
+    d, square, begin = (ray.dx, ray.dy, ray.dz), ONE / _row(tree, at + INV_R2), broadcast8(ray.t_min)
+    if tree.head[SCATTER] == SPHERES:
+        t = meet_sphere(approach(to, d, square), (begin, broadcast8(ray.side)), square)
+    else:
+        t = meet_disc(to, d, begin, (_row(tree, at + MEAN_X), _row(tree, at + MEAN_Y), _row(tree, at + MEAN_Z), square))
+    left = bits(t <= nearest)
+    while left != 0:
+        k = count_trailing_zeros(left)
+        left &= left - 1
+        if lane(t, k) < nearest or (lane(t, k) == nearest and 4 * block + k < slot):
+            nearest, slot = lane(t, k), 4 * block + k
+    return nearest, slot
+
+
+@inline
+def begin_scattered(rows: Array, numbers: Array, length: int, span: tuple[int, int]) -> None:
+    """Nothing is hit yet in a model by a span of the tile's rays. length : the row of how far they are followed"""
+    for k in range(span[0], span[1]):
+        rows[SCATTER_T + k] = rows[HIT_T + k] = INF
+        rows[SCATTER_END + k] = rows[length + k]
+        numbers[SCATTER_SLOT + k] = -1
+
+
+@inline
+def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch) -> Bits:
+    """Nearest hits of 16 rays of the tile, from v on, with the scattered points of a leaf.
+
+    passing : which rays, as bits; those that have hit one are returned, and perhaps some at the same t
+    """
+    rows, numbers = scratch.model, scratch.numbers
+    ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
+    d = load16(rows, DX + v), load16(rows, DY + v), load16(rows, DZ + v)
+    begin, side, found = load16(rows, BEGIN + v), load16(rows, SIDE + v), i64(0)
+    for j in range(4 * LEAF_BLOCKS):
+        at = (block + j // 4) * BLOCK + j % 4
+        if tree.blocks[at + PX] > FAR:
+            break
+        to = tree.blocks[at + PX] - ox, tree.blocks[at + PY] - oy, tree.blocks[at + PZ] - oz
+        square = ONE / tree.blocks[at + INV_R2]
+        if tree.head[SCATTER] == SPHERES:
+            chord = approach(to, d, square)
+            if bits(chord[1] >= ZERO) & passing == 0:  # 6% of the time from afar; for one ray there is no gain
+                continue
+            t = meet_sphere(chord, (begin, side), square)
+        else:
+            m = tree.blocks[at + MEAN_X], tree.blocks[at + MEAN_Y], tree.blocks[at + MEAN_Z]
+            t = meet_disc(to, d, begin, (*m, square))
+        left, slot = bits(t <= load16(rows, SCATTER_END + v)) & passing, 4 * block + j
+        found |= left
+        while left != 0:
+            k = count_trailing_zeros(left) + v
+            left &= left - 1
+            t_k = lane(t, k - v)
+            if t_k < rows[SCATTER_END + k] or slot < numbers[SCATTER_SLOT + k]:
+                rows[SCATTER_T + k] = rows[SCATTER_END + k] = t_k
+                numbers[SCATTER_SLOT + k] = slot
+    return found
+
+
+@inline
+def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
+    """The hit of a ray with a scattered point. Its normal is exact, that of a sphere points outwards."""
+    at = slot // 4 * BLOCK + slot % 4
+    if tree.head[SCATTER] == SPHERES:
+        # From the nearest point of the ray to the centre: differences of small vectors, however far the ray has come.
+        x, y, z = tree.blocks[at + PX] - o[0], tree.blocks[at + PY] - o[1], tree.blocks[at + PZ] - o[2]
+        along = x * d[0] + y * d[1] + z * d[2]
+        x, y, z = x - along * d[0], y - along * d[1], z - along * d[2]
+        rest = t - along
+        nx, ny, nz = rest * d[0] - x, rest * d[1] - y, rest * d[2] - z
+    else:
+        nx, ny, nz = tree.blocks[at + MEAN_X], tree.blocks[at + MEAN_Y], tree.blocks[at + MEAN_Z]
+    size = ONE / f32(math.sqrt(nx * nx + ny * ny + nz * nz))
+    return Hit(t, nx * size, ny * size, nz * size, SCATTERED + slot)
+
+
+@inline
+def finish_scattered(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
+    """Make the nearest scattered points the hits of a span of rays, where no surface is as near."""
+    rows, numbers = scratch.model, scratch.numbers
+    for k in range(span[0], span[1]):
+        slot, t = numbers[SCATTER_SLOT + k], rows[SCATTER_T + k]
+        if slot >= 0 and (numbers[FOUND + k] < 0 or t < rows[HIT_T + k]):
+            o, d = (rows[OX + k], rows[OY + k], rows[OZ + k]), (rows[DX + k], rows[DY + k], rows[DZ + k])
+            hit = hit_scattered(tree, slot, t, o, d)
+            rows[HIT_T + k], numbers[FOUND + k] = t, hit.leaf
+            store3(rows, NX + k, (hit.nx, hit.ny, hit.nz))

@@ -1,0 +1,139 @@
+"""Which splats lie on an open border, and where it faces: their neighbours leave a wide gap in the tangent plane.
+
+A neighbour closes the direction it lies in. Where the surface is folded sharply (a crest, a crevice), it goes on in the
+other sheet, which may lie on the same side as the first. So a neighbour whose normal differs much also closes the
+direction of the fold: the direction that its normal leans to if it lies below the tangent plane, the opposite direction
+if it lies above.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
+from ...engine.kernels.vec import Vec3, tangents
+
+GAP = math.radians(115)  # a straight border leaves 180 degrees; one in 75 sets of 20 random directions leaves this
+TURNED = 1.2  # the least that `_turn` grows along an angle of GAP is 1.22
+FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
+COMPANY = 2  # a border is a curve: at least this many of a splat's neighbours lie on it too
+CHUNK = 2048
+
+
+@inline
+def _turn(x: float, y: float) -> float:
+    """A number from -2 to 2 that grows with the angle of (x, y), which is not (0, 0), without a call of atan2."""
+    share = y / (abs(x) + abs(y))
+    return share if x >= 0.0 else math.copysign(2.0, y) - share
+
+
+@inline
+def insert(found: Array, count: int, x: float, y: float) -> int:
+    """Insert a direction into the first rows of `found`, ascending in turn; rows are turn, x, y."""
+    if x == 0.0 and y == 0.0:
+        return count
+    turn, k = _turn(x, y), count
+    while k > 0 and found[k - 1, 0] > turn:
+        for c in range(3):
+            found[k, c] = found[k - 1, c]
+        k -= 1
+    found[k, 0], found[k, 1], found[k, 2] = turn, x, y
+    return count + 1
+
+
+@inline
+def _closed_directions(
+    positions: Array, normals: Array, i: int, near: Array, axes: tuple[Vec3, Vec3], found: Array
+) -> int:
+    """Directions in the tangent plane of splat i that its neighbours close; returns their number."""
+    u, v = axes
+    count = 0
+    for j in near:
+        height = lean_u = lean_v = at_u = at_v = cosine = 0.0
+        for c in range(3):
+            d = positions[j, c] - positions[i, c]
+            height += d * normals[i, c]
+            cosine += normals[j, c] * normals[i, c]
+            at_u += d * u[c]
+            at_v += d * v[c]
+            lean_u += normals[j, c] * u[c]
+            lean_v += normals[j, c] * v[c]
+        count = insert(found, count, at_u, at_v)
+        if cosine < FOLD:
+            side = -1.0 if height > 0.0 else 1.0
+            count = insert(found, count, side * lean_u, side * lean_v)
+    return count
+
+
+@inline
+def widest(found: Array, count: int) -> tuple[float, float]:
+    """The widest gap between directions that is wider than GAP, as an angle, else 0; and its middle's angle."""
+    gap, middle = (2.0 * math.pi, 0.0) if count == 0 else (0.0, 0.0)
+    for k in range(count):
+        before = k - 1 if k > 0 else count - 1
+        whole = 0.0 if k > 0 else 1.0
+        if found[k, 0] + 4.0 * whole - found[before, 0] > TURNED:
+            angle = math.atan2(found[k, 2], found[k, 1])
+            here = angle + 2.0 * math.pi * whole - math.atan2(found[before, 2], found[before, 1])
+            if here > gap:
+                gap, middle = here, angle - 0.5 * here
+    return gap if gap > GAP else 0.0, middle
+
+
+@kernel
+def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near: Array, out: Array) -> int:
+    """Write to out the direction of the middle of each splat's widest gap, or zero if it is no wider than GAP."""
+    positions, normals, near, out = borrow(positions), borrow(normals), borrow(near), borrow(out)
+    memory = np.empty((2 * near.shape[1], 3))
+    found = borrow(memory)
+    tile = next_tile(work)
+    while tile >= 0:
+        for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
+            i = i64(rows[at])
+            axes = tangents((f64(normals[i, 0]), f64(normals[i, 1]), f64(normals[i, 2])))
+            gap, middle = widest(found, _closed_directions(positions, normals, i, near[at], axes, found))
+            for c in range(3):
+                outward = math.cos(middle) * axes[0][c] + math.sin(middle) * axes[1][c] if gap > 0.0 else 0.0
+                out[at, c] = outward
+        tile = next_tile(work)
+    keep_alive(memory)
+    return 0
+
+
+def find_gaps(
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    rows: NDArray[np.int64],
+    near: NDArray[np.integer[Any]],
+) -> NDArray[np.float32]:
+    """The direction out of the surface for points on what may be an open border, else zero.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+    normals : (n, 3) float32, unit
+    rows : (m,) int64
+        The points to examine.
+    near : (m, k) int
+        Rows of their neighbours, themselves first.
+
+    Returns
+    -------
+    (m, 3) float32, unit or zero
+    """
+    out = np.zeros((len(rows), 3), np.float32)
+    arrays = [np.ascontiguousarray(array) for array in (positions, normals, rows, near)]
+    run(_find_gaps, -(-len(out) // CHUNK), *arrays, out)
+    return out
+
+
+def lone_borders(found: NDArray[np.bool_], near: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+    """Which borders have too few neighbours that lie on one too: a single gap occurs by chance.
+
+    found : (n,) bool, where borders are; near : (m, k) neighbours of the points on borders, themselves first
+    """
+    return np.asarray(found[near[:, 1:]].sum(axis=1) < COMPANY)

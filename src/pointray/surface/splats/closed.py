@@ -1,0 +1,300 @@
+"""Voronoi cells that their neighbours close, of 16 points at a time: nearly all cells, and all that is usual in them.
+
+A neighbour at b in the tangent plane (see `voronoi`) is the point q = 2 b / |b|^2: a place x is nearer to the origin
+where x.q < 1. The cell's vertices belong to the edges of the convex hull of these points. A walk around the hull
+(Jarvis 1973) begins at the nearest neighbour and visits about six of them; lanes are points. What is rare is left to
+`voronoi.measure_cells`: cells that are open, three sheets that meet, folds that bring a neighbour nearer.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
+from ...engine.simd import (
+    F16,
+    I16,
+    ONE,
+    ZERO,
+    Mask,
+    bits,
+    broadcast16,
+    gather_rows8,
+    lane,
+    load16,
+    mask16,
+    one_bit,
+    select,
+    store,
+    vabs,
+    vmax,
+    vmin,
+    vsqrt,
+)
+from .borders import FOLD
+from .voronoi import OTHER_SHEET, Hood
+
+OPEN, CLOSED, UNSURE = 0, 1, 2  # states of a cell: more neighbours could change it; none could; measured elsewhere
+STEPS = 14  # fewer than one cell in a million random ones has more sides
+SHARP = 0.01  # sine of the angle between two sides below which float32 does not tell where they meet
+HALF_FOLD = math.cos(math.radians(22.5))  # of two normals 45 degrees apart, one is 22.5 from any third
+AWAY = math.cos(math.radians(149))  # a little more than `sheets.OPPOSED`, the cosine of neighbours that face away
+SECTORS = 32  # around a point, see `_sector`
+EMPTY = 8  # a gap of 115 degrees holds this many whole sectors at least: it is 9.8 sectors wide where they are widest
+USUAL = 8  # neighbours that tell what is usual
+WIDE = 0.5  # a cell wider than this share of the distance to the 8th neighbour may lie at a border; even points: 0.46,
+# random ones: 0.6
+TINY = f32(1e-30)
+ALL = 0xFFFF
+CHUNK = 2048
+
+Three16 = tuple[F16, F16, F16]
+
+
+@inline
+def _dot16(a: Three16, b: Three16) -> F16:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@inline
+def _tangents16(n: Three16) -> tuple[Three16, Three16]:
+    """See `engine.kernels.vec.tangents`."""
+    sign = select(n[2] >= ZERO, broadcast16(ONE), -ONE)
+    a = -ONE / (sign + n[2])
+    b = n[0] * n[1] * a
+    return (sign * n[0] * n[0] * a + ONE, sign * b, -ONE * sign * n[0]), (b, n[1] * n[1] * a + sign, -ONE * n[1])
+
+
+@inline
+def _sector(x: F16, y: F16) -> F16:
+    """Which of the sectors (x, y) lies in. They divide the square |x| + |y| = 1 evenly."""
+    share = y / vmax(vabs(x) + vabs(y), broadcast16(f32(1e-30)))
+    turn = select(x >= ZERO, share + ONE, f32(3.0) - share)
+    return vmin(turn * f32(SECTORS / 4), broadcast16(f32(SECTORS - 1)))
+
+
+@inline
+def _unfolded16(d: Three16, normals: tuple[Three16, Three16], axes: tuple[Three16, Three16]) -> tuple[F16, F16, F16]:
+    """Where `voronoi._unfolded` puts a neighbour past a fold, and its squared distance there; 0 on another sheet."""
+    n, m = normals
+    u, v = axes
+    cosine = _dot16(n, m)
+    sine = vsqrt(vmax(ONE - cosine * cosine, broadcast16(f32(1e-12))))
+    a, b = _dot16(m, u) / sine, _dot16(m, v) / sine
+    across, along = (_dot16(d, m) - _dot16(d, n)) / sine, _dot16(d, v) * a - _dot16(d, u) * b
+    x, y = across * a - along * b, across * b + along * a
+    same = cosine >= f32(OTHER_SHEET)
+    return select(same, x, ZERO), select(same, y, ZERO), select(same, x * x + y * y, ZERO)
+
+
+@inline
+def _note_fold(seen: tuple[Mask, Mask, Three16], folded: Mask, m: Three16) -> tuple[Mask, Mask, Three16]:
+    """Note normals past folds. seen : where three sheets may meet, where there is a first fold, and its normal."""
+    meeting, known, first = seen
+    meeting = meeting | (folded & known & (_dot16(first, m) <= f32(HALF_FOLD)))
+    new = mask16(bits(folded) & ~bits(known))
+    first = select(new, m[0], first[0]), select(new, m[1], first[1]), select(new, m[2], first[2])
+    return meeting, known | folded, first
+
+
+@inline
+def _place_hood(
+    table: Array, own: tuple[Three16, Three16, F16], hood: tuple[Array, int, int], memory: Array
+) -> tuple[tuple[F16, F16, F16, F16], tuple[F16, Mask], tuple[I16, Mask, Mask]]:
+    """Write each neighbour's q to memory, for 16 points at once.
+
+    own : positions, normals, and the factor that makes the last neighbour's distance 1; hood : near, and the place and
+    number of the points' neighbours in it. Returns the largest q (x, y, its square, its number); the squared distance
+    from which folds bring neighbours nearer, and where sheets may meet; the sectors with neighbours, where the
+    first USUAL neighbours are all of the point's own sheet, and where one faces away.
+    """
+    at, n, shrink = own
+    near, start, width = hood
+    axes, zero = _tangents16(n), broadcast16(ZERO)
+    best, best_x, best_y, best_k, nearer = zero, zero, zero, zero, zero
+    seen = zero > ONE, zero > ONE, (zero, zero, zero)
+    alike, away = zero < ONE, zero > ONE
+    sectors = select(zero > ONE, one_bit(zero), 0)
+    for k in range(1, width):
+        x, y, z, mx, my, mz, _, _ = gather_rows8(table, near, start + k, width)
+        d, m = ((x - at[0]) * shrink, (y - at[1]) * shrink, (z - at[2]) * shrink), (mx, my, mz)
+        cosine, square = _dot16(n, m), _dot16(d, d)
+        u, v = _dot16(d, axes[0]), _dot16(d, axes[1])
+        flat = u * u + v * v
+        sectors = sectors | select(flat > ZERO, one_bit(_sector(u, v)), 0)
+        scale = f32(2.0) / vmax(vsqrt(flat) * vsqrt(square), broadcast16(TINY))
+        qx, qy = u * scale, v * scale
+        smooth = cosine > f32(FOLD)
+        if bits(smooth) != ALL:
+            fold = _unfolded16(d, (n, m), axes)
+            scale = f32(2.0) / vmax(fold[2], broadcast16(TINY))
+            qx, qy = select(smooth, qx, fold[0] * scale), select(smooth, qy, fold[1] * scale)
+            same = cosine >= f32(OTHER_SHEET)
+            folded = mask16(bits(same) & ~bits(smooth))
+            nearer = select(folded & (fold[2] < square), vmax(nearer, square), nearer)
+            seen = _note_fold(seen, folded, m)
+            away = away | (cosine < f32(AWAY))
+            if k <= USUAL:
+                alike = alike & same
+        store(memory, 32 * k, qx)
+        store(memory, 32 * k + 16, qy)
+        size = qx * qx + qy * qy
+        larger = size > best
+        best, best_k = select(larger, size, best), select(larger, zero + f32(k), best_k)
+        best_x, best_y = select(larger, qx, best_x), select(larger, qy, best_y)
+    return (best_x, best_y, best, best_k), (nearer, seen[0]), (sectors, alike, away)
+
+
+@inline
+def _walk(first: tuple[F16, F16, F16, F16], width: int, memory: Array) -> tuple[F16, Mask, Mask]:
+    """Walk around the cells' vertices: the farthest one's squared distance; which cells are closed; doubtful ones."""
+    cx, cy, size, ck = first
+    start, zero = ck, broadcast16(ZERO)
+    x, y = cx / size, cy / size  # the middle between the point and its nearest neighbour
+    active, closed, sharp, far = size > ZERO, zero > ONE, zero > ONE, zero
+    for _ in range(STEPS):
+        if bits(active) == 0:
+            break
+        # Along the side that neighbour c bounds, the next side is the first that bars the way: the least over / turn.
+        over, turn, bx, by, bk = zero + ONE, zero, zero, zero, zero
+        number = zero
+        for k in range(1, width):
+            number = number + ONE
+            qx, qy = load16(memory, 32 * k), load16(memory, 32 * k + 16)
+            left, cross = vmax(ONE - (x * qx + y * qy), zero), cx * qy - cy * qx
+            sooner = (left * turn < over * cross) & (ck != number)
+            over, turn, bk = select(sooner, left, over), select(sooner, cross, turn), select(sooner, number, bk)
+            bx, by = select(sooner, qx, bx), select(sooner, qy, by)
+        x, y = (by - cy) / turn, (cx - bx) / turn
+        square, next_size = x * x + y * y, bx * bx + by * by
+        sharp = sharp | (active & (turn * turn < f32(SHARP * SHARP) * (size * next_size)))
+        within = active & (square <= f32(0.25))  # the last neighbour is at 1: none beyond it reaches such a vertex
+        far = select(within, vmax(square, far), far)
+        active = within & (bk != start)
+        closed = closed | (within & (bk <= start) & (bk >= start))
+        cx, cy, ck, size = bx, by, bk, next_size
+    return far, closed, active | sharp
+
+
+@inline
+def _gap_possible(sectors: int) -> bool:
+    """Whether EMPTY sectors side by side hold no neighbour."""
+    empty = i64(sectors) & 0xFFFFFFFF ^ 0xFFFFFFFF
+    empty |= (empty & (1 << EMPTY) - 1) << SECTORS
+    empty &= empty >> 1
+    empty &= empty >> 2
+    return empty & empty >> 4 != 0
+
+
+@inline
+def _away(table: Array, at: Three16, near: Array, start: int, width: int) -> F16:
+    """The distances of 16 points from one neighbour each."""
+    x, y, z, _, _, _, _, _ = gather_rows8(table, near, start, width)
+    d = x - at[0], y - at[1], z - at[2]
+    return vsqrt(_dot16(d, d))
+
+
+@kernel
+def _measure_closed(work: Array, table: Array, rows: Array, hood: tuple[Array, int], out: Closed) -> int:
+    """See `measure_closed`; hood : near, flat, and the number of columns."""
+    table, rows = borrow(table), borrow(rows)
+    (near, width), (reach, state, gap, fourth, one_sheet, facing) = borrow(hood), borrow(out)
+    memory = np.empty(32 * (width + 1), np.float32)
+    scratch = borrow(memory)
+    tile = next_tile(work)
+    while tile >= 0:
+        for begin in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows)), 16):
+            first = min(begin, len(rows) - 16)
+            x, y, z, nx, ny, nz, _, _ = gather_rows8(table, rows, first, 1)
+            last = _away(table, (x, y, z), near, first * width + width - 1, width)
+            own = (x, y, z), (nx, ny, nz), ONE / last
+            largest, (nearer, meeting), (sectors, alike, away) = _place_hood(
+                table, own, (near, first * width, width), scratch
+            )
+            far, closed, doubtful = _walk(largest, width, scratch)
+            reaches = vsqrt(far) * last
+            store(reach, first, reaches)
+            store(fourth, first, _away(table, own[0], near, first * width + 4, width))
+            unsure = bits(doubtful) | bits(closed & (meeting | (nearer > f32(4.0) * far)))
+            wide = bits(reaches > f32(WIDE) * _away(table, own[0], near, first * width + 8, width))
+            for k in range(16):
+                bit = 1 << k
+                known = CLOSED if bits(closed) & bit != 0 else OPEN
+                state[first + k] = UNSURE if unsure & bit != 0 else known
+                one_sheet[first + k] = bits(alike) & bit != 0
+                facing[first + k] = bits(away) & bit != 0
+                odd = (unsure | wide) & bit != 0
+                gap[first + k] = (known == OPEN or odd) and _gap_possible(lane(sectors, k))
+        tile = next_tile(work)
+    keep_alive(memory)
+    return 0
+
+
+class Closed(NamedTuple):
+    """Cells of m points, as far as `measure_closed` measures them.
+
+    reach : (m,) float32, the distance to the farthest vertex where the cell is CLOSED
+    state : (m,) uint8, OPEN, CLOSED or UNSURE
+    gap : (m,) bool, whether the surface may end there
+    fourth : (m,) float32, the distance to the 4th neighbour
+    one_sheet : (m,) bool, whether the first USUAL neighbours are of the point's own sheet
+    facing : (m,) bool, whether a neighbour may face away
+    """
+
+    reach: NDArray[np.float32]
+    state: NDArray[np.uint8]
+    gap: NDArray[np.bool_]
+    fourth: NDArray[np.float32]
+    one_sheet: NDArray[np.bool_]
+    facing: NDArray[np.bool_]
+
+
+def distances(positions: NDArray[np.float32], hood: Hood, k: int) -> NDArray[np.float32]:
+    """The distances of a hood's points from their k-th neighbours, (m,)."""
+    away = positions[hood.near[:, k]] - positions[hood.rows]
+    return np.sqrt(np.einsum("ij,ij->i", away, away))
+
+
+def room_for(count: int) -> Closed:
+    """The cells of so many points, before they are measured."""
+    kinds = np.float32, np.uint8, np.bool_, np.float32, np.bool_, np.bool_
+    return Closed(*(np.empty(count, kind) for kind in kinds))  # type: ignore[arg-type]
+
+
+def measure_closed(table: NDArray[np.float32], hood: Hood) -> Closed:
+    """Measure cells like `voronoi.measure_cells`, if they are closed and have nothing unusual; see `pack_table`."""
+    count, width = hood.near.shape
+    out = room_for(count)
+    if count < 16 or width <= USUAL:
+        out.state[:], out.gap[:], out.one_sheet[:], out.facing[:] = UNSURE, True, False, True
+        places = table.reshape(-1, 8)[:, :3]
+        out.fourth[:] = distances(places, hood, min(4, width - 1))
+        return out
+    flat = np.ascontiguousarray(hood.near).reshape(-1)
+    run(_measure_closed, -(-count // CHUNK), table, hood.rows, (flat, width), out)
+    return out
+
+
+@kernel
+def _pack(work: Array, positions: Array, normals: Array, out: Array) -> int:
+    """See `pack_table`."""
+    positions, normals, out = borrow(positions), borrow(normals), borrow(out)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
+            for c in range(3):
+                out[i, c], out[i, 3 + c] = positions[i, c], normals[i, c]
+            out[i, 6] = out[i, 7] = 0.0
+        tile = next_tile(work)
+    return 0
+
+
+def pack_table(positions: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Rows of eight, flat: (n, 3) positions, (n, 3) normals and two zeros, so that each row is in one cache line."""
+    out = np.empty((len(positions), 8), np.float32)
+    run(_pack, -(-len(out) // CHUNK), np.ascontiguousarray(positions), np.ascontiguousarray(normals), out)
+    return out.reshape(-1)

@@ -1,0 +1,250 @@
+"""The widest gap that a disc bridges: three local spacings, or any between rims that agree in plane and slope.
+
+A corner of a point's Voronoi cell lies in the middle of a gap between it and two neighbours. Three such points agree if
+each two of them have similar normals and lie on an arc. In disorder, as in a tree crown, a disc does not reach a corner
+farther away than half of the widest gap unless they do. The spacing is that of the whole cloud, with the points that
+are drawn otherwise: a few of a crown look like a surface, and their discs must not cover the leaves around them.
+
+Disorder is a place where points agree with few of their neighbours, or where some of these are drawn otherwise. A
+folded surface is none: the rims of a gap across its edge do not agree, but most neighbours do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...cloud.neighbors import NeighborTree, distinct
+from ...cloud.statistics import Usual
+from ...engine.jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
+from ...engine.kernels.vec import dot, load3_flat, sub, tangents
+from .closed import USUAL, distances
+from .voronoi import CHUNK, CORNERS, Hood, Vec2, cell_of, mirror, up_to_seam
+
+WIDEST = 3.0  # local spacings: a wider gap is bridged only between rims that agree
+# The most that a disc in disorder reaches, as a share of the diagonal of the cloud: of a picture that the cloud fits it
+# covers less than 2%. Of n points that share is at least 1 / sqrt(n), as few points fill a picture only if each covers
+# much of it. Up to FEW points have no limit.
+LARGEST, FEW = 0.04, 20
+SPACING = math.sqrt(math.pi / 8)  # distance of the 8th neighbour -> spacing of even points
+SLOPE = math.cos(math.radians(35))  # cosine of the normals of two rims that agree
+PLANE = 0.15  # how far two points may lie off an arc, as a share of their distance
+OBTUSE = math.cos(math.radians(150))  # the widest angle between three points with a gap between them
+ALIKE, ROUGH = math.cos(math.radians(45)), 0.2  # the same of points on a rough sheet; normals may have either sign
+# Share of the 20 nearest neighbours on a rough sheet with a point, on average over a point and these. Where a gap of
+# over 3 spacings has rims that do not agree, it is below 0.45 at 9 in 10 points of a tree or a shrub.
+ORDER = 0.45
+# Shares of the points that lie in disorder and whose discs reach too far: with fewer than the first the cloud is in
+# order, and they are surface; with more than the second no place is. Meshes, range scans: to 0.001, trees: 0.02 to 0.3.
+SOME, MUCH = 0.01, 0.03
+MIXED = 2  # points that are drawn otherwise and lie in a disc: so many are disorder
+COMMON = 0.98  # share of the points whose spacings limit those of the others: a few points far off have no wide discs
+PIECE = 1 << 18  # rows at a time
+
+Floats = NDArray[np.float32]
+Around = Callable[[NDArray[Any]], NDArray[np.int32]]
+
+
+@inline
+def bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float]:
+    """Cosine of two normals, and how far the points lie off an arc, as a share of their distance.
+
+    On an arc the line between them is at right angles to the sum of their normals, of which one may have either sign.
+    """
+    d = sub(load3_flat(positions, 3 * j), load3_flat(positions, 3 * i))
+    n, m = load3_flat(normals, 3 * i), load3_flat(normals, 3 * j)
+    cosine, size = dot(n, m), math.sqrt(dot(d, d))
+    off = dot(d, n) + (dot(d, m) if cosine >= 0.0 else -dot(d, m))
+    return cosine, 0.5 * abs(off) / size if size > 0.0 else 0.0
+
+
+@inline
+def _agree(positions: Array, normals: Array, i: int, j: int) -> bool:
+    """Whether two rims of a gap agree in plane and slope."""
+    cosine, off = bend(positions, normals, i, j)
+    return cosine >= SLOPE and off <= PLANE
+
+
+@inline
+def _is_obtuse(a: Vec2, b: Vec2) -> bool:
+    """Whether the origin, a and b are one beside the other along a rim: no gap lies between them, but beside them."""
+    dot_a, dot_b = a[0] * (a[0] - b[0]) + a[1] * (a[1] - b[1]), b[0] * (b[0] - a[0]) + b[1] * (b[1] - a[1])
+    size_a, size_b = math.hypot(a[0], a[1]), math.hypot(b[0], b[1])
+    side = math.hypot(a[0] - b[0], a[1] - b[1])
+    here = a[0] * b[0] + a[1] * b[1]
+    return here < OBTUSE * size_a * size_b or dot_a < OBTUSE * size_a * side or dot_b < OBTUSE * size_b * side
+
+
+@kernel
+def _limit(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], limits: Array, reach: Array) -> int:
+    """Write how far each row's cell reaches without corners farther than its limit, unless their rims agree."""
+    (positions, normals), (rows, near) = borrow(cloud), borrow(hood)
+    limits, reach = borrow(limits), borrow(reach)
+    memory = np.empty((2, CORNERS, 3))
+    polygons = borrow(memory)
+    tile = next_tile(work)
+    while tile >= 0:
+        for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(reach))):
+            i = i64(rows[at])
+            n = load3_flat(normals, 3 * i)
+            axes = tangents((f64(n[0]), f64(n[1]), f64(n[2])))
+            which, count, _ = cell_of(positions, normals, i, axes, near[at], polygons)
+            corners, limit, farthest = polygons[which], f64(limits[at]), 0.0
+            for k in range(count):
+                last, after = (k - 1 if k > 0 else count - 1), (k + 1 if k + 1 < count else 0)
+                one, other = i64(corners[last, 2]), i64(corners[k, 2])
+                b, middle = mirror(corners, k, after)
+                if other >= 0 and (middle <= limit or _agree(positions, normals, i, other)):
+                    farthest = max(farthest, min(middle, max(limit, 0.5 * math.hypot(b[0], b[1]))))
+                if one >= 0 and other >= 0:
+                    a, _ = mirror(corners, last, k)
+                    corner = math.sqrt(corners[k, 0] ** 2 + corners[k, 1] ** 2)
+                    corner = up_to_seam((positions, normals), i, one, other, corner)
+                    if corner <= limit or (
+                        _agree(positions, normals, i, one)
+                        and _agree(positions, normals, i, other)
+                        and _agree(positions, normals, one, other)
+                        and not _is_obtuse(a, b)
+                    ):
+                        farthest = max(farthest, corner)
+            reach[at] = f32(farthest)
+        tile = next_tile(work)
+    keep_alive(memory)
+    return 0
+
+
+@kernel
+def _count(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], out: Array) -> int:
+    """Write the share of each row's neighbours that lie on a rough sheet with it."""
+    (positions, normals), (rows, near), out = borrow(cloud), borrow(hood), borrow(out)
+    tile = next_tile(work)
+    while tile >= 0:
+        for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
+            count = 0
+            for k in range(1, near.shape[1]):
+                cosine, off = bend(positions, normals, i64(rows[at]), i64(near[at, k]))
+                if abs(cosine) >= ALIKE and off <= ROUGH:
+                    count += 1
+            out[at] = f32(count) / f32(near.shape[1] - 1)
+        tile = next_tile(work)
+    return 0
+
+
+def bridged(positions: Floats, normals: Floats, hood: Hood, limits: Floats) -> Floats:
+    """Return how far cells reach without wide gaps.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+        All different.
+    normals : (n, 3) float32, unit
+    hood : Hood
+        The points to measure, and their neighbours.
+    limits : (m,) float32
+        Half of the widest gap at each of them, see `find_limits`.
+
+    Returns
+    -------
+    (m,) float32
+        Distance to the farthest corner or side that is no farther than the limit, or whose points agree; 0: none.
+    """
+    reach = np.empty(len(hood.rows), np.float32)
+    flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
+    asked = np.ascontiguousarray(hood.rows, np.int32), np.ascontiguousarray(hood.near)
+    run(_limit, -(-len(reach) // CHUNK), flat, asked, np.ascontiguousarray(limits), reach)
+    return reach
+
+
+def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], around: Around) -> NDArray[np.bool_]:
+    """Tell which points agree with few neighbours, as those around them do.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+    normals : (n, 3) float32, unit
+    rows : (m,) int32
+    around : callable
+        Gives the neighbours of some rows, themselves first, (m, k) int32.
+
+    Returns
+    -------
+    (m,) bool
+    """
+    out = np.empty(len(rows), np.bool_)
+    flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
+    for start in range(0, len(rows), PIECE):
+        part = slice(start, start + PIECE)
+        some, which = np.unique(around(rows[part]), return_inverse=True)
+        asked, shares = np.asarray(some, np.int32), np.empty(len(some), np.float32)
+        run(_count, -(-len(some) // CHUNK), flat, (asked, np.ascontiguousarray(around(asked))), shares)
+        out[part] = shares[which.reshape(len(rows[part]), -1)].mean(axis=1) < ORDER
+    return out
+
+
+class Limits(NamedTuple):
+    """What limits the discs of n points.
+
+    half : (n,) float32, half of the widest gap between rims that do not agree
+    others : the points of the cloud that are drawn otherwise, or None
+    """
+
+    half: Floats
+    others: NeighborTree | None
+
+    def are_mixed(self, positions: Floats, reach: Floats) -> NDArray[np.bool_]:
+        """Tell which discs cover points that are drawn otherwise. positions : (m, 3), their middles; reach : (m,)"""
+        if self.others is None or not len(positions):
+            return np.zeros(len(positions), np.bool_)
+        return np.asarray(self.others.query(MIXED, positions).distances[:, -1] < reach)
+
+
+def find_limits(positions: Floats, near: NDArray[np.int32], others: Floats | None, usual: Usual) -> Limits:
+    """Return the widest gaps in a cloud, which has no limits if it is small.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+        All different.
+    near : (n, k) int32
+        Rows of their nearest neighbours, themselves first.
+    others : (m, 3) float32, optional
+        Points of the cloud beside these.
+    usual : Usual
+        Of the cloud.
+    """
+    count = len(positions)
+    limits = np.full(count, np.inf, np.float32)
+    if near.shape[1] <= USUAL or count + (0 if others is None else len(others)) <= FEW:
+        return Limits(limits, None)
+    scattered = None if others is None or not len(others) else NeighborTree(others[distinct(others)[0]])
+    for start in range(0, count, PIECE):
+        part = np.arange(start, min(start + PIECE, count))
+        limits[part] = np.float32(0.5 * WIDEST * SPACING) * _eighth(positions, Hood(part, near[part]), scattered)
+    np.minimum(limits, np.float32(usual.quantile("wide gap", limits, COMMON)), out=limits)
+    np.minimum(limits, np.float32(largest_reach(positions, usual)), out=limits)
+    return Limits(limits, scattered)
+
+
+def largest_reach(positions: Floats, usual: Usual) -> float:
+    """Return how far a disc in disorder may reach, or a sphere, so that it covers less than 2% of a picture."""
+    count = len(positions)
+    share = usual.ask("reach in diagonals", lambda: max(LARGEST, 1 / math.sqrt(count)) if count > FEW else math.inf)
+    return share * usual.diagonal("diagonal", positions)
+
+
+def _eighth(positions: Floats, hood: Hood, others: NeighborTree | None) -> Floats:
+    """Distances of a hood's points from the 8th neighbour among these and other points."""
+    eighth = distances(positions, hood, USUAL)
+    if others is None:
+        return eighth
+    found = others.query(USUAL, positions[hood.rows]).distances
+    beside = np.flatnonzero(found[:, 0] < eighth)
+    hood = Hood(hood.rows[beside], hood.near[beside])
+    near = [distances(positions, hood, k) for k in range(1, USUAL + 1)]
+    both = np.column_stack([*near, found[beside]])
+    eighth[beside] = np.partition(both, USUAL - 1, axis=1)[:, USUAL - 1]
+    return eighth

@@ -1,0 +1,146 @@
+"""Groups of splats that share a cell of a grid and a side: which they are, and means over them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...cloud.neighbors import distinct
+from ...engine.jit import Array, borrow, f32, f64, i64, kernel, next_tile, run
+
+MOST_CELLS = 2**20  # along an axis
+SIDES = 6  # the main directions; a number of a cell times this is exact in float32
+CHUNK = 1 << 12  # splats or groups of a tile
+
+Floats = NDArray[np.float32]
+
+
+class Groups(NamedTuple):
+    """Rows, group by group: those of group g are order[starts[g] : starts[g + 1]], ascending.
+
+    order : (n,) int32; starts : (m + 1,) int64
+    """
+
+    order: NDArray[np.int32]
+    starts: NDArray[np.int64]
+
+    def mean(self, values: Floats) -> NDArray[np.float64]:
+        """The mean of each group, (m, ...)."""
+        out = np.empty((len(self.starts) - 1, *values.shape[1:]))
+        width = int(np.prod(values.shape[1:], dtype=int))
+        tiles = -(-len(out) // CHUNK)
+        run(_means, tiles, np.ascontiguousarray(values).reshape(-1), width, self.order, self.starts, out.reshape(-1))
+        return out
+
+    def reach(self, positions: Floats, radii: Floats, middles: Floats) -> Floats:
+        """How far the supports of each group extend from its middle, (m,)."""
+        out = np.empty(len(middles), np.float32)
+        run(_reach, -(-len(out) // CHUNK), (positions, radii, middles), self.order, self.starts, out)
+        return out
+
+    @property
+    def first(self) -> NDArray[np.int32]:
+        """The first row of each group, (m,)."""
+        return self.order[self.starts[:-1]]
+
+    def pick(self, kept: NDArray[np.bool_]) -> Groups:
+        """Some of the groups. kept : (m,)"""
+        sizes = np.diff(self.starts)
+        return Groups(self.order[np.repeat(kept, sizes)], np.append(0, np.cumsum(sizes[kept])))
+
+
+@kernel
+def _codes(work: Array, positions: Array, normals: Array, low: Array, cell: float, codes: Array) -> int:
+    """Write three numbers that splats of one cell and side share."""
+    positions, normals, codes = borrow(positions), borrow(normals), borrow(codes)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(codes))):
+            axis = 0
+            for c in range(3):
+                codes[i, c] = math.floor(min((positions[i, c] - low[c]) / cell, f32(MOST_CELLS - 1)))
+                if abs(normals[i, c]) > abs(normals[i, axis]):
+                    axis = c
+            side = 2 * axis + (1 if normals[i, axis] < 0.0 else 0)
+            codes[i, 0] = codes[i, 0] * f32(SIDES) + f32(side)
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _sort(ids: Array, starts: Array, order: Array) -> int:
+    """Rows by the number of their group (a counting sort); starts is zero and has room for one more number."""
+    ids, starts, order = borrow(ids), borrow(starts), borrow(order)
+    for i in range(len(ids)):
+        starts[i64(ids[i]) + 2] += 1
+    for g in range(2, len(starts)):
+        starts[g] += starts[g - 1]
+    for i in range(len(ids)):
+        g = i64(ids[i]) + 1
+        order[starts[g]] = i
+        starts[g] += 1
+    return 0
+
+
+@kernel
+def _means(work: Array, values: Array, width: int, order: Array, starts: Array, out: Array) -> int:
+    """Means of `width` numbers; values and out are flat."""
+    values, order, starts, out = borrow(values), borrow(order), borrow(starts), borrow(out)
+    tile = next_tile(work)
+    while tile >= 0:
+        for g in range(tile * CHUNK, min((tile + 1) * CHUNK, len(starts) - 1)):
+            for c in range(width):
+                total = 0.0
+                for k in range(starts[g], starts[g + 1]):
+                    total += f64(values[i64(order[k]) * width + c])
+                out[g * width + c] = total / (starts[g + 1] - starts[g])
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts: Array, out: Array) -> int:
+    """See `Groups.reach`; splats : positions, radii, and the groups' middles."""
+    positions, radii, middles = borrow(splats[0]), borrow(splats[1]), borrow(splats[2])
+    order, starts, out = borrow(order), borrow(starts), borrow(out)
+    tile = next_tile(work)
+    while tile >= 0:
+        for g in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
+            most = f32(0.0)
+            for k in range(starts[g], starts[g + 1]):
+                i, square = i64(order[k]), f32(0.0)
+                for c in range(3):
+                    away = positions[i, c] - middles[g, c]
+                    square += away * away
+                most = max(most, f32(math.sqrt(square)) + radii[i])
+            out[g] = most
+        tile = next_tile(work)
+    return 0
+
+
+def groups_in_cells(positions: Floats, normals: Floats, cell: float, low: Floats | None = None) -> Groups:
+    """Splats in one cell of a grid that face one of the six main directions, in the order of their first rows.
+
+    low : (3,) float32, where the grid begins; None: at the least coordinates
+    """
+    rows, ids = distinct(_codes_of(positions, normals, cell, low))
+    starts, order = np.zeros(len(rows) + 2, np.int64), np.empty(len(ids), np.int32)
+    _sort(ids, starts, order)
+    return Groups(order, starts[:-1])
+
+
+def cell_numbers(positions: Floats, normals: Floats, cell: float, low: Floats) -> NDArray[np.int64]:
+    """A number for each splat, (n,), equal for those of one of the groups that `groups_in_cells` makes."""
+    x, y, z = _codes_of(positions, normals, cell, low).astype(np.int64).T
+    return np.asarray((x * MOST_CELLS + y) * MOST_CELLS + z)
+
+
+def _codes_of(positions: Floats, normals: Floats, cell: float, low: Floats | None) -> Floats:
+    codes = np.empty((len(positions), 3), np.float32)
+    low = np.array([column.min() for column in positions.T]) if low is None else low
+    tiles = -(-len(codes) // CHUNK)
+    run(_codes, tiles, np.ascontiguousarray(positions), np.ascontiguousarray(normals), low, np.float32(cell), codes)
+    return codes

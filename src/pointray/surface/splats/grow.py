@@ -1,0 +1,223 @@
+"""Candidate splats: grown over the neighbours of a point, nearest first, while the cloud stays near their plane.
+
+A splat stops at the first point that would make the heights over its plane spread by more than twice the error bound,
+or whose normal turns away (at a fold, or on the other sheet of a thin plate). It grows from neighbour to neighbour and
+so does not jump over gaps. (Wu and Kobbelt 2004, section 3.)
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
+from ...engine.kernels.vec import Vec3
+from .priority_queue import pop, push
+
+AWAY = 0.0  # cosine of the angle to the splat's normal at which a point's normal turns away: 0.5 took 1.8 times as many
+SMALL = 0.25  # in error bounds: a splat may always be this wide, as it cannot exceed the bound
+MOST = 1 << 16  # the most points in a splat
+CHUNK = 256
+FIRST_ROUND, GROWTH = 200, 1.1  # a pool is grown in rounds: a 200th of the seeds first, 1.1 times as many in each next
+
+Floats = NDArray[np.float32]
+
+
+class Cloud(NamedTuple):
+    """The points to be covered: distinct positions in kd order."""
+
+    positions: Floats  # (n, 3)
+    normals: Floats  # (n, 3), unit
+    near: NDArray[np.int32]  # (n, k), the neighbours of each point, nearest first, without itself
+    area: Floats  # (n,), the area that each point stands for
+    radii: Floats  # (n,), a radius with which the whole cloud covers itself
+    border: NDArray[np.bool_]  # (n,), whether the point lies on an open border
+
+
+class Splats(NamedTuple):
+    """Splats and the points that they cover."""
+
+    seeds: NDArray[np.int32]  # (m,), the point in the middle of each
+    starts: NDArray[np.int64]  # (m + 1,), where its points begin in `members`
+    members: NDArray[np.int32]  # the covered points of all, nearest first
+    widths: Floats  # (m,), how wide each may be: the size of the surface around it
+
+    def pick(self, rows: NDArray[Any]) -> Splats:
+        """The splats of the given rows."""
+        starts = np.concatenate([[0], np.cumsum(np.diff(self.starts)[rows])])
+        members = np.empty(starts[-1], np.int32)
+        _gather(self.starts, self.members, np.ascontiguousarray(rows, np.int64), starts, members)
+        return Splats(self.seeds[rows], starts, members, self.widths[rows])
+
+    @property
+    def owners(self) -> NDArray[np.int64]:
+        """The splat of each of `members`."""
+        return np.repeat(np.arange(len(self.seeds)), np.diff(self.starts))
+
+
+def join(parts: list[Splats]) -> Splats:
+    """All splats of several sets."""
+    counts = np.concatenate([np.diff(part.starts) for part in parts])
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    seeds, _, members, widths = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Splats(seeds, starts, members, widths)
+
+
+@kernel
+def _gather(starts: Array, members: Array, rows: Array, begins: Array, out: Array) -> None:
+    """Copy the members of the given splats, one splat after the other."""
+    for i in range(len(rows)):
+        first = starts[rows[i]]
+        for k in range(begins[i + 1] - begins[i]):
+            out[begins[i] + k] = members[first + k]
+
+
+@inline
+def at(rows: Array, i: int) -> Vec3:
+    """A row of three."""
+    return rows[i, 0], rows[i, 1], rows[i, 2]
+
+
+@inline
+def _grow_one(
+    cloud: Cloud,
+    seed: int,
+    bounds: tuple[float, float],
+    stamp: tuple[Array, int],
+    queue: tuple[Array, Array],
+    out: Array,
+) -> tuple[int, float]:
+    """Grow one splat; returns its number of members and the squared distance to the last.
+
+    bounds : radius and error bound; stamp : (the last splat that met each point, this splat); out : members.
+    """
+    keys, rows = queue
+    met, mark = stamp
+    (px, py, pz), (nx, ny, nz) = at(cloud.positions, seed), at(cloud.normals, seed)
+    widest, spread = bounds[0] * bounds[0], 2.0 * bounds[1]
+    small, low, high = (SMALL * bounds[1]) ** 2, 0.0, 0.0
+    size = push(keys, rows, 0, f32(0.0), seed)
+    met[seed] = mark
+    count, last = 0, f32(0.0)
+    while size > 0 and count < len(out):
+        square, j = keys[0], rows[0]
+        size = pop(keys, rows, size)
+        x, y, z = at(cloud.positions, j)
+        a, b, c = at(cloud.normals, j)
+        height = (x - px) * nx + (y - py) * ny + (z - pz) * nz
+        low, high = min(low, height), max(high, height)
+        if square > small and (high - low > spread or a * nx + b * ny + c * nz < AWAY):
+            break
+        last = square
+        if cloud.border[seed] or not cloud.border[j]:  # a border is covered from the border only
+            out[count] = j
+            count += 1
+        for k in range(cloud.near.shape[1]):
+            m = cloud.near[j, k]
+            if met[m] != mark:
+                met[m] = mark
+                x, y, z = at(cloud.positions, m)
+                square = (x - px) * (x - px) + (y - py) * (y - py) + (z - pz) * (z - pz)
+                if square <= widest and size < len(keys):
+                    size = push(keys, rows, size, square, m)
+    return count, last
+
+
+@inline
+def _roomy(array: Array, used: int, more: int) -> Array:
+    """The array, or a copy of twice the size where there is no room for more."""
+    if used + more <= len(array):
+        return array
+    larger = np.empty(2 * len(array) + more, array.dtype)
+    larger[:used] = array[:used]
+    return larger
+
+
+@kernel
+def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -> tuple[Array, Array, Array, Array]:
+    """Grow splats from the seeds: seed number, number of members and radius of each splat, and all members."""
+    lent, seeds, bound = borrow(cloud), borrow(seeds), borrow(bound)
+    met = np.full(len(lent.positions), -1, np.int32)
+    queue = np.empty(4 * MOST, np.float32), np.empty(4 * MOST, np.int32)
+    one = np.empty(MOST, np.int32)
+    which, counts = np.empty(len(seeds), np.int64), np.empty(len(seeds), np.int64)
+    radii, members = np.empty(len(seeds), np.float32), np.empty(1 << 16, np.int32)
+    done = used = 0
+    tile = next_tile(work)
+    while tile >= 0:
+        for s in range(tile * CHUNK, min((tile + 1) * CHUNK, len(seeds))):
+            count, last = _grow_one(lent, seeds[s], (bound[seeds[s]], error), (met, i32(s)), queue, one)
+            members = _roomy(members, used, count)
+            members[used : used + count] = one[:count]
+            which[done], counts[done], radii[done] = s, count, math.sqrt(last)
+            used += count
+            done += 1
+        tile = next_tile(work)
+    return which[:done].copy(), counts[:done].copy(), radii[:done].copy(), members[:used].copy()
+
+
+def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) -> tuple[Splats, Floats]:
+    """A splat around each of the seeds, no wider than `bound` (n,), and the radius that each reached."""
+    results = run(_grow, -(-len(seeds) // CHUNK), cloud, seeds, bound, float(error))
+    which, counts, radii, members = (np.concatenate(column) for column in zip(*results, strict=True))
+    order = np.argsort(which)  # the same order whatever thread grew each splat
+    starts = np.concatenate([[0], np.cumsum(counts)])
+    return Splats(seeds[which], starts, members, bound[seeds[which]]).pick(order), radii[order]
+
+
+def grow_pool(
+    cloud: Cloud, bound: Floats, error: float, times: int, wanted: NDArray[np.bool_] | None = None
+) -> tuple[Splats, Floats]:
+    """Grow splats until each wanted point lies in `times` or more, or all are seeds; returns them and their radii.
+
+    The work stays near n * times however large the splats are. A splat around each point would take n times their size.
+    """
+    n = len(cloud.positions)
+    rows = np.arange(n, dtype=np.int32) if wanted is None else np.flatnonzero(wanted).astype(np.int32)
+    order = np.random.default_rng(len(rows)).permutation(rows)
+    cover = np.zeros(n, np.int64)
+    parts, first, step = [], 0, max(len(order) // FIRST_ROUND, 4 * CHUNK)
+    while first < len(order):
+        seeds = order[first : first + step]
+        seeds = np.sort(seeds[cover[seeds] < times])
+        first, step = first + step, int(GROWTH * step)
+        if len(seeds):
+            parts.append(grow(cloud, seeds, bound, error))
+            cover += np.bincount(parts[-1][0].members, minlength=n)
+    return join([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+@kernel
+def _grade(work: Array, sizes: Array, cloud: Cloud, slope: float) -> int:
+    """Lower sizes[i] to sizes[j] + slope |x_i - x_j|, from neighbour to neighbour, the least first."""
+    n = len(sizes)
+    keys, rows = np.empty(2 * n + 64, np.float32), np.empty(2 * n + 64, np.int32)
+    count = 0
+    for i in range(n):
+        count = push(keys, rows, count, sizes[i], i32(i))
+    while count > 0:
+        key, i = keys[0], rows[0]
+        count = pop(keys, rows, count)
+        if key > sizes[i]:
+            continue
+        px, py, pz = at(cloud.positions, i)
+        for k in range(cloud.near.shape[1]):
+            j = cloud.near[i, k]
+            x, y, z = at(cloud.positions, j)
+            distance = math.sqrt((x - px) * (x - px) + (y - py) * (y - py) + (z - pz) * (z - pz))
+            size = f32(key + slope * distance)
+            if size < sizes[j]:
+                sizes[j] = size
+                keys, rows = _roomy(keys, count, 1), _roomy(rows, count, 1)
+                count = push(keys, rows, count, size, j)
+    return 0
+
+
+def grade(sizes: Floats, cloud: Cloud, slope: float) -> Floats:
+    """The sizes (n,), lowered until neighbours differ by at most `slope` times their distance."""
+    graded = sizes.copy()
+    run(_grade, 1, graded, cloud, slope)
+    return graded

@@ -1,0 +1,223 @@
+"""Planes through each point's nearest neighbours, sixteen points at once, and how far neighbouring planes agree."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...cloud.normals.axes import principal_axes
+from ...cloud.normals.fit_batch import Triple, inner, zeros
+from ...engine.jit import Array, borrow, f32, inline, kernel, next_tile, run
+from ...engine.simd import F16, ONE, ZERO, broadcast16, gather16, load16, select, store, vabs, vmax, vsqrt
+
+LANES = 16
+CHUNK = 2048  # points that a thread takes at a time
+PARALLEL, IN_PLANE = 0.95, 0.1  # cosine of two normals, and height over distance, of points in one plane
+TINIEST = 1e-18  # the least reach that is divided by; its square is within float32
+
+Floats = NDArray[np.float32]
+Xyz: TypeAlias = tuple[Array, Array, Array]  # x, y and z of each point
+
+
+class LocalPlanes(NamedTuple):
+    """Planes through the neighbours of n points, (n,) float32 each.
+
+    x, y, z : the unit normal, of either sign
+    thickness : standard deviation of the neighbours off the plane
+    slimness : second largest variance of the neighbours over the largest: 0 on a line
+    offset : signed distance of the point itself from the plane
+    reach : distance of the farthest neighbour
+    """
+
+    x: Floats
+    y: Floats
+    z: Floats
+    thickness: Floats
+    slimness: Floats
+    offset: Floats
+    reach: Floats
+
+
+@inline
+def load_triple(xyz: Xyz, at: int) -> Triple:
+    """The vectors of sixteen points."""
+    return load16(xyz[0], at), load16(xyz[1], at), load16(xyz[2], at)
+
+
+@inline
+def gather_triple(xyz: Xyz, near: Array, start: int, width: int) -> Triple:
+    """The vectors of one neighbour of each of sixteen points."""
+    return (
+        gather16(xyz[0], near, start, width),
+        gather16(xyz[1], near, start, width),
+        gather16(xyz[2], near, start, width),
+    )
+
+
+@inline
+def difference(a: Triple, b: Triple) -> Triple:
+    """a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+@kernel
+def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, ...]) -> int:
+    """Fit a plane to the neighbours in columns[0]:columns[1] of each point; near : flat; out : as in `LocalPlanes`."""
+    xyz, near, out = borrow(xyz), borrow(near), borrow(out)
+    first, end = columns
+    tile = next_tile(work)
+    while tile >= 0:
+        for begin in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out[0])), LANES):
+            at = min(begin, len(out[0]) - LANES)
+            own = load_triple(xyz, at)
+            far = difference(gather_triple(xyz, near, at * width + end - 1, width), own)
+            reach = vsqrt(inner(far, far))
+            inverse = ONE / vmax(reach, broadcast16(f32(TINIEST)))
+            x = y = z = xx = xy = xz = yy = yz = zz = zeros()
+            for j in range(first, end):
+                p, q, r = difference(gather_triple(xyz, near, at * width + j, width), own)
+                p, q, r = p * inverse, q * inverse, r * inverse
+                x, y, z = x + p, y + q, z + r
+                xx, xy, xz = xx + p * p, xy + p * q, xz + p * r
+                yy, yz, zz = yy + q * q, yz + q * r, zz + r * r
+            share = f32(1.0 / (end - first))
+            x, y, z = x * share, y * share, z * share
+            xx, xy, xz = xx * share - x * x, xy * share - x * y, xz * share - x * z
+            yy, yz, zz = yy * share - y * y, yz * share - y * z, zz * share - z * z
+            n, _, _, slimness = principal_axes((xx, xy, xz, yy, yz, zz))
+            a, b, c = (
+                xx * n[0] + xy * n[1] + xz * n[2],
+                xy * n[0] + yy * n[1] + yz * n[2],
+                xz * n[0] + yz * n[1] + zz * n[2],
+            )
+            store(out[0], at, n[0])
+            store(out[1], at, n[1])
+            store(out[2], at, n[2])
+            store(out[3], at, reach * vsqrt(vmax(a * n[0] + b * n[1] + c * n[2], zeros())))
+            store(out[4], at, vmax(slimness, zeros()))
+            store(out[5], at, zeros() - reach * inner(n, (x, y, z)))
+            store(out[6], at, reach)
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Array) -> int:
+    """Write the mean square of the sine between each point's normal and those of its neighbours in some columns."""
+    normals, near, out = borrow(normals), borrow(near), borrow(out)
+    first, end = columns
+    tile = next_tile(work)
+    while tile >= 0:
+        for begin in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out)), LANES):
+            at = min(begin, len(out) - LANES)
+            own, total = load_triple(normals, at), zeros()
+            for j in range(first, end):
+                cosine = inner(own, gather_triple(normals, near, at * width + j, width))
+                total = total + cosine * cosine
+            store(out, at, vmax(ONE - total * f32(1.0 / (end - first)), zeros()))
+        tile = next_tile(work)
+    return 0
+
+
+@inline
+def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F16, F16, F16, F16]:
+    """Height of a neighbour over the arc through both, and over the point's plane, as shares of its distance.
+
+    The third number is 1, or 0 if the neighbour faces the other way: then all are 0. The fourth is 1 if both lie in
+    one plane by their normals.
+    """
+    away = difference(place, own)
+    size = vmax(vsqrt(inner(away, away)), broadcast16(f32(TINIEST)))
+    plane, back, cosine = inner(away, normal) / size, inner(away, other) / size, inner(normal, other)
+    faces, one, none = cosine > ZERO, zeros() + ONE, zeros()
+    in_plane = (cosine > f32(PARALLEL)) & (vmax(vabs(plane), vabs(back)) < f32(IN_PLANE))
+    return (
+        select(faces, vabs(plane + back) * 0.5, none),
+        select(faces, vabs(plane), none),
+        select(faces, one, none),
+        select(in_plane, one, none),
+    )
+
+
+@kernel
+def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Xyz) -> int:
+    """Write means of `_bend` over the neighbours in some columns, 1 if none faces the point's way; and the fourth."""
+    xyz, normals, near, out = borrow(xyz), borrow(normals), borrow(near), borrow(out)
+    first, end = columns
+    tile = next_tile(work)
+    while tile >= 0:
+        for begin in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out[0])), LANES):
+            at = min(begin, len(out[0]) - LANES)
+            own, normal, arc, plane = load_triple(xyz, at), load_triple(normals, at), zeros(), zeros()
+            count = same = zeros()
+            for j in range(first, end):
+                start = at * width + j
+                place, other = gather_triple(xyz, near, start, width), gather_triple(normals, near, start, width)
+                off = _bend(own, normal, place, other)
+                arc, plane, count, same = arc + off[0], plane + off[1], count + off[2], same + off[3]
+            some, share = count > ZERO, ONE / vmax(count, broadcast16(ONE))
+            store(out[0], at, select(some, arc * share, zeros() + ONE))
+            store(out[1], at, select(some, plane * share, zeros() + ONE))
+            store(out[2], at, same)
+        tile = next_tile(work)
+    return 0
+
+
+def columns_of(rows: Floats) -> tuple[Floats, Floats, Floats]:
+    """The three columns of an (n, 3) array, each contiguous."""
+    x, y, z = (np.ascontiguousarray(rows[:, c], np.float32) for c in range(3))
+    return x, y, z
+
+
+def fit_planes(
+    xyz: tuple[Floats, ...], near: NDArray[np.int32], columns: tuple[int, int], threads: int | None = None
+) -> LocalPlanes:
+    """Fit a plane to some neighbours of each point.
+
+    Parameters
+    ----------
+    xyz : three of (n,) float32
+        At least sixteen points.
+    near : (n, k) int32
+        Rows of neighbours, nearest first.
+    columns : (first, end)
+        Which of the columns of `near` are used; the last one is the farthest neighbour.
+    """
+    out = LocalPlanes(*np.empty((len(LocalPlanes._fields), len(near)), np.float32))
+    run(_fit, -(-len(near) // CHUNK), xyz, near.reshape(-1), near.shape[1], columns, tuple(out), threads=threads)
+    return out
+
+
+def disagreement(
+    normals: tuple[Floats, ...], near: NDArray[np.int32], columns: tuple[int, int], threads: int | None = None
+) -> Floats:
+    """Return the mean square of the sine between each normal and those of some neighbours, (n,): 2/3 at random."""
+    out = np.empty(len(near), np.float32)
+    run(_disagree, -(-len(out) // CHUNK), normals, near.reshape(-1), near.shape[1], columns, out, threads=threads)
+    return out
+
+
+def off_arcs(
+    xyz: tuple[Floats, ...],
+    normals: tuple[Floats, ...],
+    near: NDArray[np.int32],
+    columns: tuple[int, int],
+    threads: int | None = None,
+) -> tuple[Floats, Floats, Floats]:
+    """Return how far neighbours lie off circular arcs at right angles to both normals, and off each point's plane.
+
+    The third number is how many lie in one plane with the point by both normals. The first two are means over some
+    neighbours of the height over the distance, (n,) each. On a curved surface with true normals the first is much
+    smaller than the second; normals fitted to scattered points leave both alike. Neighbours that face the other way
+    do not count.
+    """
+    arc, plane, same = np.empty((3, len(near)), np.float32)
+    run(
+        _off_arcs,
+        -(-len(arc) // CHUNK),
+        *(xyz, normals, near.reshape(-1), near.shape[1], columns, (arc, plane, same)),
+        threads=threads,
+    )
+    return arc, plane, same

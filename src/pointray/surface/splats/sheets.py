@@ -1,0 +1,86 @@
+"""Which splats belong to sheets so close together that the supports of one reach the other, as at a thin wall.
+
+Normals of both sides cancel there, so rays see one side at a time (`surface/intersect/leaf.py`).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
+from ...engine.kernels.vec import dot, load3_flat, sub
+from .voronoi import Hood
+
+OPPOSED = math.cos(math.radians(150))  # cosine of two normals below which they are of two sheets
+BESIDE = 8  # neighbours
+CHUNK = 2048
+
+
+@kernel
+def _find(work: Array, cloud: tuple[Array, Array, Array], hood: tuple[Array, Array], out: Array) -> int:
+    """Set out[i] to 1 where a neighbour of splat i faces away from it and one's support reaches the other's sheet."""
+    (positions, normals, radii), (rows, near), out = borrow(cloud), borrow(hood), borrow(out)
+    tile = next_tile(work)
+    while tile >= 0:
+        for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
+            i = i64(rows[at])
+            p, n = load3_flat(positions, 3 * i), load3_flat(normals, 3 * i)
+            for j in near[at]:
+                if dot(n, load3_flat(normals, 3 * i64(j))) < OPPOSED:
+                    d = sub(load3_flat(positions, 3 * i64(j)), p)
+                    both, height = radii[i] + radii[j], dot(d, n)
+                    if dot(d, d) < both * both and abs(height) < max(radii[i], radii[j]):
+                        out[i] = out[j] = 1
+        tile = next_tile(work)
+    return 0
+
+
+@kernel
+def _widen(work: Array, found: Array, near: Array, out: Array) -> int:
+    """Set out[i] to 1 where splat i or one of its BESIDE nearest neighbours was found."""
+    found, near, out = borrow(found), borrow(near), borrow(out)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
+            for k in range(min(BESIDE + 1, near.shape[1])):
+                out[i] |= found[near[i, k]]
+        tile = next_tile(work)
+    return 0
+
+
+def find_sheets(
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    radii: NDArray[np.float32],
+    near: NDArray[np.int32],
+    facing: Hood,
+) -> NDArray[np.int8] | None:
+    """1 for splats of sheets close together, 0 for all others; None where there are none.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+    normals : (n, 3) float32, unit
+    radii : (n,) float32
+    near : (n, k) int32
+        Rows of each point's neighbours, itself first: the BESIDE nearest, or more.
+    facing : Hood
+        The splats that may have neighbours that face away from them, and their neighbours.
+
+    Returns
+    -------
+    (n,) int8 or None
+    """
+    found = np.zeros(len(positions), np.int8)
+    flat = [np.ascontiguousarray(array).reshape(-1) for array in (positions, normals, radii)]
+    hood = np.ascontiguousarray(facing.rows, np.int64), np.ascontiguousarray(facing.near)
+    run(_find, -(-len(hood[0]) // CHUNK), tuple(flat), hood, found)
+    if not found.any():
+        return None
+    # Splats beside them are included: a fragment of a sheet whose other splats are ignored would be seen by itself.
+    out = found.copy()
+    run(_widen, -(-len(found) // CHUNK), found, np.ascontiguousarray(near), out)
+    return out

@@ -1,0 +1,303 @@
+"""A smaller cloud for the same surface (Wu and Kobbelt 2004): under an error bound, or of a given size."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...base.arguments import check_callback, check_kind, check_positive, check_whole
+from ...base.warning_log import warn
+from ...cloud.denoising.smooth import check_sigma, place
+from ...cloud.georeference import RESIDUAL
+from ...cloud.neighbors import distinct, kd_order, neighbors
+from ...cloud.points import Points
+from .averages import attribute_averages
+from .cells import NEIGHBORS
+from .cover import relax
+from .grow import Cloud, Floats, Splats, join
+from .radii import choose_radii
+from .subset import (
+    Progress,
+    Subset,
+    errors,
+    fit,
+    measure,
+    mend,
+    select,
+    select_greedily,
+    worst,
+)
+
+AROUND = 12  # neighbours of a point to which a splat can grow
+RANK = 8  # a radius is the distance to this neighbour where no point can be left out
+STRAY = 4.0  # upper limit of that radius, as a multiple of the usual radius around it
+SHARE = 0.999  # share of the points that must lie within the tolerance
+NOISY = "they are noisier, or the surface is sharper, than so many points can show"  # where they do not
+LEEWAY = 2.0  # error bound of the discs in tolerances: the blended surface follows curves, which the discs do not
+MENDS = 8  # the most rounds of mending
+MARGIN = 0.8  # share of the tolerance beyond which splats are mended: rays find slightly larger errors than predicted
+ENOUGH = 1e-4  # share of points beyond the tolerance at which mending ends
+RELAXED = 0.9  # share of the chosen splats that the relaxation leaves
+COUNT_MENDS = 16  # the most rounds of mending for a count
+MENDED = 0.2  # share of the unspent splats that are mended at once; mending one splat adds about three
+RESERVE = 0.2  # share of a count kept for mending. Statue, 8,000: 0.1% are off 1.6e-3 and more; with 0.06, 1.9e-3
+MOST_PASSES = 12  # the most passes of the relaxation, for a count
+ATTEMPTS = 8  # the most attempts to meet a count
+MET = 0.96, 1.03  # accepted ratios of relaxed splats to wanted splats
+SAMPLE = 50_000  # points at which sizes are measured to guess the bound for a count
+DENSITY = 0.5  # splats chosen for each square of a size: between 0.45 and 0.6
+FINEST = 1e-7  # of the diagonal: the least error bound that is tried for a count
+
+
+class Subsample(NamedTuple):
+    """What `subsample` returns, and what its warnings need."""
+
+    points: Points
+    radii: NDArray[np.float32]
+    within: float  # share of the given points that have the surface within the tolerance; 1 for a count
+    message: str | None  # about the normals
+
+    @property
+    def met(self) -> bool:
+        """Whether the promised share of the points lies within the tolerance."""
+        return self.within >= SHARE
+
+
+def subsample(
+    points: Points,
+    tolerance: float | None = None,
+    count: int | None = None,
+    *,
+    smooth: str | float = "auto",
+    progress: Progress | None = None,
+) -> tuple[Points, NDArray[np.float32]]:
+    """Fewer points, and their support radii, for the same surface.
+
+    Splats are grown under an error bound, chosen by newly covered area, relaxed until fewer are enough, and fitted to
+    the points that they cover. Flat parts get few and large splats; fine detail keeps its points.
+
+    Parameters
+    ----------
+    points : Points
+        Missing normals are estimated. Rows that are not finite are left out, duplicates count once.
+    tolerance : float, optional
+        The distance, in the points' unit, within which 99.9% of the points have the surface of
+        `pr.Model(*pr.subsample(...))`. A warning says so where fewer points have: points that are noisier than the
+        tolerance have no such surface, even if all of them are kept.
+    count : int, optional
+        Exact number of points to return, with an error as small as possible. Give either this or the tolerance.
+    smooth : "auto" or float
+        Noise that is smoothed away before, see `pr.smooth`; the tolerance is about the smooth points.
+    progress : callable, optional
+        Called with the stage's name and the share done.
+
+    Returns
+    -------
+    points : Points
+        In no order. Each position lies amid the points that it stands for; colours and attributes are their means,
+        categories the commonest.
+    radii : (m,) float32
+        Supports, for `pr.Model(points, radii)`.
+
+    Raises
+    ------
+    ValueError
+        If not exactly one of tolerance and count is given, the tolerance is not between 0 and the cloud's diagonal,
+        `count` is more than the different positions or too few to cover the surface, or all positions are equal.
+
+    References
+    ----------
+    Wu, Kobbelt: Optimized Sub-Sampling of Point Sets for Surface Splatting (Eurographics 2004).
+    """
+    found = find_subsample(points, tolerance, count, smooth, progress)
+    if found.message:
+        warn(found.message, stacklevel=2)
+    if not found.met:
+        warn(
+            f"{found.within:.1%} of the points lie within {tolerance:g} of the surface, not {SHARE:.1%}: {NOISY}",
+            stacklevel=2,
+        )
+    return found.points, found.radii
+
+
+def find_subsample(
+    points: Points,
+    tolerance: float | None,
+    count: int | None,
+    smooth: str | float = "auto",
+    progress: Progress | None = None,
+) -> Subsample:
+    """What `subsample` does, without a warning."""
+    check_kind(points, "points", Points, "Points")
+    check_callback(progress)
+    _check_target(tolerance, count)
+    smooth = check_sigma(smooth, "smooth")
+    say = progress or (lambda stage, share: None)
+    say("normals", 0.0)
+    finite = np.flatnonzero(points.finite)
+    placed, message = place(points.select(finite) if len(finite) < len(points) else points, smooth)
+    mended = placed.points
+    rows = kd_order(mended.positions)
+    rows = rows[distinct(mended.positions[rows])[0]]
+    if len(rows) < 2:
+        raise ValueError(f"all {len(points):,} points are at one place: nothing says how large a splat is")
+    mended = mended.select(rows)
+    if count is not None and count > len(rows):
+        raise ValueError(f"count is {count:,}, but the points take {len(rows):,} different places only")
+    diagonal = float(np.linalg.norm(np.subtract(*mended.bounds)))
+    if tolerance is not None and tolerance > diagonal:
+        raise ValueError(f"tolerance is {tolerance:g}, more than the cloud is large (its diagonal is {diagonal:g})")
+    say("neighbors", 0.0)
+    cloud = describe_cloud(mended)
+    within = 1.0
+    if tolerance is not None:
+        subset = _within(cloud, float(tolerance), say)
+        within = float((errors(subset, float(tolerance)) <= 1).mean())
+    else:
+        assert count is not None
+        subset = _as_many(cloud, int(count), diagonal, say)
+    return Subsample(_averaged(mended, subset), subset.radii, within, message)
+
+
+def _check_target(tolerance: Any, count: Any) -> None:
+    if (tolerance is None) == (count is None):
+        raise ValueError("give either tolerance or count" + ("" if count is None else ", not both"))
+    if tolerance is not None:
+        check_positive(tolerance, "tolerance", "a positive number in the points' unit")
+    else:
+        check_whole(count, "count", 1)
+
+
+def describe_cloud(points: Points) -> Cloud:
+    """Neighbours, areas and borders of points with distinct positions, in kd order, with unit normals."""
+    positions, normals = points.positions, points.normals
+    assert normals is not None
+    distances, near = neighbors(positions, NEIGHBORS + 1)
+    k = min(RANK, near.shape[1] - 1)
+    radii = distances[:, k]
+    radii = np.minimum(radii, np.float32(STRAY) * np.median(radii[near[:, 1 : k + 1]], axis=1))
+    radii = np.minimum(radii, np.float32(STRAY * np.quantile(radii, 0.99)))
+    border: NDArray[Any] = np.any(choose_radii(positions, normals).borders, axis=1)
+    area = (np.pi / k * np.float64(radii) ** 2).astype(np.float32)
+    around = np.ascontiguousarray(near[:, 1 : AROUND + 1])
+    return Cloud(np.ascontiguousarray(positions), np.ascontiguousarray(normals), around, area, radii, border)
+
+
+def _within(cloud: Cloud, tolerance: float, say: Progress) -> Subset:
+    """Splats whose surface is within the tolerance of the points."""
+    error = LEEWAY * tolerance
+    say("sizes", 0.0)
+    sizes = measure(cloud, error)
+    say("selection", 0.0)
+    splats = select(cloud, sizes, error, say)
+    say("fit", 0.0)
+    subset = fit(cloud, splats, tolerance)
+    for k in range(MENDS):
+        if (errors(subset, MARGIN * tolerance) > 1).mean() <= ENOUGH:
+            break
+        splats, sizes = mend(cloud, subset, sizes, error, worst(subset, MARGIN * tolerance))
+        say("fit", (k + 1) / (MENDS + 1))
+        subset = fit(cloud, splats, tolerance)
+    return subset
+
+
+def _as_many(cloud: Cloud, count: int, diagonal: float, say: Progress) -> Subset:
+    """The given number of splats."""
+    if count == len(cloud.positions):
+        return fit(cloud, _single(cloud, np.arange(count), cloud.radii), diagonal * FINEST)
+    splats, sizes, error = _meet(cloud, count, diagonal, say)
+    say("fit", 0.0)
+    subset, share = fit(cloud, splats, error), MENDED
+    for k in range(COUNT_MENDS):
+        number = int(share * (count - len(subset.splats.seeds)))
+        if number < 1:
+            break
+        splats, smaller = mend(cloud, subset, sizes, error, _first(worst(subset, error), number))
+        if len(splats.seeds) > count:
+            share /= 2
+            continue
+        say("fit", (k + 1) / (COUNT_MENDS + 1))
+        subset, sizes = fit(cloud, splats, error), smaller
+    spare = count - len(subset.splats.seeds)
+    return fit(cloud, join([subset.splats, _more(cloud, subset, spare)]), error) if spare else subset
+
+
+def _first(ratio: Floats, number: int) -> Floats:
+    """The `number` largest ratios, divided by the least of them and kept a little over 1; 0 for all others."""
+    first = np.argsort(-ratio, kind="stable")[:number]
+    out = np.zeros_like(ratio)
+    out[first] = np.maximum(ratio[first] / np.maximum(ratio[first[-1]], np.float32(1e-12)), np.float32(1.001))
+    return out
+
+
+def _meet(cloud: Cloud, count: int, diagonal: float, say: Progress) -> tuple[Splats, Floats, float]:
+    """No more than `count` splats, and not many fewer; their sizes; and their error bound."""
+    goal = max(int((1 - RESERVE) * count), 1)
+    say("sizes", 0.0)
+    error = _guess(cloud, goal, diagonal)
+    low, high = FINEST * diagonal, diagonal  # too many splats, too few
+    for k in range(ATTEMPTS):
+        say("selection", k / ATTEMPTS)
+        sizes = measure(cloud, error)
+        pool, rows = select_greedily(cloud, sizes, error)
+        ratio = len(rows) * RELAXED / goal
+        if MET[0] < ratio < MET[1] or (error == FINEST * diagonal and len(rows) <= count):
+            rows = relax(pool, cloud, rows, goal, MOST_PASSES, say).astype(np.int32)
+        if len(rows) <= count and (ratio > MET[0] or error == FINEST * diagonal or k == ATTEMPTS - 1):
+            return pool.pick(rows), sizes, error
+        low, high = (max(low, error), high) if ratio > 1 else (low, min(high, error))
+        # The number falls with a power of the bound between -1/2 and -1 where the surface is smooth, else slower.
+        error *= ratio**1.4
+        if not low < error < high:
+            error = float(np.sqrt(low * high)) if low > FINEST * diagonal or k < ATTEMPTS // 2 else low
+    raise ValueError(f"count is {count:,}: too few to cover the surface, it takes some {len(rows):,}")
+
+
+def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
+    """The error bound for a number of splats, guessed from the size that they can have at a sample of the points."""
+    n = len(cloud.positions)
+    some = np.zeros(n, np.bool_)
+    some[:: max(n // SAMPLE, 1)] = True
+    low, high = np.log(FINEST * diagonal), np.log(diagonal)
+    while high - low > 0.1:
+        middle = 0.5 * (low + high)
+        sizes = measure(cloud, float(np.exp(middle)), 1, some)
+        number = DENSITY * RELAXED * float(np.sum(cloud.area / np.float64(sizes) ** 2))
+        low, high = (middle, high) if number > goal else (low, middle)
+    return float(np.exp(0.5 * (low + high)))
+
+
+def _single(cloud: Cloud, rows: NDArray[Any], widths: Floats) -> Splats:
+    """Splats that cover one point each."""
+    rows = rows.astype(np.int32)
+    return Splats(rows, np.arange(len(rows) + 1), rows, widths.astype(np.float32))
+
+
+def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
+    """`number` additional splats: one beside each splat first, in order of least error, as they disturb the fit."""
+    splats = subset.splats
+    free = np.ones(len(cloud.positions), np.bool_)
+    free[splats.seeds] = False
+    owner = np.empty(len(free), np.int64)
+    owner[splats.members] = splats.owners
+    order = np.argsort(worst(subset, 1.0)[owner], kind="stable")
+    order = order[free[order]]
+    first = np.zeros(len(order), np.bool_)
+    first[np.unique(owner[order], return_index=True)[1]] = True
+    rows = np.concatenate([order[first], order[~first]])[:number]
+    return _single(cloud, rows, splats.widths[owner[rows]])
+
+
+def _averaged(points: Points, subset: Subset) -> Points:
+    """The splats as points, with the mean colours and attributes of the points that each covers."""
+    splats, at = subset.splats, subset.splats.starts[:-1]
+
+    colors = None
+    if points.colors is not None:  # the mean of squares is nearly the mean of light, as sRGB is nearly a square root
+        squares = {"": points.colors.astype(np.float32) ** 2}
+        colors = np.rint(np.sqrt(attribute_averages(squares, splats.members, at)[""])).astype(np.uint8)
+    kept = {name: values for name, values in points.attributes.items() if name != RESIDUAL}
+    attributes = attribute_averages(kept, splats.members, at, 0.0)
+    return Points.about(points.origin, subset.positions, subset.normals, colors, attributes, points.survey)

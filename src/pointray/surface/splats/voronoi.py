@@ -1,0 +1,300 @@
+"""How wide a splat must be: it reaches the farthest vertex of its Voronoi cell in its tangent plane (paper, part II).
+
+A neighbour is mapped into the tangent plane: it keeps its direction and its distance in space, so that noise brings no
+neighbour closer. A neighbour past a fold is unfolded. A neighbour that faces the other way belongs to another sheet and
+bounds no cell. The cell is cut out of a square; corners on the square's sides do not count, as the surface ends there.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
+from ...engine.kernels.vec import Vec3, add, cross, dot, length, load3_flat, scale, sub, tangents
+from .borders import FOLD
+
+OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals below which points lie on two sheets
+BORDER = 1.3  # at a possible border, a gap this many times as wide as usual is closed; a wider one if a point is ahead
+AHEAD = math.cos(math.radians(60))  # a point within this angle of a gap's direction lies ahead
+FLAT = 0.05  # sine of the angle between a seam and a plane below which they meet too far away to count
+SHARED = 1e-5  # share of a bisector's distance: a vertex this close is on it; exact grids have four points at a vertex
+CORNERS = 64  # the most corners of a polygon; no cell is bounded by more neighbours
+CHUNK = 2048
+
+Vec2: TypeAlias = tuple[float, float]  # in a tangent plane
+
+
+@inline
+def _unfolded(positions: Array, normals: Array, i: int, j: int, axes: tuple[Vec3, Vec3]) -> Vec2:
+    """Point j in the tangent plane of point i; (0, 0) for one on another sheet.
+
+    A fold is two planes at an angle. Along the crease the offset stays as it is. Across the crease it is the distance
+    over both planes, (p_j - p_i).(n_j - n_i) / sin(angle), in the direction that n_j leans.
+    """
+    at = load3_flat(positions, 3 * j)
+    d = sub((f64(at[0]), f64(at[1]), f64(at[2])), load3_flat(positions, 3 * i))
+    n, m = load3_flat(normals, 3 * i), load3_flat(normals, 3 * j)
+    cosine = dot(n, m)
+    flat_u, flat_v = dot(d, axes[0]), dot(d, axes[1])
+    if cosine > FOLD:
+        flat = flat_u * flat_u + flat_v * flat_v
+        stretch = math.sqrt(dot(d, d) / flat) if flat > 0.0 else 0.0
+        return flat_u * stretch, flat_v * stretch
+    if cosine < OTHER_SHEET:
+        return 0.0, 0.0
+    sine = math.sqrt(1.0 - cosine * cosine)
+    u, v = dot(m, axes[0]) / sine, dot(m, axes[1]) / sine
+    across = (dot(d, m) - dot(d, n)) / sine
+    along = flat_v * u - flat_u * v
+    return across * u - along * v, across * v + along * u
+
+
+@inline
+def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) -> int:
+    """Keep the part of a polygon that lies closer to the origin than to (a, b), where point j is.
+
+    polygons : two, with rows x, y, and the point on whose bisector the side from there lies, -1 on the square; `which`
+    is cut, and the other one is the result. (Arrays that inlined functions return are freed too early.)
+    """
+    limit = 0.5 * (a * a + b * b)
+    edge = SHARED * limit
+    kept, corners, spare = 0, polygons[which], polygons[1 - which]
+    before = a * corners[count - 1, 0] + b * corners[count - 1, 1] - limit
+    for k in range(count):
+        here = a * corners[k, 0] + b * corners[k, 1] - limit
+        if (here > edge) != (before > edge) and kept < CORNERS:
+            last = k - 1 if k > 0 else count - 1
+            share = before / (before - here)
+            spare[kept, 0] = corners[last, 0] + share * (corners[k, 0] - corners[last, 0])
+            spare[kept, 1] = corners[last, 1] + share * (corners[k, 1] - corners[last, 1])
+            spare[kept, 2] = j if here > edge else corners[last, 2]
+            kept += 1
+        if here <= edge and kept < CORNERS:
+            for c in range(3):
+                spare[kept, c] = corners[k, c]
+            kept += 1
+        before = here
+    return kept
+
+
+@inline
+def _is_cut(corners: Array, count: int, a: float, b: float) -> bool:
+    """Whether a corner lies closer to (a, b) than to the origin: many neighbours cut nothing off."""
+    limit = 0.5 * (a * a + b * b)
+    farthest = -np.inf
+    for k in range(count):
+        farthest = max(farthest, a * corners[k, 0] + b * corners[k, 1])
+    return farthest - limit > SHARED * limit
+
+
+@inline
+def _square(positions: Array, i: int, j: int) -> float:
+    """The square of the distance of two points."""
+    at = load3_flat(positions, 3 * j)
+    d = sub((f64(at[0]), f64(at[1]), f64(at[2])), load3_flat(positions, 3 * i))
+    return dot(d, d)
+
+
+@inline
+def cell_of(
+    positions: Array, normals: Array, i: int, axes: tuple[Vec3, Vec3], near: Array, polygons: Array
+) -> tuple[int, int, float]:
+    """Which of the polygons is point i's cell, the number of its corners, and the farthest one's squared distance."""
+    side = math.sqrt(_square(positions, i, i64(near[len(near) - 1])))
+    for k in range(4):
+        polygons[0, k, 0] = side if k == 0 or k == 3 else -side
+        polygons[0, k, 1] = side if k < 2 else -side
+        polygons[0, k, 2] = -1.0
+    which, count, square = 0, 4, 2.0 * side * side
+    for k in range(1, len(near)):
+        if _square(positions, i, i64(near[k])) > 4.0 * square:
+            break
+        a, b = _unfolded(positions, normals, i, i64(near[k]), axes)
+        if (a != 0.0 or b != 0.0) and _is_cut(polygons[which], count, a, b):
+            count = _cut(polygons, which, count, a, b, near[k])
+            which, square = 1 - which, 0.0
+            for c in range(count):
+                square = max(square, polygons[which, c, 0] ** 2 + polygons[which, c, 1] ** 2)
+    return which, count, square
+
+
+@inline
+def mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
+    """The origin mirrored at the side from corner k, which is their bisector; and the side's distance to the origin."""
+    x, y = corners[k, 0], corners[k, 1]
+    dx, dy = corners[after, 0] - x, corners[after, 1] - y
+    t = -(x * dx + y * dy) / max(dx * dx + dy * dy, 1e-300)
+    near = min(max(t, 0.0), 1.0)
+    return (2.0 * (x + t * dx), 2.0 * (y + t * dy)), math.sqrt((x + near * dx) ** 2 + (y + near * dy) ** 2)
+
+
+@inline
+def _lies_ahead(b: Vec2, ahead: Vec2) -> bool:
+    """Whether point b lies in the direction of a gap."""
+    return b[0] * ahead[0] + b[1] * ahead[1] > AHEAD * math.sqrt(b[0] * b[0] + b[1] * b[1])
+
+
+@inline
+def _nearer_until(start: Vec3, direction: Vec3, d: Vec3) -> float:
+    """How far along a line from a start in a unit direction the origin stays nearer than d."""
+    ahead = dot(direction, d)
+    return max(0.5 * dot(d, d) - dot(start, d), 0.0) / ahead if ahead > 0.0 else np.inf
+
+
+@inline
+def up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distance: float) -> float:
+    """Distance to the vertex between two neighbours; less where point i and both lie on three sheets that meet.
+
+    Around the corner of a cube are 270 degrees of surface; unfolded into a plane, they leave a quarter without surface.
+    The surface ends at the seam of the two other sheets: the cell extends to the corner, and along the seam until one
+    of the neighbours is nearer.
+    """
+    positions, normals = cloud
+    n, a, b = load3_flat(normals, 3 * i), load3_flat(normals, 3 * one), load3_flat(normals, 3 * other)
+    if dot(n, a) > FOLD or dot(n, b) > FOLD or dot(a, b) > FOLD:
+        return distance
+    at, p, q = load3_flat(positions, 3 * i), load3_flat(positions, 3 * one), load3_flat(positions, 3 * other)
+    here = f64(at[0]), f64(at[1]), f64(at[2])
+    d, e, seam = sub(p, here), sub(q, here), cross(a, b)
+    volume = dot(n, seam)
+    if abs(volume) < FLAT * length(seam):
+        return distance
+    corner = scale(add(scale(cross(b, n), dot(a, d)), scale(cross(n, a), dot(b, e))), 1.0 / volume)
+    side = dot(seam, sub(add(d, e), scale(corner, 2.0)))
+    direction = scale(seam, math.copysign(1.0, side) / length(seam))
+    along = min(_nearer_until(corner, direction, d), _nearer_until(corner, direction, e))
+    return (
+        min(distance, max(length(corner), length(add(corner, scale(direction, along))))) if along < np.inf else distance
+    )
+
+
+@inline
+def _reach(
+    cloud: tuple[Array, Array], i: int, corners: Array, count: int, known: tuple[float, Array, float], ahead: Vec2
+) -> tuple[float, bool]:
+    """Distance to the farthest vertex that counts, and whether the surface goes on ahead of a gap.
+
+    known : the usual distance to the farthest vertex around this point and around all points, and the widest gap, in
+        units of it, that is closed; ahead : a gap's direction, or zero. Each side also contributes the point on it
+        that is closest to the origin.
+    """
+    own, usual, void = known
+    within, beyond, closed, facing = 0.0, 0.0, True, False
+    for k in range(count):
+        last, after = (k - 1 if k > 0 else count - 1), (k + 1 if k + 1 < count else 0)
+        x, y = corners[k, 0], corners[k, 1]
+        distance, at, here = math.sqrt(x * x + y * y), own, 0.0
+        one, other = i64(corners[last, 2]), i64(corners[k, 2])
+        if other >= 0:
+            b, here = mirror(corners, k, after)
+            beyond = max(beyond, min(here, void * own))
+            within = max(within, min(here, BORDER * own))
+        outward = x * ahead[0] + y * ahead[1] > 0.0
+        if one >= 0 and other >= 0:
+            distance = up_to_seam(cloud, i, one, other, distance)
+            if len(usual) > 0:
+                at = max(at, f64(usual[one]), f64(usual[other]))
+            if distance <= void * at:
+                beyond = max(beyond, distance)
+                a, _ = mirror(corners, last, k)
+                facing = facing or (outward and (_lies_ahead(a, ahead) or _lies_ahead(b, ahead)))
+            if distance <= BORDER * at or not outward:
+                within = max(within, min(distance, void * at))
+            else:
+                closed = False
+        elif outward:
+            closed = False
+    on_border = (ahead[0] != 0.0 or ahead[1] != 0.0) and not closed and not facing
+    return within if on_border else beyond, not on_border
+
+
+@kernel
+def _measure(
+    work: Array,
+    positions: Array,
+    normals: Array,
+    rows: Array,
+    near: Array,
+    known: tuple[Array, Array, float],
+    out: tuple[Array, Array],
+) -> int:
+    """Measure the cell of each row; known : gaps and usual, empty or as in `measure_cells`, and void."""
+    positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
+    near, (gaps, usual, void), (reach, closed) = borrow(near), borrow(known), borrow(out)
+    memory = np.empty((2, CORNERS, 3))
+    polygons = borrow(memory)
+    tile = next_tile(work)
+    while tile >= 0:
+        for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(reach))):
+            i = i64(rows[at])
+            n = load3_flat(normals, 3 * i)
+            axes = tangents((f64(n[0]), f64(n[1]), f64(n[2])))
+            which, count, square = cell_of(positions, normals, i, axes, near[at], polygons)
+            own, ahead = np.inf, (0.0, 0.0)
+            if len(usual) > 0:
+                gap = load3_flat(gaps, 3 * i)
+                ahead = dot(gap, axes[0]), dot(gap, axes[1])
+                own = f64(usual[i])
+            said = own, usual, void
+            reach[at], closed[at] = _reach((positions, normals), i, polygons[which], count, said, ahead)
+            if len(usual) == 0:
+                closed[at] = 4.0 * square <= _square(positions, i, i64(near[at, near.shape[1] - 1]))
+        tile = next_tile(work)
+    keep_alive(memory)
+    return 0
+
+
+class Hood(NamedTuple):
+    """Neighbours of given points.
+
+    rows : (m,) int32 or int64, the points; near : (m, k) int32, nearest first, each point itself before its neighbours
+    """
+
+    rows: NDArray[np.integer[Any]]
+    near: NDArray[np.int32]
+
+
+def measure_cells(
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    hood: Hood,
+    gaps: NDArray[np.float32] | None = None,
+    usual: NDArray[np.float32] | None = None,
+    void: float = np.inf,
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """The farthest vertex of each point's Voronoi cell.
+
+    Parameters
+    ----------
+    positions : (n, 3) float32
+        All different.
+    normals : (n, 3) float32, unit
+    hood : Hood
+        The points to measure, and their neighbours.
+    gaps : (n, 3) float32, optional
+        The direction out of the surface for points on what may be a border, else zero.
+    usual : (n,) float32, optional
+        The usual distance to a cell's farthest vertex, around each point. None: every vertex counts. Else a vertex
+        counts if it is no farther than `void` (ahead of a gap, BORDER) times that distance, at this point or at one of
+        the two points that share the vertex: there the surface goes on, more sparsely.
+    void : float
+        Gaps up to this many times as wide as usual are closed.
+
+    Returns
+    -------
+    reach : (m,) float32
+        0 where no neighbour bounds the cell.
+    closed : (m,) bool
+        Without `usual`, whether more neighbours could not change the cell; else whether the surface goes on ahead.
+    """
+    reach, closed = np.empty(len(hood.rows), np.float32), np.empty(len(hood.rows), np.bool_)
+    none = np.empty(0, np.float32)
+    flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
+    near = np.ascontiguousarray(hood.near)
+    known = (none, none, void) if usual is None or gaps is None else (gaps.reshape(-1), usual, void)
+    run(_measure, -(-len(reach) // CHUNK), *flat, hood.rows, near, known, (reach, closed))
+    return reach, closed

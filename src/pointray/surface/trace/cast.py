@@ -1,0 +1,290 @@
+"""Batches of rays -> hits: two entry points, closest hit and occlusion, each on all cores."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
+from ...engine.kernels.records import INSTANCE, SHAPE_ROW, World
+from ...engine.kernels.scratch import (
+    COUNT_NEAR,
+    DIRECTION,
+    NEAREST,
+    T_MIN,
+    TILE,
+    Scratch,
+    load3,
+    new_scratch,
+    store3,
+)
+from ...engine.kernels.tree import SCATTERED, tree_at
+from ...engine.kernels.vec import Vec3, add, along_curve, dot, load3_flat, scale
+from ...engine.simd import lane
+from ..intersect.gather import list_blocks, segment
+from ..intersect.surface import weights_of_block
+from .hits import describe_tile, tile_hit
+from .world import NO_RAY, is_blocked, occlude_tile, set_ray, trace_tile
+
+SHORT, LONG = 1e-60, 1e60  # limits of a direction's squared length, see `_exponent`
+MOST = float(np.finfo(np.float32).max)
+BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; in a picture they form a square of this edge
+
+
+class Pace(NamedTuple):
+    """How rays are cast.
+
+    threads : None: on all cores
+    progress : called with the share done, some ten times a second; an error in it ends the work
+    """
+
+    threads: int | None = None
+    progress: Callable[[float], Any] | None = None
+
+
+PLAIN = Pace()
+
+HitArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array]
+
+
+@inline
+def ray_at(shape: tuple[int, int], batch: int, k: int) -> int:
+    """Number of ray k of a batch, or -1 where there is none.
+
+    shape : height and width of a picture, whose squares follow a Morton curve, so that consecutive rays are close
+    together; or 1 and the number of rays, which keep their order
+    """
+    height, width = shape
+    if height == 1:
+        i = batch * BATCH + k
+        return i if i < width else -1
+    across = (width + SQUARE - 1) // SQUARE
+    x, y = along_curve(k)
+    x, y = x + batch % across * SQUARE, y + batch // across * SQUARE
+    return y * width + x if x < width and y < height else -1
+
+
+def batches(shape: tuple[int, int]) -> int:
+    """Number of batches for rays of a shape, see `ray_at`."""
+    height, width = shape
+    return -(-width // BATCH) if height == 1 else -(-height // SQUARE) * -(-width // SQUARE)
+
+
+@inline
+def _is_ordinary(square: float) -> bool:
+    """Whether a direction of this squared length is traced unchanged."""
+    return (SHORT < square) & (square < LONG)
+
+
+@inline
+def _exponent(d: Vec3) -> int:
+    """The exponent of the power of two that a direction is divided by before tracing, so that its square is finite.
+
+    It is 0 for lengths from 1e-30 to 1e30, and for directions that are zero or not finite: they miss.
+    """
+    square = dot(d, d)
+    most = max(abs(d[0]), max(abs(d[1]), abs(d[2])))
+    known = (most > 0.0) & (square == square) & (most < np.inf)
+    return math.frexp(most)[1] if known and not _is_ordinary(square) else 0
+
+
+@inline
+def _times_power(a: Vec3, exponent: int) -> Vec3:
+    """A vector times a power of two, in two halves: the power itself may not be a float64."""
+    half = exponent // 2
+    a = scale(a, math.ldexp(1.0, half))
+    return scale(a, math.ldexp(1.0, exponent - half))
+
+
+@inline
+def _set_rays(
+    rays: tuple[Array, Array, Array], shape: tuple[int, int], start: tuple[int, int], scratch: Scratch
+) -> bool:
+    """Set the next tile of rays; returns whether any of them may have an exponent.
+
+    rays : origins, directions, limits; start : the batch, and where the tile begins in it
+    """
+    origins, directions, limits = rays
+    for k in range(TILE):
+        i = ray_at(shape, start[0], start[1] + k)
+        if i >= 0:
+            o, d = load3_flat(origins, 3 * i), load3_flat(directions, 3 * i)
+            set_ray(scratch, k, (o, d, limits[2 * i], limits[2 * i + 1]))
+        else:
+            set_ray(scratch, k, NO_RAY)
+    wide, odd = scratch.world, False
+    for k in range(TILE):
+        d = load3(wide, DIRECTION + k)
+        odd |= not _is_ordinary(dot(d, d))
+    if odd:
+        for k in range(TILE):
+            d = load3(wide, DIRECTION + k)
+            exponent = _exponent(d)
+            store3(wide, DIRECTION + k, _times_power(d, -exponent))
+            limits_k = _times_power((wide[T_MIN + k], wide[NEAREST + k], 0.0), exponent)
+            wide[T_MIN + k], wide[NEAREST + k] = limits_k[0], limits_k[1]
+    return odd
+
+
+@kernel
+def _closest(
+    work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: HitArrays
+) -> int:
+    """Closest hits. limits : (n, 2); out : t, position, normal, color, point, instance, leaf, local."""
+    t, position, normal, color, point, instance, leaf, local = out
+    origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
+    memory = new_scratch(world.longest)
+    scratch, world = borrow(memory), borrow(world)
+    batch = next_tile(work)
+    while batch >= 0:
+        for first in range(0, BATCH, TILE):
+            odd = _set_rays((origins, directions, limits), shape, (batch, first), scratch)
+            trace_tile(world, scratch)
+            describe_tile(world, False, scratch)
+            for k in range(TILE):
+                i = ray_at(shape, batch, first + k)
+                if i < 0:
+                    continue
+                hit = tile_hit(scratch, k)
+                t[i], instance[i], leaf[i] = np.inf, hit.instance, hit.leaf
+                x = (np.nan, np.nan, np.nan)
+                if hit.instance >= 0:
+                    d, along = load3_flat(directions, 3 * i), hit.t
+                    if odd:
+                        exponent = _exponent(d)
+                        d, along = _times_power(d, -exponent), _times_power((along, 0.0, 0.0), -exponent)[0]
+                    t[i] = min(max(along, -MOST), MOST)
+                    x = add(load3_flat(origins, 3 * i), scale(d, hit.t))
+                for c in range(3):
+                    position[3 * i + c], normal[3 * i + c], color[3 * i + c] = x[c], hit.normal[c], hit.color[c]
+                    local[3 * i + c] = hit.local[c]
+                point[i] = -1
+                if hit.slot >= 0:
+                    tree = tree_at(world.table, i64(world.instances[hit.instance * INSTANCE + SHAPE_ROW]))
+                    point[i] = tree.order[hit.slot]
+        batch = next_tile(work)
+    keep_alive(memory)
+    return 0
+
+
+@kernel
+def _occluded(
+    work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: Array
+) -> int:
+    """Occlusion: out is (n,) uint8."""
+    origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
+    memory = new_scratch(world.longest)
+    scratch, world = borrow(memory), borrow(world)
+    batch = next_tile(work)
+    while batch >= 0:
+        for first in range(0, BATCH, TILE):
+            _set_rays((origins, directions, limits), shape, (batch, first), scratch)
+            occlude_tile(world, scratch)
+            for k in range(TILE):
+                i = ray_at(shape, batch, first + k)
+                if i >= 0:
+                    out[i] = is_blocked(scratch, k)
+        batch = next_tile(work)
+    keep_alive(memory)
+    return 0
+
+
+@kernel
+def _blend_attribute(
+    work: Array, world: World, found: tuple[Array, int, Array, Array, Array], values: Array, width: int, out: Array
+) -> int:
+    """Blend one attribute, (n * k,) float64 in the caller's order, at hits; without weights take the hit point's value.
+
+    found : hits, model, leaf, local, point
+    """
+    hits, model, leaf, local, point = found
+    memory = new_scratch(world.longest)
+    scratch, world = borrow(memory), borrow(world)
+    tree = tree_at(world.table, model)
+    zero, one = f32(0.0), f32(1.0)
+    block = next_tile(work)
+    while block >= 0:
+        for h in range(block * BATCH, min((block + 1) * BATCH, hits.size)):
+            i = hits[h]
+            x = (f32(local[3 * i]), f32(local[3 * i + 1]), f32(local[3 * i + 2]))
+            scratch.counts[COUNT_NEAR] = 0
+            if leaf[i] < SCATTERED:  # a scattered point has its own value
+                list_blocks(tree, leaf[i], segment(x, (one, zero, zero), zero, zero), scratch)
+            total = 0.0
+            for c in range(width):
+                out[h * width + c] = 0.0
+            for k in range(scratch.counts[COUNT_NEAR]):
+                weights = weights_of_block(tree, scratch.near[k], x[0], x[1], x[2])
+                for j in range(4):
+                    w = lane(weights, j)
+                    if w > 0.0:
+                        total += w
+                        row = tree.order[i64(scratch.near[k]) * 4 + j]
+                        for c in range(width):
+                            out[h * width + c] += w * values[i64(row) * width + c]
+            for c in range(width):
+                known = total > 0.0
+                out[h * width + c] = out[h * width + c] / total if known else values[point[i] * width + c]
+        block = next_tile(work)
+    keep_alive(memory)
+    return 0
+
+
+def _picture(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Height and width of the picture that rays of a leading shape are traced as."""
+    return (shape[0], shape[1]) if len(shape) == 2 and min(shape) > 1 else (1, int(np.prod(shape)))
+
+
+def closest_hits(
+    world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array, pace: Pace = PLAIN
+) -> dict[str, Array]:
+    """Closest hits of n rays, as flat arrays: what `_closest` fills.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        The leading shape of the rays: two axes are taken as those of a picture, whose squares are traced together.
+    origins, directions : (n, 3) float64, C-contiguous
+    limits : (n, 2) float64, t_min and t_max
+    """
+    n, picture = len(origins), _picture(shape)
+    out: dict[str, Array] = {
+        "t": np.empty(n, np.float32),
+        "position": np.empty((n, 3)),
+        "normal": np.empty((n, 3), np.float32),
+        "color": np.empty((n, 3), np.float32),
+        "point": np.empty(n, np.int64),
+        "instance": np.empty(n, np.int32),
+        "leaf": np.empty(n, np.int64),
+        "local": np.empty((n, 3)),
+    }
+    flat = tuple(array.reshape(-1) for array in out.values())
+    rays = origins.reshape(-1), directions.reshape(-1), limits.reshape(-1)
+    run(_closest, batches(picture), world, *rays, picture, flat, **pace._asdict())
+    return out
+
+
+def occlusions(
+    world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array, pace: Pace = PLAIN
+) -> NDArray[np.bool_]:
+    """Whether each of n rays meets anything, (n,) bool; parameters as for `closest_hits`."""
+    out, picture = np.zeros(len(origins), np.uint8), _picture(shape)
+    rays = origins.reshape(-1), directions.reshape(-1), limits.reshape(-1)
+    run(_occluded, batches(picture), world, *rays, picture, out, **pace._asdict())
+    return out.view(np.bool_)
+
+
+def blend_attribute(
+    world: World, hits: dict[str, Array], rows: Array, model: int, values: Array, pace: Pace = PLAIN
+) -> Array:
+    """One attribute, (n,) or (n, k), blended at the hits `rows` of `closest_hits`, all on one model: float64."""
+    out = np.empty((len(rows), *values.shape[1:]))
+    found = (rows, model, hits["leaf"], hits["local"].reshape(-1), hits["point"])
+    width = values.size // len(values)
+    args = (world, found, np.ascontiguousarray(values, np.float64).reshape(-1), width, out.reshape(-1))
+    run(_blend_attribute, -(-len(rows) // BATCH), *args, **pace._asdict())
+    return out

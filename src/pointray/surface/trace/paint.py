@@ -1,0 +1,138 @@
+"""Colour by an attribute at hits: the values of splats, or the position itself, are looked up in a colour map."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+
+from ...engine.jit import f64, i64, inline
+from ...engine.kernels.records import (
+    BLENDED,
+    BY_COORDINATE,
+    INSTANCE,
+    PAINT,
+    PAINT_ALONG,
+    PAINT_COLORS,
+    PAINT_COUNT,
+    PAINT_KIND,
+    PAINT_POSITIONS,
+    PAINT_SIZE,
+    PAINT_START,
+    SHAPE_ROW,
+    World,
+)
+from ...engine.kernels.scratch import (
+    COLOR,
+    COUNT_NEAR,
+    DIRECTION,
+    INSTANCE_OF,
+    LANES,
+    NEAREST,
+    ORIGIN,
+    SLOT_OF,
+    Scratch,
+    load3,
+    store3,
+)
+from ...engine.kernels.tree import Tree, tree_at
+from ...engine.kernels.vec import Vec3, add, dot, load3_flat, scale
+from ...engine.simd import F16, ONE, ZERO, broadcast16, repeat4, store
+from ..intersect.surface import FourPoints, Sheet, weights_seen
+
+SLACK = 1e-3  # share of one colour of the map: a blend of equal values must not round down into the colour before
+
+Four: TypeAlias = tuple[int, int, int, int]  # rays of the tile
+
+
+@inline
+def _map_color(world: World, paint: int, map_position: float) -> Vec3:
+    """The map's colour at a position in it; for NaN the colour behind the end of the map."""
+    count, first = int(world.paints[paint + PAINT_COUNT]), int(world.paints[paint + PAINT_COLORS])
+    k = count
+    if map_position == map_position:
+        k = int(min(max(map_position + SLACK, 0.0), count - 1.0))
+    return load3_flat(world.map_colors, first + 3 * k)
+
+
+@inline
+def _blend(
+    world: World, paint: int, tree: Tree, points: FourPoints, sheet: Sheet, scratch: Scratch
+) -> tuple[F16, F16, F16]:
+    """Sums in each lane over the listed blocks: weights, weights of splats with a value, weighted map positions."""
+    part, first = scratch.part, int(world.paints[paint + PAINT_POSITIONS])
+    total = known = map_position = broadcast16(ZERO)
+    for k in range(scratch.counts[COUNT_NEAR]):
+        block = i64(scratch.near[k])
+        w = weights_seen(tree, block, points, sheet, part)
+        total = total + w
+        for j in range(4):
+            value = world.map_positions[first + 4 * block + j]
+            good = value == value
+            part[j], part[4 + j] = (value if good else ZERO), (ONE if good else ZERO)
+        map_position = map_position + w * repeat4(part, 0)
+        known = known + w * repeat4(part, 4)
+    return total, known, map_position
+
+
+@inline
+def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -> float:
+    """The map position at point r of four from the sums; NaN where splats without a value have most of the weight.
+
+    own : map position of the splat that is taken where none has weight
+    """
+    part = scratch.part
+    for k in range(3):
+        store(part, k * LANES, sums[k])
+    total = known = map_position = 0.0
+    for k in range(4 * r, 4 * r + 4):
+        total, known, map_position = total + part[k], known + part[LANES + k], map_position + part[2 * LANES + k]
+    if not total > 0.0:
+        return own
+    return map_position / known if known > 0.0 and 2.0 * known >= total else np.nan
+
+
+@inline
+def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scratch: Scratch) -> None:
+    """Colours of four hits on one painted instance, whose slots are found and whose blocks are listed.
+
+    points, sheet : see `surface.weights_seen`
+    """
+    offset = scratch.numbers[INSTANCE_OF + four[0]] * INSTANCE
+    tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
+    paint = int(world.instances[offset + PAINT]) * PAINT_SIZE
+    kind = world.paints[paint + PAINT_KIND]
+    sums = broadcast16(ZERO), broadcast16(ZERO), broadcast16(ZERO)
+    if kind == BLENDED:
+        sums = _blend(world, paint, tree, points, sheet, scratch)
+    for r in range(4):
+        i, own = four[r], np.nan
+        if kind != BY_COORDINATE:
+            own = _own_position(world, paint, i, scratch)
+        _paint(world, paint, i, _blended(sums, r, own, scratch) if kind == BLENDED else own, scratch)
+
+
+@inline
+def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
+    """The map position of the splat that ray i has hit."""
+    return f64(world.map_positions[int(world.paints[paint + PAINT_POSITIONS]) + scratch.numbers[SLOT_OF + i]])
+
+
+@inline
+def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scratch) -> None:
+    """Colour of ray i's hit by a map position, or by its coordinate."""
+    wide = scratch.world
+    if world.paints[paint + PAINT_KIND] == BY_COORDINATE:
+        x = add(load3(wide, ORIGIN + i), scale(load3(wide, DIRECTION + i), wide[NEAREST + i]))
+        map_position = dot(load3_flat(world.paints, paint + PAINT_ALONG), x) + world.paints[paint + PAINT_START]
+    store3(wide, COLOR + i, _map_color(world, paint, map_position))
+
+
+@inline
+def paint_one(world: World, i: int, scratch: Scratch) -> None:
+    """Colour of ray i's hit on a painted instance, whose slot is found: by the value of that splat alone."""
+    paint = int(world.instances[scratch.numbers[INSTANCE_OF + i] * INSTANCE + PAINT]) * PAINT_SIZE
+    own = np.nan
+    if world.paints[paint + PAINT_KIND] != BY_COORDINATE:
+        own = _own_position(world, paint, i, scratch)
+    _paint(world, paint, i, own, scratch)

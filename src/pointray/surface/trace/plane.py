@@ -1,0 +1,85 @@
+"""Rays on planes: where they meet, and the colour there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...engine.jit import i64, inline
+from ...engine.kernels.records import (
+    PLANE_CHECKER,
+    PLANE_COLOR,
+    PLANE_INSTANCE,
+    PLANE_NORMAL,
+    PLANE_POINT,
+    PLANE_U,
+    PLANE_V,
+    World,
+)
+from ...engine.kernels.scratch import (
+    COLOR,
+    CUT,
+    DIRECTION,
+    INSTANCE_OF,
+    LEAF_OF,
+    NEAREST,
+    NORMAL,
+    ORIGIN,
+    SIDE_OF,
+    T_MIN,
+    TILE,
+    Scratch,
+    load3,
+    store3,
+)
+from ...engine.kernels.vec import Vec3, add, dot, length, load3_flat, scale, sub
+from ...engine.simd import ZERO
+from .space import WorldRay
+
+ON_PLANE = 1e-12  # share of the coordinates within which a ray starts on a plane: some thousand roundings
+
+
+@inline
+def _plane_hit(world: World, plane: int, ray: WorldRay, start_rule: tuple[float, float]) -> float:
+    """t of a ray with a plane.
+
+    start_rule : the side of the plane for a ray that starts on it; and not 0 if the ray was only cut there
+    """
+    o, d, t_min, t_max = ray
+    side, cut = start_rule
+    normal, point = load3_flat(world.planes, plane + PLANE_NORMAL), load3_flat(world.planes, plane + PLANE_POINT)
+    height, rise = dot(normal, sub(o, point)), dot(normal, d)
+    if t_min > -np.inf and abs(height + t_min * rise) <= ON_PLANE * (length(add(o, scale(d, t_min))) + length(point)):
+        return t_min if (cut > ZERO or rise * side < 0.0) and t_min <= t_max else np.inf
+    t = -height / rise
+    return t if t >= t_min and t <= t_max else np.inf
+
+
+@inline
+def plane_color(world: World, plane: int, x: Vec3) -> Vec3:
+    """A plane's colour at a point: plain, or a checker whose every other square has half the colour."""
+    color = load3_flat(world.planes, plane + PLANE_COLOR)
+    edge = world.planes[plane + PLANE_CHECKER]
+    if edge > 0.0:
+        v = sub(x, load3_flat(world.planes, plane + PLANE_POINT))
+        a = math.floor(dot(v, load3_flat(world.planes, plane + PLANE_U)) / edge)
+        b = math.floor(dot(v, load3_flat(world.planes, plane + PLANE_V)) / edge)
+        if int(a + b) % 2 != 0:
+            return scale(color, 0.5)
+    return color
+
+
+@inline
+def tile_on_plane(world: World, plane: int, scratch: Scratch) -> None:
+    """Nearest hits of the tile's rays with a plane."""
+    wide, numbers = scratch.world, scratch.numbers
+    for i in range(TILE):
+        o, d = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i)
+        start_rule = wide[SIDE_OF + i], scratch.model[CUT + i]
+        t = _plane_hit(world, plane, (o, d, wide[T_MIN + i], wide[NEAREST + i]), start_rule)
+        if t < np.inf:
+            wide[NEAREST + i] = t
+            store3(wide, NORMAL + i, load3_flat(world.planes, plane + PLANE_NORMAL))
+            store3(wide, COLOR + i, plane_color(world, plane, add(o, scale(d, t))))
+            numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = i64(world.planes[plane + PLANE_INSTANCE]), -1

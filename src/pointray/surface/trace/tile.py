@@ -1,0 +1,346 @@
+"""Coherent rays through the tree together (paper, part IV): one traversal for all, then four by four in the leaves.
+
+Nodes are tested with interval arithmetic: the least and greatest origin and inverse direction of the rays bound where
+any of them enters and leaves a box. A leaf's box, voxel and slab are tested for sixteen rays at once, and only rays
+that pass through all three search it. Hits are those of `traverse.closest`.
+"""
+
+from __future__ import annotations
+
+from ...engine.jit import Array, i32, i64, inline
+from ...engine.kernels.scratch import (
+    BEGIN,
+    COUNT_LEAVES,
+    COUNT_NODES,
+    DX,
+    DY,
+    DZ,
+    END,
+    ENTER,
+    FIRST,
+    FOUND,
+    HIT_T,
+    IX,
+    IY,
+    IZ,
+    LANES,
+    LAST,
+    LEAVE,
+    LENGTH,
+    NX,
+    NY,
+    NZ,
+    OX,
+    OY,
+    OZ,
+    SCATTER_END,
+    SCATTER_T,
+    SIDE,
+    TILE,
+    Scratch,
+)
+from ...engine.kernels.tree import (
+    CELL,
+    GROUP,
+    LEAF,
+    LONGEST,
+    NODE,
+    SCATTER,
+    SCATTERED,
+    SLAB,
+    SLAB_HI,
+    SLAB_LO,
+    WIDTH,
+    Ray,
+    Tree,
+    tree_at,
+)
+from ...engine.simd import (
+    ONE,
+    ZERO,
+    Bits,
+    bits,
+    broadcast8,
+    broadcast16,
+    count_trailing_zeros,
+    lane,
+    load8,
+    load16,
+    prefetch,
+    reduce_max,
+    reduce_min,
+    select,
+    store,
+    vabs,
+    vmax,
+    vmin,
+)
+from ..intersect.columns import FLAT
+from ..intersect.leaf import search_alone, search_together, together
+from ..intersect.scattered import begin_scattered, finish_scattered, search_leaf
+from .traverse import ROUNDING, Planes, far_planes, insert, near_planes, prefetch_child, prefetch_columns, walk_begin
+
+ALL = -1  # all rays, as bits of an int64
+
+
+@inline
+def bits_of_row(rows: Array, row: int) -> Bits:
+    """The rays of a tile whose number in a row is not below 0, as bits."""
+    word = i64(0)
+    for k in range(0, TILE, LANES):
+        word |= bits(load16(rows, row + k) >= ZERO) << k
+    return word
+
+
+@inline
+def range_of(rows: Array, row: int, span: tuple[int, int]) -> tuple[float, float]:
+    """Least and greatest number of a span of rays, (first, end), in a row."""
+    low = high = load16(rows, row + span[0])
+    for k in range(span[0] + LANES, span[1], LANES):
+        numbers = load16(rows, row + k)
+        low, high = vmin(low, numbers), vmax(high, numbers)
+    return reduce_min(low), reduce_max(high)
+
+
+@inline
+def bounds_of_planes(rows: Array, row: int, inverse: int, span: tuple[int, int]) -> tuple[float, float, float, float]:
+    """(origin for near planes, origin for far planes, least inverse, greatest inverse) of one axis."""
+    low, high = range_of(rows, row, span)
+    slow, fast = range_of(rows, inverse, span)
+    return (high, low, slow, fast) if slow > ZERO else (low, high, slow, fast)
+
+
+@inline
+def tile_ray(rows: Array, i: int) -> Ray:
+    """Ray i of the tile."""
+    return Ray(
+        rows[OX + i],
+        rows[OY + i],
+        rows[OZ + i],
+        rows[DX + i],
+        rows[DY + i],
+        rows[DZ + i],
+        rows[IX + i],
+        rows[IY + i],
+        rows[IZ + i],
+        rows[BEGIN + i],
+        rows[END + i],
+        rows[SIDE + i],
+    )
+
+
+@inline
+def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Planes, float], rows: Array, v: int) -> Bits:
+    """Write where 16 rays, from v on, are in the leaf's voxel and where the surface can be; returns those that pass.
+
+    planes : rows of the planes that rays enter and leave first, and where the traversal begins
+    """
+    near, far, begin = planes
+    ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
+    ix, iy, iz = load16(rows, IX + v), load16(rows, IY + v), load16(rows, IZ + v)
+    offset, leaves, boxes = leaf * LEAF, tree.leaves, tree.boxes
+    length = load16(rows, LENGTH + v)
+    enter = vmax(
+        vmax((leaves[offset + CELL + near[0]] - ox) * ix, (leaves[offset + CELL + near[1]] - oy) * iy),
+        vmax((leaves[offset + CELL + near[2]] - oz) * iz, broadcast16(begin)),
+    )
+    leave = vmin(
+        vmin((leaves[offset + CELL + far[0]] - ox) * ix, (leaves[offset + CELL + far[1]] - oy) * iy),
+        vmin((leaves[offset + CELL + far[2]] - oz) * iz, length),
+    )
+    first = vmax(
+        vmax((boxes[box + near[0] * WIDTH] - ox) * ix, (boxes[box + near[1] * WIDTH] - oy) * iy),
+        vmax((boxes[box + near[2] * WIDTH] - oz) * iz, enter),
+    )
+    inside = first <= vmin(
+        vmin((boxes[box + far[0] * WIDTH] - ox) * ix, (boxes[box + far[1] * WIDTH] - oy) * iy),
+        vmin((boxes[box + far[2] * WIDTH] - oz) * iz, leave),
+    )
+    mx, my, mz = leaves[offset + SLAB], leaves[offset + SLAB + 1], leaves[offset + SLAB + 2]
+    height = mx * ox + my * oy + mz * oz
+    rise = mx * load16(rows, DX + v) + my * load16(rows, DY + v) + mz * load16(rows, DZ + v)
+    rise = ONE / select(vabs(rise) < broadcast16(FLAT), broadcast16(FLAT), rise)
+    a, b = (leaves[offset + SLAB_LO] - height) * rise, (leaves[offset + SLAB_HI] - height) * rise
+    first, last = vmax(first, vmin(a, b)), vmin(leave, vmax(a, b))
+    store(rows, ENTER + v, enter)
+    store(rows, LEAVE + v, leave)
+    store(rows, FIRST + v, first)
+    store(rows, LAST + v, last)
+    return bits(inside & (first <= last))
+
+
+@inline
+def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
+    """Search a leaf for the passing rays; returns those that the start rule lifted."""
+    if together(tree):
+        return search_together(tree, leaf, passing, scratch)
+    rows = scratch.model
+    lifted = i64(0)
+    while passing != 0:
+        i = count_trailing_zeros(passing)
+        passing &= passing - 1
+        interval = rows[ENTER + i], rows[LEAVE + i], rows[FIRST + i], rows[LAST + i]
+        hit, lift = search_alone(tree, leaf, tile_ray(rows, i), interval, ZERO, scratch)
+        if lift != ZERO:
+            lifted |= i64(1) << i
+        if hit.leaf >= 0:
+            rows[HIT_T + i], rows[NX + i], rows[NY + i], rows[NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
+            rows[LENGTH + i] = rows[ENTER + i]
+            scratch.numbers[FOUND + i] = leaf
+    return lifted
+
+
+@inline
+def _prefetch_search(tree: Tree, child: int) -> None:
+    """Prefetch what a search of the next leaf reads first."""
+    if child < 0 and i64(~child) < SCATTERED:
+        first, count = tree.spans[2 * ~child], tree.spans[2 * ~child + 1]
+        for group in range(first, first + count):
+            for k in range(0, GROUP, 16):
+                prefetch(tree.spheres, i64(group) * GROUP + k)
+            prefetch(tree.refs, i64(group) * 16)
+        prefetch_columns(tree, ~child)
+
+
+@inline
+def _search_scattered(
+    tree: Tree, block: int, box: int, planes: tuple[Planes, Planes, float], span: tuple[int, int], scratch: Scratch
+) -> bool:
+    """Search a leaf of scattered points for the rays that pass through its box; returns whether any hits."""
+    near, far, begin = planes
+    rows, boxes, found = scratch.model, tree.boxes, i64(0)
+    for v in range(span[0], span[1], LANES):
+        ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
+        ix, iy, iz = load16(rows, IX + v), load16(rows, IY + v), load16(rows, IZ + v)
+        enter = vmax(
+            vmax((boxes[box + near[0] * WIDTH] - ox) * ix, (boxes[box + near[1] * WIDTH] - oy) * iy),
+            vmax((boxes[box + near[2] * WIDTH] - oz) * iz, broadcast16(begin)),
+        )
+        leave = vmin(
+            vmin((boxes[box + far[0] * WIDTH] - ox) * ix, (boxes[box + far[1] * WIDTH] - oy) * iy),
+            vmin((boxes[box + far[2] * WIDTH] - oz) * iz, load16(rows, SCATTER_END + v)),
+        )
+        passing = bits(enter <= leave)
+        if passing != 0:
+            found |= search_leaf(tree, block, passing, v, scratch)
+    return found != 0
+
+
+@inline
+def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> float:
+    """End the rays at what they have hit, in a tree with scattered points; returns how far the farthest goes on.
+
+    Scattered points are searched for as far as the nearest hit, and the surface a step farther than to the nearest of
+    them: a shorter ray hits what the whole one does.
+    """
+    rows, longest = scratch.model, tree.head[LONGEST]
+    ended = broadcast16(-ONE)
+    farthest = ended
+    for v in range(span[0], span[1], LANES):
+        surface, scattered = load16(rows, HIT_T + v), load16(rows, SCATTER_T + v)
+        length, end = load16(rows, LENGTH + v), vmin(load16(rows, SCATTER_END + v), surface)
+        length = vmin(length, scattered + longest)
+        if any_hit:
+            sure = vmin(surface, scattered) < (ONE - ROUNDING) * load16(rows, END + v) - (longest + longest)
+            length = select(sure, ended, length)
+        end = select(length < ZERO, ended, end)
+        store(rows, LENGTH + v, length)
+        store(rows, SCATTER_END + v, end)
+        farthest = vmax(farthest, vmax(length, end))
+    return reduce_max(farthest)
+
+
+@inline
+def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
+    """End the rays that have met something, where there is no doubt that they hit before their end.
+
+    The voxel before may find the same root up to a step farther, see `scratch.LENGTH`; a step more is in END.
+    """
+    rows, steps = scratch.model, tree.head[LONGEST] + tree.head[LONGEST]
+    for k in range(span[0], span[1]):
+        sure = (scratch.numbers[FOUND + k] >= 0) & (rows[HIT_T + k] < (ONE - ROUNDING) * rows[END + k] - steps)
+        rows[LENGTH + k] = -ONE if sure else rows[LENGTH + k]
+
+
+@inline
+def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
+    """Where the traversal begins: at the first of a span of rays. Values may have a sign, see `scratch.BEGIN`."""
+    low, high = range_of(rows, BEGIN, span)
+    return walk_begin(tree, low if low >= ZERO else min(high, ZERO))
+
+
+@inline
+def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> Bits:
+    """First hits of a span of the tile's rays, (first, end), with a model: HIT_T, NX.. and FOUND of those that hit.
+
+    Returns the rays (as bits) that the start rule lifted: the effect of the rule depends on the order of the leaves, so
+    the caller traces these singly.
+    """
+    tree = tree_at(table, model)
+    rows = scratch.model
+    x = bounds_of_planes(rows, OX, IX, span)
+    y = bounds_of_planes(rows, OY, IY, span)
+    z = bounds_of_planes(rows, OZ, IZ, span)
+    near_rows = near_planes(x[2], y[2], z[2])
+    begin = _walk_begin(tree, rows, span)
+    planes = near_rows, far_planes(near_rows), begin
+    px, py, pz = planes[0][0] * WIDTH, planes[0][1] * WIDTH, planes[0][2] * WIDTH
+    qx, qy, qz = planes[1][0] * WIDTH, planes[1][1] * WIDTH, planes[1][2] * WIDTH
+    stack, stack_near = scratch.stack, scratch.stack_near
+    farthest, scattered = range_of(rows, LENGTH, span)[1], tree.head[SCATTER] > ZERO
+    if scattered:
+        begin_scattered(rows, scratch.numbers, LENGTH, span)
+    node, top, lifted = 0, 0, i64(0)
+    while True:
+        scratch.counts[COUNT_NODES] += 1
+        offset = i64(node) * NODE
+        ax, bx = load8(tree.boxes, offset + px) - x[0], load8(tree.boxes, offset + qx) - x[1]
+        ay, by = load8(tree.boxes, offset + py) - y[0], load8(tree.boxes, offset + qy) - y[1]
+        az, bz = load8(tree.boxes, offset + pz) - z[0], load8(tree.boxes, offset + qz) - z[1]
+        near = vmax(
+            vmax(vmin(ax * x[2], ax * x[3]), vmin(ay * y[2], ay * y[3])),
+            vmax(vmin(az * z[2], az * z[3]), broadcast8(begin)),
+        )
+        far = vmin(
+            vmin(vmax(bx * x[2], bx * x[3]), vmax(by * y[2], by * y[3])),
+            vmin(vmax(bz * z[2], bz * z[3]), broadcast8(farthest)),
+        )
+        left = bits(near <= far)
+        bottom = top
+        while left != 0:
+            k = count_trailing_zeros(left)
+            left &= left - 1
+            top = insert(stack, stack_near, bottom, top, i32(node * WIDTH + k), lane(near, k))
+            prefetch_child(tree, tree.children[node * WIDTH + k])
+        while True:
+            if top == 0:
+                if scattered:
+                    finish_scattered(tree, span, scratch)
+                return lifted
+            top -= 1
+            if stack_near[top] > farthest:
+                continue
+            slot = i64(stack[top])
+            node = tree.children[slot]
+            if node >= 0:
+                break
+            scratch.counts[COUNT_LEAVES] += 1
+            leaf = i64(~node)
+            if top > 0:
+                _prefetch_search(tree, tree.children[i64(stack[top - 1])])
+            box = slot // WIDTH * NODE + slot % WIDTH
+            if leaf >= SCATTERED:
+                if _search_scattered(tree, leaf - SCATTERED, box, planes, span, scratch):
+                    farthest = _shorten(tree, span, any_hit, scratch)
+                continue
+            passing = i64(0)
+            for v in range(span[0], span[1], LANES):
+                passing |= _leaf_intervals(tree, leaf, box, planes, rows, v) << v
+            if passing != 0:
+                lifted |= _search(tree, leaf, passing, scratch)
+                if scattered:
+                    farthest = _shorten(tree, span, any_hit, scratch)
+                    continue
+                if any_hit:
+                    _end_where_hit(tree, span, scratch)
+                farthest = range_of(rows, LENGTH, span)[1]

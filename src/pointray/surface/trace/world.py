@@ -1,0 +1,164 @@
+"""A tile of rays through the scene: each instance that they may meet, each plane, the nearest hit of all.
+
+Rays are float64 in the world.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...engine.jit import borrow, i64, inline, routine
+from ...engine.kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, World
+from ...engine.kernels.scratch import (
+    ANYWHERE,
+    CUT,
+    DIRECTION,
+    INSTANCE_OF,
+    NEAREST,
+    ORIGIN,
+    SIDE_OF,
+    T_MIN,
+    TILE,
+    Scratch,
+    load3,
+    store3,
+)
+from ...engine.kernels.vec import Vec3, dot, either, length, load3_flat
+from ...engine.simd import ONE, ZERO
+from .instance import through_instance
+from .instance_bvh import begin_walk, open_node, shorten, still_open
+from .plane import ON_PLANE, tile_on_plane
+from .space import WorldRay
+
+NO_RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for free slots in a tile
+
+
+@inline
+def is_ray(o: Vec3, d: Vec3, t_min: float, t_max: float) -> bool:
+    """Whether a ray can hit anything: finite, a direction that is not zero, an interval that is not empty."""
+    square = dot(d, d)
+    return (square > 0.0) & (square < np.inf) & (dot(o, o) < np.inf) & (t_min <= t_max)
+
+
+@inline
+def set_ray(scratch: Scratch, i: int, ray: WorldRay) -> None:
+    """Set ray i of the tile to (o, d, t_min, t_max); it starts outside of surfaces, as a camera's or a caller's ray."""
+    set_ray_from(scratch, i, ray, ANYWHERE)
+
+
+@inline
+def set_ray_from(scratch: Scratch, i: int, ray: WorldRay, side: float) -> None:
+    """Set ray i of the tile to (o, d, t_min, t_max), on one side of the surface that it may start on: +1 or -1."""
+    wide = scratch.world
+    wide[SIDE_OF + i] = side
+    store3(wide, ORIGIN + i, ray[0])
+    store3(wide, DIRECTION + i, ray[1])
+    wide[T_MIN + i], wide[NEAREST + i] = ray[2], ray[3]
+
+
+@inline
+def _settle(scratch: Scratch) -> None:
+    """Nothing is hit yet; a degenerate ray becomes one that misses everything. No branches: rays as vectors."""
+    wide = scratch.world
+    for i in range(TILE):
+        o, d, t_min, t_max = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i]
+        good = is_ray(o, d, t_min, t_max)
+        store3(wide, ORIGIN + i, either(good, o, (0.0, 0.0, 0.0)))
+        store3(wide, DIRECTION + i, either(good, d, (1.0, 0.0, 0.0)))
+        wide[T_MIN + i], wide[NEAREST + i] = (t_min if good else 0.0), (t_max if good else -1.0)
+    for i in range(TILE):
+        scratch.numbers[INSTANCE_OF + i] = -1
+
+
+@inline
+def _cut_by(world: World, clip: int, scratch: Scratch) -> None:
+    """Cut the tile's rays by one clip plane. No branches: rays as vectors."""
+    wide = scratch.world
+    normal, offset = load3_flat(world.clips, clip), world.clips[clip + CLIP_OFFSET]
+    for i in range(TILE):
+        o, d, t_min = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i]
+        height, rise = dot(normal, o) - offset, dot(normal, d)
+        t = -height / rise
+        # A ray parallel to the plane is kept or cut as a whole.
+        low = t if rise < 0.0 else -np.inf
+        high = t if rise > 0.0 else (-np.inf if (rise == 0.0) & (height > 0.0) else np.inf)
+        # The start of a ray on a surface that the plane touches may lie beyond the plane by a rounding error.
+        beyond = height + t_min * rise > ON_PLANE * (length(o) + abs(offset))
+        scratch.model[CUT + i] = ONE if (low > t_min) & beyond else scratch.model[CUT + i]
+        wide[T_MIN + i] = low if low > t_min else t_min
+        wide[NEAREST + i] = high if high < wide[NEAREST + i] else wide[NEAREST + i]
+
+
+@inline
+def _cut(world: World, scratch: Scratch) -> None:
+    """Cut the tile's rays by the scene's clip planes; if nothing is left of a ray, it misses everything."""
+    wide = scratch.world
+    for i in range(TILE):
+        scratch.model[CUT + i] = ZERO
+    for clip in range(0, world.clips.size, CLIP):
+        _cut_by(world, clip, scratch)
+    for i in range(TILE):
+        left = (wide[T_MIN + i] <= wide[NEAREST + i]) & (wide[T_MIN + i] < np.inf)
+        wide[T_MIN + i], wide[NEAREST + i] = (wide[T_MIN + i] if left else 0.0), (wide[NEAREST + i] if left else -1.0)
+
+
+@inline
+def _end_where_hit(scratch: Scratch) -> None:
+    """End the rays at their hits."""
+    for i in range(TILE):
+        wide = scratch.world
+        wide[NEAREST + i] = -1.0 if scratch.numbers[INSTANCE_OF + i] >= 0 else wide[NEAREST + i]
+
+
+@routine
+def _trace(world: World, any_hit: bool, scratch: Scratch) -> None:
+    """The nearest hits of the tile's rays with everything in the scene; for occlusion any hits."""
+    # Borrow again: a routine cannot see that its caller already did.
+    scratch, world = borrow(scratch), borrow(world)
+    _settle(scratch)
+    if world.clips.size > 0:
+        _cut(world, scratch)
+    for plane in range(0, world.planes.size, PLANE_SIZE):
+        tile_on_plane(world, plane, scratch)
+    if any_hit:
+        _end_where_hit(scratch)
+    waiting = begin_walk(world, scratch)
+    while waiting > 0:
+        waiting -= 1
+        what, rays = scratch.top_what[waiting], still_open(world, waiting, scratch)
+        if rays == 0:
+            continue
+        if what >= 0:
+            waiting = open_node(world, what, rays, waiting, scratch)
+        else:
+            through_instance(world, i64(~what) * INSTANCE, rays, any_hit, scratch)
+            if any_hit:
+                _end_where_hit(scratch)
+            shorten(world, scratch)
+
+
+@inline
+def trace_tile(world: World, scratch: Scratch) -> None:
+    """The nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
+    _trace(world, False, scratch)
+
+
+@inline
+def occlude_tile(world: World, scratch: Scratch) -> None:
+    """Which of the tile's rays meet anything, for `is_blocked`. Their hits are not known afterwards."""
+    _trace(world, True, scratch)
+
+
+@inline
+def is_blocked(scratch: Scratch, i: int) -> bool:
+    """Whether ray i of the tile has met anything."""
+    return scratch.numbers[INSTANCE_OF + i] >= 0
+
+
+@inline
+def meets_nothing(scratch: Scratch) -> bool:
+    """Whether none of the tile's rays has met anything."""
+    greatest = i64(-1)
+    for i in range(TILE):
+        greatest = max(greatest, scratch.numbers[INSTANCE_OF + i])
+    return greatest < 0

@@ -1,0 +1,71 @@
+"""Splats in blocks of four, along an order that keeps neighbours together."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, f32, kernel, next_tile, run
+from ...engine.kernels.tree import BLOCK, EMPTY, INV_R2, NX, PX
+
+PER_BLOCK = 4
+CHUNK = 4096  # blocks that a thread fills at a time
+
+
+@kernel
+def _fill_blocks(
+    work: Array, order: Array, positions: Array, normals: Array, radii: Array, out: tuple[Array, Array]
+) -> int:
+    """Copy splats into blocks and bound each block: out is (blocks, bounds (blocks * 4: centre, radius))."""
+    blocks, bounds = out
+    tile = next_tile(work)
+    while tile >= 0:
+        for b in range(tile * CHUNK, min((tile + 1) * CHUNK, bounds.size // 4)):
+            count = min(PER_BLOCK, order.size - b * PER_BLOCK)
+            for k in range(PER_BLOCK):
+                i = order[b * PER_BLOCK + k] if k < count else -1
+                for c in range(3):
+                    blocks[b * BLOCK + PX + 4 * c + k] = positions[i, c] if i >= 0 else EMPTY
+                    blocks[b * BLOCK + NX + 4 * c + k] = normals[i, c] if i >= 0 else f32(0.0)
+                blocks[b * BLOCK + INV_R2 + k] = f32(1.0) / (radii[i] * radii[i]) if i >= 0 else f32(1.0)
+            for c in range(3):
+                least, greatest = np.inf, -np.inf
+                for k in range(count):
+                    i = order[b * PER_BLOCK + k]
+                    least = min(least, positions[i, c] - radii[i])
+                    greatest = max(greatest, positions[i, c] + radii[i])
+                bounds[b * 4 + c] = 0.5 * (least + greatest)
+            radius = 0.0
+            for k in range(count):
+                i = order[b * PER_BLOCK + k]
+                square = 0.0
+                for c in range(3):
+                    d = positions[i, c] - bounds[b * 4 + c]
+                    square += d * d
+                radius = max(radius, math.sqrt(square) + radii[i])
+            bounds[b * 4 + 3] = radius * (1.0 + 1e-6)
+        tile = next_tile(work)
+    return 0
+
+
+def make_blocks(
+    positions: NDArray[np.float32],
+    normals: NDArray[np.float32],
+    radii: NDArray[np.float32],
+    order: NDArray[np.int32],
+    threads: int | None = None,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Blocks (see `engine.kernels.tree.BLOCK`) of the splats in the given order, and each block's bounding sphere.
+
+    Returns
+    -------
+    blocks : (b * 28,) float32
+    bounds : (b * 4,) float32, centre and radius; encloses the supports of the block's splats
+    """
+    count = -(-len(order) // PER_BLOCK)
+    blocks = np.empty(count * BLOCK, np.float32)
+    bounds = np.empty(count * 4, np.float32)
+    run(_fill_blocks, -(-count // CHUNK), order, positions, normals, radii, (blocks, bounds), threads=threads)
+    return blocks, bounds

@@ -1,0 +1,275 @@
+"""The validator: it checks each rule of `engine/kernels/tree.py` on a tree, with NumPy, slowly and plainly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from ...engine.jit import uncompiled
+from ...engine.kernels.tree import (
+    BLOCK,
+    CELL,
+    COLUMNS,
+    DISC,
+    IMLS,
+    LEAF,
+    LEAF_BLOCKS,
+    NO_CHILD,
+    PAPER,
+    PATCH,
+    PATCH_B,
+    PATCH_C,
+    PATCH_HIGH,
+    PATCH_LOW,
+    RADIUS,
+    SCATTERED,
+    SLAB,
+    SLAB_HI,
+    SLAB_LO,
+    SURFACE,
+    TRIM,
+    WIDTH,
+    Tree,
+    first_scattered,
+)
+from .columns import across
+from .indices import check_lengths
+
+Floats = NDArray[np.float32]
+
+
+def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
+    """What is wrong with a tree; an empty list if it is valid.
+
+    Parameters
+    ----------
+    positions : int
+        Number of random positions near splats at which the leaves are checked.
+    """
+    problems = check_lengths(tree)
+    if problems:
+        return problems
+    rows = tree.order[tree.order >= 0]
+    if len(np.unique(rows)) != len(rows):
+        return ["a row of the points is in two slots"]
+    boxes, parents, problems = _check_nodes(tree)
+    if problems:
+        return problems
+    if not first_scattered(tree):
+        return []
+    return problems + _check_spheres(tree) + _check_positions(tree, boxes, parents, positions, seed)
+
+
+def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
+    """Check that each node and leaf is reached once; returns the leaves' boxes (leaves, 6), empty where not reached."""
+    children = tree.children.reshape(-1, WIDTH)
+    rows = tree.boxes.reshape(-1, 6, WIDTH)
+    leaves = tree.leaves.size // LEAF
+    boxes = np.tile(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), (leaves, 1))
+    seen_nodes, seen_leaves = np.zeros(len(children), int), np.zeros(leaves, int)
+    seen_nodes[0] = 1
+    problems: list[str] = []
+    for node, kids in enumerate(children):
+        for k, child in enumerate(kids):
+            box = rows[node, :, k]
+            if child == NO_CHILD:
+                if (box[:3] <= box[3:]).all():
+                    problems.append(f"node {node}: a child that is none has a box")
+            elif child < 0 and SCATTERED <= ~child < SCATTERED + tree.blocks.size // BLOCK:
+                problems += _check_scattered(tree, ~int(child) - SCATTERED, box)
+            elif child >= len(children) or ~child >= leaves:
+                problems.append(f"node {node}: child {child} does not exist")
+            elif child >= 0:
+                seen_nodes[child] += 1
+                inner = rows[child]
+                if (inner[:3].min(axis=1) < box[:3]).any() or (inner[3:].max(axis=1) > box[3:]).any():
+                    problems.append(f"node {node}: the box of child {child} does not enclose it")
+            else:
+                seen_leaves[~child] += 1
+                boxes[~child] = box
+    if (seen_nodes != 1).any() or (seen_leaves > 1).any():
+        problems.append("a node or leaf is not reached exactly once")
+    if (seen_leaves[tree.spans[1::2] > 0] == 0).any():
+        problems.append("a leaf with splats is never reached")
+    if (seen_leaves[tree.spans[1::2] == 0] > 0).any():
+        problems.append("a leaf that knows no splat is reached")
+    return boxes, seen_leaves, problems
+
+
+def _check_scattered(tree: Tree, block: int, box: Floats) -> list[str]:
+    """Check that the box of a leaf of scattered points encloses their spheres."""
+    end = block + LEAF_BLOCKS
+    rows = np.concatenate(list(tree.blocks[block * BLOCK : end * BLOCK].reshape(-1, 7, 4)), axis=1)
+    rows = rows[:, tree.order[4 * block : 4 * end] >= 0]
+    x, radius = rows[:3], 1 / np.sqrt(rows[6])
+    inside = (x - radius >= box[:3, None]).all() and (x + radius <= box[3:, None]).all()
+    return [] if inside else [f"block {block}: the box of its leaf does not enclose its spheres"]
+
+
+def _splats(tree: Tree) -> tuple[Floats, NDArray[np.int64]]:
+    """Rows x y z nx ny nz r of the surface's splats, and the block of each splat."""
+    used = np.flatnonzero(tree.order[: 4 * first_scattered(tree)] >= 0)
+    rows = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used].copy()
+    rows[:, 6] = 1 / np.sqrt(rows[:, 6])
+    return rows, used // 4
+
+
+def _check_spheres(tree: Tree) -> list[str]:
+    """Check that each bounding sphere encloses the supports of its block."""
+    rows, block = _splats(tree)
+    spheres = tree.spheres.reshape(-1, 4, 16).transpose(0, 2, 1).reshape(-1, 4)
+    listed = spheres[:, 3] > 0
+    order = np.argsort(block, kind="stable")
+    start = np.searchsorted(block[order], tree.refs[listed])
+    problems = []
+    for k in range(4):
+        at = np.minimum(start + k, len(order) - 1)
+        mine = block[order[at]] == tree.refs[listed]
+        splat = rows[order[at[mine]]]
+        sphere = spheres[listed][mine]
+        needed = np.linalg.norm(splat[:, :3] - sphere[:, :3], axis=1) + splat[:, 6]
+        if (needed > sphere[:, 3] * (1 + 1e-5)).any():
+            problems.append("a bounding sphere does not enclose its block")
+    return problems
+
+
+def _check_positions(tree: Tree, boxes: Floats, reached: NDArray[np.int64], positions: int, seed: int) -> list[str]:
+    """Check that one voxel holds each random position under splats, and that its leaf lists every splat over it."""
+    rows, block = _splats(tree)
+    rng = np.random.default_rng(seed)
+    chosen = rows[rng.integers(len(rows), size=positions)].astype(np.float64)
+    x = chosen[:, :3] + chosen[:, 6:] * rng.uniform(-0.5, 0.5, (positions, 3))
+    query, splat = _over(x, rows[:, :3], rows[:, 6] * (1 - 1e-5))
+    leaf, crowded, lost = _voxel_of(tree, x)
+    known = np.unique(_codes(tree))
+    codes = leaf[query] * (tree.blocks.size // BLOCK) + block[splat]
+    asked = (leaf[query] >= 0) & (tree.spans[2 * leaf[query] + 1] > 0)
+    missing = len(np.unique(leaf[query][asked & ~np.isin(codes, known)]))
+    problems = []
+    if lost[query].any():
+        problems.append(f"{len(np.unique(query[lost[query]]))} of {positions} places under splats lie in no voxel")
+    if crowded.any():
+        problems.append(f"{crowded.sum()} of {positions} places lie in more than one voxel")
+    if missing:
+        problems.append(f"{missing} leaves do not know every splat over a place in them")
+    if int(tree.head[SURFACE]) == DISC:
+        return problems
+    return problems + _check_surface(tree, boxes, reached, _onto_surface(tree, rows, x))
+
+
+def _check_surface(tree: Tree, boxes: Floats, reached: NDArray[np.int64], x: NDArray[np.float64]) -> list[str]:
+    """Check that positions on the surface lie in a leaf that is not empty, in its slab and in its tight box."""
+    leaf, _, _ = _voxel_of(tree, x)
+    x, leaf = x[leaf >= 0], leaf[leaf >= 0]
+    records, box = tree.leaves.reshape(-1, LEAF)[leaf].astype(np.float64), boxes[leaf]
+    slack = 1e-4 * records[:, RADIUS]  # a tenth of the padding of slabs and boxes
+    height = np.einsum("ij,ij->i", records[:, SLAB : SLAB + 3], x)
+    slab = (height < records[:, SLAB_LO] - slack) | (height > records[:, SLAB_HI] + slack)
+    cut = ((x < box[:, :3] - slack[:, None]) | (x > box[:, 3:] + slack[:, None])).any(axis=1)
+    full = (tree.spans[2 * leaf + 1] > 0) & (reached[leaf] == 1)
+    patch = _out_of_patch(tree, leaf, x, slack)
+    problems = []
+    for wrong, what in (
+        (~full, "in an empty leaf"),
+        (full & slab, "outside of the slab"),
+        (full & cut, "outside of the box"),
+        (full & patch, "outside of the slab of their column"),
+    ):
+        if wrong.any():
+            problems.append(f"{wrong.sum()} of {len(x)} places of the surface lie {what}, such as {x[wrong][0]}")
+    return problems
+
+
+def _out_of_patch(
+    tree: Tree, leaf: NDArray[np.int64], x: NDArray[np.float64], slack: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether positions in leaves lie outside the slab of their column."""
+    records = tree.leaves.reshape(-1, LEAF)
+    axes = np.array([uncompiled(across)(*record[SLAB : SLAB + 3]) for record in records])[leaf]
+    cell = records[leaf, CELL : CELL + 6].astype(np.float64)
+    position = np.take_along_axis(x - cell[:, :3], axes, axis=1)
+    width = np.take_along_axis(cell[:, 3:] - cell[:, :3], axes, axis=1)[:, :2] / COLUMNS
+    u, v = (position[:, :2] / width).T
+    i, j = (np.clip(np.floor(at).astype(np.int64), 0, COLUMNS - 1) for at in (u, v))
+    patch = tree.patches.reshape(-1, PATCH)[leaf].astype(np.float64)
+    b, c, low, high = (
+        np.take_along_axis(patch, (row + COLUMNS * i + j)[:, None], axis=1)[:, 0]
+        for row in (PATCH_B, PATCH_C, PATCH_LOW, PATCH_HIGH)
+    )
+    height = position[:, 2] + b * u + c * v
+    out: NDArray[np.bool_] = (height < low - slack) | (height > high + slack)
+    return out
+
+
+def _codes(tree: Tree) -> NDArray[np.int64]:
+    """leaf * blocks + block, for every block that a leaf lists."""
+    count = 16 * tree.spans[1::2].astype(np.int64)
+    leaf = np.repeat(np.arange(len(count)), count)
+    start = np.repeat(16 * tree.spans[::2].astype(np.int64) - (np.cumsum(count) - count), count)
+    slot = start + np.arange(len(leaf))
+    listed = tree.spheres.reshape(-1, 4, 16)[:, 3].reshape(-1)[slot] > 0
+    return leaf[listed] * (tree.blocks.size // BLOCK) + tree.refs[slot[listed]]
+
+
+def _over(
+    x: NDArray[np.float64], centers: NDArray[Any], radii: NDArray[Any]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """All pairs (position, ball) in which the position lies in the ball."""
+    found = cKDTree(x).query_ball_point(centers, radii)
+    lengths = np.fromiter(map(len, found), np.int64, len(found))
+    queries = np.fromiter((p for some in found for p in some), np.int64, int(lengths.sum()))
+    return queries, np.repeat(np.arange(len(found)), lengths)
+
+
+def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
+    """The leaf whose voxel strictly contains each position, or -1; whether several do; whether no voxel touches it."""
+    cells = tree.leaves.reshape(-1, LEAF)[:, CELL : CELL + 6].astype(np.float64)
+    real = np.flatnonzero((cells[:, :3] <= cells[:, 3:]).all(axis=1))
+    low, high = cells[real, :3], cells[real, 3:]
+    query, voxel = _over(x, (low + high) / 2, np.linalg.norm(high - low, axis=1) * 0.5001)
+    touched = ((low[voxel] <= x[query]) & (x[query] <= high[voxel])).all(axis=1)
+    rim = 1e-6 * np.abs(x).max(initial=0.0)
+    inside = ((low[voxel] + rim < x[query]) & (x[query] < high[voxel] - rim)).all(axis=1)
+    leaf = np.full(len(x), -1)
+    leaf[query[inside]] = real[voxel[inside]]
+    crowded = np.bincount(query[inside], minlength=len(x)) > 1
+    return leaf, crowded, np.bincount(query[touched], minlength=len(x)) == 0
+
+
+def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positions on the tree's surface: those of x that converge to f = 0 by Newton's steps along the mean normal."""
+    f = radius = away = np.full(len(x), np.nan)
+    for _ in range(6):
+        f, normal, away, radius = _field(rows, x, int(tree.head[SURFACE]))
+        step = np.clip(f / radius, -0.25, 0.25) * radius
+        moved = x - step[:, None] * normal
+        x = np.where(np.isfinite(moved), moved, x)
+    f, _, away, radius = _field(rows, x, int(tree.head[SURFACE]))
+    return x[(np.abs(f) < 1e-5 * radius) & (away < float(tree.head[TRIM]) * radius)]
+
+
+def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[np.float64], ...]:
+    """f (see `surface/intersect/surface.py`), unit mean normal, |x - P| and mean radius at positions; NaN without support."""
+    query, splat = _over(x, rows[:, :3], rows[:, 6])
+    p, n, r = np.split(rows[splat].astype(np.float64), [3, 6], axis=1)
+    q = p - x[query]
+    square = (q * q).sum(axis=1)
+    weight = np.maximum(1 - square / r[:, 0] ** 2, 0) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = weight / np.bincount(query, weight, len(x))[query]
+
+        def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.where(
+                np.bincount(query, minlength=len(x)) > 0, np.bincount(query, share * values, len(x)), np.nan
+            )
+
+        middle = np.stack([mean(q[:, c]) for c in range(3)], axis=1)
+        normal = np.stack([mean(n[:, c]) for c in range(3)], axis=1)
+        plane, qn, qq = (middle * normal).sum(axis=1), mean((q * n).sum(axis=1)), mean(square)
+        center = (middle * middle).sum(axis=1)
+        bend = 0.5 * (qn - plane) / np.maximum(qq - center, 0.25 * qq)
+        f = {PAPER: -plane, IMLS: -qn}.get(surface, -plane - bend * (qq - 2 * center))
+        return f, normal / np.linalg.norm(normal, axis=1, keepdims=True), np.sqrt(center), mean(r[:, 0])

@@ -1,0 +1,44 @@
+"""For models in parts: the splats that a tree was built of, and a tree without the blocks that it does not need."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.kernels.tree import BLOCK, Tree, first_scattered
+from .build import Splats
+from .stored import stored_splats
+
+# What a block has of each array of a tree.
+WIDTHS = {"blocks": BLOCK, "order": 4, "borders": 12, "facing": 12, "colors": 4, "noise": 1}
+
+
+def surface_of(tree: Tree) -> Tree:
+    """Return a tree with the blocks of its surface only, for `splats_of`; its nodes are left as they are."""
+    first = first_scattered(tree)
+    return tree._replace(**{name: getattr(tree, name)[: first * width] for name, width in WIDTHS.items()})
+
+
+def splats_of(tree: Tree, radii: NDArray[np.float32]) -> Splats:
+    """All that a tree was built of, in its order, for the same tree. radii : (n,), of the caller's rows"""
+    rows, positions, normals, noise = stored_splats(tree, by_row=False)
+    there = tree.order >= 0
+    borders = tree.borders.reshape(-1, 3)[there].astype(np.float32) / np.float32(127) if tree.borders.size else None
+    sheets = np.any(tree.facing.reshape(-1, 3)[there], axis=1).astype(np.int8) if tree.facing.size else None
+    colors = tree.colors[there].astype("<i4").view(np.uint8).reshape(-1, 4)[:, :3] if tree.colors.size else None
+    return Splats(positions, normals, radii[rows], rows.astype(np.int32), colors, borders, sheets, noise)
+
+
+def without_unused(tree: Tree) -> Tree:
+    """The tree without the blocks that no leaf lists: of a part, those whose splats reach near it, but not into it."""
+    refs, spheres = tree.refs.reshape(-1, 16), tree.spheres.reshape(-1, 4, 16)
+    valid = ~np.isnan(spheres[:, 3])  # others are empty slots
+    used = np.zeros(tree.blocks.size // BLOCK, np.bool_)
+    used[refs[valid]] = True
+    number = np.cumsum(used, dtype=np.int32) - 1
+    kept = {
+        name: getattr(tree, name).reshape(-1, width)[used].reshape(-1)
+        for name, width in WIDTHS.items()
+        if getattr(tree, name).size
+    }
+    return tree._replace(refs=np.where(valid, number[refs], 0).astype(np.int32).reshape(-1), **kept)

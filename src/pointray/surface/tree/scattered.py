@@ -1,0 +1,270 @@
+"""Scattered points -> a tree of their own under the root of the surface's: spheres, or single flat discs.
+
+Eight of them, neighbours in the kd order, make a leaf. The leaves' boxes are halved by the surface area heuristic
+(binned: Wald, On fast Construction of SAH-based Bounding Volume Hierarchies, 2007), then gathered into nodes of eight.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...cloud.neighbors import kd_order
+from ...engine.jit import Array, inline, kernel, next_tile, run
+from ...engine.kernels.tree import (
+    BLOCK,
+    BOUNDS,
+    EMPTY,
+    FAR,
+    INV_R2,
+    LEAF_BLOCKS,
+    NO_CHILD,
+    NODE,
+    PX,
+    SCATTER,
+    SCATTER_LEAVES,
+    SCATTERED,
+    WIDTH,
+    Tree,
+    first_scattered,
+)
+from .blocks import PER_BLOCK, make_blocks
+from .build import Splats, bounds_of, packed_colors, rows_of_slots, unpacked_colors
+from .wide import collapse, enclose
+
+PER_LEAF = LEAF_BLOCKS * PER_BLOCK
+CHUNK = 4096  # leaves that a thread bounds at a time
+BINS = 16  # places where a node may be cut along each axis
+DEEP = 32  # levels below which nodes are halved by their numbers: a file with more than 64 levels is refused
+ROOM = 1.01  # radii: rays that start on a sphere start within the bounds
+PAD = 5e-7  # of the largest coordinate: rounding of a box, and of a ray against it
+
+Boxes = NDArray[np.float64]
+
+
+@kernel
+def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> int:
+    """Boxes of leaves of spheres, (n, 6) float64."""
+    tile = next_tile(work)
+    while tile >= 0:
+        for b in range(tile * CHUNK, min((tile + 1) * CHUNK, len(boxes))):
+            for c in range(3):
+                boxes[b, c], boxes[b, 3 + c] = np.inf, -np.inf
+            for k in range(PER_LEAF):
+                at = (LEAF_BLOCKS * b + k // PER_BLOCK) * BLOCK + k % PER_BLOCK
+                if blocks[at + PX] > FAR:
+                    continue
+                radius = 1.00001 / np.sqrt(blocks[at + INV_R2]) + pad
+                for c in range(3):
+                    x = blocks[at + PX + PER_BLOCK * c]
+                    boxes[b, c], boxes[b, 3 + c] = min(boxes[b, c], x - radius), max(boxes[b, 3 + c], x + radius)
+        tile = next_tile(work)
+    return 0
+
+
+@inline
+def _half_area(bins: Array, k: int) -> float:
+    """Half the surface of the box of a bin."""
+    x, y, z = bins[k, 3] - bins[k, 0], bins[k, 4] - bins[k, 1], bins[k, 5] - bins[k, 2]
+    return x * y + y * z + z * x if x >= 0.0 else 0.0
+
+
+@inline
+def _grow(bins: Array, k: int, boxes: Array, b: int) -> None:
+    """Let the box of a bin enclose another box."""
+    for c in range(3):
+        bins[k, c], bins[k, 3 + c] = min(bins[k, c], boxes[b, c]), max(bins[k, 3 + c], boxes[b, 3 + c])
+
+
+@inline
+def _bin_of(boxes: Array, b: int, axis: int, low: float, scale: float) -> int:
+    """The bin of a box by the middle of it along an axis."""
+    return min(max(int((boxes[b, axis] + boxes[b, 3 + axis] - low) * scale), 0), BINS - 1)
+
+
+@inline
+def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory: tuple[Array, Array]):  # type: ignore[no-untyped-def]
+    """(axis, bin before which to cut, least middle, bins per length) of the least cost; axis -1: all in one place."""
+    counts, costs = memory
+    best, found = np.inf, (-1, 0, 0.0, 0.0)
+    for axis in range(3):
+        low, high = np.inf, -np.inf
+        for i in range(span[0], span[1]):
+            middle = boxes[order[i], axis] + boxes[order[i], 3 + axis]
+            low, high = min(low, middle), max(high, middle)
+        if not high > low:
+            continue
+        scale = BINS / (high - low)
+        if not scale < np.inf:
+            continue
+        bins[:, :3], bins[:, 3:] = np.inf, -np.inf
+        counts[:] = 0
+        for i in range(span[0], span[1]):
+            k = _bin_of(boxes, order[i], axis, low, scale)
+            counts[k] += 1
+            _grow(bins, k, boxes, order[i])
+        total = 0
+        bins[BINS, :3], bins[BINS, 3:] = np.inf, -np.inf
+        for k in range(BINS - 1):
+            _grow(bins, BINS, bins, k)
+            total += counts[k]
+            costs[k + 1] = total * _half_area(bins, BINS)
+        total = 0
+        bins[BINS, :3], bins[BINS, 3:] = np.inf, -np.inf
+        for k in range(BINS - 1, 0, -1):
+            _grow(bins, BINS, bins, k)
+            total += counts[k]
+            cost = costs[k] + total * _half_area(bins, BINS)
+            if 0 < total < span[1] - span[0] and cost < best:
+                best, found = cost, (axis, k, low, scale)
+    return found
+
+
+@inline
+def _cut(
+    boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory: tuple[Array, Array], depth: int
+) -> int:
+    """Bring the two halves of a span of the order apart; returns where the second begins."""
+    middle = (span[0] + span[1]) // 2
+    if depth > DEEP:
+        return middle
+    axis, first, low, scale = _best_cut(boxes, order, span, bins, memory)
+    if axis < 0:
+        return middle
+    i, j = span[0], span[1]
+    while i < j:
+        if _bin_of(boxes, order[i], axis, low, scale) < first:
+            i += 1
+        else:
+            j -= 1
+            order[i], order[j] = order[j], order[i]
+    return i
+
+
+@kernel
+def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
+    """Build a binary tree over boxes (n, 6): its nodes are written to children (2 n - 1, 2) and leaf_of (2 n - 1,).
+
+    A leaf's children are -1, and leaf_of of other nodes is -1.
+    """
+    bins, memory = np.empty((BINS + 1, 6)), (np.empty(BINS, np.int64), np.empty(BINS + 1))
+    stack = np.empty((len(boxes) + 1, 4), np.int64)  # node, first, end, depth
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0, 0, len(boxes), 0
+    top, total = 1, 1
+    while top > 0:
+        top -= 1
+        node, first, end, depth = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+        if end - first == 1:
+            children[node, 0], children[node, 1], leaf_of[node] = -1, -1, order[first]
+            continue
+        middle = _cut(boxes, order, (first, end), bins, memory, depth)
+        children[node, 0], children[node, 1], leaf_of[node] = total, total + 1, -1
+        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = total, first, middle, depth + 1
+        top += 1
+        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = total + 1, middle, end, depth + 1
+        top += 1
+        total += 2
+    return total
+
+
+def _nodes(
+    blocks: NDArray[np.float32], first: int, threads: int | None
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Wide nodes over blocks of scattered points: boxes (nodes * 48,) and children (nodes * 8,).
+
+    first : the number of the first block in the tree
+    """
+    count = blocks.size // (LEAF_BLOCKS * BLOCK)
+    places = blocks.reshape(-1, 7, PER_BLOCK)[:, :3]
+    pad = PAD * float(np.abs(places[places < FAR]).max(initial=0.0))
+    boxes, around = np.empty((count, 6)), np.empty((2 * count - 1, 6))
+    run(_bound, -(-count // CHUNK), blocks, pad, boxes, threads=threads)
+    children, leaf_of = np.empty((2 * count - 1, 2), np.int32), np.empty(2 * count - 1, np.int32)
+    _halve(boxes, np.arange(count), children, leaf_of)
+    enclose(children, leaf_of, boxes, around)
+    numbers = np.where(leaf_of >= 0, SCATTERED + first + LEAF_BLOCKS * leaf_of.astype(np.int64), -1).astype(np.int32)
+    wide_boxes = np.empty(len(children) * NODE, np.float32)
+    wide_children = np.empty(len(children) * WIDTH, np.int32)
+    wide = collapse(children, numbers, around, (wide_boxes, wide_children))
+    return wide_boxes[: wide * NODE].copy(), wide_children[: wide * WIDTH].copy()
+
+
+def _box_around(boxes: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The box around the root's children, (6,)."""
+    root = boxes[:NODE].reshape(2, 3, WIDTH)
+    return np.concatenate([root[0].min(axis=1), root[1].max(axis=1)])
+
+
+def _under_one_root(
+    a: tuple[NDArray[np.float32], NDArray[np.int32]], b: tuple[NDArray[np.float32], NDArray[np.int32]]
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Nodes of two trees, with a new root."""
+    boxes = np.repeat(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), WIDTH).reshape(6, WIDTH)
+    boxes[:, 0], boxes[:, 1] = _box_around(a[0]), _box_around(b[0])
+    root = np.full(WIDTH, NO_CHILD, np.int32)
+    root[0], root[1] = 1, 1 + a[1].size // WIDTH
+    moved = [np.where(c >= 0, c + root[k], c).astype(np.int32) for k, c in enumerate((a[1], b[1]))]
+    return np.concatenate([boxes.reshape(-1), a[0], b[0]]), np.concatenate([root, *moved])
+
+
+def _whole_leaves(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Blocks, with empty ones that the last leaf lacks."""
+    empty = np.zeros((7, PER_BLOCK), np.float32)
+    empty[:3], empty[INV_R2 // PER_BLOCK] = EMPTY, 1.0
+    missing = -(blocks.size // BLOCK) % LEAF_BLOCKS
+    return np.concatenate([blocks, *[empty.reshape(-1)] * missing])
+
+
+def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None = None) -> Tree:
+    """The tree with scattered points beside its surface; it may have no surface at all.
+
+    Parameters
+    ----------
+    scattered : Splats
+        Their normals are the mean directions of their neighbourhoods, or what discs face. At least one.
+    kind : int
+        SPHERES or DISCS.
+    """
+    order = kd_order(scattered.positions, threads)
+    added = _whole_leaves(make_blocks(scattered.positions, scattered.normals, scattered.radii, order, threads)[0])
+    first, slots = tree.blocks.size // BLOCK, added.size // BLOCK * PER_BLOCK
+    boxes, children = _nodes(added, first, threads)
+    if tree.blocks.size:
+        boxes, children = _under_one_root((tree.boxes, tree.children), (boxes, children))
+    head, bounds = tree.head.copy(), bounds_of(scattered._replace(radii=scattered.radii * np.float32(ROOM)))
+    if tree.blocks.size:
+        head[BOUNDS : BOUNDS + 3] = np.minimum(head[BOUNDS : BOUNDS + 3], bounds[:3])
+        head[BOUNDS + 3 : BOUNDS + 6] = np.maximum(head[BOUNDS + 3 : BOUNDS + 6], bounds[3:])
+    else:
+        head[BOUNDS : BOUNDS + 6] = bounds
+    head[SCATTER], head[SCATTER_LEAVES] = kind, added.size // (LEAF_BLOCKS * BLOCK)
+    return tree._replace(
+        head=head,
+        boxes=boxes,
+        children=children,
+        blocks=np.concatenate([tree.blocks, added]),
+        order=np.concatenate([tree.order, rows_of_slots(order, scattered.rows, slots)]),
+        borders=np.concatenate([tree.borders, np.zeros(3 * slots if tree.borders.size else 0, np.int8)]),
+        facing=np.concatenate([tree.facing, np.zeros(3 * slots if tree.facing.size else 0, np.int8)]),
+        colors=np.concatenate([tree.colors, packed_colors(order, scattered.colors, slots)]),
+        noise=np.concatenate([tree.noise, np.zeros(slots // PER_BLOCK if tree.noise.size else 0, np.float32)]),
+    )
+
+
+def scattered_rows(tree: Tree) -> NDArray[np.int32]:
+    """The caller's rows of the scattered points of a tree."""
+    rows = tree.order[PER_BLOCK * first_scattered(tree) :]
+    return rows[rows >= 0]
+
+
+def scattered_of(tree: Tree, radii: NDArray[np.float32]) -> Splats | None:
+    """The scattered points that a tree was built of, in its order; None if it has none. radii : (n,), of all rows"""
+    first = first_scattered(tree)
+    if first * BLOCK == tree.blocks.size:
+        return None
+    there = np.flatnonzero(tree.order[PER_BLOCK * first :] >= 0)
+    rows = tree.order[PER_BLOCK * first :][there]
+    blocks = tree.blocks[first * BLOCK :].reshape(-1, 7, PER_BLOCK)
+    columns = np.ascontiguousarray(blocks.transpose(0, 2, 1)).reshape(-1, 7)[there]
+    colors = unpacked_colors(tree.colors[PER_BLOCK * first :][there]) if tree.colors.size else None
+    return Splats(columns[:, :3].copy(), columns[:, 3:6].copy(), radii[rows], rows, colors)

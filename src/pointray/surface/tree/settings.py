@@ -1,0 +1,60 @@
+"""Settings of a tree: what a caller gives, and what a file keeps, checked."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...base.arguments import check_choice, check_number, check_whole
+from ...base.choices import SURFACES
+
+TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii (docs/decisions/surface.md)
+LOOSE_TRIM = 0.95  # the same, where the radii are too small to cover the surface, which then lies in gaps
+OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii (docs/decisions/radii.md)
+LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
+LEAF_WIDTH = 8.0  # upper limit of a voxel's longest edge, in mean support radii
+
+
+class TreeSettings(NamedTuple):
+    """Settings of a tree.
+
+    surface : 'paper', 'imls', 'apss' or 'disc'
+    samples : samples in the length of a support's diameter, the paper's N
+    refine : secant steps after the bracket
+    trim : largest |x - P(x)| of a hit in local radii, inf for no limit
+    overhang : how far a hit may lie beyond an open border, in local radii, inf for no limit
+    leaf_width : a voxel's longest edge in mean radii, or down to half of this where the costs favour it
+    cut : False leaves slabs unlimited and boxes as large as their voxels, for tests to compare with
+    """
+
+    surface: str
+    samples: int = 4
+    refine: int = 1
+    trim: float = float("inf")
+    overhang: float = float("inf")
+    leaf_width: float = LEAF_WIDTH
+    cut: bool = True
+
+
+def check_settings(surface: str, samples: int, refine: int, trim: str | float | None) -> TreeSettings:
+    """The settings that a caller gives, checked; see `Model`."""
+    surface = check_choice(surface, "surface", SURFACES)
+    samples = check_whole(samples, "samples", 2, LARGEST_SAMPLES)
+    refine = check_whole(refine, "refine", 0, LARGEST_REFINE)
+    if isinstance(trim, str) and trim == "auto":
+        limit, overhang = (np.inf, np.inf) if surface == "disc" else (TRIM, OVERHANG)
+    elif trim is None:
+        limit = overhang = np.inf
+    else:
+        wanted = "'auto', None or a positive number of radii"
+        limit, overhang = check_number(trim, "trim", wanted, lambda x: x > 0), np.inf
+    return TreeSettings(surface, samples, refine, limit, overhang)
+
+
+def settings_of(values: dict[str, Any]) -> TreeSettings:
+    """Settings from the form in which a file keeps them."""
+    settings = TreeSettings(**values)
+    if settings.surface not in SURFACES or not all(isinstance(value, int | float) for value in settings[1:]):
+        raise ValueError("its settings are unknown")
+    return settings

@@ -1,0 +1,76 @@
+"""The splats that a tree keeps, read back, and how far it extends."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
+from ...engine.kernels.tree import BLOCK, INV_R2, NODE, NX, PX, WIDTH, Tree
+
+CHUNK = 1 << 14  # splats of a tile
+
+Floats = NDArray[np.float32]
+
+
+class Stored(NamedTuple):
+    """Splats that a tree keeps.
+
+    rows : (m,) int64, the caller's row of each
+    positions, normals : (m, 3) float32
+    noise : (m,) float32, what was smoothed away, of four splats side by side the most; None if nothing was
+    """
+
+    rows: NDArray[np.int64]
+    positions: Floats
+    normals: Floats
+    noise: Floats | None
+
+
+@kernel
+def _unpack(work: Array, blocks: Array, slots: Array, positions: Array, normals: Array) -> int:
+    blocks, slots, positions, normals = borrow(blocks), borrow(slots), borrow(positions), borrow(normals)
+    tile = next_tile(work)
+    while tile >= 0:
+        for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(slots))):
+            slot = i64(slots[i])
+            at = slot // 4 * BLOCK + slot % 4
+            for c in range(3):
+                positions[i, c], normals[i, c] = blocks[at + PX + 4 * c], blocks[at + NX + 4 * c]
+        tile = next_tile(work)
+    return 0
+
+
+def stored_splats(tree: Tree, by_row: bool = True) -> Stored:
+    """All splats of a tree, as new arrays, in the order of their rows, or as they are stored: neighbours together."""
+    slots = np.flatnonzero(tree.order >= 0)
+    rows = tree.order[slots].astype(np.int64)
+    if by_row and len(rows):
+        slot_of = np.full(rows.max() + 1, -1)
+        slot_of[rows] = slots
+        rows = np.flatnonzero(slot_of >= 0)
+        slots = slot_of[rows]
+    positions, normals = np.empty((2, len(slots), 3), np.float32)
+    run(_unpack, -(-len(slots) // CHUNK), tree.blocks, slots, positions, normals)
+    noise = tree.noise[slots // 4] if tree.noise.size else None
+    return Stored(rows, positions, normals, noise)
+
+
+def radii_of(tree: Tree) -> Floats:
+    """The radii of all splats of a tree, but for rounding, in the order in which they are stored."""
+    inverse = tree.blocks.reshape(-1, BLOCK)[:, INV_R2 : INV_R2 + 4].reshape(-1)
+    return np.asarray(1.0 / np.sqrt(inverse[tree.order >= 0]))
+
+
+def reach_of(tree: Tree) -> NDArray[np.float64] | None:
+    """Bounds of all that rays can hit, (2, 3) about the origin; None: there is nothing."""
+    root = tree.boxes[:NODE].reshape(2, 3, WIDTH)
+    reach = np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
+    return reach if (reach[0] <= reach[1]).all() else None
+
+
+def longest_leaf(tree: Tree) -> int:
+    """The number of blocks in the longest leaf."""
+    return 16 * int(tree.spans[1::2].max(initial=0))

@@ -1,0 +1,70 @@
+"""The binary kd-tree collapsed into wide nodes: a ray is tested against the eight tight boxes of a node at once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...engine.jit import Array, inline, kernel
+from ...engine.kernels.tree import NO_CHILD, NODE, WIDTH
+
+
+@inline
+def _area(box: Array) -> float:
+    """Half the surface of a box; negative for an empty one."""
+    x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
+    if not (x >= 0.0 and y >= 0.0 and z >= 0.0):
+        return -1.0
+    return x * y + y * z + z * x
+
+
+@kernel
+def enclose(children: Array, leaf_of: Array, tight: Array, boxes: Array) -> None:
+    """Compute the boxes of the binary nodes, (nodes, 6) float64, from the leaves' tight boxes upwards."""
+    for node in range(len(children) - 1, -1, -1):
+        box = boxes[node]
+        if children[node, 0] < 0:
+            box[:] = tight[leaf_of[node]]
+            continue
+        a, b = boxes[children[node, 0]], boxes[children[node, 1]]
+        for c in range(3):
+            box[c] = min(a[c], b[c])
+            box[3 + c] = max(a[3 + c], b[3 + c])
+
+
+@kernel
+def collapse(children: Array, leaf_of: Array, boxes: Array, out: tuple[Array, Array]) -> int:
+    """Open the child with the largest surface until a node has eight children; returns the number of wide nodes."""
+    wide_boxes, wide_children = out
+    pending = np.empty(len(children) + 1, np.int32)  # the binary node of each wide node
+    pending[0] = 0
+    total, node = 1, 0
+    members = np.empty(WIDTH, np.int32)
+    while node < total:
+        members[0] = pending[node]
+        count = 1
+        while count < WIDTH:
+            best, largest = -1, -1.0
+            for k in range(count):
+                if children[members[k], 0] >= 0 and _area(boxes[members[k]]) > largest:
+                    best, largest = k, _area(boxes[members[k]])
+            if best < 0:
+                break
+            opened = members[best]
+            members[best] = children[opened, 0]
+            members[count] = children[opened, 1]
+            count += 1
+        for k in range(WIDTH):
+            empty = k >= count or _area(boxes[members[k]]) < 0.0
+            for c in range(3):
+                wide_boxes[node * NODE + c * WIDTH + k] = np.inf if empty else boxes[members[k], c]
+                wide_boxes[node * NODE + (3 + c) * WIDTH + k] = -np.inf if empty else boxes[members[k], 3 + c]
+            if empty:
+                wide_children[node * WIDTH + k] = NO_CHILD
+            elif children[members[k], 0] < 0:
+                wide_children[node * WIDTH + k] = ~leaf_of[members[k]]
+            else:
+                wide_children[node * WIDTH + k] = total
+                pending[total] = members[k]
+                total += 1
+        node += 1
+    return total
