@@ -27,7 +27,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 
 from accuracy_tables import HEAD, beside, choice_table, line, plot, verdict_table
 from measure import WIDE, Row, Setting, cloud_of, measure
-from pointray.model import SURFACE
+from pointray.model.model import SURFACE
 from truth import FOLDER, MESHES, Truth, truth
 from verdicts import MANY, SOLID, verdicts
 

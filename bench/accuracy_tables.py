@@ -13,7 +13,7 @@ import numpy as np
 from rich.table import Table
 
 from measure import Row
-from pointray.model import SURFACE
+from pointray.model.model import SURFACE
 from truth import MESHES
 from verdicts import Verdict
 

@@ -155,7 +155,7 @@ def measure(name: str, folder: Path, points: pr.Points, runs: int) -> str:
 
 def second_view(folder: Path) -> str:
     """How long a model that was kept takes to be there, against building it."""
-    from pointray import model_cache
+    from pointray.model import model_cache
 
     path = folder / "large.las"
     entry = model_cache.entry_of([path], {"bench": True})

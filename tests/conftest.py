@@ -77,7 +77,7 @@ def one_signature_a_kernel(tmp_path_factory: pytest.TempPathFactory) -> Iterator
 def no_models_are_kept() -> Iterator[None]:
     """Commands that tests run keep no models in the user's cache, unless a test is about that."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("pointray.model_cache.WORTH", 10**12)
+        patch.setattr("pointray.model.model_cache.WORTH", 10**12)
         yield
 
 

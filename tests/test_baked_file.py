@@ -14,7 +14,7 @@ import pytest
 
 import pointray as pr
 from attack.model_files import copied, join, split
-from pointray import array_file
+from pointray.model import array_file
 
 QUICK = pr.BakeSettings(links=4, patches=600, noise=1.0)
 SKY = pr.EnvironmentLight(1.0, ground=0.3)

@@ -9,9 +9,9 @@ import time
 import pytest
 
 import pointray as pr
-from pointray import model_cache
 from pointray.cli import execute
 from pointray.cli.scan_scene import PLAIN
+from pointray.model import model_cache
 from pointray.viewer import loading
 
 SIZE = ["--size", "64x48", "--spp", "1", "--light", "headlight"]

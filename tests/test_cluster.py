@@ -19,7 +19,7 @@ from pointray.cluster.client import check_client
 from pointray.cluster.crew import Crew
 from pointray.cluster.dispatch import Job
 from pointray.cluster.parcels import parcels_of
-from pointray.parts.split import split
+from pointray.model.out_of_core.split import split
 from pointray.rendering import sequence
 from pointray.rendering.pieces import MOST_PIXELS, cut, in_order, pieces_for
 from pointray.rendering.sequence import render_each

@@ -29,10 +29,10 @@ from pointray.engine.jit import run
 from pointray.engine.jit.threads import CANCEL
 from pointray.io.files import request_of
 from pointray.io.selection import Selection
-from pointray.parts import alone as alone_module
-from pointray.parts import prepare as prepare_module
-from pointray.parts.prepare import part_points_for, part_points_within, prepare
-from pointray.parts.work import Work, _do_once
+from pointray.model.out_of_core import exclusive_lock as alone_module
+from pointray.model.out_of_core import prepare as prepare_module
+from pointray.model.out_of_core.prepare import part_points_for, part_points_within, prepare
+from pointray.model.out_of_core.work import Work, _do_once
 from pointray.surface.splats.scattered.spheres import Drawing
 from pointray.surface.tree.settings import check_settings
 
@@ -247,7 +247,7 @@ def square(k: int) -> int:
 @pytest.mark.long
 def test_an_error_of_a_worker_is_raised_here(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     statue(tmp_path / "a.ply")
-    monkeypatch.setattr("pointray.parts.tasks.check_size", full)
+    monkeypatch.setattr("pointray.model.out_of_core.tasks.check_size", full)
     text = "a.ply: No space left on device: make room and run the same command again, it goes on"
     with pytest.raises(OSError, match="No space left") as told:
         prepared(tmp_path / "a.ply", tmp_path / "a", client)

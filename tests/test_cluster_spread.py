@@ -23,7 +23,7 @@ from conftest import long
 from pointray.cli import execute
 from pointray.cluster import worker as worker_module
 from pointray.cluster.dispatch import SLOW_AT_HOME, Dispatch, Job
-from pointray.parts.split import split
+from pointray.model.out_of_core.split import split
 from pointray.rendering.waves.travel import traffic
 
 MAIN = threading.main_thread()
@@ -263,7 +263,9 @@ def test_a_folder_that_a_worker_does_not_see_is_told(
     client: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = scene_with(Path(shutil.copytree(folder, tmp_path / "b.pointray")))
-    monkeypatch.setattr("pointray.model_file.Place.is_there", property(lambda self: threading.current_thread() is MAIN))
+    monkeypatch.setattr(
+        "pointray.model.model_file.Place.is_there", property(lambda self: threading.current_thread() is MAIN)
+    )
     with pytest.raises(ValueError, match=r"a worker does not see .*b\.pointray"):
         pr.render(scene, camera_of(16, 16), client=client, spread=True)
     with client.as_current(), pytest.raises(ValueError, match=r"spread: a worker does not see .*b\.pointray"):

@@ -18,12 +18,12 @@ from pointray.cli import execute
 from pointray.cloud.neighbors import NeighborTree, kd_order
 from pointray.io.files import request_of
 from pointray.io.selection import Selection
-from pointray.parts import prepare as prepare_module
-from pointray.parts.arrange import boxes_of
-from pointray.parts.large import Large
-from pointray.parts.local import REACH, local_of
-from pointray.parts.prepare import part_points_within, prepare
-from pointray.parts.work import Work
+from pointray.model.out_of_core import prepare as prepare_module
+from pointray.model.out_of_core.arrange import boxes_of
+from pointray.model.out_of_core.builder import Large
+from pointray.model.out_of_core.local import REACH, local_of
+from pointray.model.out_of_core.prepare import part_points_within, prepare
+from pointray.model.out_of_core.work import Work
 from pointray.surface.splats.scattered.spheres import ALL_SURFACE
 from pointray.surface.tree.settings import check_settings
 from pointray.surface.tree.stored import stored_splats

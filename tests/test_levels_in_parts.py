@@ -16,11 +16,12 @@ from pointray.cli import execute
 from pointray.cloud.neighbors import kd_order
 from pointray.io.files import request_of
 from pointray.io.selection import Selection
-from pointray.model_folder import INDEX
-from pointray.parts import coarser, levels
-from pointray.parts.prepare import prepare
-from pointray.parts.split import split
-from pointray.parts.trees import cells_of, plan_of, shown, tree_within
+from pointray.model.model_folder import INDEX
+from pointray.model.out_of_core import level_steps as coarser
+from pointray.model.out_of_core import levels
+from pointray.model.out_of_core.prepare import prepare
+from pointray.model.out_of_core.split import split
+from pointray.model.out_of_core.trees import cells_of, plan_of, shown, tree_within
 from pointray.surface.splats.levels import LEAST_POINTS
 from pointray.surface.splats.scattered.spheres import ALL_SURFACE
 from pointray.surface.tree.build import build_tree
@@ -287,7 +288,7 @@ def test_memory_is_bounded_by_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyP
         finally:
             inside[0] = False
 
-    import pointray.parts.finish as finish_module
+    import pointray.model.out_of_core.finish as finish_module
 
     write = finish_module.write_levels
     monkeypatch.setattr(Column, "__getitem__", counted)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pointray.parts.members import among, distinct_numbers
+from pointray.model.out_of_core.sorted_sets import among, distinct_numbers
 
 
 @pytest.mark.parametrize("size", [1, 2, 1000])

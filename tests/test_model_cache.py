@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray import model_cache
 from pointray.cli import execute
-from pointray.model_cache import entry_of
+from pointray.model import model_cache
+from pointray.model.model_cache import entry_of
 
 MADE = {"surface": None, "samples": 4}
 
@@ -158,7 +158,7 @@ WRITER = """
 import sys
 from pathlib import Path
 import pointray as pr
-from pointray import model_cache
+from pointray.model import model_cache
 from pointray.cli import execute
 model_cache.WORTH = 100
 models = [pr.Model(pr.procedural("sphere", n)) for n in (2000, 3000)]

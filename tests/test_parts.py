@@ -12,12 +12,12 @@ from PIL import Image
 
 import pointray as pr
 from conftest import long, shared_model
-from pointray.array_file import read_arrays
 from pointray.cli import execute
-from pointray.model_file import KIND
-from pointray.model_folder import INDEX, POINTS, LevelFile, PartFile, write_level, write_part
-from pointray.parts.split import split
-from pointray.parts.trees import nth_least
+from pointray.model.array_file import read_arrays
+from pointray.model.model_file import KIND
+from pointray.model.model_folder import INDEX, POINTS, LevelFile, PartFile, write_level, write_part
+from pointray.model.out_of_core.split import split
+from pointray.model.out_of_core.trees import nth_least
 from pointray.surface.tree.build import build_tree
 from pointray.surface.tree.parts import splats_of
 
@@ -337,7 +337,7 @@ def test_nothing_is_left_where_writing_fails(tmp_path: Path, monkeypatch: pytest
     def full(*arguments: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pointray.parts.trees.write_part", full)
+    monkeypatch.setattr("pointray.model.out_of_core.trees.write_part", full)
     with pytest.raises(OSError, match="No space"):
         split(pr.Model(pr.procedural("sphere", 2000)), tmp_path / "a.pointray")
     assert not (tmp_path / "a.pointray").exists()

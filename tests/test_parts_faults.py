@@ -19,11 +19,11 @@ from pointray.base.disk_columns import Column
 from pointray.cli import execute
 from pointray.io.files import request_of
 from pointray.io.selection import Selection
-from pointray.model_folder import INDEX, SURFACE_ONLY
-from pointray.parts import alone as alone_module
-from pointray.parts import prepare as prepare_module
-from pointray.parts.large import Large
-from pointray.parts.prepare import begun_points, prepare
+from pointray.model.model_folder import INDEX, SURFACE_ONLY
+from pointray.model.out_of_core import exclusive_lock as alone_module
+from pointray.model.out_of_core import prepare as prepare_module
+from pointray.model.out_of_core.builder import Large
+from pointray.model.out_of_core.prepare import begun_points, prepare
 from pointray.surface.tree.settings import check_settings
 
 SIZE = 1 << 14  # the least there is for so few points
@@ -256,7 +256,7 @@ def test_any_column_may_be_half_written(
         return put(self, data, place)
 
     monkeypatch.setattr(Column, "_put", fail)
-    monkeypatch.setattr("pointray.parts.arrange.CHUNK", 4096)
+    monkeypatch.setattr("pointray.model.out_of_core.arrange.CHUNK", 4096)
     monkeypatch.setattr("pointray.io.spooling.convert.CHUNK", 4096)
     second = {"positions": 2, "scattered.colors": 2, "cloud.normals": 2}  # of later columns only one part is left
     for name in (*second, "tiles", "merged", "placed", "normals", "radii"):

@@ -16,17 +16,17 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray import residence
-from pointray.array_file import drop_pages
 from pointray.cli import execute
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_scene import PLAIN
 from pointray.cli.serve import shared_scene_of
-from pointray.model_file import check_level
-from pointray.model_folder import INDEX, read_folder, read_part, write_index, write_level, write_part
-from pointray.parts.split import split
+from pointray.model import residency as residence
+from pointray.model.array_file import drop_pages
+from pointray.model.model_file import check_level
+from pointray.model.model_folder import INDEX, read_folder, read_part, write_index, write_level, write_part
+from pointray.model.out_of_core.split import split
+from pointray.model.residency import Key
 from pointray.rendering.window import may_see
-from pointray.residence import Key
 from pointray.staging import sample
 from pointray.viewer.painter import Frame, FrameRequest, Painter
 from pointray.viewer.view_settings import ViewSettings
@@ -51,7 +51,7 @@ def terrain() -> pr.Points:
 
 def give_levels(folder: Path, patch: pytest.MonkeyPatch) -> None:
     """Give each large part levels of detail, made of its own points."""
-    patch.setattr("pointray.model.LEAST_POINTS", 100)
+    patch.setattr("pointray.model.model.LEAST_POINTS", 100)
     index, whole = read_folder(folder)
     parts, start = [], 0
     for number, file in enumerate(index.parts):
@@ -255,7 +255,7 @@ def test_a_sound_file_is_checked_once_unless_it_changes(folder: Path, monkeypatc
         checked.append(points)
         check_level(tree, points)
 
-    monkeypatch.setattr("pointray.model_folder.check_level", check)
+    monkeypatch.setattr("pointray.model.model_folder.check_level", check)
     model = pr.Model.load(folder, memory=1)
     for number in (0, 1, 0, 1, 0):
         _ = model.parts[number].tree

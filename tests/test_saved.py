@@ -9,9 +9,9 @@ import pytest
 
 import pointray as pr
 from conftest import shared_model
-from pointray.array_file import ALIGN
 from pointray.cli import execute
 from pointray.engine.kernels.tree import BORDERED, LEAF, LONGEST, REFINE, SHEETED, STEP, SURFACE, Tree
+from pointray.model.array_file import ALIGN
 
 
 def cloud(rng, n):

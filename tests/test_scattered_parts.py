@@ -18,9 +18,9 @@ from pointray.cli import execute
 from pointray.cloud.neighbors import kd_order
 from pointray.io.files import request_of
 from pointray.io.selection import Selection
-from pointray.model_folder import INDEX
-from pointray.parts.prepare import prepare
-from pointray.parts.split import split
+from pointray.model.model_folder import INDEX
+from pointray.model.out_of_core.prepare import prepare
+from pointray.model.out_of_core.split import split
 from pointray.surface.splats.scattered.classification import find_scattered, scattered_places
 from pointray.surface.splats.scattered.spheres import Drawing
 from pointray.surface.tree.settings import check_settings

@@ -17,9 +17,9 @@ from pointray.cloud.normals.layers import Layers, sides
 from pointray.cloud.normals.orientation import NEAR, agree, orient
 from pointray.cloud.normals.outward import LARGE, SAMPLE, take_sample
 from pointray.cloud.normals.votes import STEPS, Votes, sum_of
-from pointray.parts import ballots
-from pointray.parts.ballots import Ballots, drop_all, keep, name_of
-from pointray.parts.signs import GROUP, PIECE, POINTS, SIGN, SIGNED, Local, Signs, firsts_of
+from pointray.model.out_of_core import disk_votes as ballots
+from pointray.model.out_of_core.disk_votes import Ballots, drop_all, keep, name_of
+from pointray.model.out_of_core.signs import GROUP, PIECE, POINTS, SIGN, SIGNED, Local, Signs, firsts_of
 
 STRETCH = 2048  # points that a margin consists of
 
@@ -118,7 +118,7 @@ def signs_of(cloud, folder, order=lambda parts: parts):
 
 @pytest.mark.parametrize("name", ["bubbles", "crossing", long("terrain"), long("lucy"), long("statue")])
 def test_parts_have_the_signs_of_the_whole(name, tmp_path, monkeypatch):
-    monkeypatch.setattr("pointray.parts.ballots.PIECES", 1000)
+    monkeypatch.setattr("pointray.model.out_of_core.disk_votes.PIECES", 1000)
     cloud = made(name)
     signs = signs_of(cloud, tmp_path)
     assert cloud.parts > 3 and min(cloud.loaded) < len(cloud.path)

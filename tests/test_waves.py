@@ -10,7 +10,7 @@ import pytest
 import pointray as pr
 from clusters import assert_alike, ball, camera_of, scene_of
 from conftest import long, sphere_points
-from pointray.parts.split import split
+from pointray.model.out_of_core.split import split
 from pointray.rendering.picture import kernel_for
 from pointray.rendering.plan import plan
 from pointray.rendering.waves.recall import recalled_for, recalled_quick, recalled_sampled

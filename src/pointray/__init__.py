@@ -27,7 +27,7 @@ _HOME = {
     "Emissive": "shade.materials.diffuse",
     "Hits": "scene.rays",
     "Mirror": "shade.materials.specular",
-    "Model": "model",
+    "Model": "model.model",
     "Phong": "shade.materials.phong",
     "Plane": "scene.instances",
     "PointLight": "shade.lights",
@@ -94,7 +94,7 @@ if TYPE_CHECKING:
     from .io.files import write as write
     from .io.known_formats import formats as formats
     from .io.trajectory import eyes_along as eyes_along
-    from .model import Model as Model
+    from .model.model import Model as Model
     from .procedural_models import procedural as procedural
     from .procedural_models import procedural_distance as procedural_distance
     from .rendering.camera import Camera as Camera

@@ -22,8 +22,8 @@ import pointray as pr
 from attack import Attack, WrongError
 from attack.model_files import JSONS, anything, split
 from attack.mutate import Rng, corrupt, pick
-from pointray import model_cache
 from pointray.cli import execute
+from pointray.model import model_cache
 
 ROWS = 300
 

@@ -23,7 +23,7 @@ from attack import Attack, CrashError, WrongError
 from attack.mutate import Rng, pick
 from attack.writers import LEFTOVERS, Write, commands, film, frame_image, in_child, versions_of, writers
 from pointray.io.known_formats import written
-from pointray.model_file import SAVED
+from pointray.model.model_file import SAVED
 
 LONGEST = 0.06  # seconds until the kill, at least
 TIMES = 3  # the kill comes within so many times what a file takes

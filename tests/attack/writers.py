@@ -22,11 +22,11 @@ import numpy as np
 
 import pointray as pr
 from attack import CrashError, WrongError
-from pointray import model_cache
 from pointray.cli import execute
 from pointray.image.frames import Frames
 from pointray.io.known_formats import written
-from pointray.model_file import SAVED
+from pointray.model import model_cache
+from pointray.model.model_file import SAVED
 
 Write = Callable[[Path, int], None]
 SIZE = (64, 48)

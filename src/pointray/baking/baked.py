@@ -16,7 +16,7 @@ from ..cluster.client import Client
 from ..cluster.crew import Crew, taken
 from ..engine.jit import Array
 from ..engine.kernels.records import World
-from ..model import Model
+from ..model.model import Model
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .budget import coarseness, levels_of

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
 from ..engine.kernels.records import DIRECT, INDIRECT, INSTANCE, KIND, MODEL, MOMENTS, RECORD, SHAPE_ROW, SPREAD
-from ..model import Model
+from ..model.array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
+from ..model.model import Model
 from ..scene.world import Snapshot
 from .kept import Kept
 from .keys import Keys, difference, keys_of

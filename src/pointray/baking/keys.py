@@ -26,7 +26,7 @@ from ..engine.kernels.records import (
     SHAPE_ROW,
     TO_MODEL,
 )
-from ..model import Model
+from ..model.model import Model
 from ..scene.world import Snapshot
 
 KINDS = {MODEL: "model", PLANE: "plane", CATCHER: "shadow catcher"}

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..engine.jit import run, uncompiled
 from ..engine.kernels.records import DIRECT, INDIRECT, RECORD
-from ..model import Model
+from ..model.model import Model
 from ..shade.rgbe import unpack_rgbe
 from .bounces import GRAY, SEES_SKY
 from .levels import Spread, at_knots, over_splats

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..engine.jit import compilations, compile_seconds, thread_count
 from ..image import write_image
-from ..model import Model
+from ..model.model import Model
 from ..procedural_models import procedural
 from ..rendering.camera import Camera
 from ..rendering.picture import render

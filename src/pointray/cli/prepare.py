@@ -16,11 +16,11 @@ from ..base.warning_log import warn
 from ..cloud.normals.validation import trusted
 from ..io.selection import Selection
 from ..io.trajectory import read_trajectory
-from ..model import SURFACE
-from ..model_file import SAVED
-from ..parts.prepare import begun_points, check_unfinished, fits, part_points_for
-from ..parts.prepare import prepare as prepare_parts
-from ..parts.split import PART, check_new, split
+from ..model.model import SURFACE
+from ..model.model_file import SAVED
+from ..model.out_of_core.prepare import begun_points, check_unfinished, fits, part_points_for
+from ..model.out_of_core.prepare import prepare as prepare_parts
+from ..model.out_of_core.split import PART, check_new, split
 from ..surface.splats.radii import radii_in
 from ..surface.splats.scattered.spheres import Drawing
 from ..surface.tree.settings import check_settings

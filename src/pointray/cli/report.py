@@ -17,7 +17,7 @@ from ..cloud.normals.comparison import compare_normals
 from ..cloud.normals.validation import told
 from ..cloud.points import Points
 from ..cloud.rounding import find_rounding
-from ..model import Model
+from ..model.model import Model
 from ..surface.splats.radii import radii_in
 from ..surface.splats.support import find_support
 

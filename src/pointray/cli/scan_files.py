@@ -16,7 +16,7 @@ FEW = 3  # files that a note names
 
 def is_saved(file: Path) -> bool:
     """Whether a file has the extension of saved models; those in parts are folders."""
-    from ..model_file import SAVED
+    from ..model.model_file import SAVED
 
     return file.suffix.lower() == SAVED
 
@@ -65,7 +65,7 @@ class ScanFiles:
 
     def entry(self, **made: Any) -> Any:
         """The place of its model in the cache, if it may be there; made : how the model is made"""
-        from ..model_cache import entry_of
+        from ..model.model_cache import entry_of
 
         return entry_of(self.files, {"reading": self.reading.inputs, **made}) if self.cached else None
 
@@ -76,7 +76,7 @@ class ScanFiles:
 
     def verify(self) -> None:
         """Raise an error if a file of a model in parts is not the one that its index describes."""
-        from ..model_folder import verify_folder
+        from ..model.model_folder import verify_folder
 
         if not self.is_in_parts:
             raise ValueError("--verify is for models in parts")
@@ -141,7 +141,7 @@ def check_scan(file: Path, reading: Reading | None = None) -> None:
     """Raise an error if a scan or a saved model cannot be opened, or a scan's header is wrong."""
     from ..base.atomic_write import check_regular
     from ..io.files import check_readable
-    from ..model_folder import check_folder
+    from ..model.model_folder import check_folder
 
     if is_in_parts(file):
         check_folder(file)

@@ -234,7 +234,7 @@ class ScanScene:
         """The model of the files, which are a scan or a saved model."""
         import pointray as pr
 
-        from ..model_cache import built
+        from ..model.model_cache import built
 
         files, saved = self.files, self.files.saved
         progress.show("reading", 0.0)

@@ -10,5 +10,5 @@ chores : functions that workers call with numbers, such as those of parts, witho
 dispatch : which worker does which job, again where one has died or is slow
 
 What jobs do is not known here: `rendering/pieces.py`, `rendering/sequence.py` and `baking/stretches.py` make them, and
-`parts/work.py` chores. Nor is what chunks are: see `scene/casting.py`. Begin with crew.
+`model/out_of_core/work.py` chores. Nor is what chunks are: see `scene/casting.py`. Begin with crew.
 """

@@ -11,8 +11,8 @@ from contextlib import suppress
 from typing import Any
 
 from ..base.warning_log import warn
-from ..model import Model
-from ..model_file import Place
+from ..model.model import Model
+from ..model.model_file import Place
 from .client import check_client, memory_of, unfit
 from .dispatch import Dispatch, Job
 from .parcels import Parcel, check_spreadable, parcels_of

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..model_file import Place
+from ..model.model_file import Place
 from .parcels import Parcel
 from .worker import UnseenFileError
 

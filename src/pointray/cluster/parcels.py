@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from ..model import Model
-from ..model_file import Place
+from ..model.model import Model
+from ..model.model_file import Place
 
 PATIENCE = 5  # seconds for any worker to be there
 

@@ -12,7 +12,7 @@ import pickle
 from collections.abc import Sequence
 from typing import Any, Protocol
 
-from ..model import Model
+from ..model.model import Model
 
 
 class Stage(Protocol):

@@ -14,8 +14,8 @@ from contextlib import suppress
 from typing import Any
 from weakref import WeakKeyDictionary
 
-from ..model import Model
-from ..model_file import Place
+from ..model.model import Model
+from ..model.model_file import Place
 from .client import check_client
 from .parcels import Parcel, Parcels, check_spreadable, parcels_of
 from .recipe import Stage, write_recipe

@@ -16,8 +16,8 @@ from weakref import WeakKeyDictionary, WeakValueDictionary
 import numpy as np
 
 from ..engine.kernels.tree import Tree
-from ..model import Model
-from ..model_file import Place
+from ..model.model import Model
+from ..model.model_file import Place
 from .recipe import read_recipe
 
 SCENES, FILES = 2, 8  # scenes that a worker keeps, and files of models; the least recently used ones go

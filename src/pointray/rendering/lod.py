@@ -21,7 +21,7 @@ from ..engine.kernels.records import (
     TO_MODEL,
     World,
 )
-from ..model import COARSER, Model
+from ..model.model import COARSER, Model
 from ..scene.shown import instances_of, world_showing
 from ..scene.world import Snapshot
 from ..surface.splats.levels import SUPPORT

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.kernels.records import INSTANCE, KIND, MODEL, SHAPE_ROW
-from ..model import Model
+from ..model.model import Model
 from ..surface.trace.cast import PLAIN, Pace, blend_attribute
 from .paints import categories_in
 from .world import Snapshot

@@ -31,7 +31,7 @@ from ..engine.kernels.records import (
     SHAPE_ROW,
     TO_MODEL,
 )
-from ..model import Model
+from ..model.model import Model
 from ..shade.materials.base import Material
 from ..shade.materials.diffuse import Diffuse
 from ..surface.tree.instance_bvh import boxes_around

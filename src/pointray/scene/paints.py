@@ -26,7 +26,7 @@ from ..engine.kernels.records import (
     PAINT_START,
 )
 from ..image.tone import srgb_to_linear
-from ..model import Model
+from ..model.model import Model
 from ..shade.attributes import COORDINATES, Attribute, category_colors
 from ..shade.colormaps import colormap, shows_classes
 

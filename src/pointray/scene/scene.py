@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_flag, check_mapping, rgb, wrong
 from ..cluster.arrays import is_chunked
-from ..model import Model
+from ..model.model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights
 from ..shade.lights import Light

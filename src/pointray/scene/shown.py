@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..engine.kernels.records import BY_COORDINATE, INSTANCE, PAINT, PAINT_KIND, PAINT_SIZE, SHAPE_ROW, World
 from ..engine.kernels.tree import Tree, model_table, no_tree
-from ..model import Model
+from ..model.model import Model
 from ..shade.attributes import Attribute
 from .paints import Paints
 

@@ -23,7 +23,7 @@ from ..engine.kernels.records import (
     World,
 )
 from ..image.tone import srgb_to_linear
-from ..model import Model
+from ..model.model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights, no_sky
 from ..shade.lights import Light, fixed, goes_along

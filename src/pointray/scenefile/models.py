@@ -17,9 +17,9 @@ from ..io.files import check_readable, read
 from ..io.known_formats import extensions
 from ..io.reading import check_reading
 from ..io.unpacking import PACKED
-from ..model import SURFACE, Model
-from ..model_file import SAVED
-from ..model_folder import check_folder
+from ..model.model import SURFACE, Model
+from ..model.model_file import SAVED
+from ..model.model_folder import check_folder
 from ..procedural_models import MOST, NAMES, procedural
 from ..surface.splats.radii import radii_in
 from ..surface.splats.scattered.spheres import check_drawing

@@ -13,7 +13,7 @@ from ..base.arguments import Vector, check_choice, check_direction, check_kind, 
 from ..base.choices import AUTO, VIEWS
 from ..base.warning_log import warn
 from ..cloud.points import Points
-from ..model import Model
+from ..model.model import Model
 from ..rendering.camera import SIZE, Camera
 from ..scene.scene import Scene
 from .coverage import LEAST, coverage, of_largest_cluster

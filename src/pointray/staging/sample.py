@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..cloud.points import STRETCHES, Points, spread_rows
 from ..engine.kernels.records import TO_MODEL
 from ..engine.kernels.tree import Tree
-from ..model import Model
+from ..model.model import Model
 from ..scene.scene import Scene
 from .clusters import find_main, places
 from .fitted import fitted_normals

@@ -21,8 +21,8 @@ from ..image.frames import Frames
 from ..image.mp4 import check_mp4, write_mp4
 from ..image.tone import srgb_to_linear
 from ..image.write import SHOWN_BYTES, check_image_path, write_image
-from ..model import SURFACE, Model
-from ..model_file import SAVED
+from ..model.model import SURFACE, Model
+from ..model.model_file import SAVED
 from ..rendering.camera_path import turntable
 from ..rendering.picture import check_picture, picture_bytes, render
 from ..rendering.settings import Settings

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 
-from ..model import Model
+from ..model.model import Model
 from .niceness import PARTS, yield_to_others
 
 log = logging.getLogger("pointray.view")

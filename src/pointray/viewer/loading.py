@@ -16,9 +16,9 @@ from ..cloud.normals.validation import check_normals_choice, judged, replaced
 from ..cloud.outliers import without_strays
 from ..cloud.points import Points, spread_rows
 from ..io.files import read
-from ..model import Model
-from ..model_cache import Entry, built
-from ..model_file import SAVED
+from ..model.model import Model
+from ..model.model_cache import Entry, built
+from ..model.model_file import SAVED
 from ..rendering.settings import Settings
 from ..rendering.warmup import NORMALS, expect, is_warm, wait_until_warm
 from ..scene.scene import Scene

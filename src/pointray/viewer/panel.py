@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..base.choices import AUTO, BACKFACES, COLORMAPS, CURVES, EXPOSED, INTEGRATORS, LIGHTS, SCATTER, SURFACES
-from ..model import SURFACE
+from ..model.model import SURFACE
 from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES
 from ..staging import LOOKS, STUDIO

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cloud.georeference import RESIDUAL
-from ..model import Model
+from ..model.model import Model
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute, category_name

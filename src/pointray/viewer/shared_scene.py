@@ -14,7 +14,7 @@ from ..base.arguments import check_direction
 from ..base.choices import AS_SPHERES, AUTO
 from ..base.memory import give_back
 from ..engine.jit import BACKLOG
-from ..model import Model
+from ..model.model import Model
 from ..rendering.camera import Camera
 from ..rendering.settings import Settings
 from ..scene.scene import Scene

@@ -16,7 +16,7 @@ from ..base.choices import AUTO, EXPOSED, SAME
 from ..cloud.georeference import RESIDUAL
 from ..image.exposure import tone_of, white_under
 from ..image.tone import GRADIENT, Backdrop, linear_to_srgb, srgb_to_linear
-from ..model import Model
+from ..model.model import Model
 from ..rendering.settings import Settings
 from ..scene.instances import Plane
 from ..scene.paints import check_attribute

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...cloud.points import Points
 from ...engine.jit import compile_seconds
-from ...model import Model
+from ...model.model import Model
 from ...procedural_models import procedural
 from ...rendering.camera import Camera
 from ...rendering.picture import render

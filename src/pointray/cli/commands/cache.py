@@ -14,7 +14,7 @@ def cache(
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """Models of scans that were built before, which view, render and animate take the next time."""
-    from ... import model_cache
+    from ...model import model_cache
     from ..tables import show_table
 
     if info and clear:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Column, Columns
-from ..base.progress import Progress, part_of, tell
-from ..cloud.neighbors import kd_order
-from ..cloud.neighbors.cuts import Cuts, find_cuts
+from ...base.disk_columns import Column, Columns
+from ...base.progress import Progress, part_of, tell
+from ...cloud.neighbors import kd_order
+from ...cloud.neighbors.cuts import Cuts, find_cuts
 
 CHUNK = 1 << 20  # rows that are scattered at once
 TILE = 1 << 12  # points of the kd order that are read together: the unit of margins

@@ -7,10 +7,10 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Column
-from ..cloud.neighbors import NeighborTree
-from ..cloud.normals.layers import KEPT, sides
-from ..cloud.normals.orientation import NEAR
+from ...base.disk_columns import Column
+from ...cloud.neighbors import NeighborTree
+from ...cloud.normals.layers import KEPT, sides
+from ...cloud.normals.orientation import NEAR
 from . import signs
 from .local import Local
 from .signs import PIECE, SIGN, SIGNED, Outlook, Shared, Signs, Whole, firsts_of

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
+from ..base.memory import available_memory
+from ..engine.kernels.tree import Tree
 from .array_file import drop_pages
-from .base.memory import available_memory
-from .engine.kernels.tree import Tree
 from .model_file import Level
 from .model_folder import Index, LevelFile, PartFile, read_level, read_part
 

@@ -21,9 +21,9 @@ from typing import Any
 
 import platformdirs
 
-from .base.atomic_write import replacing, sweep
-from .base.dependencies import ROOT, key_of
-from .base.warning_log import heard, warn
+from ..base.atomic_write import replacing, sweep
+from ..base.dependencies import ROOT, key_of
+from ..base.warning_log import heard, warn
 from .model import Model
 from .model_file import SAVED
 
@@ -143,9 +143,11 @@ def clear() -> tuple[int, int]:
 def source_key() -> str:
     """Return a hash of the sources that decide what a model is.
 
-    These are `model.py`, all of `points/`, whose formats are loaded by name, and what these import.
+    These are `model/model.py`, all of `cloud/` and `io/`, whose formats are loaded by name, and what these import.
     """
-    return key_of([ROOT / "model.py", *(ROOT / "points").rglob("*.py")], deferred=True)
+    return key_of(
+        [ROOT / "model/model.py", *(ROOT / "cloud").rglob("*.py"), *(ROOT / "io").rglob("*.py")], deferred=True
+    )
 
 
 def _facts_of(files: Sequence[Path]) -> list[dict[str, Any]]:

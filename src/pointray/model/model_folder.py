@@ -23,10 +23,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.atomic_write import replacing
+from ..cloud.points import Points
+from ..engine.kernels.tree import BOUNDS, HEAD, LONGEST, SCATTER, Tree, no_tree
+from ..surface.tree.stored import longest_leaf, radii_of, reach_of
 from .array_file import Kind, Pieces, read_arrays, take_array, write_arrays
-from .base.atomic_write import replacing
-from .cloud.points import Points
-from .engine.kernels.tree import BOUNDS, HEAD, LONGEST, SCATTER, Tree, no_tree
 from .model_file import (
     LAYOUT,
     SAVED,
@@ -39,7 +40,6 @@ from .model_file import (
     take_tree,
     write_model,
 )
-from .surface.tree.stored import longest_leaf, radii_of, reach_of
 
 INDEX, POINTS = "index.json", "points.pointray"
 UNFINISHED = "unfinished"  # the folder in it that holds what is found until all is done

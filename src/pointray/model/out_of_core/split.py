@@ -11,21 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arguments import check_callback, check_flag, check_path, check_whole
-from ..base.atomic_write import check_writable
-from ..base.disk_columns import Columns
-from ..base.progress import Progress, part_of, tell
-from ..cloud.points import Points
+from ...base.arguments import check_callback, check_flag, check_path, check_whole
+from ...base.atomic_write import check_writable
+from ...base.disk_columns import Columns
+from ...base.progress import Progress, part_of, tell
+from ...cloud.points import Points
+from ...surface.tree.build import Splats
+from ...surface.tree.parts import splats_of, surface_of
+from ...surface.tree.scattered import scattered_of
 from ..model import Model
 from ..model_folder import INDEX, Index, PartFile, write_index, write_points
-from ..surface.tree.build import Splats
-from ..surface.tree.parts import splats_of, surface_of
-from ..surface.tree.scattered import scattered_of
 from . import layer
-from .coarser import ATTRIBUTE, Named
 from .layer import Layer
+from .level_steps import ATTRIBUTE, Named
 from .levels import write_levels
-from .loose import LooseParts, write_loose_levels, write_loose_part
+from .scattered_parts import LooseParts, write_loose_levels, write_loose_part
 from .trees import Trees, cells_of, least_size, write_trees
 from .work import Work
 

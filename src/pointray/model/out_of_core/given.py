@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..base.disk_columns import Column, Columns
-from ..cloud.georeference import SCAN
-from ..cloud.normals.visibility import ignored_stations, station_sample
-from ..cloud.points import Points
-from ..io.spooling.spooled import Spooled
-from ..surface.splats.radii import radii_among
+from ...base.disk_columns import Column, Columns
+from ...cloud.georeference import SCAN
+from ...cloud.normals.visibility import ignored_stations, station_sample
+from ...cloud.points import Points
+from ...io.spooling.spooled import Spooled
+from ...surface.splats.radii import radii_among
 from .arrange import CHUNK
 
 # What is found once: stations that are not believed, and whether there are radii.

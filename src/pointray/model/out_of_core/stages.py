@@ -12,27 +12,27 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Columns
-from ..cloud.denoising.noise import Stretches, examined, points_per_stretch
-from ..cloud.denoising.smooth import Fitting, Noise, noise_by, smooth_known
-from ..cloud.georeference import Survey
-from ..cloud.kd_ordering import Path
-from ..cloud.neighbors import distinct, take
-from ..cloud.normals.estimate import estimate_normals, seen_from, with_units
-from ..cloud.normals.jets import survey
-from ..cloud.normals.layers import Layers
-from ..cloud.normals.orientation import NEAR
-from ..cloud.normals.sheets import is_thick
-from ..cloud.normals.stations import eyes_of, faced, is_known
-from ..cloud.outliers.layers import Part, merge_for_model
-from ..cloud.outliers.search import block_size
-from ..cloud.points import Points
-from ..cloud.sampled_statistics import of_places
-from ..cloud.statistics import Usual
-from ..surface.splats.support import Support, find_support
-from ..surface.tree.settings import TreeSettings
+from ...base.disk_columns import Columns
+from ...cloud.denoising.noise import Stretches, examined, points_per_stretch
+from ...cloud.denoising.smooth import Fitting, Noise, noise_by, smooth_known
+from ...cloud.georeference import Survey
+from ...cloud.kd_ordering import Path
+from ...cloud.neighbors import distinct, take
+from ...cloud.normals.estimate import estimate_normals, seen_from, with_units
+from ...cloud.normals.jets import survey
+from ...cloud.normals.layers import Layers
+from ...cloud.normals.orientation import NEAR
+from ...cloud.normals.sheets import is_thick
+from ...cloud.normals.stations import eyes_of, faced, is_known
+from ...cloud.outliers.layers import Part, merge_for_model
+from ...cloud.outliers.search import block_size
+from ...cloud.points import Points
+from ...cloud.sampled_statistics import of_places
+from ...cloud.statistics import Usual
+from ...surface.splats.support import Support, find_support
+from ...surface.tree.settings import TreeSettings
 from .local import Local
-from .members import distinct_numbers
+from .sorted_sets import distinct_numbers
 
 Floats = NDArray[np.float32]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Column, Columns
+from ...base.disk_columns import Column, Columns
 from .arrange import CHUNK, TILE, boxes_of
 from .local import touched
 

@@ -9,11 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..cloud.denoising.noise import Stretches
-from ..cloud.statistics import Usual
-from ..surface.splats.build import check_size
-from ..surface.splats.support import Support
-from ..surface.tree.settings import TreeSettings
+from ...cloud.denoising.noise import Stretches
+from ...cloud.statistics import Usual
+from ...surface.splats.build import check_size
+from ...surface.splats.support import Support
+from ...surface.tree.settings import TreeSettings
 from .local import Local
 from .stages import KNOWN, MERGED, NOISE, NORMALS, PLACED, PLANES, THICK, Cloud, examine, fit, merge, place, support
 from .work import Facts, Work

@@ -13,21 +13,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Columns
-from ..cloud.points import Points
-from ..engine.kernels.tree import BOUNDS, Tree, no_tree
+from ...base.disk_columns import Columns
+from ...cloud.points import Points
+from ...engine.kernels.tree import BOUNDS, Tree, no_tree
+from ...surface.splats.scattered.levels import Loose, coarsen_scattered, spacing_of
+from ...surface.splats.scattered.spheres import Drawing
+from ...surface.tree.build import Splats
+from ...surface.tree.scattered import with_scattered
+from ...surface.tree.settings import check_settings
+from ...surface.tree.stored import reach_of
 from ..model import LEVEL_SAMPLES
 from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part
-from ..surface.splats.scattered.levels import Loose, coarsen_scattered, spacing_of
-from ..surface.splats.scattered.spheres import Drawing
-from ..surface.tree.build import Splats
-from ..surface.tree.scattered import with_scattered
-from ..surface.tree.settings import check_settings
-from ..surface.tree.stored import reach_of
-from .coarser import ATTRIBUTE, Named, Written, box_around
 from .grid import Grid, cells_of_part
 from .layer import COLORS, NORMALS, POSITIONS, RADII, Layer
+from .level_steps import ATTRIBUTE, Named, Written, box_around
 from .levels import Steps, make_room, median_of, write_all_levels
 from .trees import bounds_about
 from .work import Facts, Work

@@ -13,24 +13,24 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cloud.georeference import Survey
-from ..cloud.neighbors import kd_order
-from ..cloud.points import Points
-from ..cloud.sampled_statistics import Sampled
-from ..cloud.statistics import Usual, sample_of
+from ...cloud.georeference import Survey
+from ...cloud.neighbors import kd_order
+from ...cloud.points import Points
+from ...cloud.sampled_statistics import Sampled
+from ...cloud.statistics import Usual, sample_of
+from ...surface.splats.averages import attribute_averages
+from ...surface.splats.levels import SUPPORT, Fine, means_of
+from ...surface.splats.support import Support, find_support
+from ...surface.tree.build import Splats, bounds_of
+from ...surface.tree.leaves import longest_step
+from ...surface.tree.settings import TreeSettings
+from ...surface.tree.stored import reach_of
 from ..model_file import Level
 from ..model_folder import write_level
-from ..surface.splats.averages import attribute_averages
-from ..surface.splats.levels import SUPPORT, Fine, means_of
-from ..surface.splats.support import Support, find_support
-from ..surface.tree.build import Splats, bounds_of
-from ..surface.tree.leaves import longest_step
-from ..surface.tree.settings import TreeSettings
-from ..surface.tree.stored import reach_of
 from .arrange import boxes_of
 from .grid import Grid, cells_of_part, widened
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
-from .members import among, distinct_numbers
+from .sorted_sets import among, distinct_numbers
 from .trees import tree_within, with_margins
 from .work import Facts
 

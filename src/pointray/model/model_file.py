@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cloud.georeference import Survey
+from ..cloud.points import FARTHEST, Points
+from ..engine.kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, SCATTER, STEP, Tree
+from ..surface.tree.indices import check_indices
 from .array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
-from .cloud.georeference import Survey
-from .cloud.points import FARTHEST, Points
-from .engine.kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, SCATTER, STEP, Tree
-from .surface.tree.indices import check_indices
 
 SAVED = ".pointray"  # the usual end of such a file's name
 LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]

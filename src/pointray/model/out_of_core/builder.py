@@ -12,27 +12,27 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.disk_columns import Columns
-from ..base.progress import Progress, part_of
-from ..base.warning_log import warn
-from ..cloud.denoising.noise import Stretches, settled
-from ..cloud.georeference import SCAN
-from ..cloud.normals.consistency import agreement_share, sample_rows
-from ..cloud.normals.estimate import DISAGREE, told
-from ..cloud.normals.stations import warn_of_ignored
-from ..cloud.normals.units import to_units
-from ..cluster.chores import Team
-from ..io.spooling.spooled import Spooled
-from ..surface.splats.scattered.spheres import ALL_SURFACE, Drawing, check_drawing
-from ..surface.splats.support import lone_note
-from ..surface.tree.settings import LOOSE_TRIM, TreeSettings
+from ...base.disk_columns import Columns
+from ...base.progress import Progress, part_of
+from ...base.warning_log import warn
+from ...cloud.denoising.noise import Stretches, settled
+from ...cloud.georeference import SCAN
+from ...cloud.normals.consistency import agreement_share, sample_rows
+from ...cloud.normals.estimate import DISAGREE, told
+from ...cloud.normals.stations import warn_of_ignored
+from ...cloud.normals.units import to_units
+from ...cluster.chores import Team
+from ...io.spooling.spooled import Spooled
+from ...surface.splats.scattered.spheres import ALL_SURFACE, Drawing, check_drawing
+from ...surface.splats.support import lone_note
+from ...surface.tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import TILE, Arrangement
-from .coarser import Named
 from .facing import turn_fits, turn_given
 from .finish import Described, Half, finish, finish_loose, finish_surface, id_in
 from .given import RADIUS, GivenColumns
+from .level_steps import Named
 from .second_layers import find_layers
-from .separate import LOOSE, ROW, SEPARATED, SURFACE, Shaping, number_rows, separate
+from .separate_scattered import LOOSE, ROW, SEPARATED, SURFACE, Shaping, number_rows, separate
 from .stages import (
     GIVEN,
     KNOWN,
@@ -59,7 +59,7 @@ from .tasks import (
     measure_noise,
     move_layers,
 )
-from .thin import part_thin_sheets
+from .thin_sheets import part_thin_sheets
 from .trees import least_size
 from .work import Work
 

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cloud.normals.orientation import NEAR
-from ..cloud.normals.sheets import (
+from ...cloud.normals.orientation import NEAR
+from ...cloud.normals.sheets import (
     RINGS,
     STEP,
     disagrees,
@@ -27,7 +27,7 @@ from ..cloud.normals.sheets import (
     scale_of,
     step_of,
 )
-from ..cloud.normals.winding import TILE, Frame, Splats, Winding, roots_of, spacings, top_of
+from ...cloud.normals.winding import TILE, Frame, Splats, Winding, roots_of, spacings, top_of
 from .facing import Span, near_in
 from .local import Local, runs_of
 from .stages import FACED, PARTED, PLACED, THICK, Cloud

@@ -12,25 +12,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .base.arguments import check_callback, check_choice, check_path, check_positive, check_whole
-from .base.choices import AUTO, SURFACES
-from .cloud.denoising.smooth import Placed, check_sigma
-from .cloud.points import Points, spread_rows
-from .cloud.preparation import check_model_memory, finite_rows, placed_for_model
-from .engine.kernels.tree import LONGEST, SCATTER, Tree, no_tree
+from ..base.arguments import check_callback, check_choice, check_path, check_positive, check_whole
+from ..base.choices import AUTO, SURFACES
+from ..cloud.denoising.smooth import Placed, check_sigma
+from ..cloud.points import Points, spread_rows
+from ..cloud.preparation import check_model_memory, finite_rows, placed_for_model
+from ..engine.kernels.tree import LONGEST, SCATTER, Tree, no_tree
+from ..surface.splats.build import Made, Sizes, check_size, make_splats
+from ..surface.splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
+from ..surface.splats.radii import check_radii
+from ..surface.splats.scattered.classification import find_scattered_placed, has_few_places
+from ..surface.splats.scattered.levels import Loose, coarsen_scattered, joined, spacing_of
+from ..surface.splats.scattered.spheres import Drawing, check_drawing, check_mask, make_scattered
+from ..surface.tree.build import Splats, build_tree
+from ..surface.tree.scattered import scattered_of, scattered_rows, with_scattered
+from ..surface.tree.settings import LOOSE_TRIM, check_settings, settings_of
+from ..surface.tree.stored import longest_leaf, reach_of, stored_splats
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
-from .residence import Key, OnDisk, Residence, Source
-from .surface.splats.build import Made, Sizes, check_size, make_splats
-from .surface.splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
-from .surface.splats.radii import check_radii
-from .surface.splats.scattered.classification import find_scattered_placed, has_few_places
-from .surface.splats.scattered.levels import Loose, coarsen_scattered, joined, spacing_of
-from .surface.splats.scattered.spheres import Drawing, check_drawing, check_mask, make_scattered
-from .surface.tree.build import Splats, build_tree
-from .surface.tree.scattered import scattered_of, scattered_rows, with_scattered
-from .surface.tree.settings import LOOSE_TRIM, check_settings, settings_of
-from .surface.tree.stored import longest_leaf, reach_of, stored_splats
+from .residency import Key, OnDisk, Residence, Source
 
 SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time

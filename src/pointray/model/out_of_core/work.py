@@ -12,12 +12,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ..base.disk_columns import Column, Columns, look_again
-from ..base.memory import give_back
-from ..base.progress import Progress, part_of, tell
-from ..cloud.sampled_statistics import Sampled
-from ..cloud.statistics import Usual, sample_of
-from ..cluster.chores import Team
+from ...base.disk_columns import Column, Columns, look_again
+from ...base.memory import give_back
+from ...base.progress import Progress, part_of, tell
+from ...cloud.sampled_statistics import Sampled
+from ...cloud.statistics import Usual, sample_of
+from ...cluster.chores import Team
 from .arrange import TILE
 from .local import Local, local_of, points_of
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from .base.atomic_write import check_regular, replacing
+from ..base.atomic_write import check_regular, replacing
 
 SMALL = 1 << 20  # bytes: smaller files are read, not mapped, which would take a file descriptor each
 ALIGN = 64  # bytes: arrays begin at multiples of it, and as much follows the last one, for loads past its end

@@ -10,9 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..base.disk_columns import look_again
-from ..cluster.chores import Team
-from ..cluster.client import check_client
+from ...base.disk_columns import look_again
+from ...cluster.chores import Team
+from ...cluster.client import check_client
 from ..model_file import Place, place_of
 
 if sys.platform != "win32":

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cloud.outliers.floors import LEAST, Ground
-from ..cloud.outliers.search import Search, block_size
+from ...cloud.outliers.floors import LEAST, Ground
+from ...cloud.outliers.search import Search, block_size
 from .local import Local
 from .stages import LAYERS, Cloud, path_of
 from .work import Facts, Work

@@ -10,21 +10,21 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Column, Columns
-from ..base.progress import Progress, tell
-from ..engine.kernels.tree import LONGEST
+from ...base.disk_columns import Column, Columns
+from ...base.progress import Progress, tell
+from ...engine.kernels.tree import LONGEST
+from ...surface.splats.scattered.spheres import Drawing
+from ...surface.tree.build import Splats
+from ...surface.tree.settings import TreeSettings
+from ...surface.tree.top import Groups
 from ..model_folder import Index, PartFile, write_columns, write_index, write_part
-from ..surface.splats.scattered.spheres import Drawing
-from ..surface.tree.build import Splats
-from ..surface.tree.settings import TreeSettings
-from ..surface.tree.top import Groups
 from . import layer
 from .arrange import CHUNK
-from .coarser import ATTRIBUTE, Named
 from .layer import Layer
+from .level_steps import ATTRIBUTE, Named
 from .levels import median_of, write_levels
-from .loose import LooseParts, write_loose_levels, write_loose_part
-from .separate import DIRECTIONS, SPHERES
+from .scattered_parts import LooseParts, write_loose_levels, write_loose_part
+from .separate_scattered import DIRECTIONS, SPHERES
 from .stages import NOISE, PLACED, POSITIONS, Cloud
 from .tasks import BORDERS, RADII, SHEETS
 from .trees import Plan, bounds_about, cells_of, plan_of, shown, tree_of

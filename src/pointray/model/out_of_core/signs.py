@@ -21,12 +21,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Columns
-from ..cloud.normals.joins import join
-from ..cloud.normals.outward import Sample, inward_of, take_sample
-from ..cloud.normals.pieces import TILE, find_pieces
-from ..cloud.normals.votes import cast_votes
-from .ballots import Ballots, drop_all, keep, name_of
+from ...base.disk_columns import Columns
+from ...cloud.normals.joins import join
+from ...cloud.normals.outward import Sample, inward_of, take_sample
+from ...cloud.normals.pieces import TILE, find_pieces
+from ...cloud.normals.votes import cast_votes
+from .disk_votes import Ballots, drop_all, keep, name_of
 
 # Columns: of each point its piece, counted in its part, its sign in that, and its sign; of each piece, which are
 # counted part after part, its group and its sign in that; of each group how many points it has.

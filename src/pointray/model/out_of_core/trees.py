@@ -14,17 +14,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.progress import Progress, tell
-from ..cloud.points import Points
-from ..cloud.statistics import steady
-from ..engine.kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
+from ...base.progress import Progress, tell
+from ...cloud.points import Points
+from ...cloud.statistics import steady
+from ...engine.kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
+from ...surface.tree.blocks import PER_BLOCK, make_blocks
+from ...surface.tree.build import Splats, Whole, bounds_of, build_tree
+from ...surface.tree.leaves import longest_step
+from ...surface.tree.parts import without_unused
+from ...surface.tree.settings import TreeSettings
+from ...surface.tree.top import PER_GROUP, Groups, cells_of_parts, cut_top, groups_of, groups_per_root, top_of_part
 from ..model_folder import PartFile, write_part
-from ..surface.tree.blocks import PER_BLOCK, make_blocks
-from ..surface.tree.build import Splats, Whole, bounds_of, build_tree
-from ..surface.tree.leaves import longest_step
-from ..surface.tree.parts import without_unused
-from ..surface.tree.settings import TreeSettings
-from ..surface.tree.top import PER_GROUP, Groups, cells_of_parts, cut_top, groups_of, groups_per_root, top_of_part
 
 GROUP = PER_BLOCK * PER_GROUP  # splats
 # Radii. A statue in 8 parts, each second one a level coarser: of 3,500 lit pixels 44 are dark without a margin, 10, 8

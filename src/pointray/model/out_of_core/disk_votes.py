@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Columns
-from ..cloud.normals.joins import Held, Tables
-from ..cloud.normals.votes import Votes, sum_of
+from ...base.disk_columns import Columns
+from ...cloud.normals.joins import Held, Tables
+from ...cloud.normals.votes import Votes, sum_of
 
 PIECES = 1 << 18  # of a table, which has the votes of pairs whose lower piece is one of them: 5 to 10 for each
 

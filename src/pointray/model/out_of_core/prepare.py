@@ -11,23 +11,23 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from ..base.atomic_write import check_writable
-from ..base.disk_columns import Columns
-from ..base.memory import FULL_DISK, available_memory
-from ..base.progress import Progress, part_of
-from ..cloud.preparation import PEAK
-from ..cluster.client import machines_of
-from ..cluster.worker import version_here
-from ..io.files import headers, open_files, stamp
-from ..io.formats._source import Request
-from ..io.selection import Selection
-from ..io.spooling.spool import spool
-from ..io.spooling.spooled import spooled_in
+from ...base.atomic_write import check_writable
+from ...base.disk_columns import Columns
+from ...base.memory import FULL_DISK, available_memory
+from ...base.progress import Progress, part_of
+from ...cloud.preparation import PEAK
+from ...cluster.client import machines_of
+from ...cluster.worker import version_here
+from ...io.files import headers, open_files, stamp
+from ...io.formats._source import Request
+from ...io.selection import Selection
+from ...io.spooling.spool import spool
+from ...io.spooling.spooled import spooled_in
+from ...surface.splats.scattered.spheres import Drawing
+from ...surface.tree.settings import TreeSettings
 from ..model_folder import INDEX, UNFINISHED, VERSION
-from ..surface.splats.scattered.spheres import Drawing
-from ..surface.tree.settings import TreeSettings
-from .alone import alone, team_for
-from .large import Large, Wanted
+from .builder import Large, Wanted
+from .exclusive_lock import alone, team_for
 
 TASK = "task"  # what is known of the files and settings, there
 SPOOLED = 0.25  # share of the time

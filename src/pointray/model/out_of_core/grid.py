@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..surface.splats.groups import Groups, cell_numbers, groups_in_cells
-from ..surface.splats.scattered.levels import without_sides
+from ...surface.splats.groups import Groups, cell_numbers, groups_in_cells
+from ...surface.splats.scattered.levels import without_sides
 from .layer import NORMALS, POSITIONS, Layer
-from .members import among, distinct_numbers
+from .sorted_sets import among, distinct_numbers
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]

@@ -13,17 +13,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Columns
-from ..base.progress import tell
-from ..cloud.neighbors import take
-from ..cloud.normals.estimate import estimate_normals
-from ..cloud.sampled_statistics import of_places
-from ..cloud.statistics import Usual
-from ..surface.splats.build import check_size
-from ..surface.splats.local_planes import columns_of
-from ..surface.splats.scattered.classification import FEW, scattered_places
-from ..surface.splats.scattered.fitted_normals import Normals
-from ..surface.splats.scattered.spheres import Drawing, shapes_of
+from ...base.disk_columns import Columns
+from ...base.progress import tell
+from ...cloud.neighbors import take
+from ...cloud.normals.estimate import estimate_normals
+from ...cloud.sampled_statistics import of_places
+from ...cloud.statistics import Usual
+from ...surface.splats.build import check_size
+from ...surface.splats.local_planes import columns_of
+from ...surface.splats.scattered.classification import FEW, scattered_places
+from ...surface.splats.scattered.fitted_normals import Normals
+from ...surface.splats.scattered.spheres import Drawing, shapes_of
 from .arrange import CHUNK, SORTED
 from .local import Local
 from .stages import Cloud, path_of

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Column, Columns
+from ...base.disk_columns import Column, Columns
 from .arrange import TILE
 
 GROUP = 64  # points whose extent tells how far the margin around them reaches

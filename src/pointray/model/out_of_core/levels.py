@@ -14,14 +14,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.disk_columns import Columns
-from ..cloud.statistics import steady
+from ...base.disk_columns import Columns
+from ...cloud.statistics import steady
+from ...surface.splats.averages import have_categories
+from ...surface.splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
+from ...surface.tree.settings import check_settings
 from ..model import COARSER, LEVEL_SAMPLES
 from ..model_folder import LevelFile, PartFile
-from ..surface.splats.averages import have_categories
-from ..surface.splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
-from ..surface.tree.settings import check_settings
-from .coarser import (
+from .grid import Grid
+from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
+from .level_steps import (
     ATTRIBUTE,
     BORDERS,
     LIMITS,
@@ -35,8 +37,6 @@ from .coarser import (
     survey_supports,
     tree_part,
 )
-from .grid import Grid
-from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
 from .trees import nth_least
 from .work import Facts, Work
 

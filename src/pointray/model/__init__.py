@@ -1,0 +1,10 @@
+"""`Model`: what rays hit of a cloud, in memory or in parts on disk.
+
+model : splats with radii, their tree, levels of detail
+array_file, model_file, model_folder : a model on disk, checked when it is read
+model_cache : models that were built before
+residency : which parts of a model on disk are open, within a memory budget
+out_of_core : models of clouds larger than memory
+
+Begin with model.
+"""
