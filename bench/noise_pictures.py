@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 import pointray as pr
+from pointray.auto_view.first_view import frame
 from pointray.image.tone import linear_to_srgb
-from pointray.staging.first_view import frame
 from truth import FOLDER
 
 TILE, LINE = (270, 200), 16  # pixels of a picture, and of a line of text

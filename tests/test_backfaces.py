@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.auto_view.fronts import shows_backs
 from pointray.cli import execute
 from pointray.engine.kernels.vec import LUMINANCE
 from pointray.rendering import picture
 from pointray.shade.backfaces import EDGE_LEVEL, LEVEL, SATURATION
 from pointray.shade.environment import harmonics
-from pointray.staging.fronts import shows_backs
 
 COLOR = np.array([0.7, 0.4, 0.2])
 CAMERA = pr.Camera.look_at((0.8, -2.6, 1.6), (0, 0, -0.3), size=(24, 24))

@@ -16,9 +16,9 @@ from clusters import ball, camera_of, cluster_of, scene_of
 from conftest import long
 from pointray.cluster import dispatch, worker
 from pointray.cluster.client import check_client
-from pointray.cluster.crew import Crew
 from pointray.cluster.dispatch import Job
-from pointray.cluster.parcels import parcels_of
+from pointray.cluster.scattered_objects import parcels_of
+from pointray.cluster.worker_pool import Crew
 from pointray.model.out_of_core.split import split
 from pointray.rendering import sequence
 from pointray.rendering.pieces import MOST_PIXELS, cut, in_order, pieces_for

@@ -12,12 +12,12 @@ import pytest
 import pointray as pr
 from clusters import ball, camera_of, cluster_of, scene_of
 from conftest import long
-from pointray.baking import stretches
+from pointray.baking import tile_ranges as stretches
 from pointray.baking.gather import ONE_TILE
 from pointray.cli import execute
 from pointray.cluster import worker
 from pointray.cluster.client import UNPROFILED
-from pointray.cluster.crew import Crew
+from pointray.cluster.worker_pool import Crew
 
 FEW = pr.BakeSettings(links=8, patches=512, noise=0.05, seed=3)
 

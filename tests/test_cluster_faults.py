@@ -17,9 +17,9 @@ import pytest
 import pointray as pr
 from clusters import ball, camera_of, cluster_of, scene_of
 from pointray.cluster import client as client_module
-from pointray.cluster import crew
-from pointray.cluster.crew import Crew
+from pointray.cluster import worker_pool as crew
 from pointray.cluster.dispatch import Job
+from pointray.cluster.worker_pool import Crew
 from pointray.rendering.sequence import render_each
 
 pytestmark = pytest.mark.long  # each starts processes

@@ -18,13 +18,14 @@ from clusters import cluster_of
 from conftest import sphere_points
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
-from pointray.cluster import chores, worker
 from pointray.cluster import client as client_module
-from pointray.cluster.chores import THREADS, _Chore, _on, stoppable
+from pointray.cluster import task_pool as chores
+from pointray.cluster import worker
 from pointray.cluster.client import UNPROFILED
-from pointray.cluster.crew import Crew
 from pointray.cluster.recipe import pack, unpack
+from pointray.cluster.task_pool import THREADS, _Chore, _on, stoppable
 from pointray.cluster.worker import DroppedError
+from pointray.cluster.worker_pool import Crew
 from pointray.engine.jit import run
 from pointray.engine.jit.threads import CANCEL
 from pointray.io.files import request_of
@@ -232,7 +233,7 @@ def test_a_later_worker_that_does_not_see_the_folder_is_left_out(client: Any) ->
     def ask(client: Any, workers: list[str]) -> dict[str, str]:
         return {worker: f"{worker} is blind" for worker in workers if worker == second}
 
-    from pointray.cluster.chores import Team
+    from pointray.cluster.task_pool import Team
 
     with pytest.warns(UserWarning, match=f"it is not used: {second} is blind"):
         team = Team(client, ask)

@@ -13,9 +13,11 @@ import pytest
 
 import pointray as pr
 from clusters import ball, camera_of, cluster_of, scene_of
-from pointray.cluster import stowed, worker
-from pointray.cluster.parcels import parcels_of
-from pointray.scene import casting, reached
+from pointray.cluster import serialized_scene as stowed
+from pointray.cluster import worker
+from pointray.cluster.scattered_objects import parcels_of
+from pointray.scene import casting
+from pointray.scene import paged_rays as reached
 
 MODEL = ball()
 FIELDS = ("t", "position", "normal", "color", "point", "instance")

@@ -24,7 +24,7 @@ from pointray.cli import execute
 from pointray.cluster import worker as worker_module
 from pointray.cluster.dispatch import SLOW_AT_HOME, Dispatch, Job
 from pointray.model.out_of_core.split import split
-from pointray.rendering.waves.travel import traffic
+from pointray.rendering.ray_forwarding.ray_exchange import traffic
 
 MAIN = threading.main_thread()
 PATHS = pr.Settings("path", spp=3, max_depth=3, levels=False)
@@ -141,7 +141,9 @@ def test_what_cannot_be_spread_is_told(
     with pytest.raises(ValueError, match="spread: it takes rays in arrays of Dask"):
         scene.intersect((0, 0, 0), (0, 0, 1), spread=True)
     with monkeypatch.context() as alone, pytest.raises(ValueError, match="spread: there is no client"):
-        alone.setattr("pointray.cluster.stowed.current_client", lambda: None)  # workers in this process leave theirs
+        alone.setattr(
+            "pointray.cluster.serialized_scene.current_client", lambda: None
+        )  # workers in this process leave theirs
         scene.occluded(rays, (0, 0, 1), spread=True)
     other = tmp_path / "b.pointray"
     split(pr.Model(pr.procedural("statue", 20_000)), other, 16_384)
@@ -174,7 +176,7 @@ def test_an_error_in_progress_ends_the_work(client: Any, folder: Path) -> None:
 @pytest.mark.long
 def test_a_picture_is_the_same_when_a_worker_is_killed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its parts go to the others."""
-    monkeypatch.setattr("pointray.rendering.waves.wave.RAYS", 1 << 13)
+    monkeypatch.setattr("pointray.rendering.ray_forwarding.wave.RAYS", 1 << 13)
     scene, camera, killed = scene_with(folder), camera_of(), []
     with cluster_of(3, processes=True) as client:
 

@@ -7,10 +7,10 @@ import pytest
 
 import pointray as pr
 from conftest import case_file
+from pointray.auto_view.clusters import find_main, largest_cluster, places
+from pointray.auto_view.coverage import coverage
+from pointray.auto_view.first_view import Scan, ViewChoice
 from pointray.cli import execute
-from pointray.staging.clusters import find_main, largest_cluster, places
-from pointray.staging.coverage import coverage
-from pointray.staging.first_view import Scan, ViewChoice
 
 
 def ball(rng, n, radius=1.0, center=(0, 0, 0)):

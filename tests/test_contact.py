@@ -8,11 +8,11 @@ from PIL import Image
 
 import pointray as pr
 from conftest import long, shared_model
+from pointray.auto_view import contact
+from pointray.auto_view.contact import CELLS, contact_shadow
+from pointray.auto_view.first_view import Scan, ViewChoice
 from pointray.cli import execute
 from pointray.engine.kernels.records import PROJECTION
-from pointray.staging import contact
-from pointray.staging.contact import CELLS, contact_shadow
-from pointray.staging.first_view import Scan, ViewChoice
 from pointray.viewer.contacts import Contacts
 from pointray.viewer.view_settings import ViewSettings
 

@@ -167,7 +167,7 @@ CHANGED = {  # file -> keys that its edit changes
     "shade/path.py": [FRAME],
     "engine/simd/vector.py": [*KERNELS, "model"],
     "surface/splats/voronoi.py": ["model"],
-    "staging/studio.py": [],
+    "auto_view/studio.py": [],
     "surface/trace/traverse.py": [CAST, FRAME, RAYS],
     "surface/tree/cells.py": [LEAVES, "model"],
     "viewer/viewer.py": [],

@@ -11,12 +11,12 @@ import pytest
 
 import pointray as pr
 from conftest import long
+from pointray.auto_view.studio import studio
 from pointray.base.choices import AUTO
 from pointray.cli import baked_light, execute, serve
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_lights import ScanLights
 from pointray.cli.scan_scene import PLAIN
-from pointray.staging.studio import studio
 from pointray.viewer.baker import ROUGH, Baker
 from pointray.viewer.display import Display
 from pointray.viewer.exports import Exports, _command

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.auto_view import sample
 from pointray.cli import execute
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_scene import PLAIN
@@ -27,7 +28,6 @@ from pointray.model.model_folder import INDEX, read_folder, read_part, write_ind
 from pointray.model.out_of_core.split import split
 from pointray.model.residency import Key
 from pointray.rendering.window import may_see
-from pointray.staging import sample
 from pointray.viewer.painter import Frame, FrameRequest, Painter
 from pointray.viewer.view_settings import ViewSettings
 
@@ -424,7 +424,7 @@ def test_rays_open_what_they_reach_first(made: Path) -> None:
 
 def full_hits(scene: pr.Scene, rays: tuple[Any, ...]) -> pr.Hits:
     """Hits with all parts open."""
-    import pointray.scene.reached as reached
+    import pointray.scene.paged_rays as reached
 
     most, reached.MOST = reached.MOST, 0
     try:

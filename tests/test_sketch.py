@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from pointray.staging.framing import Lens, frame_points
-from pointray.staging.sample import sample_of
+from pointray.auto_view.framing import Lens, frame_points
+from pointray.auto_view.sample import sample_of
 from pointray.viewer import loading
 from pointray.viewer import sketch as sketch_of
 from pointray.viewer.shared_scene import SharedScene

@@ -8,14 +8,14 @@ import pytest
 
 import pointray as pr
 from conftest import long, shared_model
+from pointray.auto_view.direction import angles_of, direction_of, find_outlook
+from pointray.auto_view.first_view import Scan, ViewChoice
+from pointray.auto_view.framing import MARGIN, STRAY, Lens, frame_points, frame_turning
+from pointray.auto_view.sample import sample_of
+from pointray.auto_view.stability import Ends, carries, outline
+from pointray.auto_view.upright import axis_direction, find_up
 from pointray.base.choices import VIEWS
 from pointray.image.exposure import auto_exposure
-from pointray.staging.direction import angles_of, direction_of, find_outlook
-from pointray.staging.first_view import Scan, ViewChoice
-from pointray.staging.framing import MARGIN, STRAY, Lens, frame_points, frame_turning
-from pointray.staging.sample import sample_of
-from pointray.staging.stance import Ends, carries, outline
-from pointray.staging.upright import axis_direction, find_up
 
 # The up directions of the shared scans, as a human sees them; of these few in the fast tests.
 FEW = "stanford_bunny", "outcrop_qcompass_rgb", "rgbd_kinect_chair_rgb", "sfm_garden_rgb_nonormals"

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from pointray.auto_view.studio import studio
 from pointray.base.choices import AUTO
 from pointray.cli import execute, serve
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_scene import PLAIN
-from pointray.staging.studio import studio
 from pointray.viewer.exports import _command, _python
 from pointray.viewer.painter import FrameRequest
 from pointray.viewer.panel import Output, folders

@@ -12,9 +12,10 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 import pointray as pr
+from pointray.auto_view.direction import axes_of
 from pointray.engine.kernels.records import ACROSS, FORWARD, UPWARD
-from pointray.staging.direction import axes_of
-from pointray.viewer import lookups, session
+from pointray.viewer import queries as lookups
+from pointray.viewer import session
 from pointray.viewer.controls import Control
 from pointray.viewer.light_control import SUN, LightControl, light_controls_of
 from pointray.viewer.messages import camera_of, free_of, parse, size_of

@@ -17,15 +17,16 @@ from websockets.sync.client import connect
 
 import pointray as pr
 from conftest import long
-from pointray.viewer import lookups, outbox, painter, session
+from pointray.viewer import outbox, painter, session
+from pointray.viewer import queries as lookups
+from pointray.viewer.connection import MOST_WAITING, is_loopback
 from pointray.viewer.light_control import MOST_LAMPS
-from pointray.viewer.link import MOST_WAITING, is_loopback
 from pointray.viewer.messages import packed
 from pointray.viewer.pace import REFINED
+from pointray.viewer.page_limits import CREDIT, SHARE, TRANSPORT, Allowance, Share
 from pointray.viewer.painter import IN_FLIGHT, LARGEST, encode
 from pointray.viewer.server import FILES, Server
 from pointray.viewer.session import MOST_COSTLY
-from pointray.viewer.share import CREDIT, SHARE, TRANSPORT, Allowance, Share
 from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.view_settings import ViewSettings
 from pointray.viewer.viewer import Viewer

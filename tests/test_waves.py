@@ -13,12 +13,12 @@ from conftest import long, sphere_points
 from pointray.model.out_of_core.split import split
 from pointray.rendering.picture import kernel_for
 from pointray.rendering.plan import plan
-from pointray.rendering.waves.recall import recalled_for, recalled_quick, recalled_sampled
-from pointray.rendering.waves.route import route
-from pointray.rendering.waves.spread import NOTHING
-from pointray.rendering.waves.travel import View, held_world
-from pointray.rendering.waves.wave import Pictured, Waves, answer_question, passes_of, pieces_of
-from pointray.scene.shares import Shares, boxes_of
+from pointray.rendering.ray_forwarding.ray_exchange import View, held_world
+from pointray.rendering.ray_forwarding.replay import recalled_for, recalled_quick, recalled_sampled
+from pointray.rendering.ray_forwarding.route import route
+from pointray.rendering.ray_forwarding.spread import NOTHING
+from pointray.rendering.ray_forwarding.wave import Pictured, Waves, answer_question, passes_of, pieces_of
+from pointray.scene.ownership import Shares, boxes_of
 from pointray.surface.trace.world import occlude_tile, trace_tile
 
 

@@ -51,7 +51,7 @@ _HOME = {
     "find_flaws": "cloud.cleaning",
     "find_strays": "cloud.outliers",
     "fly": "rendering.camera_path",
-    "frame": "staging.first_view",
+    "frame": "auto_view.first_view",
     "load_scene": "scenefile",
     "merge_layers": "cloud.outliers",
     "procedural": "procedural_models",
@@ -61,7 +61,7 @@ _HOME = {
     "render": "rendering.picture",
     "render_layers": "rendering.layers",
     "smooth": "cloud.denoising.smooth",
-    "studio": "staging.studio",
+    "studio": "auto_view.studio",
     "subsample": "surface.splats.subsample",
     "transform": "scene.transforms",
     "turntable": "rendering.camera_path",
@@ -74,6 +74,8 @@ _HOME = {
 __all__ = sorted([*_HOME, "__version__"])
 
 if TYPE_CHECKING:
+    from .auto_view.first_view import frame as frame
+    from .auto_view.studio import studio as studio
     from .baking.baked import Baked as Baked
     from .baking.baked import StaleLightWarning as StaleLightWarning
     from .baking.baked import bake as bake
@@ -123,8 +125,6 @@ if TYPE_CHECKING:
     from .shade.materials.principled import Principled as Principled
     from .shade.materials.specular import Dielectric as Dielectric
     from .shade.materials.specular import Mirror as Mirror
-    from .staging.first_view import frame as frame
-    from .staging.studio import studio as studio
     from .surface.splats.subsample import subsample as subsample
     from .viewer import view as view
 

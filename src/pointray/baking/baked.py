@@ -13,7 +13,7 @@ from ..base.arguments import check_callback, check_kind, check_path, wrong
 from ..base.progress import Progress, tell
 from ..base.warning_log import warn
 from ..cluster.client import Client
-from ..cluster.crew import Crew, taken
+from ..cluster.worker_pool import Crew, taken
 from ..engine.jit import Array
 from ..engine.kernels.records import World
 from ..model.model import Model
@@ -22,8 +22,8 @@ from ..scene.world import Snapshot
 from .budget import coarseness, levels_of
 from .exchange import Exchange
 from .file import Stored, read_light, write_light
-from .kept import Kept
-from .keys import keys_of, lacks_levels, lights_of, shape_of
+from .fingerprints import keys_of, lacks_levels, lights_of, shape_of
+from .lookup_tables import Kept
 from .planes import Grid
 from .settings import BakeSettings
 from .store import AtSplats, at_points, dark, from_patches, from_records, make_records, seen_skies, unit_of

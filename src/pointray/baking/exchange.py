@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import Progress, part_of, tell
-from ..cluster.crew import Crew
+from ..cluster.worker_pool import Crew
 from ..engine.kernels.records import INSTANCE, KIND, MODEL
 from ..engine.kernels.vec import LUMINANCE
 from ..scene.world import Snapshot
 from .bounces import VARIANCE
 from .budget import spreads_within
-from .keys import materials_of
+from .fingerprints import materials_of
 from .settings import BakeSettings
 from .sky import Sky, look_at_sky
 from .solve import Arrived, find_lights, smoothed, solve

@@ -19,9 +19,9 @@ from ..engine.kernels.records import DIRECT, INDIRECT, INSTANCE, KIND, MODEL, MO
 from ..model.array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
 from ..model.model import Model
 from ..scene.world import Snapshot
-from .kept import Kept
-from .keys import Keys, difference, keys_of
+from .fingerprints import Keys, difference, keys_of
 from .levels import is_spread
+from .lookup_tables import Kept
 from .patches import BLOCK_SPLATS
 from .planes import Grid
 from .settings import BakeSettings

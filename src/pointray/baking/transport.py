@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import Progress
-from ..cluster.crew import Crew
-from ..cluster.parcels import Parcel
+from ..cluster.scattered_objects import Parcel
+from ..cluster.worker_pool import Crew
 from ..engine.jit import run, uncompiled
 from ..engine.kernels.records import (
     DIELECTRIC,
@@ -29,8 +29,8 @@ from .directions import strata
 from .gather import FIND_DIRECT, FIND_LINKS, FIND_SUNS, INSIDE, ONE_TILE, Found, Patches, Rays, send_rays
 from .patches import NEAR, PIECE
 from .planes import Grid, grid_neighbors
-from .stretches import cut, ground_of, send_on
 from .surfaces import Sheet, find_targets
+from .tile_ranges import cut, ground_of, send_on
 
 NO_FLOATS, NO_INTS, NO_BITS = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.uint8)
 NO_SUNS = np.zeros(0)

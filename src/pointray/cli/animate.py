@@ -247,8 +247,8 @@ def _render(
 
 def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Progress, client: Any) -> Iterator[Any]:
     """Render frames in order. job : scene, cameras and settings"""
+    from ..rendering.ray_forwarding.spread import check_spread
     from ..rendering.sequence import render_each
-    from ..rendering.waves.spread import check_spread
 
     scene, cameras, settings = job
     count = len(cameras)

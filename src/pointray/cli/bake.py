@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..auto_view import HEADLIGHT
+from ..auto_view.first_view import ViewChoice
 from ..base.choices import AUTO
 from ..cloud.points import Points
 from ..image.exposure import auto_tone, white_under
 from ..image.tone import linear_to_srgb, srgb_to_linear, tone
-from ..staging import HEADLIGHT
-from ..staging.first_view import ViewChoice
 from .baked_light import LightSource
 from .cluster import wait_for_kernels
 from .options import up_axis

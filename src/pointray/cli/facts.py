@@ -40,7 +40,7 @@ def describe_all(scan: ScanFiles, deep: bool) -> dict[str, Any]:
 
 def describe_picture(points: Points) -> dict[str, Any]:
     """What `render` shows of a scan without options, and why, as values of JSON."""
-    from ..staging.first_view import Scan, ViewChoice
+    from ..auto_view.first_view import Scan, ViewChoice
 
     scan = Scan(points, ViewChoice())
     up = scan.found_up

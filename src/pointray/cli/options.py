@@ -185,7 +185,7 @@ CacheOption = Annotated[
 ]
 LegendOption = Annotated[bool, typer.Option("--legend/--no-legend", help="Draw what the colors of --color-by mean.")]
 
-FILL = 0.3  # see `staging.studio.fill`
+FILL = 0.3  # see `auto_view.studio.fill`
 
 
 def numbers(text: str, name: str) -> tuple[float, float, float]:
@@ -201,7 +201,7 @@ def numbers(text: str, name: str) -> tuple[float, float, float]:
 
 def up_axis(text: str) -> tuple[float, float, float] | None:
     """Parse `z`, `-y`, ..., or `x,y,z`; None for `auto`."""
-    from ..staging.first_view import up_of
+    from ..auto_view.first_view import up_of
 
     try:
         return up_of(numbers(text, "--up") if "," in text else text)

@@ -6,7 +6,7 @@ from typing import Any
 
 import typer
 
-from ..staging import HEADLIGHT, LOOKS, STUDIO
+from ..auto_view import HEADLIGHT, LOOKS, STUDIO
 from .options import FILL, Integrator, light_of
 
 UNBAKED = ("glass",)  # materials that show little of what is baked
@@ -38,7 +38,7 @@ class ScanLights:
         front : azimuth in degrees of a viewer before whom the studio's key light stands still; None: it follows the
             camera, and is not baked
         """
-        from ..staging import studio
+        from ..auto_view import studio
 
         if self.look == HEADLIGHT:
             return []

@@ -40,7 +40,7 @@ class ScanMaterial:
     @property
     def one_color(self) -> tuple[float, float, float] | None:
         """The linear colour that it gives to all points; None: they may have their own."""
-        from ..staging.studio import CLAY
+        from ..auto_view.studio import CLAY
 
         clay = self._kind == "clay" and self._color is None and self.attribute is None
         return CLAY if clay else self._color
@@ -50,12 +50,12 @@ class ScanMaterial:
 
         up : (3,) tuple; None if it is not known yet, in which case it will be an axis
         """
+        from ..auto_view.studio import CLAY, NEUTRAL
         from ..scene.paints import check_attribute
         from ..shade.materials.diffuse import Diffuse
         from ..shade.materials.phong import Phong
         from ..shade.materials.principled import Principled
         from ..shade.materials.specular import Dielectric
-        from ..staging.studio import CLAY, NEUTRAL
 
         color: Any = self._color
         if self.attribute is not None:

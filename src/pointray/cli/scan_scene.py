@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from ..auto_view import STUDIO
+from ..auto_view.first_view import ViewChoice
 from ..base.choices import AUTO, EXPOSED, MUTED, SAME
 from ..cloud.normals.validation import trusted
 from ..cloud.points import Points
 from ..shade.lights import SunLight
-from ..staging import STUDIO
-from ..staging.first_view import ViewChoice
 from ..surface.splats.radii import radii_in
 from .baked_light import FIRST, LightSource, light_source
 from .options import background_of, settings_of
@@ -46,7 +46,7 @@ def staged(scan: ScanFiles, options: dict[str, Any], layers: bool = False) -> tu
 
     layers : whether the result is layers for other programs, not a picture to look at
     """
-    from ..staging.studio import with_contact
+    from ..auto_view.studio import with_contact
 
     plain = {name: getattr(value, "value", value) for name, value in options.items()}
     lens, framing, effort, surface, appearance = (
@@ -155,7 +155,7 @@ class ScanScene:
 
     def build(self, progress: Progress) -> tuple[Any, Any, Any]:
         """The scene, the model in it, and a `Scan` that tells what was found out about it."""
-        from ..staging.first_view import Scan
+        from ..auto_view.first_view import Scan
 
         self.files.check()
         model = self._load(progress)
@@ -173,8 +173,8 @@ class ScanScene:
 
         Without baked light where that was not worth it, and without muted back faces where many would be muted.
         """
-        from ..staging.fronts import shows_backs
-        from ..staging.studio import with_direct_light
+        from ..auto_view.fronts import shows_backs
+        from ..auto_view.studio import with_direct_light
 
         settings = with_direct_light(settings) if self._baked is None else settings
         may_change = self.auto_backfaces and settings.backfaces != SAME
@@ -187,7 +187,7 @@ class ScanScene:
 
         Its light is the studio's, and what is behind it is a backdrop.
         """
-        from ..staging.contact import contact_shadow
+        from ..auto_view.contact import contact_shadow
 
         wanted = self._appearance["contact_shadow"] and not self._appearance["ground"]
         fits = wanted and settings.integrator in EXPOSED and self._lights.look == STUDIO

@@ -41,10 +41,10 @@ def shared_scene_of(
     cached : whether the scans' model may come from the cache, and is kept there
     surface : as `Model` takes it; only the default surface gets levels of detail
     """
+    from ..auto_view.first_view import Scan
+    from ..auto_view.fronts import shows_backs
+    from ..auto_view.studio import with_direct_light
     from ..rendering.warmup import has_clicks, warm_up
-    from ..staging.first_view import Scan
-    from ..staging.fronts import shows_backs
-    from ..staging.studio import with_direct_light
     from ..viewer.loading import Described, Files
     from ..viewer.shared_scene import SharedScene
 

@@ -22,7 +22,7 @@ class View:
     """
 
     def __init__(self, size: str, up: str = AUTO, lens: dict[str, Any] | None = None, **framing: Any) -> None:
-        from ..staging.first_view import ViewChoice
+        from ..auto_view.first_view import ViewChoice
 
         self.size = size_of(size)
         self.lens: dict[str, Any] = {"fov": 40.0, "projection": "perspective", "aperture": 0.0, "focus": None}
@@ -59,8 +59,8 @@ class View:
 
     def camera(self, scan: Any) -> Any:
         """The camera for a `Scan`."""
+        from ..auto_view.coverage import LEAST
         from ..base.warning_log import warn
-        from ..staging.coverage import LEAST
 
         framed = scan.camera(self._framing_lens)
         if self.framed:
@@ -87,7 +87,7 @@ class View:
     @property
     def _framing_lens(self) -> Any:
         """The parts of the lens that framing needs."""
-        from ..staging.framing import Lens
+        from ..auto_view.framing import Lens
 
         return Lens(self.lens["fov"], self.size, self.lens["projection"])
 

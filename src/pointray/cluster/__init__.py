@@ -9,6 +9,6 @@ crew : the workers at work on a scene
 chores : functions that workers call with numbers, such as those of parts, without a scene
 dispatch : which worker does which job, again where one has died or is slow
 
-What jobs do is not known here: `rendering/pieces.py`, `rendering/sequence.py` and `baking/stretches.py` make them, and
+What jobs do is not known here: `rendering/pieces.py`, `rendering/sequence.py` and `baking/tile_ranges.py` make them, and
 `model/out_of_core/work.py` chores. Nor is what chunks are: see `scene/casting.py`. Begin with crew.
 """

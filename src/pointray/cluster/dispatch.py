@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..model.model_file import Place
-from .parcels import Parcel
+from .scattered_objects import Parcel
 from .worker import UnseenFileError
 
 TICK = 0.1  # seconds between two reports of progress

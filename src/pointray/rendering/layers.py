@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cluster.client import Client
-from ..cluster.crew import taken
+from ..cluster.worker_pool import taken
 from ..engine.kernels.records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
 from ..scene.casting import intersect_snapshot
 from ..scene.rays import Hits, check_rays
@@ -17,8 +17,8 @@ from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .camera import Camera
 from .picture import check_picture, check_view, picture_bytes, render_snapshot
+from .ray_forwarding.spread import check_spread
 from .settings import Settings
-from .waves.spread import check_spread
 
 LAYER_BYTES = 80  # a pixel, of all layers
 BAND, SQUARE = 1 << 13, 32  # pixels whose rays are traced together, in squares of this edge

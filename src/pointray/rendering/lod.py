@@ -22,7 +22,7 @@ from ..engine.kernels.records import (
     World,
 )
 from ..model.model import COARSER, Model
-from ..scene.shown import instances_of, world_showing
+from ..scene.visible_trees import instances_of, world_showing
 from ..scene.world import Snapshot
 from ..surface.splats.levels import SUPPORT
 from .camera import Camera

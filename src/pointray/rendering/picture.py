@@ -14,7 +14,7 @@ from ..base.arguments import check_callback, check_kind
 from ..base.memory import check_memory
 from ..base.warning_log import warn
 from ..cluster.client import Client
-from ..cluster.crew import Crew, taken
+from ..cluster.worker_pool import Crew, taken
 from ..engine.jit import Cancel, run
 from ..image.denoise import check_denoise, denoise
 from ..scene.scene import Scene
@@ -27,8 +27,8 @@ from .lod import Fetch
 from .noise import light_of, noise_of
 from .pieces import Floats, Order, add_in_pieces
 from .plan import plan
+from .ray_forwarding.spread import NOTHING, check_spread
 from .settings import Settings
-from .waves.spread import NOTHING, check_spread
 
 IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes of a pixel, and of each of its numbers in a film
 DENOISE_BYTES = 68  # a pixel: its light, its noisy share, colours and normals, and what Open Image Denoise takes
@@ -252,9 +252,9 @@ class Picture:
 
     def _travel(self, crew: Crew, samples: tuple[int, int], progress: Progress | None) -> None:
         """Add samples to all blocks, with workers who hold the models."""
-        from .waves.recall import recalled_for
-        from .waves.travel import View, add_by_waves
-        from .waves.wave import Pictured
+        from .ray_forwarding.ray_exchange import View, add_by_waves
+        from .ray_forwarding.replay import recalled_for
+        from .ray_forwarding.wave import Pictured
 
         settings = self._settings
         fixed = self._world, self._camera, self._pass

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cluster.crew import Crew
 from ..cluster.dispatch import Job
+from ..cluster.worker_pool import Crew
 from .camera import Camera
 from .film import LONGEST_PASS
 from .integrate import BLOCK_EDGE

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from ..base.arguments import check_kind, wrong
 from ..cluster.client import Client
-from ..cluster.crew import Crew, taken
 from ..cluster.dispatch import AT_ONCE, Job
+from ..cluster.worker_pool import Crew, taken
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .camera import Camera
@@ -25,8 +25,8 @@ from .picture import (
     render_snapshot,
 )
 from .pieces import in_order
+from .ray_forwarding.spread import check_spread
 from .settings import Settings
-from .waves.spread import check_spread
 
 AHEAD = 2  # pictures for each job of a worker that are begun, or wait, before the first of them is taken
 

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..cluster.arrays import Form, Shared, check_chunks, chunked_like
+from ..cluster.dask_arrays import Form, Shared, check_chunks, chunked_like
 from ..cluster.recipe import Stage
-from ..cluster.stowed import homes_for
+from ..cluster.serialized_scene import homes_for
 from ..surface.trace.cast import PLAIN, Pace
 from .blend import blend, blended_form
+from .ownership import Rows, Shares, held_scene
+from .paged_rays import closest_reached, occluded_reached
 from .rays import Hits, Rays, check_rays, leading_shape
-from .reached import closest_reached, occluded_reached
-from .shares import Rows, Shares, held_scene
 from .world import Snapshot
 
 ALONG = "along"  # what hits are compared by, beside the fields of `Hits`

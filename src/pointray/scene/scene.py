@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_flag, check_mapping, rgb, wrong
-from ..cluster.arrays import is_chunked
+from ..cluster.dask_arrays import is_chunked
 from ..model.model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights

@@ -32,7 +32,7 @@ from ..surface.tree.instance_bvh import boxes_around, build_top
 from .clips import clip_records
 from .instances import Instances
 from .paints import Paints
-from .shown import Coats, instances_of, table_of, world_showing
+from .visible_trees import Coats, instances_of, table_of, world_showing
 
 PARTS = 1 << 30  # numbers from which keys of parts are counted
 

@@ -22,9 +22,9 @@ from contextlib import suppress
 
 from numpy.typing import ArrayLike
 
+from ..auto_view.first_view import Scan, ViewChoice, up_of
 from ..base.arguments import check_flag, check_text, check_whole
 from ..scene.scene import Scene
-from ..staging.first_view import Scan, ViewChoice, up_of
 from .shared_scene import SharedScene
 from .viewer import Viewer
 

@@ -25,7 +25,7 @@ from ..engine.jit import thread_count
 from ..rendering.settings import Settings
 from ..rendering.warmup import wait_until_warm, warm_up
 from ..scene.scene import Scene
-from .niceness import FINE_LIGHT, ROUGH_LIGHT, YIELDS, yielding
+from .thread_priority import FINE_LIGHT, ROUGH_LIGHT, YIELDS, yielding
 from .time_left import TimeLeft
 
 log = logging.getLogger("pointray.view")

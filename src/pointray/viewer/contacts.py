@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from ..auto_view import STUDIO
+from ..auto_view.contact import ContactShadow, contact_shadow
+from ..auto_view.first_view import Scan
 from ..base.choices import EXPOSED
 from ..scene.scene import Scene
 from ..shade.lights import SunLight
-from ..staging import STUDIO
-from ..staging.contact import ContactShadow, contact_shadow
-from ..staging.first_view import Scan
 from .view_settings import ViewSettings
 
 

@@ -6,19 +6,19 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from ..auto_view import STUDIO
+from ..auto_view.framing import Lens
+from ..auto_view.studio import studio
 from ..base.choices import AUTO, VIEWS
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute
-from ..staging import STUDIO
-from ..staging.framing import Lens
-from ..staging.studio import studio
 from .controls import Control, Folder
 from .light_control import light_controls_of
-from .lookups import Lookups
 from .outbox import Outbox
 from .painter import FrameRequest, Painter
 from .panel import Output, folders
+from .queries import Lookups
 from .shared_scene import SharedScene
 from .view_settings import CHANGED, CONSTANT, OWN, ViewSettings
 

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ..auto_view import HEADLIGHT, STUDIO
+from ..auto_view.contact import ContactShadow
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
 from ..base.arguments import Vector
@@ -29,8 +31,6 @@ from ..rendering.settings import Settings
 from ..scene.scene import Scene
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import PointLight, SunLight
-from ..staging import HEADLIGHT, STUDIO
-from ..staging.contact import ContactShadow
 from .contacts import Contacts
 from .outbox import Outbox
 from .painter import FrameRequest

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 from ..model.model import Model
-from .niceness import PARTS, yield_to_others
+from .thread_priority import PARTS, yield_to_others
 
 log = logging.getLogger("pointray.view")
 

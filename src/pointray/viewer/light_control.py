@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ..auto_view.direction import angles_of, direction_of
 from ..base.arguments import Vector, rgb
 from ..base.choices import LIGHTS
 from ..image.tone import linear_to_srgb, srgb_to_linear
 from ..scene.scene import Scene
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light, PointLight, SunLight
-from ..staging.direction import angles_of, direction_of
 
 Color = tuple[float, float, float]
 

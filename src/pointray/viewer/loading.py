@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ..auto_view.first_view import Scan, ViewChoice
+from ..auto_view.studio import CLAY, with_direct_light
 from ..base.warning_log import heard
 from ..cloud.normals.validation import check_normals_choice, judged, replaced
 from ..cloud.outliers import without_strays
@@ -24,12 +26,10 @@ from ..rendering.warmup import NORMALS, expect, is_warm, wait_until_warm
 from ..scene.scene import Scene
 from ..scenefile import Plan
 from ..shade.materials.diffuse import Diffuse
-from ..staging.first_view import Scan, ViewChoice
-from ..staging.studio import CLAY, with_direct_light
 from ..surface.splats.radii import radii_in
-from .niceness import LEVELS, yielding
 from .shared_scene import SharedScene
 from .sketch import Sketch
+from .thread_priority import LEVELS, yielding
 
 COARSE = 60_000  # points of the coarse version: built in some 0.3 s
 WORTH = 4 * COARSE  # points from which a coarse version is worth building

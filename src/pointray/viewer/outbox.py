@@ -21,8 +21,8 @@ from ..image.legend import draw_legend
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute
+from .connection import Link
 from .controls import Folder
-from .link import Link
 from .messages import describe, packed
 from .painter import Frame
 from .pick import Found

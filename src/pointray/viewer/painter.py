@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from ..auto_view.first_view import Scan
+from ..auto_view.studio import with_direct_light
 from ..baking.baked import Baked
 from ..engine.jit import Cancel
 from ..image.screen import to_8bit
@@ -23,8 +25,6 @@ from ..rendering.camera import Camera
 from ..rendering.picture import Picture
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
-from ..staging.first_view import Scan
-from ..staging.studio import with_direct_light
 from .baker import Baker
 from .contacts import Contacts
 from .fetcher import Fetcher

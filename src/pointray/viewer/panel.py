@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ..auto_view import LOOKS, STUDIO
 from ..base.choices import AUTO, BACKFACES, COLORMAPS, CURVES, EXPOSED, INTEGRATORS, LIGHTS, SCATTER, SURFACES
 from ..model.model import SURFACE
 from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES
-from ..staging import LOOKS, STUDIO
 from .controls import Control, Folder
 from .light_control import MOST_LAMPS, POINT, SKY, SUN, LightControl
 from .light_control import OWN as OWN_LIGHT

@@ -28,8 +28,8 @@ from websockets.datastructures import Headers, MultipleValuesError
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from .link import Connection, Link, is_loopback
-from .share import Share
+from .connection import Connection, Link, is_loopback
+from .page_limits import Share
 
 log = logging.getLogger("pointray.view")
 

@@ -10,15 +10,15 @@ from typing import Any
 
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute
+from .connection import Link
 from .display import Display
 from .exports import Exports
 from .light_control import MOST_LAMPS, SUN
-from .link import Link
-from .lookups import Click, Lookups
 from .messages import camera_of, free_of, number, parse, size_of, word
 from .outbox import Outbox
+from .page_limits import Allowance
 from .painter import Frame, FrameRequest, Painter
-from .share import Allowance
+from .queries import Click, Lookups
 from .shared_scene import Progress, SharedScene
 
 log = logging.getLogger("pointray.view")

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..auto_view.first_view import Scan, ViewChoice
 from ..base.arguments import check_direction
 from ..base.choices import AS_SPHERES, AUTO
 from ..base.memory import give_back
@@ -18,7 +19,6 @@ from ..model.model import Model
 from ..rendering.camera import Camera
 from ..rendering.settings import Settings
 from ..scene.scene import Scene
-from ..staging.first_view import Scan, ViewChoice
 from .sketch import Sketch
 from .time_left import TimeLeft
 

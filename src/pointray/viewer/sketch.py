@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..auto_view.studio import CLAY, HORIZON, KEY, KEY_DIRECTION
 from ..cloud.points import Points
 from ..image.tone import srgb_to_linear
 from ..rendering.camera import Camera, view_axes
-from ..staging.studio import CLAY, HORIZON, KEY, KEY_DIRECTION
 
 MOST = 60_000  # points that are drawn: a picture takes some 30 ms
 NEIGHBORS = 12  # neighbours for fitting normals that the file lacks

@@ -11,6 +11,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from ..auto_view import HEADLIGHT, STUDIO
+from ..auto_view.direction import axes_of
+from ..auto_view.studio import CLAY
 from ..base.arguments import Vector
 from ..base.choices import AUTO, EXPOSED, SAME
 from ..cloud.georeference import RESIDUAL
@@ -29,9 +32,6 @@ from ..shade.materials.diffuse import Diffuse
 from ..shade.materials.phong import Phong
 from ..shade.materials.principled import Principled
 from ..shade.materials.specular import Dielectric, Mirror
-from ..staging import HEADLIGHT, STUDIO
-from ..staging.direction import axes_of
-from ..staging.studio import CLAY
 from .light_control import Color, LightControl, controls_of, light_controls_of, new_light_control
 from .shared_scene import SharedScene
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from ..base.memory import give_back
 from ..rendering.warmup import warm_up
-from .link import Link
+from .connection import Link
 from .server import Server
 from .session import Session
 from .shared_scene import SharedScene

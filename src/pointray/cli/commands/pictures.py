@@ -281,8 +281,8 @@ def view(
     ] = None,
 ) -> None:
     """Show a scan in the browser, at once: turn it with the mouse, change light and material, save pictures."""
+    from ...auto_view.studio import with_contact
     from ...rendering.settings import Settings
-    from ...staging.studio import with_contact
     from ..scan_surface import surface_of
     from ..serve import serve, shared_scene_of
 

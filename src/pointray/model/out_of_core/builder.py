@@ -21,7 +21,7 @@ from ...cloud.normals.consistency import agreement_share, sample_rows
 from ...cloud.normals.estimate import DISAGREE, told
 from ...cloud.normals.stations import warn_of_ignored
 from ...cloud.normals.units import to_units
-from ...cluster.chores import Team
+from ...cluster.task_pool import Team
 from ...io.spooling.spooled import Spooled
 from ...surface.splats.scattered.spheres import ALL_SURFACE, Drawing, check_drawing
 from ...surface.splats.support import lone_note

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from ...base.disk_columns import look_again
-from ...cluster.chores import Team
 from ...cluster.client import check_client
+from ...cluster.task_pool import Team
 from ..model_file import Place, place_of
 
 if sys.platform != "win32":

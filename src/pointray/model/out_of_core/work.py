@@ -17,7 +17,7 @@ from ...base.memory import give_back
 from ...base.progress import Progress, part_of, tell
 from ...cloud.sampled_statistics import Sampled
 from ...cloud.statistics import Usual, sample_of
-from ...cluster.chores import Team
+from ...cluster.task_pool import Team
 from .arrange import TILE
 from .local import Local, local_of, points_of
 

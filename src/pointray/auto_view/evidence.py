@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .planes import Planes, fit_planes
-from .stance import Ends
+from .stability import Ends
 
 Floats = NDArray[np.float64]
 

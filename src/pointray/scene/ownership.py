@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.kernels.records import KIND, MODEL, PLANE, SHAPE_ROW
-from .shown import instances_of
+from .visible_trees import instances_of
 from .world import Snapshot, reach_boxes
 
 Rows = NDArray[np.int64]

@@ -18,11 +18,11 @@ from typing import Any, TypeVar
 
 from ..base.progress import Progress
 from ..engine.jit import run
-from .crew import Ask, Crew
 from .dispatch import Job
-from .parcels import Parcel
 from .recipe import Stage, pack, unpack
+from .scattered_objects import Parcel
 from .worker import DroppedError
+from .worker_pool import Ask, Crew
 
 POLL = 0.1  # seconds between two looks whether a chore is still wanted
 AGAIN = 2.0  # seconds that a chore which was told to end has for it

@@ -17,8 +17,8 @@ from weakref import WeakKeyDictionary
 from ..model.model import Model
 from ..model.model_file import Place
 from .client import check_client
-from .parcels import Parcel, Parcels, check_spreadable, parcels_of
 from .recipe import Stage, write_recipe
+from .scattered_objects import Parcel, Parcels, check_spreadable, parcels_of
 from .worker import Bench, Sent, UnseenFileError, at_work, version_here
 
 _NAMES: WeakKeyDictionary[Model, str] = WeakKeyDictionary()  # of models, which nothing else in any process has

@@ -18,7 +18,7 @@ import numpy as np
 from ..base.arguments import check_real, real_numbers
 from ..base.extras import require
 from .recipe import Stage
-from .stowed import Stowed
+from .serialized_scene import Stowed
 from .worker import worker_here
 
 

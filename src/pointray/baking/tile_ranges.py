@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.progress import Progress, tell
-from ..cluster.crew import Crew
 from ..cluster.dispatch import Job
-from ..cluster.parcels import Parcel
+from ..cluster.scattered_objects import Parcel
+from ..cluster.worker_pool import Crew
 from ..engine.jit import Array, run
 from ..scene.world import Snapshot
 from .gather import ONE_TILE, Found, Patches, Rays, Targets, send_rays

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cluster.crew import Crew
 from ...cluster.dispatch import Job
+from ...cluster.worker_pool import Crew
 from ...engine.kernels.records import World
-from ...scene.shares import Rows, Shares, boxes_of
+from ...scene.ownership import Rows, Shares, boxes_of
 from ...scene.world import Snapshot
 from ...surface.trace.cast import Pace
 from ..camera import Camera

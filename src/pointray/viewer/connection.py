@@ -16,7 +16,7 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
-from .share import Allowance
+from .page_limits import Allowance
 
 log = logging.getLogger("pointray.view")
 

@@ -16,7 +16,7 @@ from ..film import LONGEST_PASS
 from ..integrate import BLOCK_EDGE, Pass
 from ..pieces import Floats, Piece, cut
 from .answer import BEGINS, SLOT, answer
-from .recall import FACT_INSTANCE, FACTS, MISS, RAY, RecalledWorld, nothing_asked
+from .replay import FACT_INSTANCE, FACTS, MISS, RAY, RecalledWorld, nothing_asked
 
 RAYS = 1 << 17  # rays of a piece's samples, at most: 8 MiB of them travel at once
 TILES = BLOCK_EDGE * BLOCK_EDGE // TILE  # of a block

@@ -15,8 +15,8 @@ from ..model.model import Model
 from ..model.model_file import Place
 from .client import check_client, memory_of, unfit
 from .dispatch import Dispatch, Job
-from .parcels import Parcel, check_spreadable, parcels_of
 from .recipe import Stage, write_recipe
+from .scattered_objects import Parcel, check_spreadable, parcels_of
 from .worker import Ticket, do_job
 
 ROLL_CALL = 1.0  # seconds between two looks at who is there
