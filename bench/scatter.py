@@ -1,4 +1,4 @@
-"""How well `pointray.surface.splats.scattered.classification` tells surfaces from scattered points: labelled scenes, clean scans, and time.
+"""Measure how well points on surfaces and scattered points are told apart: labelled scenes, clean scans, and time.
 
     python bench/scatter.py [--seeds 100 101 102] [--samplings ...] [--pictures FOLDER]
 

@@ -1,4 +1,4 @@
-"""A folder with the libraries of a system and their manifest, as the package reads it (`pointray.engine.jit.library`)."""
+"""A folder with the libraries of a system and their manifest, as `pointray.engine.jit.library` reads it."""
 
 from __future__ import annotations
 

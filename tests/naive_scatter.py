@@ -1,4 +1,4 @@
-"""A slow, obvious twin of `surface/splats/scattered/classification.py` without normals: all distances, NumPy's eigenvectors, in float64."""
+"""A slow twin of `scattered/classification.py` without normals: all distances, NumPy's eigenvectors, float64."""
 
 from __future__ import annotations
 

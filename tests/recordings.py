@@ -136,7 +136,7 @@ class _Recorded:
 
 
 def _links(start: int, size: int) -> list[tuple[int, tuple[int, int]]]:
-    """Where a table of numbers holds an address and a length, as `engine/kernels/tree.py` lays them, and what lies there."""
+    """Where a table of numbers holds an address and a length, as in `engine/kernels/tree.py`, and what lies there."""
     table = np.frombuffer(ctypes.string_at(start, size), np.int64)
     able = (table[:-1] > 1 << 32) & (table[:-1] < 1 << 47) & (table[1:] > 0) & (table[1:] < 1 << 24)
     found = []

@@ -16,7 +16,7 @@ from pointray.surface.splats.closed import CLOSED, OPEN, UNSURE, WIDE, distances
 from pointray.surface.splats.medians import medians_around
 from pointray.surface.splats.radii import _in_cells
 from pointray.surface.splats.sheets import BESIDE, OPPOSED, find_sheets
-from pointray.surface.splats.voronoi import OTHER_SHEET, Hood, measure_cells
+from pointray.surface.splats.voronoi import OTHER_SHEET, Neighborhood, measure_cells
 
 
 def square(n, seed=0):
@@ -89,7 +89,7 @@ def cloud(name):
 
 def table_and_hood(name, count=NEIGHBORS + 1):
     x, n = cloud(name)
-    hood = Hood(np.arange(len(x), dtype=np.int32), neighbors(x, count).indices)
+    hood = Neighborhood(np.arange(len(x), dtype=np.int32), neighbors(x, count).indices)
     return x, n, hood, measure_closed(pack_table(x, n), hood)
 
 
@@ -152,7 +152,7 @@ def test_sheets_of_the_neighbours(name):
 
 def test_a_few_points_are_left_to_the_slow_way():
     x = square(15)
-    found = measure_closed(pack_table(x, up(15)), Hood(np.arange(15, dtype=np.int32), neighbors(x, 15).indices))
+    found = measure_closed(pack_table(x, up(15)), Neighborhood(np.arange(15, dtype=np.int32), neighbors(x, 15).indices))
     assert (found.state == UNSURE).all() and found.gap.all() and found.facing.all() and not found.one_sheet.any()
 
 
@@ -204,7 +204,7 @@ def test_medians_are_those_of_numpy(rng, name, own):
     x, n, hood, found = table_and_hood(name)
     values = rng.lognormal(size=len(x)).astype(np.float32)
     odd = np.flatnonzero(~found.one_sheet)
-    got = medians_around(values, n, hood.near[:, :9], Hood(odd, hood.near[odd]), own)
+    got = medians_around(values, n, hood.near[:, :9], Neighborhood(odd, hood.near[odd]), own)
     for i in range(0, len(x), 1 + len(x) // 500):
         near = hood.near[i, 0 if own else 1 :]
         same = near[n[near] @ n[i] >= OTHER_SHEET][: 9 if own else 8]
@@ -231,7 +231,7 @@ def test_sheets_are_those_of_a_slow_search(name, known):
     x, n, hood, found = table_and_hood(name)
     radii = 1.5 * distances(x, hood, 4)
     facing = np.flatnonzero(found.facing) if known else np.arange(len(x))
-    sheets = find_sheets(x, n, radii, hood.near, Hood(facing, hood.near[facing]))
+    sheets = find_sheets(x, n, radii, hood.near, Neighborhood(facing, hood.near[facing]))
     want, i = np.zeros(len(x), np.int8), np.arange(len(x))
     for j in hood.near.T:
         d = np.float64(x[j]) - x[i]

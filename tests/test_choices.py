@@ -23,7 +23,7 @@ SCENES = (DOCS / "scenes.md").read_text() if DOCS.exists() else ""
 
 def test_choices_load_nothing() -> None:
     """`pointray --help` must answer at once."""
-    code = "import sys; before = set(sys.modules); import pointray.base.choices; print('numpy' in set(sys.modules) - before)"
+    code = "import sys; old = set(sys.modules); import pointray.base.choices; print('numpy' in set(sys.modules) - old)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

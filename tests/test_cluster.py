@@ -17,8 +17,8 @@ from conftest import long
 from pointray.cluster import dispatch, worker
 from pointray.cluster.client import check_client
 from pointray.cluster.dispatch import Job
-from pointray.cluster.scattered_objects import parcels_of
-from pointray.cluster.worker_pool import Crew
+from pointray.cluster.scattered_objects import scattered_objects_of
+from pointray.cluster.worker_pool import WorkerPool
 from pointray.model.out_of_core.split import split
 from pointray.rendering import sequence
 from pointray.rendering.pieces import MOST_PIXELS, cut, in_order, pieces_for
@@ -160,8 +160,8 @@ def wait_for_the_first(scene: Any, camera: pr.Camera, settings: pr.Settings, thr
 
 def test_few_pictures_are_begun_before_the_first_is_there(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[str] = []
-    submit = Crew.submit
-    monkeypatch.setattr(Crew, "submit", lambda self, job, at: begun.append(job.name) or submit(self, job, at))
+    submit = WorkerPool.submit
+    monkeypatch.setattr(WorkerPool, "submit", lambda self, job, at: begun.append(job.name) or submit(self, job, at))
     monkeypatch.setattr(sequence, "render_whole", wait_for_the_first)
     cameras = [camera_of(k + 1, 1) for k in range(40)]
     images = sequence.render_each(scene_of(MODEL), cameras, pr.Settings(), client, lambda share: None)
@@ -212,8 +212,8 @@ def test_a_model_is_sent_once_and_kept_while_it_lives(client: Any, monkeypatch: 
 
 
 def test_what_is_sent_of_a_scene_is_small(client: Any) -> None:
-    crew = Crew(client, scene_of(ball(20_000)))
-    assert len(crew._recipe.thing) < 20_000
+    pool = WorkerPool(client, scene_of(ball(20_000)))
+    assert len(pool._recipe.thing) < 20_000
 
 
 @pytest.mark.long
@@ -306,11 +306,11 @@ def stall(scene: Any, slow: str, threads: int, check: Any) -> str:
 
 def test_what_a_slow_worker_does_is_done_elsewhere(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatch, "LEAST_SLOW", 0.2)
-    crew = Crew(client, scene_of(MODEL))
-    slow = next(iter(crew.workers))
-    done = [where for _, where in crew.run(deque(Job(f"job {k}", stall, (slow,)) for k in range(6)), lambda: None)]
+    pool = WorkerPool(client, scene_of(MODEL))
+    slow = next(iter(pool.workers))
+    done = [where for _, where in pool.run(deque(Job(f"job {k}", stall, (slow,)) for k in range(6)), lambda: None)]
     assert len(done) == 6 and slow not in done
-    wait_until(lambda: not any(bench.lock.locked() for bench in worker._BENCHES.values()))  # the slow one has stopped
+    wait_until(lambda: not any(bench.lock.locked() for bench in worker._CACHES.values()))  # the slow one has stopped
 
 
 def fail(scene: Any, text: str, threads: int, check: Any) -> None:
@@ -319,19 +319,19 @@ def fail(scene: Any, text: str, threads: int, check: Any) -> None:
 
 def test_an_error_of_a_job_is_raised_here(client: Any) -> None:
     with pytest.raises(ValueError, match="wrong there"):
-        list(Crew(client, scene_of(MODEL)).run(deque([Job("job", fail, ("wrong there",))]), lambda: None))
+        list(WorkerPool(client, scene_of(MODEL)).run(deque([Job("job", fail, ("wrong there",))]), lambda: None))
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_an_error_in_progress_ends_all_jobs(client: Any, error: type[BaseException]) -> None:
     def stop(share: float) -> None:
-        if any(bench.lock.locked() for bench in worker._BENCHES.values()):  # a kernel is at work
+        if any(bench.lock.locked() for bench in worker._CACHES.values()):  # a kernel is at work
             raise error
 
     with pytest.raises(error):
         pr.render(scene_of(MODEL), camera_of(400, 300), pr.Settings(**PATH, spp=20_000), stop, client=client)
     wait_until(lambda: not any(client.processing().values()))
-    wait_until(lambda: not any(bench.lock.locked() for bench in worker._BENCHES.values()))  # no kernel is at work
+    wait_until(lambda: not any(bench.lock.locked() for bench in worker._CACHES.values()))  # no kernel is at work
 
 
 AT_WORK: list[int] = []
@@ -349,7 +349,7 @@ def count(scene: Any, threads: int, check: Any) -> tuple[int, int]:
 def test_a_worker_does_one_job_at_a_time_with_all_its_threads() -> None:
     with cluster_of(1, processes=False, threads=3) as client:
         jobs = deque(Job(f"job {k}", count, ()) for k in range(5))
-        assert [result for _, result in Crew(client, scene_of(MODEL)).run(jobs, lambda: None)] == [(3, 1)] * 5
+        assert [result for _, result in WorkerPool(client, scene_of(MODEL)).run(jobs, lambda: None)] == [(3, 1)] * 5
 
 
 @pytest.mark.long
@@ -398,4 +398,4 @@ def test_several_threads_may_use_a_client(client: Any) -> None:
     assert len(images) == 3
     for camera, image in images:
         np.testing.assert_array_equal(image, pr.render(scene, camera))
-    assert parcels_of(client).client is client
+    assert scattered_objects_of(client).client is client

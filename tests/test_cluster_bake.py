@@ -17,7 +17,7 @@ from pointray.baking.gather import ONE_TILE
 from pointray.cli import execute
 from pointray.cluster import worker
 from pointray.cluster.client import UNPROFILED
-from pointray.cluster.worker_pool import Crew
+from pointray.cluster.worker_pool import WorkerPool
 
 FEW = pr.BakeSettings(links=8, patches=512, noise=0.05, seed=3)
 
@@ -92,7 +92,7 @@ def test_what_is_baked_there_is_updated_here(client: Any, monkeypatch: pytest.Mo
     scene = matt()
     found, wanted = pr.bake(scene, FEW, client=client), pr.bake(scene, FEW)
     scene.lights = [*scene.lights[:-1], pr.SphereLight((2, -2, 2), 0.3, 9.0)]
-    monkeypatch.setattr(Crew, "submit", None)
+    monkeypatch.setattr(WorkerPool, "submit", None)
     found.update()
     wanted.update()
     assert_same(found, wanted)
@@ -138,7 +138,7 @@ def test_an_error_in_progress_ends_the_bake(client: Any) -> None:
     with pytest.raises(InterruptedError):
         pr.bake(matt(), pr.BakeSettings(links=1024, patches=2048), stop, client)
     end = time.monotonic() + 300  # it only ends a wait in vain
-    while any(client.processing().values()) or any(bench.lock.locked() for bench in worker._BENCHES.values()):
+    while any(client.processing().values()) or any(bench.lock.locked() for bench in worker._CACHES.values()):
         assert time.monotonic() < end
         time.sleep(0.02)
 

@@ -17,9 +17,9 @@ import pytest
 import pointray as pr
 from clusters import ball, camera_of, cluster_of, scene_of
 from pointray.cluster import client as client_module
-from pointray.cluster import worker_pool as crew
+from pointray.cluster import worker_pool as pool
 from pointray.cluster.dispatch import Job
-from pointray.cluster.worker_pool import Crew
+from pointray.cluster.worker_pool import WorkerPool
 from pointray.rendering.sequence import render_each
 
 pytestmark = pytest.mark.long  # each starts processes
@@ -120,17 +120,17 @@ def test_a_worker_that_stands_still_is_not_waited_for(client: Any) -> None:
 
 
 def test_a_worker_that_stands_still_before_its_result_is_fetched(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    fetch, fetched = Crew.fetch, []
+    fetch, fetched = WorkerPool.fetch, []
     scene, camera = scene_of(ball()), camera_of(400, 300)
     with one_that_stands_still(client) as stop:
 
-        def stop_and_fetch(crew: Crew, future: Any) -> Any:
+        def stop_and_fetch(pool: WorkerPool, future: Any) -> Any:
             fetched.append(future.key)
             if len(fetched) == 3:
                 stop(lambda: client.who_has([future])[future.key][0])
-            return fetch(crew, future)
+            return fetch(pool, future)
 
-        monkeypatch.setattr(Crew, "fetch", stop_and_fetch)
+        monkeypatch.setattr(WorkerPool, "fetch", stop_and_fetch)
         image = pr.render(scene, camera, HARD, client=client)
     np.testing.assert_array_equal(image, pr.render(scene, camera, HARD))
 
@@ -141,7 +141,7 @@ def die(scene: Any, threads: int, check: Any) -> None:
 
 def test_a_job_that_kills_workers_is_given_up(client: Any) -> None:
     with pytest.raises(RuntimeError, match="deadly: given up, as 4 workers"):
-        list(Crew(client, scene_of(ball())).run(deque([Job("deadly", die, ())]), lambda: None))
+        list(WorkerPool(client, scene_of(ball())).run(deque([Job("deadly", die, ())]), lambda: None))
 
 
 def render_until_at_work(client: Any, then: Callable[[], Any]) -> None:
@@ -161,7 +161,7 @@ def render_until_at_work(client: Any, then: Callable[[], Any]) -> None:
 
 
 def test_a_crew_without_workers_gives_up(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(crew, "ALONE", 1.0)
+    monkeypatch.setattr(pool, "ALONE", 1.0)
     with pytest.raises(RuntimeError, match="all workers of Dask are gone"):
         render_until_at_work(client, lambda: client.cluster.scale(0))
 
@@ -198,12 +198,12 @@ def test_workers_of_another_version_are_refused_by_name(client: Any, change: Any
 
 
 def test_a_later_worker_of_another_version_is_left_out(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    crew_here = Crew(client, scene_of(ball()))
+    crew_here = WorkerPool(client, scene_of(ball()))
     first, second = client.nthreads()
     client_module._FIT[client].discard(second)  # as if it came only now
     del crew_here.workers[second]
     client.run(set_version, "0.0.9", workers=[second])
-    monkeypatch.setattr(crew, "ROLL_CALL", 0.0)
+    monkeypatch.setattr(pool, "REFRESH", 0.0)
     with pytest.warns(UserWarning, match=f"it is not used: worker {second} has pointray 0.0.9"):
         done = [result for _, result in crew_here.run(deque([Job("job", where, ())]), lambda: None)]
     assert done == [first]

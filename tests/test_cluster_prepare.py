@@ -19,13 +19,13 @@ from conftest import sphere_points
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
 from pointray.cluster import client as client_module
-from pointray.cluster import task_pool as chores
+from pointray.cluster import task_pool as tasks
 from pointray.cluster import worker
 from pointray.cluster.client import UNPROFILED
 from pointray.cluster.recipe import pack, unpack
-from pointray.cluster.task_pool import THREADS, _Chore, _on, stoppable
+from pointray.cluster.task_pool import THREADS, _on, _Task, stoppable
 from pointray.cluster.worker import DroppedError
-from pointray.cluster.worker_pool import Crew
+from pointray.cluster.worker_pool import WorkerPool
 from pointray.engine.jit import run
 from pointray.engine.jit.threads import CANCEL
 from pointray.io.files import request_of
@@ -114,8 +114,8 @@ def test_workers_make_the_same_files_and_every_part_of_a_stage_is_a_job(
     client: Any, few: tuple[Path, dict[str, bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, wanted = few
-    names, told, submit = list[str](), list[float](), Crew.submit
-    monkeypatch.setattr(Crew, "submit", lambda self, job, to: names.append(job.name) or submit(self, job, to))
+    names, told, submit = list[str](), list[float](), WorkerPool.submit
+    monkeypatch.setattr(WorkerPool, "submit", lambda self, job, to: names.append(job.name) or submit(self, job, to))
     assert prepared(file, tmp_path / "there", client, told.append) == wanted
     assert told == sorted(told) and told[-1] == 1.0
     for stage in ("sort", "merge", "noise", "place", "signs", "support", "boxes", "tree", "level-1-points"):
@@ -149,13 +149,13 @@ def test_an_error_in_progress_ends_the_work_which_goes_on_later(
     with pytest.raises(InterruptedError):
         prepared(tmp_path / "a.ply", tmp_path / "a", client, stop)
     end = time.monotonic() + 300  # it only ends a wait in vain
-    while any(client.processing().values()) or any(bench.lock.locked() for bench in worker._BENCHES.values()):
+    while any(client.processing().values()) or any(bench.lock.locked() for bench in worker._CACHES.values()):
         assert time.monotonic() < end
         time.sleep(0.02)
     names: list[str] = []
-    submit = Crew.submit
+    submit = WorkerPool.submit
     monkeypatch.setattr(prepare_module, "spool", None)
-    monkeypatch.setattr(Crew, "submit", lambda self, job, to: names.append(job.name) or submit(self, job, to))
+    monkeypatch.setattr(WorkerPool, "submit", lambda self, job, to: names.append(job.name) or submit(self, job, to))
     found = prepared(tmp_path / "a.ply", tmp_path / "a", client)
     monkeypatch.undo()
     assert not any(name.startswith(("sort", "place")) for name in names)
@@ -233,12 +233,12 @@ def test_a_later_worker_that_does_not_see_the_folder_is_left_out(client: Any) ->
     def ask(client: Any, workers: list[str]) -> dict[str, str]:
         return {worker: f"{worker} is blind" for worker in workers if worker == second}
 
-    from pointray.cluster.task_pool import Team
+    from pointray.cluster.task_pool import TaskPool
 
     with pytest.warns(UserWarning, match=f"it is not used: {second} is blind"):
-        team = Team(client, ask)
+        team = TaskPool(client, ask)
     assert dict(team.share("squares", square, range(5), lambda: None)) == {k: k * k for k in range(5)}
-    assert list(team._crew.workers) == [first]
+    assert list(team._pool.workers) == [first]
 
 
 def square(k: int) -> int:
@@ -261,7 +261,7 @@ def full(radii: Any) -> None:
     raise OSError(28, "No space left on device", "a.ply")
 
 
-# ------------------------------------------------------------------------------------------------------------- chores
+# ------------------------------------------------------------------------------------------------------------- tasks
 
 
 def test_a_chore_that_nobody_wants_ends() -> None:
@@ -295,7 +295,7 @@ def test_a_chore_that_nobody_wants_ends() -> None:
 
 
 def test_a_chore_is_not_ended_where_it_may_hold_a_lock(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chores, "POLL", 0.01)
+    monkeypatch.setattr(tasks, "POLL", 0.01)
     lock, checks, ended = threading.Lock(), [0], [False]
 
     def work() -> None:
@@ -315,14 +315,14 @@ def test_a_chore_is_not_ended_where_it_may_hold_a_lock(monkeypatch: pytest.Monke
 
 def test_a_chore_that_has_ended_is_not_told_to_end() -> None:
     """Its number may be that of another thread by now."""
-    chore = _Chore(lambda: 7)
-    chore.start()
-    chore.join()
-    assert chore.result == 7 and not chore.end()
+    task = _Task(lambda: 7)
+    task.start()
+    task.join()
+    assert task.result == 7 and not task.end()
 
 
 def test_a_chore_that_exits_does_not_end_its_worker() -> None:
-    with pytest.raises(RuntimeError, match="a chore was ended"):
+    with pytest.raises(RuntimeError, match="a task was ended"):
         stoppable(sys.exit, lambda share: None)
 
 

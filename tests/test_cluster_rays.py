@@ -15,7 +15,7 @@ import pointray as pr
 from clusters import ball, camera_of, cluster_of, scene_of
 from pointray.cluster import serialized_scene as stowed
 from pointray.cluster import worker
-from pointray.cluster.scattered_objects import parcels_of
+from pointray.cluster.scattered_objects import scattered_objects_of
 from pointray.scene import casting
 from pointray.scene import paged_rays as reached
 
@@ -208,7 +208,7 @@ def test_models_in_scenes_that_are_else_alike_are_not_confused(client: Any) -> N
 def test_what_the_graph_holds_of_a_scene_is_small(client: Any) -> None:
     model = ball(20_000)
     with client.as_current():
-        held = stowed.Stowed(scene_of(model))
+        held = stowed.SerializedScene(scene_of(model))
         assert len(pickle.dumps(held)) < 20_000
     assert len(pickle.dumps(held)) > 1_000_000
 
@@ -240,7 +240,7 @@ def test_a_saved_model_goes_as_its_path(client: Any, tmp_path: Path, monkeypatch
         assert (sent, len(loaded) > 0) == ([], True)
         del loaded[:]
         # Other workers do not see it.
-        parcels_of(client).asked.clear()
+        scattered_objects_of(client).asked.clear()
         monkeypatch.setattr(stowed, "_are_there", lambda places: [False] * len(places))
         scene.update(0, pr.transform())  # workers keep scenes
         np.testing.assert_array_equal(scene.intersect(*chunked).t.compute(), wanted)

@@ -56,7 +56,7 @@ def opened_by_workers(folder: Path) -> list[list[int]]:
     """The parts that each worker has opened, as far as they share this process."""
     found = [
         [k for k, part in enumerate(model.parts) if part.source.is_open]
-        for bench in worker_module._BENCHES.values()
+        for bench in worker_module._CACHES.values()
         for place, model in bench.files.items()
         if place.path == str(folder)
     ]
@@ -201,7 +201,7 @@ def test_the_command_line_spreads(folder: Path, tmp_path: Path) -> None:
     assert execute(["render", str(folder), "-o", str(picture), *options, "--spread"]) == 2
 
 
-class Hands:
+class WorkerBackend:
     """Workers whose jobs end when a test says so."""
 
     def __init__(self, *workers: str) -> None:
@@ -232,7 +232,7 @@ class Future:
 
 
 def test_a_job_is_done_at_home_as_long_as_somebody_is_there() -> None:
-    hands = Hands("a", "b")
+    hands = WorkerBackend("a", "b")
     jobs = deque(Job(name, print, (), home=home) for name, home in (("1", "a"), ("2", "a"), ("3", "a"), ("4", "b")))
     work = Dispatch(hands, jobs)
     work.hand_out()
@@ -249,7 +249,7 @@ def test_a_job_is_done_at_home_as_long_as_somebody_is_there() -> None:
 
 
 def test_what_is_very_slow_at_home_is_done_elsewhere_too() -> None:
-    hands = Hands("a", "b")
+    hands = WorkerBackend("a", "b")
     work = Dispatch(hands, deque([Job("1", print, (), home="a"), Job("2", print, (), home="a")]))
     work.hand_out()
     work._times.append(0.1)

@@ -5,7 +5,7 @@ import pytest
 
 import pointray as pr
 from pointray.cloud.neighbors import kd_order, neighbors
-from pointray.cloud.statistics import Usual
+from pointray.cloud.statistics import CloudStatistics
 from pointray.surface.splats import cells, choose_radii
 from pointray.surface.splats.gaps import WIDEST, find_limits
 from pointray.surface.splats.radii import OVERLAP
@@ -104,7 +104,7 @@ def test_no_point_covers_2_percent_of_a_picture(rng, scatter):
 def test_a_few_points_have_no_limit(rng, count):
     x = rng.uniform(size=(count, 3)).astype(np.float32)
     near = neighbors(x, min(9, count))[1]
-    limits = find_limits(x, near, None, Usual())
+    limits = find_limits(x, near, None, CloudStatistics())
     assert np.isinf(limits.half).all()
     model = pr.Model(pr.Points(x, np.tile(UP, (count, 1))))
     scene = pr.Scene()

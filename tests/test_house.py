@@ -8,48 +8,44 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 import pointray
 
 PACKAGE = Path(pointray.__file__).parent
 
-# From the ground up: a room imports only from rooms before it and from itself. A room is a folder, or a file at the
-# top.
+# From the ground up: a room imports only from rooms before it and from itself. A room is a folder.
 TOWER = [
-    *(
-        "dependencies",
-        "jit",
-        "simd",
-        "arguments",
-        "choices",
-        "extras",
-        "progress",
-        "notes",
-        "memory",
-        "kernels",
-        "survey",
-        "data",
-    ),
-    *(
-        "neighbors",
-        "points",
-        "tree",
-        "splats",
-        "intersect",
-        "trace",
-        "array_file",
-        "model_file",
-        "model_folder",
-        "residence",
-        "model",
-        "model_cache",
-    ),
-    *("shade", "image", "cluster", "parts", "scene", "baking", "rendering", "staging"),
-    *("scenefile", "viewer", "cli", "__main__"),
+    *("base", "engine", "cloud", "io", "procedural_models", "surface", "model"),
+    *("shade", "image", "scene", "baking", "rendering", "cluster"),
+    *("auto_view", "scenefile", "viewer", "cli", "__main__"),
 ]
+
+# The same inside of large rooms, for the folders and files that are named here.
+FLOORS = {
+    "engine": ["jit", "simd", "kernels"],
+    "cloud": [
+        *("georeference", "points", "geographic", "statistics", "sampled_statistics", "neighbors", "kd_ordering"),
+        *("rounding", "normals", "outliers", "denoising", "cleaning", "preparation"),
+    ],
+    "io": [
+        "formats",
+        "unpacking",
+        "known_formats",
+        "selection",
+        "opening",
+        "gather",
+        "spooling",
+        "files",
+        "trajectory",
+    ],
+    "surface": ["tree", "splats", "intersect", "trace"],
+    "model": ["array_file", "model_file", "model_folder", "residency", "model", "model_cache", "out_of_core"],
+}
 
 
 def name_of(path: Path) -> str:
-    """The name of a file's module below the package, such as `surface.trace.tile`; an `__init__` has that of its folder."""
+    """The name of a file's module below the package, like `surface.trace.tile`; an `__init__` has its folder's."""
     parts = path.relative_to(PACKAGE).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
@@ -65,8 +61,8 @@ def statements(tree: ast.AST) -> Iterator[ast.AST]:
             yield from statements(node)
 
 
-def imports(path: Path) -> set[str]:
-    """All imports of a file, even in functions: the package's modules as in `FILES`, others with full names."""
+def named_in(path: Path) -> set[str]:
+    """The full names of all modules that a file imports, even in functions."""
     folder = path.parent.relative_to(PACKAGE.parent).parts
     named = []
     for node in statements(ast.parse(path.read_text())):
@@ -76,7 +72,7 @@ def imports(path: Path) -> set[str]:
             base = folder[: len(folder) - node.level + 1] if node.level else ()
             module = ".".join([*base, *([node.module] if node.module else [])])
             named += [f"{module}.{alias.name}" if _inner(f"{module}.{alias.name}") else module for alias in node.names]
-    return {_inner(name) or name for name in named}
+    return set(named)
 
 
 def _inner(module: str) -> str:
@@ -85,17 +81,33 @@ def _inner(module: str) -> str:
     return name if module.startswith("pointray.") and name in FILES else ""
 
 
+def within(room: str, imported: dict[str, set[str]]) -> dict[str, set[str]]:
+    """The imports inside of a room, by names below it."""
+    prefix = f"{room}."
+    below = {name: others for name, others in imported.items() if name.startswith(prefix)}
+    return {
+        name.removeprefix(prefix): {other.removeprefix(prefix) for other in others if other.startswith(prefix)}
+        for name, others in below.items()
+    }
+
+
 def upwards(tower: list[str], imported: dict[str, set[str]]) -> list[tuple[str, str]]:
     """Imports that point up in a tower."""
     floor = {room: k for k, room in enumerate(tower)}
     rooms = {(name, other): (name.split(".")[0], other.split(".")[0]) for name in imported for other in imported[name]}
-    return [pair for pair, (room, other) in rooms.items() if other in floor and floor[other] > floor[room]]
+    known = {pair: both for pair, both in rooms.items() if {*both} <= floor.keys()}
+    return [pair for pair, (room, other) in known.items() if floor[other] > floor[room]]
 
 
 @cache
 def arrows() -> dict[str, set[str]]:
-    """What each file imports; the package's own `__init__` imports all names."""
-    return {name: imports(path) for name, path in FILES.items() if name}
+    """The modules of the package that each file imports; the package's own `__init__` imports all names."""
+    return {name: {_inner(one) for one in named_in(path)} - {""} for name, path in FILES.items() if name}
+
+
+def users_of(*packages: str) -> set[str]:
+    """The files that import other packages."""
+    return {name for name, path in FILES.items() if {one.split(".")[0] for one in named_in(path)} & {*packages}}
 
 
 def test_every_room_has_its_floor():
@@ -104,7 +116,19 @@ def test_every_room_has_its_floor():
 
 def test_every_import_points_down():
     assert upwards(TOWER, arrows()) == []
-    assert upwards(["points", "cli"], {"io.files": {"cli.view", "os"}}) == [("io.files", "cli.view")]
+    assert upwards(["io", "cli"], {"io.files": {"cli.view", "os"}}) == [("io.files", "cli.view")]
+
+
+@pytest.mark.parametrize("room", FLOORS)
+def test_imports_inside_of_a_room_point_down(room):
+    inside = within(room, arrows())
+    assert {*FLOORS[room]} <= {name.split(".")[0] for name in inside}
+    assert upwards(FLOORS[room], inside) == []
+
+
+def test_the_package_has_few_entries():
+    entries = {path.name for path in PACKAGE.iterdir()} - {"__init__.py", "__main__.py", "__pycache__", "py.typed"}
+    assert entries == {*TOWER} - {"__main__"} and len(entries) <= 18
 
 
 def test_no_files_import_each_other_in_a_circle():
@@ -112,8 +136,14 @@ def test_no_files_import_each_other_in_a_circle():
 
 
 def test_only_the_engine_imports_numba():
-    users = {name for name, others in arrows().items() if {o.split(".")[0] for o in others} & {"numba", "llvmlite"}}
-    assert {name.split(".")[0] for name in users} == {"jit", "simd"}
+    users = users_of("numba", "llvmlite")
+    assert {".".join(name.split(".")[:2]) for name in users} == {"engine.jit", "engine.simd"}
+
+
+def test_only_the_cluster_and_what_stands_above_it_import_it():
+    users = {name.split(".")[0] for name, others in arrows().items() if any(o.startswith("cluster.") for o in others)}
+    assert users <= {"cluster", "viewer", "cli"}
+    assert {name.split(".")[0] for name in users_of("dask", "distributed")} == {"cluster"}
 
 
 def test_importing_the_package_loads_nothing_heavy():

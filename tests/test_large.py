@@ -20,7 +20,7 @@ from pointray.io.files import request_of
 from pointray.io.selection import Selection
 from pointray.model.out_of_core import prepare as prepare_module
 from pointray.model.out_of_core.arrange import boxes_of
-from pointray.model.out_of_core.builder import Large
+from pointray.model.out_of_core.builder import OutOfCoreBuilder
 from pointray.model.out_of_core.local import REACH, local_of
 from pointray.model.out_of_core.prepare import part_points_within, prepare
 from pointray.model.out_of_core.work import Work
@@ -232,14 +232,14 @@ def test_a_run_that_is_interrupted_at_every_stage_goes_on(at_once, tmp_path, mon
     """What was done is not done again, and the files are the same but for the folder's id."""
     scan, whole = at_once
     for stage in ("_arrange", "_merge", "_stretches", "_place", "_support", "_write"):
-        work = getattr(Large, stage)
+        work = getattr(OutOfCoreBuilder, stage)
 
         def interrupted(self, work=work):
             work(self)
             raise KeyboardInterrupt
 
         with monkeypatch.context() as patch:
-            patch.setattr(Large, stage, interrupted)
+            patch.setattr(OutOfCoreBuilder, stage, interrupted)
             with pytest.raises(KeyboardInterrupt):
                 prepared(scan, tmp_path / "a.pointray")
         monkeypatch.setattr(prepare_module, "spool", lambda *arguments: pytest.fail("files are read again"))
@@ -282,7 +282,7 @@ def begun(tmp_path, monkeypatch):
     """A folder with unfinished work."""
     pr.write(tmp_path / "a.ply", statue(20_000))
     with monkeypatch.context() as patch:
-        patch.setattr(Large, "build", lambda self: 1 / 0)
+        patch.setattr(OutOfCoreBuilder, "build", lambda self: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
     return tmp_path / "a.pointray"
@@ -307,7 +307,7 @@ def test_two_writers_do_not_meet(tmp_path, monkeypatch):
     with prepare_module.alone(folder / "unfinished"), pytest.raises(ValueError, match="another process prepares"):
         prepared(tmp_path / "a.ply", folder)
     with monkeypatch.context() as patch:
-        patch.setattr(Large, "build", lambda self: 1 / 0)
+        patch.setattr(OutOfCoreBuilder, "build", lambda self: 1 / 0)
         with pytest.raises(ZeroDivisionError):  # now it goes on
             prepared(tmp_path / "a.ply", folder)
 

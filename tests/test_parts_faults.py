@@ -22,7 +22,7 @@ from pointray.io.selection import Selection
 from pointray.model.model_folder import INDEX, SURFACE_ONLY
 from pointray.model.out_of_core import exclusive_lock as alone_module
 from pointray.model.out_of_core import prepare as prepare_module
-from pointray.model.out_of_core.builder import Large
+from pointray.model.out_of_core.builder import OutOfCoreBuilder
 from pointray.model.out_of_core.prepare import begun_points, prepare
 from pointray.surface.tree.settings import check_settings
 
@@ -175,7 +175,7 @@ def test_unfinished_work_of_another_version_is_refused(
 ) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(prepare_module, "version_here", lambda: "0.0.9")
-        patch.setattr(Large, "build", lambda self: 1 / 0)
+        patch.setattr(OutOfCoreBuilder, "build", lambda self: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             prepared(scan, tmp_path / "a")
     with pytest.raises(ValueError, match="holds unfinished work of other version: go on with those, or remove"):
@@ -186,7 +186,7 @@ def test_unfinished_work_of_another_version_is_refused(
 @pytest.mark.long
 def test_what_was_found_and_is_lost_is_named(scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(Large, "_write", lambda self: 1 / 0)
+        patch.setattr(OutOfCoreBuilder, "_write", lambda self: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             prepared(scan, tmp_path / "a")
     for column in ("merged.f4x3", "placed.f4x3", "radii.f4x0"):

@@ -8,7 +8,7 @@ from pointray.cloud.neighbors import distinct, neighbors
 from pointray.io.files import read
 from pointray.surface.splats import check_radii, choose_radii
 from pointray.surface.splats.radii import OVERLAP
-from pointray.surface.splats.voronoi import Hood, measure_cells
+from pointray.surface.splats.voronoi import Neighborhood, measure_cells
 
 N = 10_000
 SPHERE = sphere_points(N)
@@ -55,7 +55,7 @@ def square(rng, n):
 def test_cells_are_those_of_a_brute_force_search(rng):
     """In a plane, a cell's farthest vertex is the centre of an empty circle through the point and two others."""
     x = square(rng, 60)
-    hood = Hood(np.arange(60, dtype=np.int32), neighbors(x, 60).indices)
+    hood = Neighborhood(np.arange(60, dtype=np.int32), neighbors(x, 60).indices)
     farthest, _ = measure_cells(x, np.repeat(UP, 60, axis=0), hood)
     flat = x[:, :2].astype(np.float64)
     one, other = np.triu_indices(60, 1)

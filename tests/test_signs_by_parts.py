@@ -18,7 +18,7 @@ from pointray.cloud.normals.orientation import NEAR, agree, orient
 from pointray.cloud.normals.outward import LARGE, SAMPLE, take_sample
 from pointray.cloud.normals.votes import STEPS, Votes, sum_of
 from pointray.model.out_of_core import disk_votes as ballots
-from pointray.model.out_of_core.disk_votes import Ballots, drop_all, keep, name_of
+from pointray.model.out_of_core.disk_votes import OnDiskVotes, drop_all, keep, name_of
 from pointray.model.out_of_core.signs import GROUP, PIECE, POINTS, SIGN, SIGNED, Local, Signs, firsts_of
 
 STRETCH = 2048  # points that a margin consists of
@@ -252,7 +252,7 @@ def test_tables_on_disk_join_like_one_in_memory(seed, tmp_path, monkeypatch):
         monkeypatch.setattr(ballots, "PIECES", size)
         columns = Columns(tmp_path)
         cuts = [keep(columns, name_of(k), some, pieces) for k, some in enumerate(votes)]
-        found = join(pieces, Ballots(columns, [name_of(k) for k in range(3)], cuts))
+        found = join(pieces, OnDiskVotes(columns, [name_of(k) for k in range(3)], cuts))
         for one, other in zip(found, expected, strict=True):
             np.testing.assert_array_equal(one, other)
         drop_all(columns)
@@ -265,7 +265,7 @@ def test_tables_are_of_so_many_pieces(tmp_path, monkeypatch):
     monkeypatch.setattr(ballots, "PIECES", 20)
     columns = Columns(tmp_path)
     cuts = [keep(columns, name_of(k), some, pieces) for k, some in enumerate(votes)]
-    tables = list(Ballots(columns, [name_of(k) for k in range(3)], cuts))
+    tables = list(OnDiskVotes(columns, [name_of(k) for k in range(3)], cuts))
     assert len(tables) == -(-pieces // 20)
     for k, table in enumerate(tables):
         assert ((table.pairs >> 32) // 20 == k).all()
@@ -287,7 +287,7 @@ def test_joins_take_little_memory(tmp_path, monkeypatch):
     cuts = [keep(columns, name_of(0), votes, side * side)]
     del votes, pairs, sums, steps
     tracemalloc.start()
-    found = join(side * side, Ballots(columns, [name_of(0)], cuts))
+    found = join(side * side, OnDiskVotes(columns, [name_of(0)], cuts))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 40 * side * side

@@ -17,7 +17,7 @@ from pointray.rendering.ray_forwarding.ray_exchange import View, held_world
 from pointray.rendering.ray_forwarding.replay import recalled_for, recalled_quick, recalled_sampled
 from pointray.rendering.ray_forwarding.route import route
 from pointray.rendering.ray_forwarding.spread import NOTHING
-from pointray.rendering.ray_forwarding.wave import Pictured, Waves, answer_question, passes_of, pieces_of
+from pointray.rendering.ray_forwarding.wave import KernelArguments, Waves, answer_question, passes_of, pieces_of
 from pointray.scene.ownership import Shares, boxes_of
 from pointray.surface.trace.world import occlude_tile, trace_tile
 
@@ -34,7 +34,7 @@ def by_waves(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings, holders:
     film = np.zeros((camera.size[1], camera.size[0], 8), np.float32)
     image = np.empty((camera.size[1], camera.size[0], 4), np.float32)
     kernel = recalled_for(kernel_for(settings))
-    picture = Pictured(kernel, world, camera.record(), job, film, image, None)
+    picture = KernelArguments(kernel, world, camera.record(), job, film, image, None)
     asked = [0] * holders
     for piece in pieces_of(camera.size, (0, settings.spp)):
         for samples in passes_of((0, settings.spp)):

@@ -12,7 +12,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from .base.executor import register_backend
+from .base.version import __version__ as __version__
 
 # Where each public name lives; loaded when first asked for, so that `import pointray` costs nothing.
 _HOME = {
@@ -127,6 +128,10 @@ if TYPE_CHECKING:
     from .shade.materials.specular import Mirror as Mirror
     from .surface.splats.subsample import subsample as subsample
     from .viewer import view as view
+
+
+# The only arrow upwards: rendering and baking get executors of Dask from here when a client is given.
+register_backend(lambda: importlib.import_module(".cluster.backend", __name__))
 
 
 def __getattr__(name: str) -> Any:

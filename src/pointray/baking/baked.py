@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arguments import check_callback, check_kind, check_path, wrong
+from ..base.executor import Client, Executor, snapshot_and_executor
 from ..base.progress import Progress, tell
 from ..base.warning_log import warn
-from ..cluster.client import Client
-from ..cluster.worker_pool import Crew, taken
 from ..engine.jit import Array
 from ..engine.kernels.records import World
 from ..model.model import Model
@@ -53,11 +52,11 @@ class Baked:
         if client is not None:
             scene = scene.copy()
             scene.baked = None  # it is not sent
-        now, crew = taken(scene, client)
-        self._bake(now.without_camera_lights(), progress, crew)
+        now, executor = snapshot_and_executor(scene, client)
+        self._bake(now.without_camera_lights(), progress, executor)
 
-    def _bake(self, snapshot: Snapshot, progress: Progress | None, crew: Crew | None = None) -> None:
-        self._exchange = Exchange(snapshot.opened(), self._settings, progress, crew)
+    def _bake(self, snapshot: Snapshot, progress: Progress | None, executor: Executor | None = None) -> None:
+        self._exchange = Exchange(snapshot.opened(), self._settings, progress, executor)
         self._shape = shape_of(snapshot)
         self._write(snapshot)
         tell(progress, 1.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.executor import Executor
 from ..base.progress import Progress, part_of, tell
-from ..cluster.worker_pool import Crew
 from ..engine.kernels.records import INSTANCE, KIND, MODEL
 from ..engine.kernels.vec import LUMINANCE
 from ..scene.world import Snapshot
@@ -45,23 +45,23 @@ class Exchange:
     """
 
     def __init__(
-        self, scene: Snapshot, settings: BakeSettings, progress: Progress | None, crew: Crew | None = None
+        self, scene: Snapshot, settings: BakeSettings, progress: Progress | None, executor: Executor | None = None
     ) -> None:
-        self._settings, self._crew = settings, crew
+        self._settings, self._executor = settings, executor
         self._sheets = find_sheets(scene, _chosen(scene, settings), settings.albedo_scale)
         self._materials = materials_of(scene)
         tell(progress, 0.1)
         sky = look_at_sky(scene.world)
-        self._probe = _probe(scene, self._sheets, settings, crew)
+        self._probe = _probe(scene, self._sheets, settings, executor)
         self._find(scene, sky, _lit_sides(scene, sky, self._probe, settings), part_of(progress, 0.1, 0.9))
-        self._crew = None  # later light is found here
+        self._executor = None  # later light is found here
         self._probe.dismiss()
         self.transport.dismiss()
 
     def _find(self, scene: Snapshot, sky: Sky, lit: list[tuple[int, int]], progress: Progress | None) -> None:
         """Find the links of the sides that are lit, more where there is noise; and the light along them."""
         settings, self._lit = self._settings, lit
-        transport = Transport(scene, self._sheets, lit, settings.seed, settings.threads, self._crew)
+        transport = Transport(scene, self._sheets, lit, settings.seed, settings.threads, self._executor)
         self._sheets = transport.shared_sheets()
         found = spreads_within(scene, transport.sides, settings.memory)
         rows = np.arange(len(transport), dtype=np.int32)
@@ -119,10 +119,10 @@ def _chosen(scene: Snapshot, settings: BakeSettings) -> int:
     return int(np.clip(splats // 2, LEAST_CHOSEN, MOST_CHOSEN))
 
 
-def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings, crew: Crew | None) -> Transport:
+def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings, executor: Executor | None) -> Transport:
     """Few patches on both sides of all sheets, with few links."""
     sides = [(k, sign) for k in range(len(sheets)) for sign in ALL_SIDES]
-    probe = Transport(scene, _few(sheets), sides, settings.seed, settings.threads, crew)
+    probe = Transport(scene, _few(sheets), sides, settings.seed, settings.threads, executor)
     probe.send(np.arange(len(probe), dtype=np.int32), PROBE_LINKS)
     return probe
 

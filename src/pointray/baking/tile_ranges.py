@@ -13,10 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.executor import Executor, Job, SharedValue
 from ..base.progress import Progress, tell
-from ..cluster.dispatch import Job
-from ..cluster.scattered_objects import Parcel
-from ..cluster.worker_pool import Crew
 from ..engine.jit import Array, run
 from ..scene.world import Snapshot
 from .gather import ONE_TILE, Found, Patches, Rays, Targets, send_rays
@@ -58,9 +56,9 @@ class Stretch(NamedTuple):
         return [slice(self.begin * width, (self.begin + len(self.rows)) * width) for width in widths]
 
 
-def ground_of(patches: Patches, targets: Targets) -> Parcel:
+def ground_of(patches: Patches, targets: Targets) -> SharedValue:
     """What workers get once."""
-    return Parcel("patches of a bake", Ground(patches.positions, patches.normals, targets))
+    return SharedValue("patches of a bake", Ground(patches.positions, patches.normals, targets))
 
 
 def cut(patches: Patches, rays: Rays, found: Found, workers: dict[str, int]) -> list[Stretch]:
@@ -83,8 +81,10 @@ def _sizes(found: Found) -> tuple[int, ...]:
     return tuple(array.size for array in found)
 
 
-def send_on(crew: Crew, ground: Parcel, stretches: Sequence[Stretch], found: Found, progress: Progress | None) -> None:
-    """Have a crew send the rays of all stretches, and fill `found`."""
+def send_on(
+    executor: Executor, ground: SharedValue, stretches: Sequence[Stretch], found: Found, progress: Progress | None
+) -> None:
+    """Send the rays of all stretches by an executor, and fill `found`."""
     jobs = deque(
         Job(f"bake {k}/{len(stretches)}", send_stretch, (stretch,), (ground,)) for k, stretch in enumerate(stretches, 1)
     )
@@ -93,7 +93,7 @@ def send_on(crew: Crew, ground: Parcel, stretches: Sequence[Stretch], found: Fou
     def tick() -> None:
         tell(progress, done / total)
 
-    for job, parts in crew.run(jobs, tick):
+    for job, parts in executor.run(jobs, tick):
         stretch: Stretch = job.args[0]
         done += len(stretch.rows)
         for array, span, part in zip(found, stretch.spans, parts, strict=True):

@@ -7,9 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.executor import Executor, SharedValue
 from ..base.progress import Progress
-from ..cluster.scattered_objects import Parcel
-from ..cluster.worker_pool import Crew
 from ..engine.jit import run, uncompiled
 from ..engine.kernels.records import (
     DIELECTRIC,
@@ -67,7 +66,7 @@ class Transport:
     lit : list of (int, int)
         The number of a sheet and a sign, for each side.
     seed, threads : see `BakeSettings`
-    crew : who sends its rays; None: this process
+    executor : who sends its rays; None: this process
 
     Attributes
     ----------
@@ -88,7 +87,7 @@ class Transport:
         lit: list[tuple[int, int]],
         seed: int,
         threads: int | None,
-        crew: Crew | None = None,
+        executor: Executor | None = None,
     ) -> None:
         self.sides: list[Side] = []
         first = 0
@@ -104,8 +103,8 @@ class Transport:
         signs = np.repeat([side.sign for side in self.sides], [side.size for side in self.sides])
         self.normals: Floats = self._joined("normals", np.float32) * signs[:, None].astype(np.float32)
         self._targets = find_targets(scene, sheets, {(s.sheet.instance, s.sign): s.first for s in self.sides})
-        self._world, self._seed, self._threads, self._crew = scene.world, seed, threads, crew
-        self._ground: Parcel | None = None  # of the crew
+        self._world, self._seed, self._threads, self._executor = scene.world, seed, threads, executor
+        self._ground: SharedValue | None = None  # of the executor
         self.links: list[Links] = []
         self.nearness, self._inside = np.zeros((2, len(self.positions)), np.float32)
         self._set_trust()
@@ -115,7 +114,7 @@ class Transport:
 
     def dismiss(self) -> None:
         """From now on this process sends the rays."""
-        self._crew = self._ground = None
+        self._executor = self._ground = None
 
     def _joined(self, name: str, dtype: type) -> NDArray[Any]:
         """A column of all sheets, one after the other."""
@@ -229,9 +228,9 @@ class Transport:
 
     def _run(self, rows: NDArray[np.int32], world: World, rays: Rays, found: Found, progress: Progress | None) -> None:
         patches = self.patches(rows)
-        if self._crew is not None:
+        if self._executor is not None:
             self._ground = self._ground or ground_of(patches, self._targets)
-            send_on(self._crew, self._ground, cut(patches, rays, found, self._crew.workers), found, progress)
+            send_on(self._executor, self._ground, cut(patches, rays, found, self._executor.workers), found, progress)
             return
         tiles = len(patches.tiles) // ONE_TILE
         args = world, patches, self._targets, rays, found

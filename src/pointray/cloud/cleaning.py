@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..base.arguments import check_callback, check_flag, check_kind
 from ..base.progress import Progress, part_of
 from .neighbors import distinct, neighbors
-from .neighbors.components import linked_parts
+from .neighbors.components import connected_components
 from .points import Points
 
 AROUND = 8  # neighbours that give the spacing
@@ -90,7 +90,7 @@ def _far(positions: NDArray[np.float32], progress: Progress | None) -> NDArray[n
     local = np.maximum(np.median(distances[:, AROUND][near[:, 1:]], axis=1), usual)
     most = min(max(FEW * n, GROUP), 0.1 * n)
     near = near[:, 1:]
-    part = linked_parts(near, distances[:, 1:] < FAR * local[near])
+    part = connected_components(near, distances[:, 1:] < FAR * local[near])
     sizes = np.bincount(part)
     suspects = np.flatnonzero(sizes[part] <= most)
     if len(suspects) in (0, n):

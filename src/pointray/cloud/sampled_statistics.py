@@ -1,14 +1,14 @@
-"""A sample of points, some of which lie at one place, asked for numbers that are known of places: see `Usual`."""
+"""Statistics of a cloud, computed from a sample in which some points lie at one place: see `CloudStatistics`."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .statistics import Rows, Usual
+from .statistics import CloudStatistics, Rows
 
 
-class Sampled(Usual):
+class SampledStatistics(CloudStatistics):
     """What is usual in a cloud, asked of a sample among the points at hand.
 
     Parameters
@@ -24,8 +24,8 @@ class Sampled(Usual):
         self.sample = rows
 
 
-def of_places(usual: Usual, ids: NDArray[np.integer] | None) -> Usual:
+def of_places(usual: CloudStatistics, ids: NDArray[np.integer] | None) -> CloudStatistics:
     """The same, where each place counts once. ids : (n,) the number of each point's place; None: each has its own"""
-    if ids is None or not isinstance(usual, Sampled):
+    if ids is None or not isinstance(usual, SampledStatistics):
         return usual
-    return Usual(np.unique(ids[usual.sample]).astype(np.int64), usual.known)
+    return CloudStatistics(np.unique(ids[usual.sample]).astype(np.int64), usual.known)

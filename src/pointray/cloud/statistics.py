@@ -31,7 +31,7 @@ def sample_of(count: int) -> list[slice]:
     return [slice(k * STRETCH, (k + 1) * STRETCH) for k in np.arange(STRETCHES) * whole // STRETCHES]
 
 
-class Usual:
+class CloudStatistics:
     """Numbers that tell what is usual in a cloud.
 
     Parameters
@@ -56,7 +56,7 @@ class Usual:
         self._suffix = ""
 
     @classmethod
-    def of(cls, count: int) -> Usual:
+    def of(cls, count: int) -> CloudStatistics:
         """For a whole cloud of so many points, in kd order."""
         stretches = sample_of(count)
         if len(stretches) == 1:
@@ -79,7 +79,7 @@ class Usual:
 
     def quantile(self, name: str, values: NDArray[np.float32], share: float) -> float:
         """The quantile of numbers, one for each point at hand."""
-        return self.ask(name, lambda: steady(quantile(self._of_sample(values), share)))
+        return self.ask(name, lambda: quantize(quantile(self._of_sample(values), share)))
 
     def least(self, name: str, values: NDArray[np.float32]) -> float:
         """The least of numbers, one for each point at hand."""
@@ -91,17 +91,17 @@ class Usual:
         def find() -> float:
             some = self._of_sample(positions)
             spans = (quantile(some[:, c], 0.99) - quantile(some[:, c], 0.01) for c in range(3))
-            return steady(math.hypot(*spans))
+            return quantize(math.hypot(*spans))
 
         return self.ask(name, find)
 
     def share(self, name: str, flags: NDArray[np.bool_]) -> float:
         """How many of the points at hand have a flag, of all."""
-        return self.ask(name, lambda: steady(float(self._of_sample(flags).mean())))
+        return self.ask(name, lambda: quantize(float(self._of_sample(flags).mean())))
 
-    def merged(self, members: Rows) -> Usual:
+    def merged(self, members: Rows) -> CloudStatistics:
         """What is usual where points count as one: `members` has the number of each point's place among all places."""
-        other = Usual(self._rows, self.known, self._is_told)
+        other = CloudStatistics(self._rows, self.known, self._is_told)
         other._members, other._suffix = members, " of places"
         return other
 
@@ -117,7 +117,7 @@ class Usual:
 
     def quantile_among(self, name: str, values: NDArray[np.float32], rows: Rows, share: float) -> float:
         """The quantile of the numbers of some rows, rounded up: those of `rows_to_ask`."""
-        return self.ask(name, lambda: -steady(-float(np.quantile(values[rows], share)), is_limit=True))
+        return self.ask(name, lambda: -quantize(-float(np.quantile(values[rows], share)), is_limit=True))
 
     def rows_to_ask(self, count: int) -> Rows:
         """About `SAMPLE` rows of `count` points at hand; none if all numbers are known."""
@@ -131,7 +131,7 @@ class Usual:
         return values if rows is None else values[rows]
 
 
-def steady(value: float, is_limit: bool = False) -> float:
+def quantize(value: float, is_limit: bool = False) -> float:
     """The number to BITS bits, so that it is the same for values that hardly differ. is_limit : rounded down"""
     if not math.isfinite(value):
         return value

@@ -1,14 +1,16 @@
-"""Work on Dask: everything that knows Dask, which is imported only when somebody asks for it.
+"""Executors over Dask's workers. Everything that knows Dask is here; it is imported when a client is given.
 
-arrays, stowed : arrays of Dask, whose chunks are made when they are computed; the scene as their graphs carry it
-client : which clients are taken; LocalCluster and schedulers for the command line
-recipe : what is asked of a scene; a scene without its models -> bytes, and back
-parcels : what is sent to workers once: models, baked light, recipes
+backend : what other rooms ask of a cluster, see `base/executor.py`
+client : validation of clients; clients for the command line: a LocalCluster or a scheduler's address
+worker_pool : the workers at work on one scene; task_pool : workers that call functions with numbers
+shared_folder : workers who see a folder of this machine
+dispatch : which worker does which job; jobs of lost or slow workers are done again
 worker : what runs on a worker
-crew : the workers at work on a scene
-chores : functions that workers call with numbers, such as those of parts, without a scene
-dispatch : which worker does which job, again where one has died or is slow
+recipe : a scene without its models as bytes, and back
+scattered_objects : what is sent to workers once: models, baked light, recipes
+serialized_scene : a scene as the graph of a Dask array carries it
+dask_arrays, dask_casting : Dask arrays whose chunks are made of a scene; the rays in them
 
-What jobs do is not known here: `rendering/pieces.py`, `rendering/sequence.py` and `baking/tile_ranges.py` make them, and
-`model/out_of_core/work.py` chores. Nor is what chunks are: see `scene/casting.py`. Begin with crew.
+What jobs do is not known here: `rendering/pieces.py`, `rendering/sequence.py` and `baking/tile_ranges.py` make jobs,
+`model/out_of_core/work.py` makes tasks. Begin with worker_pool.
 """

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from math import inf
-from typing import Any, TypeAlias
+from typing import Any
 from weakref import WeakKeyDictionary
 
 from ..base.arguments import wrong
@@ -17,8 +17,6 @@ from ..base.extras import require
 from ..base.memory import available_memory
 from ..engine.jit import thread_count
 from .worker import version_here
-
-Client: TypeAlias = Any  # a distributed.Client, or None
 
 PATIENCE = 4  # seconds for a scheduler to answer
 _FIT: WeakKeyDictionary[Any, set[str]] = WeakKeyDictionary()  # by client: workers of our version

@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..base.arguments import check_real, real_numbers
+from ..base.executor import is_chunked
 from ..base.extras import require
 from .recipe import Stage
-from .serialized_scene import Stowed
+from .serialized_scene import SerializedScene
 from .worker import worker_here
 
 
@@ -27,12 +28,6 @@ class Form(NamedTuple):
 
     dtype: np.dtype[Any]
     columns: tuple[int, ...]
-
-
-def is_chunked(*values: Any) -> bool:
-    """Whether any of some values is an array of Dask."""
-    kind = getattr(sys.modules.get("dask.array"), "Array", None)
-    return kind is not None and any(isinstance(value, kind) for value in values)
 
 
 def check_chunks(values: Mapping[str, Any]) -> list[Any]:
@@ -94,8 +89,8 @@ def chunked_like(
         # Axes that arrays have in common are the last ones of the rays; along x, y, z chunks are put together.
         pairs.append(array if is_chunked(array) else da.from_array(array, chunks=-1))
         pairs.append(rays[axes - own :] + ((axes,) if k < 2 else ()))
-    stowed = Stowed(scene)
-    box = dask.delayed(stowed, name=stowed.key, traverse=False)
+    serialized = SerializedScene(scene)
+    box = dask.delayed(serialized, name=serialized.key, traverse=False)
     make = partial(_make, work=work) if shared is None else partial(_make_shared, work=work, shared=shared)
     options = {"concatenate": True, "dtype": object, "meta": np.empty((0,) * axes, object)}
     packed = da.blockwise(make, rays, *pairs, scene=box, token="pointray-rays", **options)
@@ -115,13 +110,13 @@ def chunked_like(
     return made
 
 
-def _make(*chunks: Any, work: tuple[Any, ...], scene: Stowed) -> Any:
+def _make(*chunks: Any, work: tuple[Any, ...], scene: SerializedScene) -> Any:
     """The task of a chunk."""
     function, *args = work
     return scene.use(function, (*args, chunks))
 
 
-def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Shared, scene: Stowed) -> Any:
+def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Shared, scene: SerializedScene) -> Any:
     """The task of a chunk of which each worker makes its share.
 
     It sends tasks to them: where the graph says which worker does what, Dask loses that when it optimizes arrays.
@@ -140,6 +135,6 @@ def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Shared, scene: Sto
         return shared.join(client.gather(found))
 
 
-def _use(scene: Stowed, function: Callable[..., Any], args: tuple[Any, ...], *chunks: Any) -> Any:
+def _use(scene: SerializedScene, function: Callable[..., Any], args: tuple[Any, ...], *chunks: Any) -> Any:
     """The task of one worker."""
     return scene.use(function, (*args, chunks))

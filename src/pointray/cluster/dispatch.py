@@ -10,14 +10,14 @@ from __future__ import annotations
 import queue
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
+from ..base.executor import Job
 from ..model.model_file import Place
-from .scattered_objects import Parcel
 from .worker import UnseenFileError
 
 TICK = 0.1  # seconds between two reports of progress
@@ -25,23 +25,6 @@ AT_ONCE = 2  # jobs of a worker: one more than it does, so that it need not wait
 SLOW, LEAST_SLOW = 3.0, 2.0  # a job is slow that takes so many times the median, and so many seconds
 SLOW_AT_HOME = 60.0  # seconds, of a job that only one worker is prepared for
 ATTEMPTS = 4  # of a job whose workers die: it may be what kills them
-
-
-@dataclass(frozen=True, eq=False)
-class Job:
-    """Something to do on any worker.
-
-    name : what the dashboard shows
-    work, args : see `worker.Ticket`
-    parcels : what workers get once; the work takes the things in them after `args`
-    home : the worker that does it as long as it is there and not very slow; empty: any
-    """
-
-    name: str
-    work: Callable[..., Any]
-    args: tuple[Any, ...]
-    parcels: tuple[Parcel, ...] = ()
-    home: str = ""
 
 
 @dataclass(eq=False)
@@ -60,8 +43,8 @@ class _Flight:
     result: Any = None
 
 
-class Hands(Protocol):
-    """Those who do jobs, see `crew.Crew`."""
+class WorkerBackend(Protocol):
+    """Those who do jobs, see `worker_pool.WorkerPool`."""
 
     workers: dict[str, int]
 
@@ -78,8 +61,8 @@ class Hands(Protocol):
 class Dispatch:
     """Jobs, where they are being done, and what is ready."""
 
-    def __init__(self, crew: Hands, jobs: deque[Job]) -> None:
-        self._crew, self._jobs = crew, jobs
+    def __init__(self, pool: WorkerBackend, jobs: deque[Job]) -> None:
+        self._pool, self._jobs = pool, jobs
         self._again: deque[tuple[Job, int]] = deque()  # jobs of workers that have died, and the number of attempts
         self.flights: list[_Flight] = []  # in the order in which they were handed out
         self._ready: queue.SimpleQueue[Any] = queue.SimpleQueue()  # waits in C: see `engine.jit.threads.run`
@@ -92,14 +75,14 @@ class Dispatch:
 
     def drop_lost(self) -> None:
         """Do again what workers did that are gone."""
-        for flight in [one for one in self.flights if one.worker not in self._crew.workers]:
+        for flight in [one for one in self.flights if one.worker not in self._pool.workers]:
             self._drop(flight)
             self._retry(flight, flight.attempt + 1)
 
     def hand_out(self) -> None:
         """Give each worker as many jobs as it should have."""
         for round in range(AT_ONCE):
-            for worker in self._crew.workers:
+            for worker in self._pool.workers:
                 if len(self._flights_of(worker)) <= round and not self._give(worker):
                     return
 
@@ -117,7 +100,7 @@ class Dispatch:
 
     def _is_for(self, job: Job, worker: str) -> bool:
         """Whether a worker may do a job at once."""
-        return not job.home or job.home == worker or job.home not in self._crew.workers
+        return not job.home or job.home == worker or job.home not in self._pool.workers
 
     def _take_over(self, worker: str) -> bool:
         """Have an idle worker do what waits at another one, or what another one takes too long for."""
@@ -161,7 +144,7 @@ class Dispatch:
             self._fail(flight, flight.future.exception() if flight.future.status == "error" else None)
             return
         self._times.append(now - flight.begun)
-        flight.begun, flight.result = now, self._crew.fetch(flight.future)
+        flight.begun, flight.result = now, self._pool.fetch(flight.future)
         flight.result.add_done_callback(self._ready.put)
 
     def _unload(self, flight: _Flight) -> Iterator[tuple[Job, Any]]:
@@ -180,7 +163,7 @@ class Dispatch:
         if isinstance(error, UnseenFileError):
             if flight.job.home and error.args[0].index:  # a model in parts is not sent to one who holds some of them
                 raise ValueError(str(error))
-            self._crew.unsee(error.args[0])
+            self._pool.unsee(error.args[0])
             self._retry(flight, flight.attempt)
         elif error is None or type(error).__name__ == "KilledWorker":
             self._retry(flight, flight.attempt + 1)
@@ -197,7 +180,7 @@ class Dispatch:
 
     def _launch(self, job: Job, attempt: int, worker: str) -> bool:
         """Have a worker do a job; returns whether that could be sent."""
-        future = self._crew.submit(job, worker)
+        future = self._pool.submit(job, worker)
         if future is None:
             self._again.appendleft((job, attempt))
             return False

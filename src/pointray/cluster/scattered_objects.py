@@ -20,7 +20,7 @@ PATIENCE = 5  # seconds for any worker to be there
 
 
 @dataclass
-class Parcel:
+class ScatteredObject:
     """A thing that Dask keeps on workers. future : what holds it there"""
 
     name: str
@@ -36,7 +36,7 @@ class Parcel:
 
 
 @dataclass
-class Parcels:
+class ScatteredObjects:
     """All that one client has sent.
 
     unseen : files of models that not all workers see
@@ -44,19 +44,19 @@ class Parcels:
     """
 
     client: Any
-    kept: WeakKeyDictionary[Any, Parcel] = field(default_factory=WeakKeyDictionary)
+    kept: WeakKeyDictionary[Any, ScatteredObject] = field(default_factory=WeakKeyDictionary)
     unseen: set[Place] = field(default_factory=set)
     asked: set[Place] = field(default_factory=set)
 
-    def of(self, owner: Any, name: str, thing: Any) -> Parcel:
-        """The parcel of a thing, which is new if its owner has another thing now."""
-        parcel = self.kept.get(owner)
-        if parcel is None or not _is_same(parcel.thing, thing):
-            parcel = self.kept[owner] = Parcel(name, thing)
-        return parcel
+    def of(self, owner: Any, name: str, thing: Any) -> ScatteredObject:
+        """Return what holds a thing; a new one if its owner has another thing now."""
+        scattered = self.kept.get(owner)
+        if scattered is None or not _is_same(scattered.thing, thing):
+            scattered = self.kept[owner] = ScatteredObject(name, thing)
+        return scattered
 
-    def of_model(self, model: Model) -> Parcel | Place:
-        """A model: the place of its file, or a parcel."""
+    def of_model(self, model: Model) -> ScatteredObject | Place:
+        """A model: the place of its file, or a scattered object."""
         place = model.place
         if place is not None and place not in self.unseen:
             return place
@@ -78,11 +78,11 @@ def check_spreadable(model: Model) -> Place:
     return model.place
 
 
-_PARCELS: WeakKeyDictionary[Any, Parcels] = WeakKeyDictionary()  # by client
+_PARCELS: WeakKeyDictionary[Any, ScatteredObjects] = WeakKeyDictionary()  # by client
 
 
-def parcels_of(client: Any) -> Parcels:
+def scattered_objects_of(client: Any) -> ScatteredObjects:
     """All that a client has sent."""
     if client not in _PARCELS:
-        _PARCELS[client] = Parcels(client)
+        _PARCELS[client] = ScatteredObjects(client)
     return _PARCELS[client]

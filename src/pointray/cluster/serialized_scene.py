@@ -18,13 +18,13 @@ from ..model.model import Model
 from ..model.model_file import Place
 from .client import check_client
 from .recipe import Stage, write_recipe
-from .scattered_objects import Parcel, Parcels, check_spreadable, parcels_of
-from .worker import Bench, Sent, UnseenFileError, at_work, version_here
+from .scattered_objects import ScatteredObject, ScatteredObjects, check_spreadable, scattered_objects_of
+from .worker import Sent, UnseenFileError, WorkerCache, at_work, version_here
 
 _NAMES: WeakKeyDictionary[Model, str] = WeakKeyDictionary()  # of models, which nothing else in any process has
 
 
-class Stowed:
+class SerializedScene:
     """A scene as it is now; later changes of the scene change nothing here. It can be pickled.
 
     Attributes
@@ -42,7 +42,7 @@ class Stowed:
         told = hashlib.sha256(self._recipe + "".join(names).encode())
         self.key = f"pointray-scene-{told.hexdigest()[:32]}"
         self._client, self._scheduler = current_client(), ""
-        self._sent: list[Parcel | Place] = []
+        self._sent: list[ScatteredObject | Place] = []
         if self._client is not None:
             self._scheduler = self._client.scheduler_info()["id"]
             self._sent = _send(self._client, self._models)
@@ -54,8 +54,8 @@ class Stowed:
         return self.key
 
     def use(self, work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-        """Do work for the scene, see `worker.Ticket`."""
-        return at_work(lambda bench: self._scene.snapshot(), work, args)
+        """Do work for the scene, see `worker.JobSpec`."""
+        return at_work(lambda cache: self._scene.snapshot(), work, args)
 
     def _portable(self) -> list[Model | Place | Sent]:
         """The models as they are sent. No message can be waited for here: Dask, which pickles, holds a lock."""
@@ -64,7 +64,7 @@ class Stowed:
             return [place or model for place, model in zip(places, self._models, strict=True)]
         return [self._as_sent(*pair) for pair in zip(self._sent, self._models, strict=True)]
 
-    def _as_sent(self, sent: Parcel | Place, model: Model) -> Model | Place | Sent:
+    def _as_sent(self, sent: ScatteredObject | Place, model: Model) -> Model | Place | Sent:
         """A model as the workers of the client get it."""
         if isinstance(sent, Place):
             return model.place or model
@@ -83,13 +83,13 @@ class _Packed:
         return _Packed, self._args
 
     def use(self, work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-        """See `Stowed.use`."""
+        """See `SerializedScene.use`."""
         key, version, recipe, models = self._args
         if version != version_here():
             raise ValueError(f"this worker has pointray {version_here()}, the scene is of pointray {version}")
 
-        def scene_of(bench: Bench) -> Any:
-            return bench.scene(key, recipe, None, models)
+        def scene_of(cache: WorkerCache) -> Any:
+            return cache.scene(key, recipe, None, models)
 
         return at_work(scene_of, work, args)
 
@@ -117,32 +117,32 @@ def homes_for(models: Sequence[Model]) -> list[str]:
         raise ValueError("spread: there is no client of Dask, whose workers would hold the models")
     workers = sorted(check_client(client).nthreads())  # the same ones hold the same parts in the next call
     places = [check_spreadable(model) for model in models if model.parts]
-    parcels = parcels_of(client)
-    _ask(client, parcels, set(places) - parcels.asked)
+    objects = scattered_objects_of(client)
+    _ask(client, objects, set(places) - objects.asked)
     for place in places:
-        if place in parcels.unseen:
+        if place in objects.unseen:
             raise ValueError(f"spread: {UnseenFileError(place)}")
     return workers
 
 
-def _send(client: Any, models: Sequence[Model]) -> list[Parcel | Place]:
+def _send(client: Any, models: Sequence[Model]) -> list[ScatteredObject | Place]:
     """Send models to workers that do not see their files."""
-    parcels = parcels_of(client)
-    _ask(client, parcels, {model.place for model in models} - {None} - parcels.asked)
-    sent = [parcels.of_model(model) for model in models]
+    objects = scattered_objects_of(client)
+    _ask(client, objects, {model.place for model in models} - {None} - objects.asked)
+    sent = [objects.of_model(model) for model in models]
     for one in sent:
         with suppress(OSError):  # no worker is there yet
-            if isinstance(one, Parcel):
+            if isinstance(one, ScatteredObject):
                 one.send(client)
     return sent
 
 
-def _ask(client: Any, parcels: Parcels, places: set[Any]) -> None:
+def _ask(client: Any, objects: ScatteredObjects, places: set[Any]) -> None:
     """Ask all workers which files they see."""
     wanted = list(places)
     for answers in client.run(_are_there, wanted).values() if places else ():
-        parcels.unseen |= {place for place, there in zip(wanted, answers, strict=True) if not there}
-        parcels.asked |= places
+        objects.unseen |= {place for place, there in zip(wanted, answers, strict=True) if not there}
+        objects.asked |= places
 
 
 def _are_there(places: list[Place]) -> list[bool]:

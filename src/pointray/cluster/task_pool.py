@@ -1,6 +1,6 @@
 """Chores: functions that workers call with numbers, such as those of parts, without a scene.
 
-A chore does not ask whether anybody still wants it. So it runs in a thread of its own, which is ended from outside
+A task does not ask whether anybody still wants it. So it runs in a thread of its own, which is ended from outside
 while it waits for a kernel: elsewhere it may hold a lock, which would stay locked.
 """
 
@@ -14,18 +14,19 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any, TypeVar
 
+from ..base.disk_columns import look_again
+from ..base.executor import Job, SharedValue
 from ..base.progress import Progress
 from ..engine.jit import run
-from .dispatch import Job
 from .recipe import Stage, pack, unpack
-from .scattered_objects import Parcel
 from .worker import DroppedError
-from .worker_pool import Ask, Crew
+from .worker_pool import Ask, WorkerPool
 
-POLL = 0.1  # seconds between two looks whether a chore is still wanted
-AGAIN = 2.0  # seconds that a chore which was told to end has for it
+POLL = 0.1  # seconds between two looks whether a task is still wanted
+AGAIN = 2.0  # seconds that a task which was told to end has for it
 THREADS = "POINTRAY_THREADS"
 
 T = TypeVar("T")
@@ -44,19 +45,19 @@ class _Nothing:
         return None
 
 
-class Team:
-    """The workers of a client, for chores.
+class TaskPool:
+    """The workers of a client, for tasks.
 
     Parameters
     ----------
     client : distributed.Client
         As `check_client` takes it.
     ask : callable, optional
-        What is wrong with workers, see `Crew`.
+        What is wrong with workers, see `WorkerPool`.
     """
 
     def __init__(self, client: Any, ask: Ask | None = None) -> None:
-        self._crew = Crew(client, _Nothing(), ask)
+        self._pool = WorkerPool(client, _Nothing(), ask)
 
     def share(
         self, name: str, do: Callable[[int], T], numbers: Sequence[int], tick: Callable[[], None]
@@ -68,13 +69,17 @@ class Team:
 
         name : what the dashboard shows; tick : called ten times a second, an error in it ends all
         """
-        todo = Parcel(name, pack(do))
-        jobs = deque(Job(f"{name} {k}/{len(numbers)}", do_chore, (n,), (todo,)) for k, n in enumerate(numbers, 1))
-        for job, result in self._crew.run(jobs, tick):
+        todo = SharedValue(name, pack(do))
+        jobs = deque(Job(f"{name} {k}/{len(numbers)}", do_task, (n,), (todo,)) for k, n in enumerate(numbers, 1))
+        for job, result in self._pool.run(jobs, tick):
             yield job.args[0], unpack(result)
 
+    def refresh(self, folder: Path) -> None:
+        """See what workers have written into a folder."""
+        look_again(folder)
 
-def do_chore(scene: None, number: int, todo: bytes, threads: int | None, check: Progress | None) -> bytes:
+
+def do_task(scene: None, number: int, todo: bytes, threads: int | None, check: Progress | None) -> bytes:
     """Call a function on a worker; returns what it gives."""
     do = unpack(todo)
     with _on(threads):
@@ -83,27 +88,27 @@ def do_chore(scene: None, number: int, todo: bytes, threads: int | None, check: 
 
 def stoppable(work: Callable[[], T], check: Progress) -> T:
     """Do work in a thread. When `check` raises DroppedError it ends, as by `sys.exit`, while it waits for a kernel."""
-    chore, is_dropped, told = _Chore(work), False, -AGAIN
-    chore.start()
-    while chore.is_alive():
-        chore.join(POLL)
+    task, is_dropped, told = _Task(work), False, -AGAIN
+    task.start()
+    while task.is_alive():
+        task.join(POLL)
         try:
             check(0.0)
         except DroppedError:
             is_dropped = True
-            if time.monotonic() - told > AGAIN and chore.end():
+            if time.monotonic() - told > AGAIN and task.end():
                 told = time.monotonic()
     if is_dropped:
         raise DroppedError
-    if isinstance(chore.error, Exception):
-        raise chore.error
-    if chore.error is not None:  # it would end the worker
-        raise RuntimeError("a chore was ended") from chore.error
-    result: T = chore.result
+    if isinstance(task.error, Exception):
+        raise task.error
+    if task.error is not None:  # it would end the worker
+        raise RuntimeError("a task was ended") from task.error
+    result: T = task.result
     return result
 
 
-class _Chore(threading.Thread):
+class _Task(threading.Thread):
     """Work in a thread. result, error : what came of it"""
 
     def __init__(self, work: Callable[[], Any]) -> None:
@@ -141,12 +146,12 @@ class _Chore(threading.Thread):
             frame = frame.f_back
         if frame is None or frame.f_code is not run.__code__:
             return False
-        while frame is not None and frame.f_code is not _Chore.run.__code__:
+        while frame is not None and frame.f_code is not _Task.run.__code__:
             frame = frame.f_back
         return frame is not None and frame.f_locals["self"] is self
 
 
-_LOCK, _BEFORE = threading.Lock(), list[str | None]()  # of the chores in this process
+_LOCK, _BEFORE = threading.Lock(), list[str | None]()  # of the tasks in this process
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
 
+from ..base.version import __version__
 from ..engine.kernels.tree import Tree
 from ..model.model import Model
 from ..model.model_file import Place
@@ -38,7 +39,7 @@ class DroppedError(Exception):
 
 
 @dataclass(frozen=True)
-class Ticket:
+class JobSpec:
     """What is wanted.
 
     scene : the name of the scene
@@ -62,7 +63,7 @@ class Sent:
 
 
 @dataclass
-class Bench:
+class WorkerCache:
     """What a worker keeps. A lock is held by the job that is at work.
 
     scenes : their snapshots; files, sent : models
@@ -94,18 +95,16 @@ class Bench:
         return _aligned(model)
 
 
-_BENCHES: WeakKeyDictionary[Any, Bench] = WeakKeyDictionary()  # by worker: several may share a process
-_HERE = Bench()  # where there is no worker
+_CACHES: WeakKeyDictionary[Any, WorkerCache] = WeakKeyDictionary()  # by worker: several may share a process
+_HERE = WorkerCache()  # where there is no worker
 
 
 def version_here() -> str:
     """The version of pointray in this process."""
-    import pointray
-
-    return pointray.__version__
+    return __version__
 
 
-def do_job(ticket: Ticket, recipe: bytes, baked: Any, *sent: Any) -> Any:
+def do_job(spec: JobSpec, recipe: bytes, baked: Any, *sent: Any) -> Any:
     """Do a job on a worker of Dask; returns what its work returns. sent : models, then other things
 
     Raises
@@ -113,30 +112,30 @@ def do_job(ticket: Ticket, recipe: bytes, baked: Any, *sent: Any) -> Any:
     UnseenFileError
         If a model is to be read from a file that is not here.
     """
-    models, things = sent[: len(sent) - ticket.things], sent[len(sent) - ticket.things :]
-    return at_work(lambda bench: bench.scene(ticket.scene, recipe, baked, models), ticket.work, (*ticket.args, *things))
+    models, things = sent[: len(sent) - spec.things], sent[len(sent) - spec.things :]
+    return at_work(lambda cache: cache.scene(spec.scene, recipe, baked, models), spec.work, (*spec.args, *things))
 
 
-def at_work(scene_of: Callable[[Bench], Any], work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+def at_work(scene_of: Callable[[WorkerCache], Any], work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
     """Do work of which there is one at a time: on a worker, as one of its tasks, or in any other thread.
 
-    scene_of : makes the scene, given what is kept here; work : see `Ticket`
+    scene_of : makes the scene, given what is kept here; work : see `JobSpec`
     """
     worker = worker_here()
     if worker is None:
         with _HERE.lock:
             return work(scene_of(_HERE), *args, None, None)
-    key, bench = worker.get_current_task(), _BENCHES.setdefault(worker, Bench())
+    key, cache = worker.get_current_task(), _CACHES.setdefault(worker, WorkerCache())
 
     def check(share: float = 0.0) -> None:
         task = worker.state.tasks.get(key)
         if task is None or task.state == "cancelled":
             raise DroppedError
 
-    with bench.lock:
+    with cache.lock:
         try:
             check()
-            return work(scene_of(bench), *args, worker.state.nthreads, check)
+            return work(scene_of(cache), *args, worker.state.nthreads, check)
         except DroppedError:
             return None
 

@@ -10,23 +10,24 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
+from ..base.executor import Job
 from ..base.warning_log import warn
 from ..model.model import Model
 from ..model.model_file import Place
 from .client import check_client, memory_of, unfit
-from .dispatch import Dispatch, Job
+from .dispatch import Dispatch
 from .recipe import Stage, write_recipe
-from .scattered_objects import Parcel, check_spreadable, parcels_of
-from .worker import Ticket, do_job
+from .scattered_objects import ScatteredObject, check_spreadable, scattered_objects_of
+from .worker import JobSpec, do_job
 
-ROLL_CALL = 1.0  # seconds between two looks at who is there
+REFRESH = 1.0  # seconds between two looks at who is there
 LOST = "the scheduler of Dask is lost"
-ALONE = 60.0  # seconds without any worker after which a crew gives up
+ALONE = 60.0  # seconds without any worker after which a pool gives up
 
 Ask = Callable[[Any, list[str]], dict[str, str]]
 
 
-class Crew:
+class WorkerPool:
     """The workers of a client, and a scene.
 
     Parameters
@@ -47,17 +48,17 @@ class Crew:
     """
 
     def __init__(self, client: Any, scene: Stage, ask: Ask | None = None, spread: bool = False) -> None:
-        self._client, self._parcels, self._ask, self.spread = client, parcels_of(client), ask, spread
+        self._client, self._objects, self._ask, self.spread = client, scattered_objects_of(client), ask, spread
         scene = scene.copy()
         self._baked = None if spread else scene.baked
         self._models: list[Model] = scene.models
         recipe = write_recipe(scene, self._models)
         self._name = hashlib.sha256(recipe).hexdigest()[:16]
-        self._recipe = Parcel("scene", recipe)
+        self._recipe = ScatteredObject("scene", recipe)
         self.workers: dict[str, int] = {}
         self._unfit: set[str] = set()
-        self._called, self._seen = -ROLL_CALL, time.monotonic()
-        self._call_roll()
+        self._called, self._seen = -REFRESH, time.monotonic()
+        self._refresh_workers()
 
     def run(self, jobs: deque[Job], tick: Callable[[], None]) -> Iterator[tuple[Job, Any]]:
         """Do jobs; yields each with its result, in the order in which they are ready.
@@ -73,7 +74,7 @@ class Crew:
         work = Dispatch(self, jobs)
         try:
             while not work.is_done:
-                self._call_roll()
+                self._refresh_workers()
                 work.drop_lost()
                 work.hand_out()
                 tick()
@@ -89,9 +90,9 @@ class Crew:
         client = self._client
         try:
             baked, recipe = self._send_baked(), self._recipe.send(client)
-            models = [self._parcels.of_model(model) for model in self._models]
+            models = [self._objects.of_model(model) for model in self._models]
             sent = [model if isinstance(model, Place) else model.send(client) for model in models]
-            things = [parcel.send(client) for parcel in job.parcels]
+            things = [self._objects.of(one, one.name, one.value).send(client) for one in job.shared]
         except OSError:  # of Dask, which found no worker in time, or lost the scheduler
             return None
         except AttributeError:
@@ -99,7 +100,7 @@ class Crew:
                 raise RuntimeError(LOST) from None
             raise
         scene = " ".join([self._name, *(_name(one) for one in (baked, *sent))])
-        todo = do_job, Ticket(scene, job.work, job.args, len(things)), recipe, baked, *sent, *things
+        todo = do_job, JobSpec(scene, job.work, job.args, len(things)), recipe, baked, *sent, *things
         key = f"{job.name}-{uuid.uuid4().hex}"
         return client.submit(*todo, key=key, workers=[worker], allow_other_workers=True, pure=False)
 
@@ -112,18 +113,18 @@ class Crew:
 
     def unsee(self, place: Place) -> None:
         """From now on the model in a file is sent, as not all workers see it."""
-        self._parcels.unseen.add(place)
+        self._objects.unseen.add(place)
 
     def _send_baked(self) -> Any:
         """The future of the baked light; None: there is none."""
         if self._baked is None:
             return None
-        return self._parcels.of(self._baked, "baked light", self._baked.portable()).send(self._client)
+        return self._objects.of(self._baked, "baked light", self._baked.portable()).send(self._client)
 
-    def _call_roll(self) -> None:
+    def _refresh_workers(self) -> None:
         """See which workers are there, once a second."""
         now = time.monotonic()
-        if now - self._called < ROLL_CALL:
+        if now - self._called < REFRESH:
             return
         self._called = now
         if self._client.status != "running":
@@ -151,13 +152,12 @@ class Crew:
         return wrongs
 
 
-def taken(scene: Stage, client: Any, spread: bool | None = False) -> tuple[Any, Crew | None]:
-    """A scene's snapshot as it is now, and those who work for it: None is this process.
+def snapshot_and_executor(scene: Stage, client: Any, spread: bool | None = False) -> tuple[Any, WorkerPool]:
+    """Return a scene's snapshot as it is now, and the workers of a client for it.
 
     spread : whether models in parts are spread over the workers; None: if one does not fit into a worker's memory
     """
-    if check_client(client) is None:
-        return scene.snapshot(), None
+    check_client(client)
     scene = scene.copy()
     parted = [model for model in scene.models if model.parts]
     if spread is None:
@@ -165,7 +165,7 @@ def taken(scene: Stage, client: Any, spread: bool | None = False) -> tuple[Any, 
         spread = any(model.nbytes > free for model in parted)
     for model in parted if spread else ():
         check_spreadable(model)
-    return scene.snapshot(), Crew(client, scene, spread=spread)
+    return scene.snapshot(), WorkerPool(client, scene, spread=spread)
 
 
 def _name(sent: Any) -> str:

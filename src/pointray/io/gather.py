@@ -28,7 +28,7 @@ from .joining import (
     scans_of,
 )
 from .locating import locate, origin_of, sample_step, surveyed
-from .missing_columns import tell_lacking
+from .missing_columns import warn_missing_columns
 from .opening import Opener, announced_rows, check_some, chosen_of, listings_of, name_of, named, shares_of
 from .selection import Selection, Thinning
 
@@ -120,7 +120,7 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
     scans = _scans(parts)
     counts = [[len(chunk.positions) for chunk in part.chunks] for part in parts]
     check_count(sum(map(sum, counts)))
-    tell_lacking([(part.name, part.chunks[0]) for part in parts])
+    warn_missing_columns([(part.name, part.chunks[0]) for part in parts])
     normals = _column("normals", [chunk.normals for part in parts for chunk in part.chunks], counts, 0)
     colors = _colors(parts, known)
     names = attributes_of(parts)

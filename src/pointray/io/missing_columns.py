@@ -10,7 +10,7 @@ from .formats._source import Chunk
 FEW = 5  # files that a warning names
 
 
-def tell_lacking(files: Sequence[tuple[str, Chunk]]) -> None:
+def warn_missing_columns(files: Sequence[tuple[str, Chunk]]) -> None:
     """Warn of columns that only some files have: one line for all files that lack the same.
 
     files : names, each with a chunk of the file

@@ -18,7 +18,7 @@ from ..cloud.denoising.smooth import Placed, check_sigma
 from ..cloud.points import Points, spread_rows
 from ..cloud.preparation import check_model_memory, finite_rows, placed_for_model
 from ..engine.kernels.tree import LONGEST, SCATTER, Tree, no_tree
-from ..surface.splats.build import Made, Sizes, check_size, make_splats
+from ..surface.splats.build import Sizes, SplatBuild, check_size, make_splats
 from ..surface.splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from ..surface.splats.radii import check_radii
 from ..surface.splats.scattered.classification import find_scattered_placed, has_few_places
@@ -30,7 +30,7 @@ from ..surface.tree.settings import LOOSE_TRIM, check_settings, settings_of
 from ..surface.tree.stored import longest_leaf, reach_of, stored_splats
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
-from .residency import Key, OnDisk, Residence, Source
+from .residency import Key, OnDisk, ResidencyCache, Source
 
 SURFACE = "apss"  # the default: the one of the three without bias (measured in bench/)
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
@@ -49,7 +49,7 @@ class Model(OnDisk):
     radii : (n,) array_like, optional
         Support radius of each point, in the unit of the positions. None: chosen (paper, part II).
     surface : {"paper", "imls", "apss", "disc"}, optional
-        The implicit surface, see `pointray.surface.intersect.surface`; "disc" is the flat splats of the paper's figure 1a.
+        The implicit surface, see `surface/intersect/surface.py`; "disc" is the flat splats of the paper's figure 1a.
         None: "apss".
     samples : int
         Samples along a ray over a support's diameter, the paper's N: steps are radius * 2 / N or less.
@@ -93,7 +93,7 @@ class Model(OnDisk):
     _saved: tuple[Place, tuple[Model, ...]] | None = None  # the file that holds it, with which levels of detail
     drawing = Drawing()  # how scattered points are drawn
     _scattered_points = 0  # of a model in parts: how many of its points, the last ones, are scattered
-    _residence: Residence[Model] | None = None  # of a model in parts: what is open of it
+    _residence: ResidencyCache[Model] | None = None  # of a model in parts: what is open of it
 
     def __init__(
         self,
@@ -148,7 +148,9 @@ class Model(OnDisk):
             made = make_splats(placed.pop(), used, sizes, self.settings, partial(say, "radii"))
         self._build(made, say, scattered)
 
-    def _build(self, made: Made | None, say: Callable[[str, float], None], scattered: Splats | None = None) -> None:
+    def _build(
+        self, made: SplatBuild | None, say: Callable[[str, float], None], scattered: Splats | None = None
+    ) -> None:
         """Build the tree over splats of the model's points, and over scattered ones."""
         if made is not None and made.tight:
             self.settings = self.settings._replace(trim=LOOSE_TRIM)
@@ -288,7 +290,7 @@ class Model(OnDisk):
             model = cls._restore(whole)
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path}: the model is damaged: {error}") from error
-        residence = Residence(Path(path).absolute(), index, whole, cls._restore, budget)
+        residence = ResidencyCache(Path(path).absolute(), index, whole, cls._restore, budget)
         parts = []
         for number, file in enumerate(index.parts):
             part = cls._restore(whole._replace(bounds=np.array(file.bounds)))

@@ -41,7 +41,7 @@ class Opened(NamedTuple, Generic[T]):
     nbytes: int
 
 
-class Residence(Generic[T]):
+class ResidencyCache(Generic[T]):
     """The parts of a model and their levels of detail, on disk and in memory. Threads may use it at once.
 
     Parameters
@@ -170,25 +170,25 @@ class Residence(Generic[T]):
 class Source(NamedTuple):
     """Where a part, or a level of detail of one, comes from."""
 
-    residence: Residence[Any]
+    residence: ResidencyCache[Any]
     key: Key
 
     def open(self) -> Any:
-        """See `Residence.open`."""
+        """See `ResidencyCache.open`."""
         return self.residence.open(self.key)
 
     def find(self) -> Any:
-        """See `Residence.find`."""
+        """See `ResidencyCache.find`."""
         return self.residence.find(self.key)
 
     @property
     def is_open(self) -> bool:
-        """See `Residence.is_open`."""
+        """See `ResidencyCache.is_open`."""
         return self.residence.is_open(self.key)
 
     @property
     def is_kept(self) -> bool:
-        """See `Residence.is_kept`."""
+        """See `ResidencyCache.is_kept`."""
         return self.residence.is_kept(self.key)
 
     @property

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cluster.client import Client
-from ..cluster.worker_pool import taken
+from ..base.executor import Client, snapshot_and_executor
 from ..engine.kernels.records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
 from ..scene.casting import intersect_snapshot
 from ..scene.rays import Hits, check_rays
@@ -72,8 +71,8 @@ def render_layers(
         if progress is not None:
             progress(done)
 
-    now, crew = taken(scene, client, check_spread(None, client, settings))
-    radiance = render_snapshot(now, camera, settings, lambda done: show(share * done), crew)
+    now, executor = snapshot_and_executor(scene, client, check_spread(None, client, settings))
+    radiance = render_snapshot(now, camera, settings, lambda done: show(share * done), executor)
     shape = radiance.shape[:2]
     layers: dict[str, NDArray[Any]] = {
         "radiance": radiance,

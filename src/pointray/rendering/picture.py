@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arguments import check_callback, check_kind
+from ..base.executor import Client, Executor, snapshot_and_executor
 from ..base.memory import check_memory
 from ..base.warning_log import warn
-from ..cluster.client import Client
-from ..cluster.worker_pool import Crew, taken
 from ..engine.jit import Cancel, run
 from ..image.denoise import check_denoise, denoise
 from ..scene.scene import Scene
@@ -69,17 +68,17 @@ def render(
     white sky of radiance 1. "baked" shows `Scene.baked`; without it, light is baked first, and a warning says so.
     """
     settings = check_view(scene, camera, settings, progress)
-    now, crew = taken(scene, client, check_spread(spread, client, settings))
-    return render_snapshot(now, camera, settings, progress, crew)
+    now, executor = snapshot_and_executor(scene, client, check_spread(spread, client, settings))
+    return render_snapshot(now, camera, settings, progress, executor)
 
 
 def render_snapshot(
-    scene: Snapshot, camera: Camera, settings: Settings, progress: Progress | None, crew: Crew | None = None
+    scene: Snapshot, camera: Camera, settings: Settings, progress: Progress | None, executor: Executor | None = None
 ) -> NDArray[np.float32]:
     """See `render`."""
     if settings.denoised:
         check_denoise()
-    picture = Picture(scene, camera, settings, crew=crew)
+    picture = Picture(scene, camera, settings, executor=executor)
     for share in picture.passes(progress):
         if progress is not None:
             progress(share)
@@ -87,7 +86,7 @@ def render_snapshot(
         return picture.image
     image, (light, noisy) = picture.image, picture.light()
     del picture  # all that it holds besides the image is freed
-    albedo, normal = (_surfaces(scene, camera, replace(settings, integrator=i), crew) for i in ("color", "normal"))
+    albedo, normal = (_surfaces(scene, camera, replace(settings, integrator=i), executor) for i in ("color", "normal"))
     for row in normal:  # they are stored as 0 to 1, times alpha
         row[:, :3] = 2.0 * row[:, :3] - row[:, 3:]
     if scene.shows_sky:  # its samples differ, but not by chance: only the rest of a pixel is noisy
@@ -138,11 +137,11 @@ def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -
     return settings
 
 
-def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, crew: Crew | None) -> NDArray[np.float32]:
+def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, executor: Executor | None) -> NDArray[np.float32]:
     """Colours or normals of the first hits, without a background, from 16 or fewer of the picture's own samples."""
     spp = min(settings.most, SURFACE_SAMPLES)
     few = replace(settings, spp=spp, time_limit=None, noise=None, denoise=False)
-    picture = Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0), crew=crew)
+    picture = Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0), executor=executor)
     for _ in picture.passes(None):
         pass
     return picture.image
@@ -157,7 +156,7 @@ class Picture:
         The result of `Scene.snapshot`; later changes of the scene change nothing here.
     in_passes : bool
         Keep the sums of the samples, so that they can be added bit by bit even if the settings have no limit.
-    crew : Crew, optional
+    executor : Executor, optional
         Those who add the samples, of the same scene.
     in_part : bool
         Only a piece of it will be made: no memory is asked for, and what is not touched takes none.
@@ -177,14 +176,14 @@ class Picture:
         settings: Settings,
         background: tuple[float, float, float, float] | None = None,
         in_passes: bool = False,
-        crew: Crew | None = None,
+        executor: Executor | None = None,
         in_part: bool = False,
         fetch: Fetch | None = None,
     ) -> None:
         self._settings, self._camera = settings, camera.record()
-        self._crew, self._seen, self._background = crew, camera, background
+        self._executor, self._seen, self._background = executor, camera, background
         scene = self._scene = scene.seen_by(self._camera)
-        spread = crew is not None and crew.spread
+        spread = executor is not None and executor.spread
         width, height = camera.size
         self._blocks = -(-width // BLOCK_EDGE) * -(-height // BLOCK_EDGE)
         self._one_pass = settings.time_limit is None and settings.noise is None and not in_passes
@@ -225,15 +224,15 @@ class Picture:
     def add(self, first: int, end: int, progress: Progress | None = None, cancel: Cancel | None = None) -> None:
         """Add the samples from one number up to another.
 
-        A cancelled call has added samples to some tiles only: no more can be added. A crew cannot be cancelled so.
+        A cancelled call has added samples to some tiles only: no more can be added. A executor cannot be cancelled so.
         """
-        if self._crew is None:
+        if self._executor is None:
             self._run((first, end), (0, self._blocks), progress, cancel)
-        elif self._crew.spread:
-            self._travel(self._crew, (first, end), progress)
+        elif self._executor.spread:
+            self._travel(self._executor, (first, end), progress)
         else:
             order = Order(self._seen, self._settings, self._background, (first, end))
-            add_in_pieces(self._crew, render_piece, order, (self.image, self._film), progress)
+            add_in_pieces(self._executor, render_piece, order, (self.image, self._film), progress)
         self._done = end
 
     def _run(
@@ -250,17 +249,17 @@ class Picture:
         threads = self._settings.threads
         run(self._kernel, blocks[1], *args, threads=threads, progress=progress, cancel=cancel, first=blocks[0])
 
-    def _travel(self, crew: Crew, samples: tuple[int, int], progress: Progress | None) -> None:
+    def _travel(self, executor: Executor, samples: tuple[int, int], progress: Progress | None) -> None:
         """Add samples to all blocks, with workers who hold the models."""
         from .ray_forwarding.ray_exchange import View, add_by_waves
         from .ray_forwarding.replay import recalled_for
-        from .ray_forwarding.wave import Pictured
+        from .ray_forwarding.wave import KernelArguments
 
         settings = self._settings
         fixed = self._world, self._camera, self._pass
-        picture = Pictured(recalled_for(self._kernel), *fixed, self._film, self.image, settings.threads)
+        picture = KernelArguments(recalled_for(self._kernel), *fixed, self._film, self.image, settings.threads)
         view = View(self._seen, settings.most if settings.levels else None)
-        add_by_waves(crew, self._scene, view, picture, samples, progress)
+        add_by_waves(executor, self._scene, view, picture, samples, progress)
 
     def add_to(self, order: Order, progress: Progress | None) -> tuple[Floats, Floats | None]:
         """Add samples to a piece; returns its image, and its sums if they are wanted."""

@@ -14,8 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cluster.dispatch import Job
-from ..cluster.worker_pool import Crew
+from ..base.executor import Executor, Job
 from .camera import Camera
 from .film import LONGEST_PASS
 from .integrate import BLOCK_EDGE
@@ -105,16 +104,20 @@ def pieces_for(size: tuple[int, int], workers: dict[str, int]) -> list[Piece]:
 
 
 def add_in_pieces(
-    crew: Crew, work: Work, order: Order, target: tuple[Floats, Floats], progress: Callable[[float], None] | None
+    executor: Executor,
+    work: Work,
+    order: Order,
+    target: tuple[Floats, Floats],
+    progress: Callable[[float], None] | None,
 ) -> None:
-    """Have a crew add samples to all of a picture.
+    """Add samples to all of a picture by an executor.
 
     work : makes a piece, on a worker
     order : of no piece yet
     target : the image, and the sums so far; these are empty if nobody wants them
     """
     image, film = target
-    pieces = pieces_for(order.camera.size, crew.workers)
+    pieces = pieces_for(order.camera.size, executor.workers)
     names = {piece: f"render {k}/{len(pieces)}" for k, piece in enumerate(pieces, 1)}
     first, end = order.samples
     jobs, done = deque[Job](), 0
@@ -131,7 +134,7 @@ def add_in_pieces(
 
     for piece in pieces:
         ask(piece, first, piece.of(film).copy() if first > 0 else None)
-    for job, (pixels, sums) in crew.run(jobs, tick):
+    for job, (pixels, sums) in executor.run(jobs, tick):
         made: Order = job.args[0]
         done += made.samples[1] - made.samples[0]
         if film.size > 0:

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arguments import check_kind, wrong
-from ..cluster.client import Client
-from ..cluster.dispatch import AT_ONCE, Job
-from ..cluster.worker_pool import Crew, taken
+from ..base.executor import Client, Executor, Job, snapshot_and_executor
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .camera import Camera
@@ -28,7 +26,7 @@ from .pieces import in_order
 from .ray_forwarding.spread import check_spread
 from .settings import Settings
 
-AHEAD = 2  # pictures for each job of a worker that are begun, or wait, before the first of them is taken
+AHEAD = 4  # pictures for each worker that are begun, or wait, before the first of them is taken
 
 Floats = NDArray[np.float32]
 
@@ -98,12 +96,12 @@ def render_each(
     numbers : what the dashboard calls the pictures; None: 0 and so on
     spread : see `check_spread`
     """
-    now, crew = taken(scene, client, spread)
-    if crew is None or crew.spread or settings.denoised:
+    now, executor = snapshot_and_executor(scene, client, spread)
+    if executor is None or executor.spread or settings.denoised:
         parts = [_part(progress, k, len(cameras)) for k in range(len(cameras))]
-        return (render_snapshot(now, *each, crew) for each in zip(cameras, repeat(settings), parts, strict=False))
+        return (render_snapshot(now, *each, executor) for each in zip(cameras, repeat(settings), parts, strict=False))
     names = [f"frame {number}" for number in (numbers or range(len(cameras)))]
-    return in_order(_render_whole(crew, cameras, settings, names, progress))
+    return in_order(_render_whole(executor, cameras, settings, names, progress))
 
 
 def _part(progress: Progress | None, k: int, count: int) -> Progress | None:
@@ -112,7 +110,7 @@ def _part(progress: Progress | None, k: int, count: int) -> Progress | None:
 
 
 def _render_whole(
-    crew: Crew, cameras: Sequence[Camera], settings: Settings, names: Sequence[str], progress: Progress | None
+    executor: Executor, cameras: Sequence[Camera], settings: Settings, names: Sequence[str], progress: Progress | None
 ) -> Iterator[tuple[int, Floats]]:
     """Render pictures; yields each with its number as it is ready. No more are begun than a while ahead of the first
     that is missing, as all that are ready are kept."""
@@ -122,7 +120,7 @@ def _render_whole(
 
     def begin() -> None:
         nonlocal begun
-        end = min(missing, default=0) + AHEAD * AT_ONCE * max(len(crew.workers), 1)
+        end = min(missing, default=0) + AHEAD * max(len(executor.workers), 1)
         while begun < min(end, len(cameras)):
             job = Job(names[begun], render_whole, (cameras[begun], settings))
             number_of[job] = begun
@@ -134,7 +132,7 @@ def _render_whole(
             progress(1.0 - len(missing) / len(cameras))
 
     begin()
-    for job, image in crew.run(jobs, tick):
+    for job, image in executor.run(jobs, tick):
         number = number_of.pop(job)
         missing.remove(number)
         yield number, image

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_flag, check_mapping, rgb, wrong
-from ..cluster.dask_arrays import is_chunked
+from ..base.executor import backend, is_chunked
 from ..model.model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights
 from ..shade.lights import Light
 from ..shade.materials.base import Material
-from .casting import Given, intersect_chunks, intersect_snapshot, occluded_chunks, occluded_snapshot
+from .casting import Given, intersect_snapshot, occluded_snapshot
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
 from .rays import Hits, check_rays
@@ -288,7 +288,7 @@ class Scene:
         if not isinstance(names, tuple | list) or not all(isinstance(name, str) for name in names):
             raise wrong("attributes", "a name or a sequence of names", attributes)
         if _is_chunked(given, spread):
-            return intersect_chunks(self, given, names, spread)
+            return backend().intersect_chunks(self, given, names, spread)
         return intersect_snapshot(self.snapshot(), *check_rays(*given), names)
 
     def occluded(
@@ -303,7 +303,7 @@ class Scene:
         """Whether each ray meets anything between t_min and t_max: (...) bool; parameters as for `intersect`."""
         given = origins, directions, t_min, t_max
         if _is_chunked(given, spread):
-            return occluded_chunks(self, given, spread)
+            return backend().occluded_chunks(self, given, spread)
         return occluded_snapshot(self.snapshot(), *check_rays(*given))
 
     def _change(self) -> None:

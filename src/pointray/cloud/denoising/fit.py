@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
 from ...engine.simd import INF, ONE, Mask, bits, broadcast16, load16, select, store, vmax, vsqrt
-from ..normals.fit_batch import LANES, Sixteen, inner, load_place, load_point, new_sixteen, zeros
+from ..normals.fit_batch import LANES, FitBatch16, inner, load_place, load_point, new_sixteen, zeros
 from ..normals.jet import AXIS, HEIGHT, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, SPREAD, jet, take_triple
 
 Floats = NDArray[np.float32]
@@ -80,7 +80,7 @@ def _same_side(normals: Array, row: int, near: Array, i: int, same: Array) -> in
 
 
 @routine
-def _choose(sizes: Array, memory: Sixteen, found: Array) -> None:
+def _choose(sizes: Array, memory: FitBatch16, found: Array) -> None:
     """Find the fit with the least error in each lane, from the largest size down; all in the unit of the places."""
     square, counts = load16(found, LANES * SQUARE), load16(memory.counts, 0)
     least, left = broadcast16(INF), zeros()

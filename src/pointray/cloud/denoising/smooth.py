@@ -16,7 +16,7 @@ from ..normals.estimate import mend_normals, with_fits
 from ..normals.fit_batch import LANES
 from ..normals.jets import Fits, Planes, faces, fit_normals, survey
 from ..points import Points
-from ..statistics import Usual
+from ..statistics import CloudStatistics
 from .edges import Edges
 from .fit import SIZES, fit_surface
 from .noise import LITTLE, Stretches, examined, settled
@@ -121,11 +121,11 @@ class Fitting:
     sigma : "auto" or float
     noise : Noise, optional
         If it is known.
-    usual : Usual, optional
+    usual : CloudStatistics, optional
         Of the cloud that the points are a part of. None: they are the whole.
     """
 
-    def __init__(self, sigma: str | float, noise: Noise | None = None, usual: Usual | None = None) -> None:
+    def __init__(self, sigma: str | float, noise: Noise | None = None, usual: CloudStatistics | None = None) -> None:
         self._sigma, self._noise, self._usual = sigma, noise, usual
 
     def fit(

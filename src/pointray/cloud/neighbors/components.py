@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def linked_parts(near: NDArray[np.integer[Any]], is_linked: NDArray[np.bool_]) -> NDArray[np.int32]:
+def connected_components(near: NDArray[np.integer[Any]], is_linked: NDArray[np.bool_]) -> NDArray[np.int32]:
     """The part of each of n points, (n,): points that links join, in whichever direction, are of the same part.
 
     near : (n, k) rows; is_linked : (n, k), which of them are linked

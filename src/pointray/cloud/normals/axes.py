@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from ...engine.jit import f32, inline
 from ...engine.simd import F16, ONE, ZERO, Mask, bits, broadcast16, load16, select, store, vabs, vmax, vmin, vsqrt
-from .fit_batch import LANES, Sextuple, Sixteen, Triple, distance_weight, inner, load_place, zeros
+from .fit_batch import LANES, FitBatch16, Sextuple, Triple, distance_weight, inner, load_place, zeros
 
 SWEEPS = 6  # of three rotations; 3 mostly suffice
 ROUND_OFF = 1e-12  # squares off the diagonal, over the trace's, that are none
@@ -34,7 +34,7 @@ class Plane(NamedTuple):
 
 
 @inline
-def fit_plane(k: int, memory: Sixteen) -> Plane:
+def fit_plane(k: int, memory: FitBatch16) -> Plane:
     """Planes through the k nearest neighbours, whose weights fall by distance to 1/e at the rim and are left in memory.
 
     A lane with fewer neighbours has a plane through all of them.

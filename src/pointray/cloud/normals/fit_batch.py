@@ -23,7 +23,7 @@ Triple: TypeAlias = tuple[F16, F16, F16]
 Sextuple: TypeAlias = tuple[F16, F16, F16, F16, F16, F16]
 
 
-class Sixteen(NamedTuple):
+class FitBatch16(NamedTuple):
     """One thread's memory for fits to at most `most` neighbours of each of sixteen points, all flat float32.
 
     Attributes
@@ -53,9 +53,9 @@ class Sixteen(NamedTuple):
 
 
 @inline
-def new_sixteen(most: int) -> Sixteen:
+def new_sixteen(most: int) -> FitBatch16:
     """Memory for fits to at most so many neighbours."""
-    return Sixteen(
+    return FitBatch16(
         np.zeros(most * ROW, np.float32),
         np.zeros(most * ROW, np.float32),
         np.zeros(most * LANES, np.float32),
@@ -67,7 +67,7 @@ def new_sixteen(most: int) -> Sixteen:
 
 
 @inline
-def load_point(positions: Array, row: int, near: Array, i: int, farthest: int, lane: int, memory: Sixteen) -> None:
+def load_point(positions: Array, row: int, near: Array, i: int, farthest: int, lane: int, memory: FitBatch16) -> None:
     """Fill a lane with the neighbours near[i] of positions[row]; the one at `farthest` is at distance 1."""
     x, y, z = positions[row, 0], positions[row, 1], positions[row, 2]
     far = near[i, farthest]

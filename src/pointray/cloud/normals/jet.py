@@ -10,7 +10,7 @@ from __future__ import annotations
 from ...engine.jit import Array, f32, inline, routine
 from ...engine.simd import F16, ONE, Mask, broadcast16, load16, select, store, vmax, vmin, vsqrt
 from .axes import Plane, fit_plane
-from .fit_batch import LANES, ROW, Sextuple, Sixteen, Triple, load_place, zeros
+from .fit_batch import LANES, ROW, FitBatch16, Sextuple, Triple, load_place, zeros
 from .moments import (
     RIDGE,
     Factor,
@@ -37,7 +37,7 @@ NORMAL, AXIS, RESIDUAL, SLOPE, HEIGHT, SPREAD = 0, 3, 6, 7, 8, 9
 
 
 @routine
-def jet(k: int, slim: float, memory: Sixteen) -> None:
+def jet(k: int, slim: float, memory: FitBatch16) -> None:
     """Fit to the k nearest neighbours of each lane. Results are in the unit of the places.
 
     Where they are on a line (`slim`), or fewer than `JET_LEAST`, the normal is the plane's, the residual 0 and the
@@ -69,7 +69,7 @@ def jet(k: int, slim: float, memory: Sixteen) -> None:
 
 
 @inline
-def store_triple(memory: Sixteen, at: int, v: Triple) -> None:
+def store_triple(memory: FitBatch16, at: int, v: Triple) -> None:
     store(memory.results, LANES * at, v[0])
     store(memory.results, LANES * (at + 1), v[1])
     store(memory.results, LANES * (at + 2), v[2])
@@ -83,7 +83,7 @@ def take_triple(mask: Mask, a: Array, at_a: int, b: Array, at_b: int, out: Array
 
 
 @inline
-def _lay_down(k: int, plane: Plane, memory: Sixteen) -> Moments:
+def _lay_down(k: int, plane: Plane, memory: FitBatch16) -> Moments:
     """Write the places in the plane's axes, in radii; returns their moments."""
     scale = ONE / plane.reach
     u, v, n = plane.one, plane.two, plane.normal
@@ -109,7 +109,7 @@ def _right(m: Moments) -> Sextuple:
 
 
 @inline
-def _first_residuals(k: int, x: Sextuple, memory: Sixteen) -> F16:
+def _first_residuals(k: int, x: Sextuple, memory: FitBatch16) -> F16:
     """Write the residuals; returns the weighted sum of their squares."""
     total = zeros()
     for j in range(k):
@@ -121,7 +121,7 @@ def _first_residuals(k: int, x: Sextuple, memory: Sixteen) -> F16:
 
 
 @inline
-def _second_round(k: int, inverse: F16, memory: Sixteen) -> tuple[Moments, F16, F16]:
+def _second_round(k: int, inverse: F16, memory: FitBatch16) -> tuple[Moments, F16, F16]:
     """Moments of the residuals with robust weights, the sum of the weights' squares, and that of the residuals'.
 
     inverse : one over the square of the residual that has a quarter of the weight
@@ -149,7 +149,7 @@ def _corrected(f: Factor, m: Moments, x: Sextuple, left: F16) -> tuple[Sextuple,
 
 
 @inline
-def _store_normal(plane: Plane, x: Sextuple, sound: Mask, memory: Sixteen) -> None:
+def _store_normal(plane: Plane, x: Sextuple, sound: Mask, memory: FitBatch16) -> None:
     u, v, n = plane.one, plane.two, plane.normal
     a = n[0] - x[1] * u[0] - x[2] * v[0]
     b = n[1] - x[1] * u[1] - x[2] * v[1]

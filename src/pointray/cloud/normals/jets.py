@@ -19,8 +19,8 @@ from ...base.progress import Progress, part_of, tell
 from ...engine.jit import Array, borrow, f32, kernel, next_tile, routine, run
 from ...engine.simd import INF, ONE, broadcast16, load16, select, store, vmax
 from ..neighbors import NeighborTree, neighbor_chunks
-from ..statistics import Usual
-from .fit_batch import LANES, Sixteen, load_point, new_sixteen, zeros
+from ..statistics import CloudStatistics
+from .fit_batch import LANES, FitBatch16, load_point, new_sixteen, zeros
 from .jet import AXIS, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, jet, take_triple
 
 Floats = NDArray[np.float32]
@@ -40,7 +40,7 @@ GRAZING = 0.2  # cosine to the eye up to which the plane through the neighbours 
 
 
 @routine
-def _choose(sizes: Array, noise: float, spacing: float, memory: Sixteen, found: Array) -> None:
+def _choose(sizes: Array, noise: float, spacing: float, memory: FitBatch16, found: Array) -> None:
     """Find the normal of the size with the least error in each lane, a plane's normal, and the least size's residual.
 
     noise : in spacings; spacing : in the unit of the places
@@ -107,13 +107,13 @@ def fit_residuals(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.i
     return np.asarray(residuals * spacing / math.sqrt(near.shape[1]), np.float64)
 
 
-def survey(positions: Floats, usual: Usual | None = None) -> tuple[float, int]:
+def survey(positions: Floats, usual: CloudStatistics | None = None) -> tuple[float, int]:
     """The noise, and the largest size to choose from: where scan lines lie far apart, few points form a line.
 
     The noise is how far points lie off their surface, in spacings (distance to the k-th neighbour over the root of k).
     `usual` is of the cloud that the points are a part of; None: they are the whole.
     """
-    usual = usual or Usual.of(len(positions))
+    usual = usual or CloudStatistics.of(len(positions))
     if len(positions) > NOISE_SIZES[0]:
         usual.settle(
             ("noise of fits", "points of fits"), lambda: _survey(positions, usual.some(len(positions), NOISE_SAMPLE))
@@ -187,7 +187,7 @@ def fit_normals(
     progress: Progress | None = None,
     planes: Planes | None = None,
     neighbors: int | None = None,
-    usual: Usual | None = None,
+    usual: CloudStatistics | None = None,
 ) -> Fits:
     """Unit normals of quadrics through the nearest neighbours.
 
@@ -205,7 +205,7 @@ def fit_normals(
         Takes the neighbours too, as many as it wants.
     neighbors : int, optional
         How many a quadric is fitted to. None: the best of `SIZES` for each point.
-    usual : Usual, optional
+    usual : CloudStatistics, optional
         See `survey`.
     """
     n = len(positions)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...engine.jit import run
 from ..neighbors import neighbors
-from ..neighbors.components import linked_parts
+from ..neighbors.components import connected_components
 from .floors import Floors
 from .links import CHUNK, link, third_least
 from .local_fits import CORE
@@ -37,7 +37,7 @@ def adrift(positions: Floats, floors: Floors, strays: NDArray[np.bool_]) -> NDAr
     core = np.maximum(floors.core, np.float32(np.median(floors.core)))
     near, is_linked = floors.near[:, 1 : CORE + 1], np.empty((n, min(CORE, floors.near.shape[1] - 1)), np.bool_)
     run(link, -(-n // CHUNK), positions, near, GAP * core, strays, is_linked)
-    part = linked_parts(near, is_linked)
+    part = connected_components(near, is_linked)
     sizes = np.bincount(part)
     small = (sizes[part] <= max(FEW, SHARE * n)) & ~strays
     rest = np.flatnonzero(~small & ~strays)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from ...base.progress import Progress, part_of, tell
 from ..kd_ordering import Path, along_path
 from ..neighbors import neighbors
-from ..neighbors.components import linked_parts
+from ..neighbors.components import connected_components
 from ..points import Points
-from ..statistics import Usual
+from ..statistics import CloudStatistics
 from .floors import LAYER, LEAST, Floors, Ground
 from .passes import merge_passes
 from .search import Search
@@ -41,7 +41,7 @@ class Part(NamedTuple):
 
     total: int
     numbers: Rows
-    usual: Usual
+    usual: CloudStatistics
     blocks: Rows | None = None
     ignored: tuple[int, ...] | None = None
 
@@ -60,7 +60,7 @@ def merge_for_model(
     tell(progress, 0.1)
     if len(path) < LEAST:
         return points
-    part = part or Part(len(path), np.arange(len(path)), Usual.of(len(path)))
+    part = part or Part(len(path), np.arange(len(path)), CloudStatistics.of(len(path)))
     if part.blocks is None or len(part.blocks):
         shift = _shifts(points, along, part, part_of(progress, 0.1, SPARSE_MERGED))
         if shift is not None:
@@ -104,7 +104,7 @@ def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
     ways = offset / np.maximum(height, 1e-30)[:, None]
     is_linked = (away < APART * spacing[:, None]) & (np.abs(height[near] - height[:, None]) < LEVEL * spacing[:, None])
     is_linked &= np.einsum("ij,ikj->ik", ways, ways[near]) > ALIKE
-    part = linked_parts(near, is_linked)
+    part = connected_components(near, is_linked)
     return np.asarray(np.bincount(part)[part] >= FEWEST)
 
 

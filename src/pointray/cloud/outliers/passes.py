@@ -16,7 +16,7 @@ from ..kd_ordering import Path, along_path
 from ..neighbors import NeighborTree
 from ..normals.stations import eyes_of
 from ..points import Points
-from ..statistics import Usual
+from ..statistics import CloudStatistics
 from .heights import AROUND, even_out, heights
 
 Floats = NDArray[np.float32]
@@ -34,7 +34,7 @@ def merge_passes(
     eyes: NDArray[np.float64] | None = None,
     progress: Progress | None = None,
     along: Path | None = None,
-    usual: Usual | None = None,
+    usual: CloudStatistics | None = None,
     ignored: tuple[int, ...] | None = None,
 ) -> Points:
     """The points with those of scans that do not fit moved onto the mean of the scans, by density and noise.
@@ -50,7 +50,7 @@ def merge_passes(
     progress : callable, optional
     along : Path, optional
         The path through the points, if it is known.
-    usual : Usual, optional
+    usual : CloudStatistics, optional
         Of the cloud that the points are a part of. None: they are the whole.
     ignored : tuple of int, optional
         The stations that are not believed, see `eyes_of`.
@@ -68,7 +68,7 @@ def merge_passes(
     if facing is None or len(path) <= AROUND:
         return points
     scans, facing, tree = scans[rows], facing[rows], NeighborTree(path, in_order=True)
-    usual = usual or Usual.of(len(path))
+    usual = usual or CloudStatistics.of(len(path))
 
     def share() -> float:
         some = np.ascontiguousarray(usual.spread(len(path), SAMPLE))

@@ -95,7 +95,7 @@ def _is_ours(folder: Path) -> bool:
 class _Locator:
     """Tells Numba where to store a kernel: in a folder named after its module and a hash of what that imports.
 
-    Numba itself checks only the function's own file, so that an edit to `engine/kernels/vec.py` would leave stale kernels.
+    Numba itself checks only the function's own file: an edit to `engine/kernels/vec.py` would leave stale kernels.
     """
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:

@@ -5,7 +5,7 @@ below, part by part: each name is where its rows begin in the part's array.
 
 | part | who writes | who reads | how long it holds |
 |---|---|---|---|
-| DIRECTION, ORIGIN, T_MIN, SIDE_OF | `set_ray`, `film`, `surface/trace/world.py` | `trace/`, `shade/` | until set anew |
+| DIRECTION, ORIGIN, T_MIN, SIDE_OF | `set_ray`, `film`, `trace/world.py` | `trace/`, `shade/` | until set anew |
 | NEAREST | `set_ray`; `trace_tile`, `occlude_tile` | `trace/`, `tile_hit`, `shade/` | until rays are set anew |
 | NORMAL, LOCAL, INSTANCE_OF, LEAF_OF | `trace_tile`, `occlude_tile` | `tile_hit`, `shade/` | until the next of these |
 | COLOR, SLOT_OF | `describe_tile`; a plane's COLOR `trace_tile` | `tile_hit`, `shade/` | until rays are traced again |
@@ -85,7 +85,7 @@ NUMBERS_SIZE = _rows.size
 # model, float32: the rays in the current model, see `engine.kernels.tree.Ray`, and what is computed of them at a leaf.
 _rows = Rows(TILE)
 OX, OY, OZ, DX, DY, DZ, IX, IY, IZ = (_rows() for _ in range(9))
-# How far it is followed: at first to a step behind where it ends, see `surface/intersect/march.py`, then to where it enters the
+# How far it is followed: at first to a step behind where it ends, see `intersect/march.py`, then to where it enters the
 # voxel of its hit; below 0 where it misses the bounds. Both sides of a face can find the same root, in other last bits:
 # the first voxel along the ray decides, not the least t, whatever the order in which a tile comes to them.
 LENGTH = _rows()
@@ -103,7 +103,7 @@ CUT = _rows()  # 1 where a clip plane has cut the ray, in any model; else 0
 ASIDE = _rows(_rows.size // TILE)  # the same rows of all the tile's rays, while a group of them is in the rows above
 MODEL_SIZE = _rows.size
 
-# part, float32: the rays that search a leaf, one after the other, see `surface/intersect/leaf.py`. A row is longer by 16: what
+# part, float32: the rays that search a leaf, one after the other, see `intersect/leaf.py`. A row is longer by 16: what
 # follows the last ray is written over.
 PART = TILE + LANES
 _rows = Rows(PART)

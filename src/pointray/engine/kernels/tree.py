@@ -39,7 +39,7 @@ LEAST = 13  # least support radius over the voxel and around it, see `surface/tr
 BORDERED = 14  # 1 where one of them lies on an open border
 SHEETED = 15  # 1 where one of them belongs to two sheets that face away from each other
 
-# A leaf's patches: 4 rows of 16 float32, one of each of its 4 x 4 columns, see `surface/tree/columns.py`. Relative to the least
+# A leaf's patches: 4 rows of 16 float32, one of each of its 4 x 4 columns, see `tree/columns.py`. Relative to the least
 # corner of its voxel, u and v in columns, the surface is where PATCH_LOW <= w + PATCH_B u + PATCH_C v <= PATCH_HIGH.
 COLUMNS = 4
 PATCH = 4 * COLUMNS * COLUMNS

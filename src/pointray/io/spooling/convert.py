@@ -27,7 +27,7 @@ from ..joining import (
     scans_of,
 )
 from ..locating import locate, origin_of, sample_step, surveyed
-from ..missing_columns import tell_lacking
+from ..missing_columns import warn_missing_columns
 from .raw import RAW, Raw
 from .spooled import ATTRIBUTE, COLORS, NORMALS, POSITIONS, Spooled
 
@@ -122,7 +122,7 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
     if firsts is not None:
         files = [file._replace(first=first) for file, first in zip(files, firsts, strict=True)]
     cloud = cloud._replace(files=files)
-    tell_lacking([(part.name, part.chunks[0]) for part in parts])
+    warn_missing_columns([(part.name, part.chunks[0]) for part in parts])
     targets = {NORMALS: _normals(cloud), COLORS: _colors(cloud)}
     targets |= {ATTRIBUTE + name: _attribute(cloud, name) for name in attributes_of(parts)}
     if firsts is not None:

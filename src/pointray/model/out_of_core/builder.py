@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.disk_columns import Columns
+from ...base.executor import TaskExecutor
 from ...base.progress import Progress, part_of
 from ...base.warning_log import warn
 from ...cloud.denoising.noise import Stretches, settled
@@ -21,7 +22,6 @@ from ...cloud.normals.consistency import agreement_share, sample_rows
 from ...cloud.normals.estimate import DISAGREE, told
 from ...cloud.normals.stations import warn_of_ignored
 from ...cloud.normals.units import to_units
-from ...cluster.task_pool import Team
 from ...io.spooling.spooled import Spooled
 from ...surface.splats.scattered.spheres import ALL_SURFACE, Drawing, check_drawing
 from ...surface.splats.support import lone_note
@@ -90,7 +90,7 @@ class Wanted:
     given: bool | None = None
 
 
-class Large:
+class OutOfCoreBuilder:
     """A cloud on disk, stage by stage; `build` makes a model of it.
 
     Parameters
@@ -102,8 +102,8 @@ class Large:
     spooled : Spooled
     wanted : Wanted
     progress : callable, optional
-    team : Team, optional
-        Workers who do the parts of stages, and see the folder.
+    tasks : TaskExecutor, optional
+        Workers who do the parts of stages, and see the folder. None: this process.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class Large:
         spooled: Spooled,
         wanted: Wanted,
         progress: Progress | None = None,
-        team: Team | None = None,
+        tasks: TaskExecutor | None = None,
     ) -> None:
         self._folder, self._columns, self._spooled = folder, columns, spooled
         self._given_columns = given_columns = GivenColumns(columns, spooled)
@@ -128,7 +128,7 @@ class Large:
         ignored = given_columns.ignored_stations()
         about = columns, spooled.rows, spooled.origin, spooled.survey, seers
         self._cloud = Cloud(*about, given_columns.are_seen(ignored), ignored)
-        self._work, self._team = Work(columns, spooled.rows, size, progress, team), team
+        self._work, self._tasks = Work(columns, spooled.rows, size, progress, tasks), tasks
         self.settings, self._progress = wanted.settings, progress
 
     def build(self) -> int:
@@ -160,7 +160,7 @@ class Large:
         spooled = self._spooled
         return Named(self._folder, id_in(self._columns), spooled.origin, spooled.survey, list(self._names))
 
-    def _separate(self) -> tuple[Large | None, Work | None]:
+    def _separate(self) -> tuple[OutOfCoreBuilder | None, Work | None]:
         """The surface, and where scattered points are; None where there are no such points."""
         if not self._drawing.is_apart:
             return self, None
@@ -173,14 +173,14 @@ class Large:
         count, loose = separate(work, self._cloud, self._given_columns.all, shaping, (SORTED, SEPARATED_AT))
         rest = part_of(self._progress, SEPARATED_AT, WRITTEN)
         if count == self._cloud.total:
-            self._work = Work(columns, count, work.size, rest, self._team)
+            self._work = Work(columns, count, work.size, rest, self._tasks)
             return self, None
         surface, scattered = (Columns(columns.folder / name) for name in (SURFACE, LOOSE))
         surface.put("id", {"id": id_in(columns)})
         wanted = replace(self._wanted, drawing=ALL_SURFACE, given=self._given)
-        about = self._spooled._replace(rows=count), wanted, rest, self._team
-        made = Large(self._folder, surface, *about) if count else None
-        return made, Work(scattered, loose, work.size, self._progress, self._team) if loose else None
+        about = self._spooled._replace(rows=count), wanted, rest, self._tasks
+        made = OutOfCoreBuilder(self._folder, surface, *about) if count else None
+        return made, Work(scattered, loose, work.size, self._progress, self._tasks) if loose else None
 
     def _arrange(self) -> None:
         columns = self._columns

@@ -18,7 +18,7 @@ VOTES = "votes-"  # names of columns begin so
 Whole = NDArray[np.int64]
 
 
-class Ballots:
+class OnDiskVotes:
     """Votes in columns, which others replace when they are changed. See `Tables`.
 
     Parameters
@@ -49,7 +49,7 @@ class Ballots:
             cuts.append(keep(self._columns, names[-1], change(votes), pieces))
         for name in self._names:
             self._columns.drop(name)
-        return Ballots(self._columns, names, cuts)
+        return OnDiskVotes(self._columns, names, cuts)
 
 
 def keep(columns: Columns, name: str, votes: Votes, pieces: int) -> Whole:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from ...cloud.georeference import Survey
 from ...cloud.neighbors import kd_order
 from ...cloud.points import Points
-from ...cloud.sampled_statistics import Sampled
-from ...cloud.statistics import Usual, sample_of
+from ...cloud.sampled_statistics import SampledStatistics
+from ...cloud.statistics import CloudStatistics, sample_of
 from ...surface.splats.averages import attribute_averages
 from ...surface.splats.levels import SUPPORT, Fine, means_of
 from ...surface.splats.support import Support, find_support
@@ -156,9 +156,9 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
     if (positions == positions[0]).all():  # nothing tells how far apart splats are
         radii = np.full(len(rows), SUPPORT * cell, np.float32)
         return Support(radii, None, None, False, None, np.zeros(len(rows), np.bool_))
-    usual = Usual(None, known, is_told=True)
+    usual = CloudStatistics(None, known, is_told=True)
     if sample is not None:
-        usual = Sampled(np.flatnonzero(np.isin(rows[order], sample)), known)
+        usual = SampledStatistics(np.flatnonzero(np.isin(rows[order], sample)), known)
     found = find_support(
         positions[order],
         layer.read(NORMALS, rows)[order],

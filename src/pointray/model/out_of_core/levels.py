@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Columns
-from ...cloud.statistics import steady
+from ...cloud.statistics import quantize
 from ...surface.splats.averages import have_categories
 from ...surface.splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
 from ...surface.tree.settings import check_settings
@@ -166,7 +166,7 @@ def _shaped(
         layer.sources.pop(SHEETS, None)
     steps = columns.get(f"{stage}-steps")
     if steps is None:
-        steps = {"reference": steady(nth_least(lambda: layer.chunks(RADII), layer.total // 50), is_limit=True)}
+        steps = {"reference": quantize(nth_least(lambda: layer.chunks(RADII), layer.total // 50), is_limit=True)}
         columns.put(f"{stage}-steps", steps)
     boxes = np.array([fact["supports"] for fact in supports if "supports" in fact], np.float32)
     box = np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])

@@ -13,11 +13,11 @@ from typing import Any
 
 from ...base.atomic_write import check_writable
 from ...base.disk_columns import Columns
+from ...base.executor import backend, tasks_beside
 from ...base.memory import FULL_DISK, available_memory
 from ...base.progress import Progress, part_of
+from ...base.version import __version__
 from ...cloud.preparation import PEAK
-from ...cluster.client import machines_of
-from ...cluster.worker import version_here
 from ...io.files import headers, open_files, stamp
 from ...io.formats._source import Request
 from ...io.selection import Selection
@@ -26,8 +26,8 @@ from ...io.spooling.spooled import spooled_in
 from ...surface.splats.scattered.spheres import Drawing
 from ...surface.tree.settings import TreeSettings
 from ..model_folder import INDEX, UNFINISHED, VERSION
-from .builder import Large, Wanted
-from .exclusive_lock import alone, team_for
+from .builder import OutOfCoreBuilder, Wanted
+from .exclusive_lock import alone
 
 TASK = "task"  # what is known of the files and settings, there
 SPOOLED = 0.25  # share of the time
@@ -60,7 +60,7 @@ def part_points_for(client: Any, memory: int | None) -> int:
     """
     if client is None:
         return part_points_within(memory or available_memory() or UNKNOWN)
-    machines = machines_of(client)
+    machines = backend().machines_of(client)
     most = max((sharing for _, sharing in machines), default=1)
     return part_points_within(memory or min((free or UNKNOWN for free, _ in machines), default=UNKNOWN), most)
 
@@ -128,12 +128,12 @@ def prepare(
             raise _not_empty(path)
         _check_task(columns, {**_task_of(files, reading, settings, size), "levels": levels})
         try:
-            team = team_for(client, columns.folder / f"{TASK}.json")
+            tasks = tasks_beside(client, columns.folder / f"{TASK}.json")
             spooled = spooled_in(columns)
             if spooled is None:
                 with open_files(files, reading[0]) as openers:
                     spooled = spool(openers, reading[1], columns, part_of(progress, 0.0, SPOOLED))
-            count = Large(path, columns, spooled, wanted, part_of(progress, SPOOLED, 1.0), team).build()
+            count = OutOfCoreBuilder(path, columns, spooled, wanted, part_of(progress, SPOOLED, 1.0), tasks).build()
         except BaseException:  # Ctrl-C too
             if spooled_in(columns) is None:  # nothing is worth to be kept
                 _remove(columns.folder, None if there else path)
@@ -177,7 +177,7 @@ def _task_of(
         "reading": [repr(one) for one in reading],
         "settings": [repr(one) for one in settings],
         "size": size,
-        "version": [version_here(), VERSION],
+        "version": [__version__, VERSION],
     }
 
 

@@ -18,7 +18,7 @@ from ...base.progress import tell
 from ...cloud.neighbors import take
 from ...cloud.normals.estimate import estimate_normals
 from ...cloud.sampled_statistics import of_places
-from ...cloud.statistics import Usual
+from ...cloud.statistics import CloudStatistics
 from ...surface.splats.build import check_size
 from ...surface.splats.local_planes import columns_of
 from ...surface.splats.scattered.classification import FEW, scattered_places
@@ -47,7 +47,7 @@ class Shaping(NamedTuple):
     radii: str | None
 
     def find(
-        self, cloud: Cloud, local: Local, usual: Usual, mask: NDArray[np.bool_] | None = None
+        self, cloud: Cloud, local: Local, usual: CloudStatistics, mask: NDArray[np.bool_] | None = None
     ) -> tuple[Floats, Floats]:
         """Radii and directions of some points, see `shapes_of`."""
         points = cloud.points(local)
@@ -119,7 +119,7 @@ def _find(work: Work, cloud: Cloud, part: int) -> Facts:
     return {"scattered": int(scattered[local.own].sum())}
 
 
-def _shape(work: Work, cloud: Cloud, shaping: Shaping, usual: Usual, part: int) -> None:
+def _shape(work: Work, cloud: Cloud, shaping: Shaping, usual: CloudStatistics, part: int) -> None:
     """Write how the scattered points of a part are drawn."""
     apart = work.columns[APART][work.stretch(part)] != 0
     if not apart.any():

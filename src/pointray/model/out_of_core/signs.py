@@ -26,7 +26,7 @@ from ...cloud.normals.joins import join
 from ...cloud.normals.outward import Sample, inward_of, take_sample
 from ...cloud.normals.pieces import TILE, find_pieces
 from ...cloud.normals.votes import cast_votes
-from .disk_votes import Ballots, drop_all, keep, name_of
+from .disk_votes import OnDiskVotes, drop_all, keep, name_of
 
 # Columns: of each point its piece, counted in its part, its sign in that, and its sign; of each piece, which are
 # counted part after part, its group and its sign in that; of each group how many points it has.
@@ -127,7 +127,7 @@ class Signs:
     def gather(self, firsts: Whole, cuts: Sequence[Whole]) -> list[Shared]:
         """Write the groups of the whole, from what `find` and `vote` told of each part; returns those of each part."""
         names = [name_of(part) for part in range(len(cuts))]
-        group, turn = join(int(firsts[-1]), Ballots(self._columns, names, cuts))
+        group, turn = join(int(firsts[-1]), OnDiskVotes(self._columns, names, cuts))
         drop_all(self._columns)
         points, running = np.zeros((2, int(group.max()) + 1), np.int64)
         for part in range(len(cuts)):

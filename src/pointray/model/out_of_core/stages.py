@@ -28,7 +28,7 @@ from ...cloud.outliers.layers import Part, merge_for_model
 from ...cloud.outliers.search import block_size
 from ...cloud.points import Points
 from ...cloud.sampled_statistics import of_places
-from ...cloud.statistics import Usual
+from ...cloud.statistics import CloudStatistics
 from ...surface.splats.support import Support, find_support
 from ...surface.tree.settings import TreeSettings
 from .local import Local
@@ -115,7 +115,7 @@ def path_of(positions: Floats) -> Path:
     return Path(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
 
 
-def merge(cloud: Cloud, local: Local, usual: Usual) -> Floats:
+def merge(cloud: Cloud, local: Local, usual: CloudStatistics) -> Floats:
     """Positions with those of second layers moved onto one surface, in the blocks that show them if these are known."""
     points = cloud.points(local)
     along = path_of(points.positions)
@@ -149,13 +149,13 @@ def place(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches |
     return Surface(placed.points.positions, placed.points.normals, placed.noise, mended=mended.mended)
 
 
-def survey_fits(cloud: Cloud, local: Local, usual: Usual) -> None:
+def survey_fits(cloud: Cloud, local: Local, usual: CloudStatistics) -> None:
     """Find what fits to points without normals ask of the whole cloud."""
     along = path_of(cloud.points(local).positions)
     survey(along.positions, of_places(usual, along.ids))
 
 
-def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None, usual: Usual) -> Surface:
+def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None, usual: CloudStatistics) -> Surface:
     """Points without normals, moved where they are noisy; signs are those that scanners tell, or not known."""
     points = cloud.points(local)
     along, (eye, known) = path_of(points.positions), _eyes_of(cloud, points)
@@ -208,7 +208,9 @@ def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
     return Surface(points.positions, found.unit, None, mended=(found.lost, found.odd))
 
 
-def support(cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, usual: Usual) -> Support:
+def support(
+    cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, usual: CloudStatistics
+) -> Support:
     """The support of points on their surface. given : (n,), their radii; None: chosen"""
     positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.normals))
     automatic = settings.overhang < np.inf

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...cloud.denoising.noise import Stretches
-from ...cloud.statistics import Usual
+from ...cloud.statistics import CloudStatistics
 from ...surface.splats.build import check_size
 from ...surface.splats.support import Support
 from ...surface.tree.settings import TreeSettings
@@ -31,7 +31,7 @@ class Measure(NamedTuple):
 
     sigma: str | float
     stretches: Stretches | None
-    usual: Usual | None
+    usual: CloudStatistics | None
 
 
 class Supporting(NamedTuple):
@@ -40,13 +40,13 @@ class Supporting(NamedTuple):
     radii: str | None
     settings: TreeSettings
 
-    def find(self, cloud: Cloud, local: Local, usual: Usual) -> Support:
+    def find(self, cloud: Cloud, local: Local, usual: CloudStatistics) -> Support:
         """The supports of some points."""
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
         return support(cloud, local, given, self.settings, usual)
 
 
-def move_layers(work: Work, cloud: Cloud, usual: Usual, part: int) -> None:
+def move_layers(work: Work, cloud: Cloud, usual: CloudStatistics, part: int) -> None:
     """Move second layers onto one surface."""
     local = work.local(part)
     local.write(work.columns[MERGED], merge(cloud, local, usual))
@@ -80,7 +80,7 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
     return {**said, "mended": list(found.mended)}
 
 
-def find_supports(work: Work, cloud: Cloud, supporting: Supporting, usual: Usual, part: int) -> Facts:
+def find_supports(work: Work, cloud: Cloud, supporting: Supporting, usual: CloudStatistics, part: int) -> Facts:
     """Write the supports of a part."""
     local, columns = work.local(part), work.columns
     found = supporting.find(cloud, local, usual)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...base.progress import Progress, tell
 from ...cloud.points import Points
-from ...cloud.statistics import steady
+from ...cloud.statistics import quantize
 from ...engine.kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
 from ...surface.tree.blocks import PER_BLOCK, make_blocks
 from ...surface.tree.build import Splats, Whole, bounds_of, build_tree
@@ -108,7 +108,7 @@ def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: i
     groups = Groups(*(np.concatenate(arrays) for arrays in zip(*(groups for groups, _ in parts), strict=True)))
     starts = range(0, len(radii), size)
     reference = nth_least(lambda: (radii[start : start + size] for start in starts), len(radii) // 50)
-    return Plan(size, groups, _around([bounds for _, bounds in parts]), steady(reference, is_limit=True))
+    return Plan(size, groups, _around([bounds for _, bounds in parts]), quantize(reference, is_limit=True))
 
 
 def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tree:

@@ -13,11 +13,11 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ...base.disk_columns import Column, Columns, look_again
+from ...base.executor import LocalTasks, TaskExecutor
 from ...base.memory import give_back
 from ...base.progress import Progress, part_of, tell
-from ...cloud.sampled_statistics import Sampled
-from ...cloud.statistics import Usual, sample_of
-from ...cluster.task_pool import Team
+from ...cloud.sampled_statistics import SampledStatistics
+from ...cloud.statistics import CloudStatistics, sample_of
 from .arrange import TILE
 from .local import Local, local_of, points_of
 
@@ -39,9 +39,9 @@ class Work:
         Points of a part, a power of two, `TILE` or more.
     progress : callable, optional
         Called with the share done.
-    team : Team, optional
+    tasks : TaskExecutor, optional
         Workers who see the columns. What is done for parts is sent to them, so it is a function of a module, or a
-        method, with small arguments. None: all is done here.
+        method, with small arguments. None: this process.
 
     Attributes
     ----------
@@ -50,11 +50,17 @@ class Work:
     """
 
     def __init__(
-        self, columns: Columns, total: int, size: int, progress: Progress | None = None, team: Team | None = None
+        self,
+        columns: Columns,
+        total: int,
+        size: int,
+        progress: Progress | None = None,
+        tasks: TaskExecutor | None = None,
     ) -> None:
         self.is_sent = False
         self.columns, self.size, self.parts = columns, size, -(-total // size)
-        self._total, self._progress, self._team = total, progress, team
+        self._total, self._progress = total, progress
+        self._tasks = LocalTasks() if tasks is None else tasks
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Work, (self.columns, self._total, self.size), {"is_sent": True}
@@ -88,18 +94,18 @@ class Work:
         self.columns.put(name, {"tiles": local.tiles.tolist()})
         return local
 
-    def surveyed(self, stage: str, look: Callable[[Local, Usual], Any]) -> Usual:
+    def surveyed(self, stage: str, look: Callable[[Local, CloudStatistics], Any]) -> CloudStatistics:
         """What a stage asks of the whole cloud, found by doing it for the sample."""
         known = self.columns.get(f"usual-{stage}")
         if known is None:
             stretches = sample_of(self._total)
             tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in stretches])
             local = local_of(self.columns, tiles, self._total)
-            usual = Sampled(local.own)
+            usual = SampledStatistics(local.own)
             look(local, usual)
             known = usual.known
             self.columns.put(f"usual-{stage}", known)
-        return Usual(None, known, is_told=True)
+        return CloudStatistics(None, known, is_told=True)
 
     def all(self, do: Callable[[int], Result], span: tuple[float, float], name: str = "signs") -> list[Result]:
         """Do something for each part, whether or not it is done; what each gives. name : what the dashboard shows"""
@@ -116,18 +122,17 @@ class Work:
     def _share(
         self, name: str, do: Callable[[int], Result], todo: Sequence[int], span: tuple[float, float]
     ) -> Iterator[tuple[int, Result]]:
-        """Do something for some parts, here or by the team; yields each with what it gives."""
+        """Do something for some parts, by the executor; yields each with what it gives."""
         say, done = self.watch(span), self.parts - len(todo)
-        if self._team is None:
-            results: Iterator[tuple[int, Result]] = ((part, do(part)) for part in todo)
-        else:
-            results = self._team.share(name, do, todo, lambda: tell(say, done / self.parts))
-        for one in results:
+
+        def tick() -> None:
+            tell(say, done / self.parts)
+
+        for one in self._tasks.share(name, do, todo, tick):
             done += 1
             tell(say, done / self.parts)
             yield one
-        if self._team is not None:
-            look_again(self.columns.folder)
+        self._tasks.refresh(self.columns.folder)
 
 
 def _mark(stage: str, part: int) -> str:

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cluster.dispatch import Job
-from ...cluster.worker_pool import Crew
+from ...base.executor import Executor, Job
 from ...engine.kernels.records import World
 from ...scene.ownership import Rows, Shares, boxes_of
 from ...scene.world import Snapshot
@@ -21,7 +20,7 @@ from ..camera import Camera
 from ..lod import at_distance
 from ..pieces import Piece
 from .route import route
-from .wave import Answer, Pictured, Question, Waves, answer_question, passes_of, pieces_of
+from .wave import Answer, KernelArguments, Question, Waves, answer_question, passes_of, pieces_of
 
 PIECES = 3  # in the works at once: while the rays of some travel, others go on here
 MOST_RAYS = 1 << 16  # of a message: 4 MiB
@@ -83,29 +82,29 @@ def _count(**more: int) -> None:
 
 
 def add_by_waves(
-    crew: Crew,
+    executor: Executor,
     scene: Snapshot,
     view: View,
-    picture: Pictured,
+    picture: KernelArguments,
     samples: tuple[int, int],
     progress: Callable[[float], None] | None,
 ) -> None:
     """Add samples to all of a picture.
 
-    crew : of the same scene; scene : as the camera sees it, with nothing opened
+    executor : of the same scene; scene : as the camera sees it, with nothing opened
     samples : the number of the first one, and of the one after the last
     """
-    Travel(crew, scene, view, progress).add(picture, samples)
+    RayExchange(executor, scene, view, progress).add(picture, samples)
 
 
-class Travel:
+class RayExchange:
     """Pieces of a picture in the works, and their questions on the way."""
 
     def __init__(
-        self, crew: Crew, scene: Snapshot, view: View, progress: Callable[[float], None] | None = None
+        self, executor: Executor, scene: Snapshot, view: View, progress: Callable[[float], None] | None = None
     ) -> None:
-        self._crew, self._view, self._progress = crew, view, progress
-        self._shares = Shares(scene, crew.workers)
+        self._executor, self._view, self._progress = executor, view, progress
+        self._shares = Shares(scene, executor.workers)
         self._boxes = boxes_of(scene, self._shares.rows)
         self._jobs = deque[Job]()
         self._asked: dict[Job, tuple[_Piece, Rows]] = {}
@@ -113,14 +112,14 @@ class Travel:
         self._done, self._total = 0, 1
         self._waves = 0
 
-    def add(self, picture: Pictured, samples: tuple[int, int]) -> None:
+    def add(self, picture: KernelArguments, samples: tuple[int, int]) -> None:
         """Add samples to all of a picture."""
         size = picture.image.shape[1], picture.image.shape[0]
         pieces = [_Piece(picture, piece, samples) for piece in pieces_of(size, samples)]
         self._total = len(pieces)
         pending = iter(pieces)
         self._begin(pending)
-        for job, given in self._crew.run(self._jobs, self._tick):
+        for job, given in self._executor.run(self._jobs, self._tick):
             self._take(job, given)
             self._begin(pending)
 
@@ -147,7 +146,7 @@ class Travel:
 
     def _send(self, piece: _Piece, question: Question) -> int:
         """Send a question to those who hold what its rays may meet; returns in how many messages."""
-        self._shares.pass_on(self._crew.workers)
+        self._shares.pass_on(self._executor.workers)
         shares, sent = self._shares, 0
         meets = route(question.rays, self._boxes, shares.owners, len(shares.holders), None)
         self._waves += 1
@@ -178,7 +177,7 @@ class Travel:
 class _Piece:
     """The samples of a piece of a picture, some of them after the others."""
 
-    def __init__(self, picture: Pictured, piece: Piece, samples: tuple[int, int]) -> None:
+    def __init__(self, picture: KernelArguments, piece: Piece, samples: tuple[int, int]) -> None:
         self._passes = (Waves(picture, piece, some) for some in passes_of(samples))
         self._now: Waves | None = None  # nothing takes memory before the piece is begun
 

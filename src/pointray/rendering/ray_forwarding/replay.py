@@ -61,7 +61,7 @@ TURN = 3  # how many questions it has asked since its start
 SILENT = 4  # 1: it has no answers any more
 
 
-class Recall(NamedTuple):
+class ReplayTable(NamedTuple):
     """Answers, and questions. The samples of a piece of a picture are counted block by block, tile by tile.
 
     Attributes
@@ -105,7 +105,7 @@ class Recall(NamedTuple):
 
 
 # A `World` with answers: the exchanged functions take it, as it has the same fields.
-RecalledWorld: Any = namedtuple("RecalledWorld", [*World._fields, "recall"])  # type: ignore[misc]  # noqa: PYI024
+ReplayWorld: Any = namedtuple("ReplayWorld", [*World._fields, "recall"])  # type: ignore[misc]  # noqa: PYI024
 
 
 def exchanged(functions: Sequence[Any], others: dict[Any, Any]) -> list[Any]:
@@ -159,7 +159,7 @@ _trace_planes, _occlude_planes = exchanged(
 
 
 @inline
-def _unit_of(recall: Recall, stack: Array) -> int:
+def _unit_of(recall: ReplayTable, stack: Array) -> int:
     """The number of a thread's sample among those of the piece."""
     block = stack[ROW] // BLOCK_EDGE * recall.across + stack[COLUMN] // BLOCK_EDGE - recall.first_block
     tile = stack[ROW] // EDGE % 2 * 2 + stack[COLUMN] // EDGE % 2
@@ -184,7 +184,7 @@ def _begin_sample(
 
 @routine
 def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
-    """Recall what the tile's rays meet, after planes; else ask."""
+    """ReplayTable what the tile's rays meet, after planes; else ask."""
     scratch, world = borrow(scratch), borrow(world)
     recall, stack = world.recall, scratch.stack
     asked = i64(0)
@@ -208,7 +208,7 @@ def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
 
 
 @inline
-def _take(recall: Recall, begin: int, any_hit: bool, scratch: Scratch) -> None:
+def _take(recall: ReplayTable, begin: int, any_hit: bool, scratch: Scratch) -> None:
     """Take the answers to a tile's question."""
     wide, numbers = scratch.world, scratch.numbers
     k = begin
@@ -232,7 +232,7 @@ def _take(recall: Recall, begin: int, any_hit: bool, scratch: Scratch) -> None:
 
 
 @inline
-def _ask(recall: Recall, unit: int, asked: Bits, any_hit: bool, scratch: Scratch) -> None:
+def _ask(recall: ReplayTable, unit: int, asked: Bits, any_hit: bool, scratch: Scratch) -> None:
     """Write down some of the tile's rays (bits) as the question of a sample."""
     recall.asked[unit] = asked
     recall.kinds[unit] = 1 if any_hit else 0
@@ -286,13 +286,13 @@ _quick, _sampled = exchanged((quick_frame, sampled_frame), _RECALLED)
 
 @kernel
 def recalled_quick(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """`quick_frame` for a `RecalledWorld`."""
+    """`quick_frame` for a `ReplayWorld`."""
     return _quick(work, world, camera, job, film, image)
 
 
 @kernel
 def recalled_sampled(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """`sampled_frame` for a `RecalledWorld`."""
+    """`sampled_frame` for a `ReplayWorld`."""
     return _sampled(work, world, camera, job, film, image)
 
 
@@ -301,9 +301,9 @@ def recalled_for(frame: Any) -> Any:
     return {quick_frame: recalled_quick, sampled_frame: recalled_sampled}[frame]
 
 
-def nothing_asked(units: int, first_block: int, across: int, samples: tuple[int, int]) -> Recall:
+def nothing_asked(units: int, first_block: int, across: int, samples: tuple[int, int]) -> ReplayTable:
     """Before the first wave. samples : number of the first one, and of the one after the last"""
-    return Recall(
+    return ReplayTable(
         first_block,
         across,
         samples[0],

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import check_flag
-from ...cluster.client import is_spread_preferred
+from ...base.executor import backend
 from ..settings import Settings
 
 NOTHING: NDArray[np.int64] = np.zeros(0, np.int64)  # the rows of instances that the process holds that asks
@@ -17,7 +17,7 @@ WITHOUT = "baked", "cost"  # integrators that need the models at hand
 
 def check_spread(spread: bool | None, client: Any, settings: Settings) -> bool | None:
     """Whether models are spread over workers; None: as they fit. ValueError if they cannot be."""
-    if spread is None and not is_spread_preferred(client):
+    if spread is None and (client is None or not backend().is_spread_preferred(client)):
         return False if settings.integrator in WITHOUT else None
     spread = True if spread is None else spread
     check_flag(spread, "spread")

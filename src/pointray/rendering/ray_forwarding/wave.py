@@ -16,7 +16,7 @@ from ..film import LONGEST_PASS
 from ..integrate import BLOCK_EDGE, Pass
 from ..pieces import Floats, Piece, cut
 from .answer import BEGINS, SLOT, answer
-from .replay import FACT_INSTANCE, FACTS, MISS, RAY, RecalledWorld, nothing_asked
+from .replay import FACT_INSTANCE, FACTS, MISS, RAY, ReplayWorld, nothing_asked
 
 RAYS = 1 << 17  # rays of a piece's samples, at most: 8 MiB of them travel at once
 TILES = BLOCK_EDGE * BLOCK_EDGE // TILE  # of a block
@@ -69,7 +69,7 @@ def answer_question(world: World, question: Question, pace: Pace = PLAIN) -> Ans
 
 
 @dataclass(frozen=True)
-class Pictured:
+class KernelArguments:
     """What a picture's kernel takes, and how it runs.
 
     kernel : one of `recall`; world, camera, job : what it takes; film may be empty; threads : see `jit.run`
@@ -104,7 +104,7 @@ class Waves:
     Until `ask` returns None: give what others know of its rays to `take`, in any order; each nearest hit counts.
     """
 
-    def __init__(self, picture: Pictured, piece: Piece, samples: tuple[int, int]) -> None:
+    def __init__(self, picture: KernelArguments, piece: Piece, samples: tuple[int, int]) -> None:
         self._picture, self._piece = picture, piece
         self._job = picture.job._replace(first=samples[0], end=samples[1])
         units = piece.blocks * TILES * (samples[1] - samples[0])
@@ -151,7 +151,7 @@ class Waves:
         picture, piece = self._picture, self._piece
         if self._before is not None:
             piece.of(picture.film)[:] = self._before
-        world = RecalledWorld._make((*picture.world, self._recall))
+        world = ReplayWorld._make((*picture.world, self._recall))
         args = world, picture.camera, self._job, picture.film, picture.image
         run(picture.kernel, piece.blocks, *args, threads=picture.threads, progress=progress, first=piece.block)
 

@@ -1,4 +1,4 @@
-"""Where rays can meet the surface in a voxel: they pass through its columns, each with a slab (`surface/tree/columns.py`)."""
+"""Where rays can meet the surface in a voxel: they pass through its columns, each with a slab (`tree/columns.py`)."""
 
 from __future__ import annotations
 

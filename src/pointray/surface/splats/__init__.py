@@ -10,7 +10,7 @@ scattered, scattered_levels : radii of points that are drawn as spheres; their l
 subsample : fewer points; its steps: grow (candidates), cover (the choice), subset (the fit), deviation (the error)
 heap : what grow and cover sort with
 
-Begin with support, then radii. The `Splats` that a tree is built of is that of `surface/tree/build.py`, not that of grow.
+Begin with support, then radii. The `Splats` that a tree is built of is that of `tree/build.py`, not that of grow.
 """
 
 from .radii import check_radii, choose_radii

@@ -42,7 +42,7 @@ class Sizes(NamedTuple):
         return self._replace(given=given, within=within)
 
 
-class Made(NamedTuple):
+class SplatBuild(NamedTuple):
     """Splats in kd order, and what is said of them.
 
     rows : (n,) int32, the caller's rows in that order, also those for which no splat stands
@@ -62,7 +62,7 @@ def make_splats(
     sizes: Sizes,
     settings: TreeSettings,
     progress: Progress | None = None,
-) -> Made:
+) -> SplatBuild:
     """Give each of some points a support. Warns of lone points and of those that lie where many others do.
 
     Parameters
@@ -103,7 +103,7 @@ def make_splats(
     if noise is not None:  # whatever a caller says of the noise, a surface has no bumps higher than that
         noise = np.minimum(noise, support.radii)
     splats = Splats(positions, normals, support.radii, rows, colors, support.borders, sheets, noise)
-    return Made(_not_crowded(splats, support.crowded), rows, support.radii, support.tight)
+    return SplatBuild(_not_crowded(splats, support.crowded), rows, support.radii, support.tight)
 
 
 def check_size(radii: Floats, scale: str = "radius_scale") -> None:

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from ...base.progress import Progress, tell
 from ...cloud.neighbors import NeighborTree
-from ...cloud.statistics import Usual
+from ...cloud.statistics import CloudStatistics
 from .borders import find_gaps
 from .closed import CLOSED, OPEN, UNSURE, USUAL, WIDE, Closed, distances, measure_closed, pack_table, room_for
 from .gaps import MUCH, SOME, Limits, bridged, is_disordered
-from .voronoi import Hood, measure_cells
+from .voronoi import Neighborhood, measure_cells
 
 NEIGHBORS = 20  # they close the cells of even points and nine in ten of random ones
 MORE, MOST = 40, 80  # neighbours for the cells still open: of uneven points; beside a gap, a step of density
@@ -81,7 +81,7 @@ class Cells:
         self.first = room_for(n)
         for start in range(0, n, PART):
             part = slice(start, min(start + PART, n))
-            hood = Hood(np.arange(part.start, part.stop, dtype=np.int32), cloud.tree.rows(NEIGHBORS + 1, part))
+            hood = Neighborhood(np.arange(part.start, part.stop, dtype=np.int32), cloud.tree.rows(NEIGHBORS + 1, part))
             found = self._settle(hood, self._whole)
             for name in Closed._fields:
                 getattr(self.first, name)[part] = getattr(found, name)
@@ -92,7 +92,7 @@ class Cells:
         self._close(np.flatnonzero(self.first.state == OPEN).astype(np.int32))
         tell(progress, 1.0)
 
-    def _look_for_gaps(self, hood: Hood, found: Closed) -> None:
+    def _look_for_gaps(self, hood: Neighborhood, found: Closed) -> None:
         """The surface may end at cells that are open or wide. The others, nearly all, need no search for gaps."""
         some = np.flatnonzero(found.gap)
         rows = hood.rows[some].astype(np.int64)
@@ -120,19 +120,19 @@ class Cells:
             left.append(hood.rows[found.state == OPEN])
         return np.concatenate(left)
 
-    def _hoods(self, rows: Rows, level: int) -> Iterator[Hood]:
+    def _hoods(self, rows: Rows, level: int) -> Iterator[Neighborhood]:
         """The neighbours of some rows, part by part."""
         for start in range(0, len(rows), PART):
             some = np.ascontiguousarray(rows[start : start + PART], np.int32)  # one signature of the kernels
-            hood = Hood(some, self._cloud.around(some, (NEIGHBORS, MORE, MOST, MOST)[level]))
+            hood = Neighborhood(some, self._cloud.around(some, (NEIGHBORS, MORE, MOST, MOST)[level]))
             yield _looking_ahead(self._cloud, hood, self.gaps) if level == AHEAD else hood
 
-    def _settle(self, hood: Hood, last: bool) -> Closed:
+    def _settle(self, hood: Neighborhood, last: bool) -> Closed:
         """What is found of cells with a hood; none is left unsure. last : no cell will have more neighbours."""
         found = measure_closed(self._cloud.table, hood)
         rows = np.flatnonzero(found.state != CLOSED if last else found.state == UNSURE)
         if len(rows):
-            part = Hood(hood.rows[rows], hood.near[rows])
+            part = Neighborhood(hood.rows[rows], hood.near[rows])
             found.reach[rows], sure = measure_cells(self._cloud.positions, self._cloud.normals, part)
             found.state[rows] = np.where(sure, CLOSED, OPEN)
             eighth = distances(self._cloud.positions, part, min(USUAL, hood.near.shape[1] - 1))
@@ -149,7 +149,7 @@ class Cells:
                 ahead.append(hood.rows[closed])
         return np.concatenate(ahead)
 
-    def narrow(self, limits: Limits, usual: Usual) -> None:
+    def narrow(self, limits: Limits, usual: CloudStatistics) -> None:
         """Let cells in disorder, and among points drawn otherwise, not reach across wide gaps, see `gaps`."""
         far = self.reach > limits.half
         if limits.others is None and usual.share("far cells", far) < SOME:  # so fewer of them are in disorder
@@ -161,7 +161,7 @@ class Cells:
         for level in (FIRST, AGAIN, THEN, AHEAD):
             for hood in self._hoods(wide[self._level[wide] == level], level):
                 rows = hood.rows
-                least = np.float32(0.5) * distances(sites[0], Hood(rows, self.near[rows]), 1)
+                least = np.float32(0.5) * distances(sites[0], Neighborhood(rows, self.near[rows]), 1)
                 found = np.maximum(bridged(*sites, hood, limits.half[rows]), least)
                 less = found < SAME * reach[rows]
                 rows = rows[less]
@@ -173,7 +173,7 @@ class Cells:
         np.copyto(self.reach, reach, where=True if where is None else where)
 
 
-def _looking_ahead(cloud: Cloud, hood: Hood, gaps: Floats) -> Hood:
+def _looking_ahead(cloud: Cloud, hood: Neighborhood, gaps: Floats) -> Neighborhood:
     """The hoods with neighbours from across their gap and behind, however many dense points lie on this side."""
     here = cloud.positions[hood.rows]
     steps = 2 * distances(cloud.positions, hood, -1)[:, None] * gaps[hood.rows]
@@ -181,4 +181,4 @@ def _looking_ahead(cloud: Cloud, hood: Hood, gaps: Floats) -> Hood:
     near = np.hstack([hood.near, *beyond])
     squares = sum((cloud.positions[near, c] - here[:, c, None]) ** 2 for c in range(3))
     order = np.argsort(squares, axis=1, kind="stable")
-    return Hood(hood.rows, np.take_along_axis(near, order, 1))
+    return Neighborhood(hood.rows, np.take_along_axis(near, order, 1))

@@ -36,7 +36,7 @@ from ...engine.simd import (
     vsqrt,
 )
 from .borders import FOLD
-from .voronoi import OTHER_SHEET, Hood
+from .voronoi import OTHER_SHEET, Neighborhood
 
 OPEN, CLOSED, UNSURE = 0, 1, 2  # states of a cell: more neighbours could change it; none could; measured elsewhere
 STEPS = 14  # fewer than one cell in a million random ones has more sides
@@ -253,7 +253,7 @@ class Closed(NamedTuple):
     facing: NDArray[np.bool_]
 
 
-def distances(positions: NDArray[np.float32], hood: Hood, k: int) -> NDArray[np.float32]:
+def distances(positions: NDArray[np.float32], hood: Neighborhood, k: int) -> NDArray[np.float32]:
     """The distances of a hood's points from their k-th neighbours, (m,)."""
     away = positions[hood.near[:, k]] - positions[hood.rows]
     return np.sqrt(np.einsum("ij,ij->i", away, away))
@@ -265,7 +265,7 @@ def room_for(count: int) -> Closed:
     return Closed(*(np.empty(count, kind) for kind in kinds))  # type: ignore[arg-type]
 
 
-def measure_closed(table: NDArray[np.float32], hood: Hood) -> Closed:
+def measure_closed(table: NDArray[np.float32], hood: Neighborhood) -> Closed:
     """Measure cells like `voronoi.measure_cells`, if they are closed and have nothing unusual; see `pack_table`."""
     count, width = hood.near.shape
     out = room_for(count)

@@ -1,6 +1,6 @@
 """How far points lie from the blended surface of splats: the error of a subset.
 
-The surface is `apss`, the default of a model, with the formulas of `pointray.surface.intersect.surface`. Here it is evaluated
+The surface is `apss`, the default of a model, with the formulas of `surface/intersect/surface.py`. Here it is evaluated
 at one point of a cloud at a time; rays evaluate four samples at once and know their voxel. A test compares both.
 """
 
@@ -18,7 +18,7 @@ from ...engine.kernels.vec import Vec3, add, dot, length, scale
 from .cells import NEIGHBORS
 from .grow import Floats, at
 from .sheets import find_sheets
-from .voronoi import Hood
+from .voronoi import Neighborhood
 
 WIDE = 8  # boxes in a box
 SHARING = 32  # neighbouring points that share one search for splats
@@ -194,7 +194,7 @@ def deviations(
     sorted_splats = [np.ascontiguousarray(array[order]) for array in splats]
     positions_of, normals_of, radii = sorted_splats
     near = NeighborTree(positions_of, in_order=True).rows(NEIGHBORS + 1)
-    sheets = find_sheets(positions_of, normals_of, radii, near, Hood(np.arange(len(near)), near))
+    sheets = find_sheets(positions_of, normals_of, radii, near, Neighborhood(np.arange(len(near)), near))
     none = np.zeros(len(order), np.int8)
     boxes = _box(positions_of - radii[:, None], positions_of + radii[:, None])
     out, hollow = np.empty(len(positions), np.float32), np.empty(len(positions), np.float32)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cloud.neighbors import NeighborTree
-from ...cloud.statistics import Usual
+from ...cloud.statistics import CloudStatistics
 from ...engine.jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ...engine.kernels.vec import Vec3, dot, load3_flat, sub, tangents
 from .borders import insert, widest
@@ -29,7 +29,7 @@ from .closed import USUAL
 from .gaps import bend
 from .medians import medians_around
 from .radii import Chosen
-from .voronoi import CHUNK, Hood
+from .voronoi import CHUNK, Neighborhood
 
 # Share of points on borders from which a cloud is open: range scans have 0.0008 to 0.008, closed meshes 4e-5.
 OPEN = 5e-4
@@ -83,7 +83,12 @@ def _survey(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], 
 
 
 def trim_fringe(
-    positions: Floats, normals: Floats, tree: NeighborTree, found: Chosen, noisy: NDArray[np.bool_], usual: Usual
+    positions: Floats,
+    normals: Floats,
+    tree: NeighborTree,
+    found: Chosen,
+    noisy: NDArray[np.bool_],
+    usual: CloudStatistics,
 ) -> None:
     """Make discs narrower that stand out of the outline of a noisy cloud, and borders of them, in place.
 
@@ -98,14 +103,14 @@ def trim_fringe(
         Radii and borders, which are changed.
     noisy : (n,) bool
         Which points are noisy.
-    usual : Usual
+    usual : CloudStatistics
         Of the cloud.
     """
     share = usual.share("open borders", np.any(found.borders, axis=1).astype(np.bool_))
     if share < OPEN or found.near.shape[1] <= USUAL or len(positions) < 16:
         return
     cloud = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
-    nobody = Hood(np.empty(0, np.int64), np.empty((0, USUAL + 1), np.int32))
+    nobody = Neighborhood(np.empty(0, np.int64), np.empty((0, USUAL + 1), np.int32))
     around = medians_around(found.radii, normals, found.near, nobody, own=False)
     rows = np.flatnonzero(noisy).astype(np.int32)
     few = _counts(cloud, rows, found.near[rows])[0] <= NONE

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cloud.neighbors import NeighborTree, distinct
-from ...cloud.statistics import Usual
+from ...cloud.statistics import CloudStatistics
 from ...engine.jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ...engine.kernels.vec import dot, load3_flat, sub, tangents
 from .closed import USUAL, distances
-from .voronoi import CHUNK, CORNERS, Hood, Vec2, cell_of, mirror, up_to_seam
+from .voronoi import CHUNK, CORNERS, Neighborhood, Vec2, cell_of, mirror, up_to_seam
 
 WIDEST = 3.0  # local spacings: a wider gap is bridged only between rims that agree
 # The most that a disc in disorder reaches, as a share of the diagonal of the cloud: of a picture that the cloud fits it
@@ -134,7 +134,7 @@ def _count(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], o
     return 0
 
 
-def bridged(positions: Floats, normals: Floats, hood: Hood, limits: Floats) -> Floats:
+def bridged(positions: Floats, normals: Floats, hood: Neighborhood, limits: Floats) -> Floats:
     """Return how far cells reach without wide gaps.
 
     Parameters
@@ -142,7 +142,7 @@ def bridged(positions: Floats, normals: Floats, hood: Hood, limits: Floats) -> F
     positions : (n, 3) float32
         All different.
     normals : (n, 3) float32, unit
-    hood : Hood
+    hood : Neighborhood
         The points to measure, and their neighbours.
     limits : (m,) float32
         Half of the widest gap at each of them, see `find_limits`.
@@ -202,7 +202,7 @@ class Limits(NamedTuple):
         return np.asarray(self.others.query(MIXED, positions).distances[:, -1] < reach)
 
 
-def find_limits(positions: Floats, near: NDArray[np.int32], others: Floats | None, usual: Usual) -> Limits:
+def find_limits(positions: Floats, near: NDArray[np.int32], others: Floats | None, usual: CloudStatistics) -> Limits:
     """Return the widest gaps in a cloud, which has no limits if it is small.
 
     Parameters
@@ -213,7 +213,7 @@ def find_limits(positions: Floats, near: NDArray[np.int32], others: Floats | Non
         Rows of their nearest neighbours, themselves first.
     others : (m, 3) float32, optional
         Points of the cloud beside these.
-    usual : Usual
+    usual : CloudStatistics
         Of the cloud.
     """
     count = len(positions)
@@ -223,27 +223,29 @@ def find_limits(positions: Floats, near: NDArray[np.int32], others: Floats | Non
     scattered = None if others is None or not len(others) else NeighborTree(others[distinct(others)[0]])
     for start in range(0, count, PIECE):
         part = np.arange(start, min(start + PIECE, count))
-        limits[part] = np.float32(0.5 * WIDEST * SPACING) * _eighth(positions, Hood(part, near[part]), scattered)
+        limits[part] = np.float32(0.5 * WIDEST * SPACING) * _eighth(
+            positions, Neighborhood(part, near[part]), scattered
+        )
     np.minimum(limits, np.float32(usual.quantile("wide gap", limits, COMMON)), out=limits)
     np.minimum(limits, np.float32(largest_reach(positions, usual)), out=limits)
     return Limits(limits, scattered)
 
 
-def largest_reach(positions: Floats, usual: Usual) -> float:
+def largest_reach(positions: Floats, usual: CloudStatistics) -> float:
     """Return how far a disc in disorder may reach, or a sphere, so that it covers less than 2% of a picture."""
     count = len(positions)
     share = usual.ask("reach in diagonals", lambda: max(LARGEST, 1 / math.sqrt(count)) if count > FEW else math.inf)
     return share * usual.diagonal("diagonal", positions)
 
 
-def _eighth(positions: Floats, hood: Hood, others: NeighborTree | None) -> Floats:
+def _eighth(positions: Floats, hood: Neighborhood, others: NeighborTree | None) -> Floats:
     """Distances of a hood's points from the 8th neighbour among these and other points."""
     eighth = distances(positions, hood, USUAL)
     if others is None:
         return eighth
     found = others.query(USUAL, positions[hood.rows]).distances
     beside = np.flatnonzero(found[:, 0] < eighth)
-    hood = Hood(hood.rows[beside], hood.near[beside])
+    hood = Neighborhood(hood.rows[beside], hood.near[beside])
     near = [distances(positions, hood, k) for k in range(1, USUAL + 1)]
     both = np.column_stack([*near, found[beside]])
     eighth[beside] = np.partition(both, USUAL - 1, axis=1)[:, USUAL - 1]

@@ -9,7 +9,7 @@ from ...engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, n
 from ...engine.kernels.vec import dot, load3_flat
 from ...engine.simd import F16, gather16, load16, store, vmax, vmin
 from .closed import USUAL
-from .voronoi import CHUNK, OTHER_SHEET, Hood
+from .voronoi import CHUNK, OTHER_SHEET, Neighborhood
 
 
 @inline
@@ -100,7 +100,7 @@ def medians_around(
     values: NDArray[np.float32],
     normals: NDArray[np.float32],
     near: NDArray[np.int32],
-    odd: Hood,
+    odd: Neighborhood,
     own: bool,
 ) -> NDArray[np.float32]:
     """Median of a value over the USUAL nearest points of each point's own sheet.
@@ -111,7 +111,7 @@ def medians_around(
     normals : (n, 3) float32, unit
     near : (n, USUAL + 1) int32
         Rows of each point's neighbours, itself first.
-    odd : Hood
+    odd : Neighborhood
         The points whose first USUAL neighbours are not all of their own sheet, and more neighbours of theirs; all
         points, if there are fewer than 16, or fewer neighbours.
     own : bool

@@ -16,13 +16,13 @@ from ...base.arguments import check_numbers
 from ...base.progress import Progress, part_of
 from ...cloud.neighbors import NeighborTree, distinct
 from ...cloud.points import Points
-from ...cloud.statistics import Usual
+from ...cloud.statistics import CloudStatistics
 from .borders import lone_borders
 from .cells import Cells, Cloud, cloud_of
 from .closed import USUAL, distances
 from .gaps import find_limits
 from .medians import medians_around
-from .voronoi import Hood
+from .voronoi import Neighborhood
 from .wide_discs import NOTICE, limit_wide
 
 Floats = NDArray[np.float32]
@@ -69,7 +69,7 @@ def choose_radii(
     normals: Floats,
     progress: Progress | None = None,
     tree: NeighborTree | None = None,
-    usual: Usual | None = None,
+    usual: CloudStatistics | None = None,
     others: Floats | None = None,
 ) -> Chosen:
     """Radii that cover the surface, each as small as its point's Voronoi cell and its neighbours' radii allow.
@@ -85,7 +85,7 @@ def choose_radii(
     progress : callable, optional
     tree : NeighborTree, optional
         Of the positions, in order.
-    usual : Usual, optional
+    usual : CloudStatistics, optional
         Of the cloud that the points are a part of. None: they are the whole.
     others : (m, 3) float32, optional
         Points of the cloud that are drawn otherwise: discs do not reach across gaps that are wide among all points, see
@@ -98,7 +98,7 @@ def choose_radii(
     """
     if len(positions) < 2:
         raise ValueError("points at one place say nothing about the spacing: give radii")
-    cloud, usual = cloud_of(positions, normals, tree), usual or Usual.of(len(positions))
+    cloud, usual = cloud_of(positions, normals, tree), usual or CloudStatistics.of(len(positions))
     found = _survey(cloud, usual, others, progress)
     cell = CLUMP * usual.quantile("reach of small cells", found.radii, 0.25)
     if min(usual.least("least reach", found.radii), found.radii.min()) < cell:
@@ -107,9 +107,9 @@ def choose_radii(
     return found
 
 
-def _merged(cloud: Cloud, found: Chosen, cell: float, usual: Usual, others: Floats | None) -> Chosen:
+def _merged(cloud: Cloud, found: Chosen, cell: float, usual: CloudStatistics, others: Floats | None) -> Chosen:
     """The survey of points of which those in one cell of a grid count as one; what was found, if all of them do."""
-    nearest = distances(cloud.positions, Hood(np.arange(len(found.near)), found.near), 1)
+    nearest = distances(cloud.positions, Neighborhood(np.arange(len(found.near)), found.near), 1)
     rows, members = _in_cells(cloud.positions, nearest, cell)
     if len(rows) == 1:
         return found
@@ -129,7 +129,9 @@ def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[NDArray[
     return np.flatnonzero(kept), members
 
 
-def _survey(cloud: Cloud, whole: Usual, others: Floats | None = None, progress: Progress | None = None) -> Chosen:
+def _survey(
+    cloud: Cloud, whole: CloudStatistics, others: Floats | None = None, progress: Progress | None = None
+) -> Chosen:
     """How far each point's cell reaches, limited for outliers; the borders; and which points are outliers.
 
     whole : what is usual in the cloud that the points are a part of; others : its points beside these
@@ -138,7 +140,7 @@ def _survey(cloud: Cloud, whole: Usual, others: Floats | None = None, progress: 
     cells = Cells(cloud, part_of(progress, 0.0, CUT))
     borders, fourth, reach, near = cells.gaps, cells.first.fourth, cells.reach, cells.near
     odd = np.flatnonzero(~cells.first.one_sheet) if near.shape[1] > USUAL else np.arange(len(near))
-    hood = Hood(odd, cloud.around(odd))
+    hood = Neighborhood(odd, cloud.around(odd))
     around = medians_around(reach, normals, near, hood, own=False)
     far = np.flatnonzero((fourth > STRAY * around) & (around > 0))
     above = far[_height(positions, normals, far, near[far, 1:5]) > 0.5]
@@ -159,7 +161,7 @@ def _survey(cloud: Cloud, whole: Usual, others: Floats | None = None, progress: 
     alone = np.union1d(high, stray[reach[stray] > NOTICE * around[stray]])
     reach[stray] = np.minimum(reach[stray], around[stray])
     empty = np.flatnonzero(~(reach > 0))
-    reach[empty] = distances(positions, Hood(empty, near[empty]), 1) / 2
+    reach[empty] = distances(positions, Neighborhood(empty, near[empty]), 1) / 2
     wide = limit_wide(positions, normals, reach, cloud.around, around, whole.quantile("reach", reach, 0.5))
     wide[alone] = True
     cells.narrow(find_limits(positions, near, others, whole), whole)

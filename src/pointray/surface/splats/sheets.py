@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
 from ...engine.kernels.vec import dot, load3_flat, sub
-from .voronoi import Hood
+from .voronoi import Neighborhood
 
 OPPOSED = math.cos(math.radians(150))  # cosine of two normals below which they are of two sheets
 BESIDE = 8  # neighbours
@@ -56,7 +56,7 @@ def find_sheets(
     normals: NDArray[np.float32],
     radii: NDArray[np.float32],
     near: NDArray[np.int32],
-    facing: Hood,
+    facing: Neighborhood,
 ) -> NDArray[np.int8] | None:
     """1 for splats of sheets close together, 0 for all others; None where there are none.
 
@@ -67,7 +67,7 @@ def find_sheets(
     radii : (n,) float32
     near : (n, k) int32
         Rows of each point's neighbours, itself first: the BESIDE nearest, or more.
-    facing : Hood
+    facing : Neighborhood
         The splats that may have neighbours that face away from them, and their neighbours.
 
     Returns

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from ...base.progress import Progress, part_of, tell
 from ...cloud.neighbors import NeighborTree, distinct, take
 from ...cloud.sampled_statistics import of_places
-from ...cloud.statistics import Usual
+from ...cloud.statistics import CloudStatistics
 from .cells import NEIGHBORS
 from .fringe import trim_fringe
 from .radii import choose_radii
 from .sheets import find_sheets
-from .voronoi import Hood
+from .voronoi import Neighborhood
 
 # If more than TIGHT_SHARE of the radii are smaller than TIGHT times the covering ones, the surface has gaps.
 TIGHT, TIGHT_SHARE = 0.9, 1e-3
@@ -83,7 +83,7 @@ def find_support(
     within: tuple[float, Floats] | None = None,
     apart: bool = False,
     progress: Progress | None = None,
-    usual: Usual | None = None,
+    usual: CloudStatistics | None = None,
     others: Floats | None = None,
     noise: Floats | None = None,
 ) -> Support:
@@ -126,7 +126,7 @@ def find_support(
     facing = normals if rows is None else take(normals, rows)
     tree = NeighborTree(sites, in_order=True)
     tell(progress, SORTED)
-    usual = Usual.of(len(sites)) if usual is None else of_places(usual, ids)
+    usual = CloudStatistics.of(len(sites)) if usual is None else of_places(usual, ids)
     found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, usual, others)
     if borders and noise is not None:
         trim_fringe(sites, facing, tree, found, (noise if rows is None else noise[rows]) > 0, usual)
@@ -142,7 +142,7 @@ def find_support(
     sides: NDArray[Any] | None = None
     if sheets:
         some = np.flatnonzero(found.facing)
-        hood = Hood(some, tree.rows_at(NEIGHBORS + 1, sites[some]))
+        hood = Neighborhood(some, tree.rows_at(NEIGHBORS + 1, sites[some]))
         sides = find_sheets(sites, facing, at_sites, found.near, hood)
         sides = None if sides is None else _spread(sides, ids)
     return Support(chosen, _spread(found.borders, ids), sides, tight, ids, lone)

@@ -248,7 +248,7 @@ def _measure(
     return 0
 
 
-class Hood(NamedTuple):
+class Neighborhood(NamedTuple):
     """Neighbours of given points.
 
     rows : (m,) int32 or int64, the points; near : (m, k) int32, nearest first, each point itself before its neighbours
@@ -261,7 +261,7 @@ class Hood(NamedTuple):
 def measure_cells(
     positions: NDArray[np.float32],
     normals: NDArray[np.float32],
-    hood: Hood,
+    hood: Neighborhood,
     gaps: NDArray[np.float32] | None = None,
     usual: NDArray[np.float32] | None = None,
     void: float = np.inf,
@@ -273,7 +273,7 @@ def measure_cells(
     positions : (n, 3) float32
         All different.
     normals : (n, 3) float32, unit
-    hood : Hood
+    hood : Neighborhood
         The points to measure, and their neighbours.
     gaps : (n, 3) float32, optional
         The direction out of the surface for points on what may be a border, else zero.

@@ -1,7 +1,7 @@
 """From the world into a model's space: rays get unit length and start where they enter the model's bounds.
 
 So a distant camera costs no precision when they become float32. The entry does not depend on t_min and t_max, nor do
-the samples along the rays (`surface/intersect/march.py`): a shorter ray hits what the whole one does, or nothing. A ray whose
+the samples along the rays (`intersect/march.py`): a shorter ray hits what the whole one does, or nothing. A ray whose
 t_min is below 0 enters a whole number of the longest steps before its origin, so that the lattice is the same.
 """
 

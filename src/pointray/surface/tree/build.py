@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...base.choices import SURFACES, number_of
 from ...cloud.neighbors import kd_order
-from ...cloud.statistics import steady
+from ...cloud.statistics import quantize
 from ...engine.jit import run
 from ...engine.kernels.tree import (
     BOUNDS,
@@ -169,8 +169,8 @@ def bounds_of(splats: Splats) -> NDArray[np.float32]:
 
 
 def reference_of(radii: NDArray[np.float32]) -> float:
-    """The radius that the steps in the leaves are powers of two of: fifty times as many are larger, see `steady`."""
-    return steady(float(np.partition(radii, len(radii) // 50)[len(radii) // 50]), is_limit=True)
+    """The radius that the steps in the leaves are powers of two of: fifty times as many are larger, see `quantize`."""
+    return quantize(float(np.partition(radii, len(radii) // 50)[len(radii) // 50]), is_limit=True)
 
 
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:

@@ -193,7 +193,7 @@ def cut_roots(
 ) -> int:
     """Cut voxels in the middle of their longest edges, each root in its own part of the arrays.
 
-    roots : as in `surface/tree/subtrees.py`: first node, first reference and first group of each; groups; growth of each root
+    roots : as in `tree/subtrees.py`: first node, first reference and first group of each; groups; growth of each root
     limits : greatest width of the voxels in mean radii; longest step of the samples in radii; blocks in a group
     out : a `Cells` that holds the roots' boxes, and the number of nodes of each root, or FULL
 

@@ -252,7 +252,7 @@ def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[n
 
 
 def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[np.float64], ...]:
-    """f (see `surface/intersect/surface.py`), unit mean normal, |x - P| and mean radius at positions; NaN without support."""
+    """f (see `intersect/surface.py`), unit mean normal, |x - P| and mean radius at positions; NaN without support."""
     query, splat = _over(x, rows[:, :3], rows[:, 6])
     p, n, r = np.split(rows[splat].astype(np.float64), [3, 6], axis=1)
     q = p - x[query]

@@ -1,7 +1,7 @@
 """Patches: a leaf's voxel cut into 4 x 4 columns, each with a slab of its own.
 
 A column is one or two splats wide, so its normals differ less and the surface in it bends less. Its slab is proved like
-the leaf's (see `surface/tree/leaves.py`) and is less than half as thick on smooth surfaces. Columns run along the axis w that
+the leaf's (see `tree/leaves.py`) and is less than half as thick on smooth surfaces. Columns run along the axis w that
 is nearest to the leaf's normal; a slab is stored as low <= w + B u + C v <= high.
 """
 
@@ -99,7 +99,7 @@ def along(members: Members, row: int, first: int, m: Vec3) -> F16:
 
 @inline
 def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
-    """How far surface is from its splats along m, in radii: t/r at the head of `surface/tree/leaves.py`; 1 where c <= 0."""
+    """How far surface is from its splats along m, in radii: t/r at the head of `tree/leaves.py`; 1 where c <= 0."""
     square = vmax(cosine * cosine, broadcast16(TINY))
     far = vmax(f32(limits[0]) + f32(limits[1]) / square, f32(limits[2]) + f32(limits[3]) / square)
     uneven = HALF * (least + most) / vsqrt(least * most)
@@ -110,7 +110,7 @@ def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
 
 @inline
 def slab_along(members: Members, m: Vec3, limits: Limits) -> tuple[float, float]:
-    """Least and greatest m.x of any surface of the members: see the head of `surface/tree/leaves.py`."""
+    """Least and greatest m.x of any surface of the members: see the head of `tree/leaves.py`."""
     inf = broadcast16(INF)
     cosine, least, most, radii = broadcast16(ONE), inf, broadcast16(ZERO), R * members.room
     for first in range(0, members.number, LANES):

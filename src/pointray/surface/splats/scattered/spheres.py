@@ -12,7 +12,7 @@ from ....base.choices import AS_SPHERES, AS_SURFACE, AUTO, SCATTER
 from ....cloud.kd_ordering import Path, along_path
 from ....cloud.neighbors import NeighborTree
 from ....cloud.points import Points
-from ....cloud.statistics import Usual
+from ....cloud.statistics import CloudStatistics
 from ....engine.kernels.tree import DISCS, SPHERES
 from ...tree.build import Splats
 from ..gaps import largest_reach
@@ -106,7 +106,7 @@ def make_scattered(
         If all positions are equal and no radii are given.
     """
     some, along = np.flatnonzero(mask), along_path(points)
-    usual = Usual.of(len(along.positions))
+    usual = CloudStatistics.of(len(along.positions))
     radii, directions = shapes_of(points, along, drawing, given, usual, mask)
     colors = None if points.colors is None else points.colors[some]
     return Splats(points.positions[some], directions[some], radii[some], rows[some], colors)
@@ -117,7 +117,7 @@ def shapes_of(
     along: Path,
     drawing: Drawing,
     given: Floats | None,
-    usual: Usual,
+    usual: CloudStatistics,
     mask: NDArray[np.bool_] | None = None,
 ) -> tuple[Floats, Floats]:
     """Return the radii (n,) and directions (n, 3) that points have if they are drawn as spheres or discs.
@@ -134,7 +134,7 @@ def shapes_of(
     given : (n,) float32, optional
         Radii. None: 0.35 of the mean distance to the 8 nearest other places, limited by the neighbours, and by the
         98th percentile of all (rounded up to 8 bits), and so that none covers 2% of a picture of the cloud.
-    usual : Usual
+    usual : CloudStatistics
         Knows that percentile, or finds it among the points.
     mask : (n,) bool, optional
         Which points are asked for; what is returned of others is not valid. None: all.
@@ -163,7 +163,7 @@ def shapes_of(
 
 
 def _at_places(
-    places: Floats, some: NDArray[np.int64], asked: NDArray[np.int64], usual: Usual
+    places: Floats, some: NDArray[np.int64], asked: NDArray[np.int64], usual: CloudStatistics
 ) -> tuple[Floats, Floats]:
     """Radii (m,) and directions (m, 3) of spheres at some of different places in kd order, and 0 at the others.
 

@@ -5,27 +5,27 @@ import math
 import numpy as np
 import pytest
 
-from pointray.cloud.statistics import BITS, Usual, steady
+from pointray.cloud.statistics import BITS, CloudStatistics, quantize
 
 
 @pytest.mark.parametrize("value", [1e-30, 0.0071279, 0.6, 1.0, 3.0, 12345.6])
 def test_numbers_that_hardly_differ_are_told_as_one(value: float) -> None:
-    told = steady(value)
-    assert told == pytest.approx(value, rel=2.0**-BITS) and steady(told) == told
-    assert {steady(value * (1 + share)) for share in np.linspace(-1e-6, 1e-6, 9)} == {told}
-    assert value * (1 - 2.0 ** (1 - BITS)) < steady(value, is_limit=True) <= value
+    told = quantize(value)
+    assert told == pytest.approx(value, rel=2.0**-BITS) and quantize(told) == told
+    assert {quantize(value * (1 + share)) for share in np.linspace(-1e-6, 1e-6, 9)} == {told}
+    assert value * (1 - 2.0 ** (1 - BITS)) < quantize(value, is_limit=True) <= value
 
 
 @pytest.mark.parametrize("value", [0.0, math.inf])
 def test_numbers_without_bits_stay(value: float) -> None:
-    assert steady(value) == value
-    assert math.isnan(steady(math.nan))
+    assert quantize(value) == value
+    assert math.isnan(quantize(math.nan))
 
 
 def test_a_cloud_is_told_by_steady_numbers() -> None:
     values = np.random.default_rng(0).lognormal(size=5000).astype(np.float32)
-    usual = Usual()
+    usual = CloudStatistics()
     found = usual.quantile("a", values, 0.5)
-    assert found == steady(float(np.quantile(values, 0.5))) == usual.known["a"]
-    assert usual.share("b", values > 1) == steady(float((values > 1).mean()))
+    assert found == quantize(float(np.quantile(values, 0.5))) == usual.known["a"]
+    assert usual.share("b", values > 1) == quantize(float((values > 1).mean()))
     assert usual.least("c", values) == values.min()  # what is compared with each value

@@ -1,0 +1,15 @@
+"""What other rooms ask of a cluster: the functions of `base.executor.Backend`, for clients of Dask."""
+
+from .client import is_spread_preferred, machines_of
+from .dask_casting import intersect_chunks, occluded_chunks
+from .shared_folder import tasks_beside
+from .worker_pool import snapshot_and_executor
+
+__all__ = [
+    "intersect_chunks",
+    "is_spread_preferred",
+    "machines_of",
+    "occluded_chunks",
+    "snapshot_and_executor",
+    "tasks_beside",
+]
