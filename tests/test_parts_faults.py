@@ -258,7 +258,7 @@ def test_any_column_may_be_half_written(
     monkeypatch.setattr(Column, "_put", fail)
     monkeypatch.setattr("pointray.model.out_of_core.arrange.CHUNK", 4096)
     monkeypatch.setattr("pointray.io.spooling.convert.CHUNK", 4096)
-    second = {"positions": 2, "scattered.colors": 2, "cloud.normals": 2}  # of later columns only one part is left
+    second = {"positions": 2, "scattered.colors": 2, "points.normals": 2}  # of later columns only one part is left
     for name in (*second, "tiles", "merged", "placed", "normals", "radii"):
         wanted[:], calls[:], failing[:] = [name], [0], [second.get(name, 1)]
         with pytest.raises(OSError, match=rf"make room and run the same command again, it goes on.*/{name}\."):

@@ -216,7 +216,7 @@ def points_of(found: Arrays, survey: Survey) -> Points:
     origin = take_array(found, "points.origin", np.float64, (3,))
     names = [name for name in found if name.startswith("attribute.")]
     attributes = {name.removeprefix("attribute."): found.pop(name) for name in names}
-    normals, colors = found.pop("cloud.normals", None), found.pop("io.colors", None)
+    normals, colors = found.pop("points.normals", None), found.pop("points.colors", None)
     return Points.about(origin, positions, normals, colors, attributes, survey)
 
 

@@ -164,7 +164,7 @@ def _splats_of(cloud: Cloud, model: Described) -> Splats:
     columns = cloud.columns
     arrays: list[Any] = [
         *(columns[PLACED], columns[cloud.normals], columns[RADII], Numbers()),
-        columns.find("io.colors"),
+        columns.find("points.colors"),
         *(columns[name] if name in model.optional else None for name in (BORDERS, SHEETS, NOISE)),
     ]
     return Splats(*arrays)
@@ -189,8 +189,8 @@ def _layer_of(work: Work, cloud: Cloud, model: Described) -> Layer:
     sources: dict[str, Any] = {layer.POSITIONS: PLACED, layer.NORMALS: cloud.normals, layer.RADII: RADII}
     if NOISE in model.optional:
         sources[layer.NOISE] = NOISE
-    if "io.colors" in columns:
-        sources[layer.COLORS] = "io.colors"
+    if "points.colors" in columns:
+        sources[layer.COLORS] = "points.colors"
     sources |= {f"{ATTRIBUTE}{k}": column for k, column in enumerate(model.attributes.values())}
     sizes = np.array([rows.stop - rows.start for rows in map(work.stretch, range(work.parts))], np.int64)
     return Layer(0, columns, sizes, sizes, sources)

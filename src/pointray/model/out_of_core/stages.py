@@ -37,7 +37,7 @@ from .sorted_sets import distinct_numbers
 Floats = NDArray[np.float32]
 
 # Columns: of the cloud as it was given, and of what is found, stage by stage.
-POSITIONS, GIVEN = "points.positions", "cloud.normals"
+POSITIONS, GIVEN = "points.positions", "points.normals"
 MERGED, UNITS, TURNED, KNOWN = "merged", "units", "turned", "known"
 LAYERS = "layers"  # of blocks, see `second_layers.py`
 PLACED, NORMALS, FACED, NOISE = "placed", "normals", "faced", "noise"
