@@ -62,18 +62,21 @@ class Record(dict[str, str]):
 
 
 def file_arrays(path: Path) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays of a saved model or of baked light: a series of .npy, of which the first holds JSON."""
+    """Arrays of a saved model or of baked light, by their names: a series of .npy, of which the first holds JSON."""
+    names: list[str] = []
     with path.open("rb") as file:
         size = path.stat().st_size
-        number = 0
         while file.tell() + 8 < size:
             start = file.tell()
             if file.read(6) != b"\x93NUMPY":
                 file.seek(start + 1)
                 continue
             file.seek(start)
-            yield str(number), np.load(file)
-            number += 1
+            array = np.load(file)
+            if names:
+                yield names.pop(0), array
+            else:
+                names = json.loads(array.tobytes())["arrays"]
 
 
 def clouds() -> Iterator[tuple[str, pr.Points]]:
@@ -120,11 +123,10 @@ def record_models(record: Record, name: str, points: pr.Points, folder: Path) ->
     for surface in (None, "paper", "imls", "apss", "disc"):
         model = pr.Model(points, surface=surface)
         model.save(folder / "model")
-        for number, array in file_arrays(folder / "model"):
-            if number != "0":
-                record.put(f"{name}/{surface}/{number}", array)
-        record.put(f"{name}/{surface}/bounds", model.bounds)
-        record.put(f"{name}/{surface}/scattered", model.scattered)
+        for array_name, array in file_arrays(folder / "model"):
+            record.put(f"{name}/{surface}/{array_name}", array)
+        record.put(f"{name}/{surface}/Model.bounds", model.bounds)
+        record.put(f"{name}/{surface}/Model.scattered", model.scattered)
     return pr.Model(points)
 
 
@@ -155,9 +157,8 @@ def record_pictures(record: Record, name: str, model: pr.Model, folder: Path) ->
     record.put(f"{name}/layers", pr.render_layers(scene, camera, pr.Settings(spp=1)))
     light = pr.bake(scene, pr.BakeSettings(links=64))
     light.save(folder / "light")
-    for number, array in file_arrays(folder / "light"):
-        if number != "0":
-            record.put(f"{name}/baked file/{number}", array)
+    for array_name, array in file_arrays(folder / "light"):
+        record.put(f"{name}/baked file/{array_name}", array)
     scene.baked = light
     record.put(f"{name}/baked", pr.render(scene, camera, pr.Settings(integrator="baked")))
     film = pr.animate(scene, pr.turntable(camera, 3), pr.Settings(spp=1))
@@ -187,9 +188,8 @@ def record_commands(record: Record, points: pr.Points, folder: Path) -> None:
     call("prepare", "scan.ply", "-o", "split.pointray/", "--part-points", "4096", "--memory", "8MiB")
     for path in sorted([*(folder / "parts.pointray").rglob("*"), *(folder / "split.pointray").rglob("*")]):
         if path.is_file() and path.suffix != ".json":
-            for number, array in file_arrays(path):
-                if number != "0":
-                    record.put(f"{path.relative_to(folder)}/{number}", array)
+            for array_name, array in file_arrays(path):
+                record.put(f"{path.relative_to(folder)}/{array_name}", array)
     call("render", "split.pointray/", "-o", "parts.png", "--size", "160x120")
     record.file("command/picture of parts", folder / "parts.png")
 
