@@ -165,7 +165,7 @@ def test_few_pictures_are_begun_before_the_first_is_there(client: Any, monkeypat
     monkeypatch.setattr(sequence, "render_whole", wait_for_the_first)
     cameras = [camera_of(k + 1, 1) for k in range(40)]
     images = sequence.render_each(scene_of(MODEL), cameras, pr.Settings(), client, lambda share: None)
-    first = {f"frame {k}" for k in range(2 * sequence.AHEAD * dispatch.AT_ONCE)}
+    first = {f"frame {k}" for k in range(2 * sequence.AHEAD)}
 
     def end_the_first() -> None:
         try:

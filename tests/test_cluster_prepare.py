@@ -19,8 +19,8 @@ from conftest import sphere_points
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
 from pointray.cluster import client as client_module
+from pointray.cluster import shared_folder, worker
 from pointray.cluster import task_pool as tasks
-from pointray.cluster import worker
 from pointray.cluster.client import UNPROFILED
 from pointray.cluster.recipe import pack, unpack
 from pointray.cluster.task_pool import THREADS, _on, _Task, stoppable
@@ -30,7 +30,6 @@ from pointray.engine.jit import run
 from pointray.engine.jit.threads import CANCEL
 from pointray.io.files import request_of
 from pointray.io.selection import Selection
-from pointray.model.out_of_core import exclusive_lock as alone_module
 from pointray.model.out_of_core import prepare as prepare_module
 from pointray.model.out_of_core.prepare import part_points_for, part_points_within, prepare
 from pointray.model.out_of_core.work import Work, _do_once
@@ -178,7 +177,7 @@ def test_what_workers_have_begun_goes_on_here(client: Any, tmp_path: Path) -> No
 def test_workers_that_do_not_see_the_folder_are_named(
     client: Any, few: tuple[Path, dict[str, bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(alone_module, "_is_seen", lambda place: False)
+    monkeypatch.setattr(shared_folder, "_is_seen", lambda place: False)
     with pytest.raises(ValueError, match=r"worker \S+ does not see the folder \S+/a, or must not write there"):
         prepared(few[0], tmp_path / "a", client)
     assert not (tmp_path / "a").exists()
@@ -187,16 +186,16 @@ def test_workers_that_do_not_see_the_folder_are_named(
 def test_a_file_is_not_seen_where_it_is_another_one(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "task.json").write_text("{}")
-    place = alone_module.place_of(tmp_path / "a" / "task.json")
-    assert alone_module._is_seen(place)
+    place = shared_folder.place_of(tmp_path / "a" / "task.json")
+    assert shared_folder._is_seen(place)
     (tmp_path / "a" / "task.json").write_text("{ }")
-    assert not alone_module._is_seen(place)
+    assert not shared_folder._is_seen(place)
 
 
 def test_a_folder_that_cannot_be_written_to_is_not_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "task.json").write_text("{}")
-    place, make = alone_module.place_of(tmp_path / "a" / "task.json"), os.open
+    place, make = shared_folder.place_of(tmp_path / "a" / "task.json"), os.open
 
     def refuse(path: Any, *rest: Any) -> int:
         if Path(path).parent == tmp_path:
@@ -204,7 +203,7 @@ def test_a_folder_that_cannot_be_written_to_is_not_seen(tmp_path: Path, monkeypa
         return make(path, *rest)
 
     monkeypatch.setattr(os, "open", refuse)
-    assert not alone_module._is_seen(place)
+    assert not shared_folder._is_seen(place)
 
 
 def test_each_job_looks_again_at_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

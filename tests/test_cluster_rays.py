@@ -13,10 +13,9 @@ import pytest
 
 import pointray as pr
 from clusters import ball, camera_of, cluster_of, scene_of
+from pointray.cluster import dask_casting, worker
 from pointray.cluster import serialized_scene as stowed
-from pointray.cluster import worker
 from pointray.cluster.scattered_objects import scattered_objects_of
-from pointray.scene import casting
 from pointray.scene import paged_rays as reached
 
 MODEL = ball()
@@ -298,7 +297,7 @@ def test_wrong_arrays_are_refused_before_anything_is_computed(
     given: Any, text: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = scene_of(MODEL)
-    monkeypatch.setattr(casting, "chunked_like", None)
+    monkeypatch.setattr(dask_casting, "chunked_like", None)
     monkeypatch.setitem(dask.config.config, "scheduler", lambda *_, **__: pytest.fail("it was computed"))
     for cast in (scene.intersect, scene.occluded):
         with pytest.raises(ValueError, match=text):
