@@ -160,6 +160,7 @@ CHANGED = {  # file -> keys that its edit changes
     "model/out_of_core/levels.py": [],
     "io/formats/ply/ply.py": ["model"],
     "cloud/denoising/fit.py": ["model"],
+    "procedural_models/clay.py": [],
     "rendering/picture.py": [],
     "rendering/film.py": [FRAME],
     "scene/scene.py": [],

@@ -26,7 +26,7 @@ def is_there() -> bool:
         kernels = json.loads((library.FOLDER / library.MANIFEST).read_text())["kernels"]
     except FileNotFoundError:
         return False
-    return kernels["pointray.surface.tree.wide.enclose"]["key"] == key_of([PACKAGE / "tree" / "wide.py"])
+    return kernels["pointray.surface.tree.wide.enclose"]["key"] == key_of([PACKAGE / "surface" / "tree" / "wide.py"])
 
 
 needs_library = pytest.mark.skipif(not is_there(), reason="no compiled kernels of these sources (make kernels)")
@@ -175,7 +175,7 @@ def test_a_kernel_of_other_sources_is_not_used(folder):
     manifest["sources"]["surface/tree/wide.py"] = "0" * 64
     (folder / library.MANIFEST).write_text(json.dumps(manifest))
     found, _ = chosen()
-    file = PACKAGE / "tree" / "wide.py"
+    file = PACKAGE / "surface" / "tree" / "wide.py"
     assert found.find("pointray.surface.tree.wide.collapse", file) is None
     assert found.find("pointray.surface.tree.wide.enclose", file) is not None
     assert found.find("pointray.surface.tree.wide.no_such", file) is None
@@ -191,7 +191,7 @@ def test_a_library_that_is_replaced_while_it_is_used_stays(folder, monkeypatch):
     found, _ = chosen()
     for path in files_in(folder):
         path.write_bytes(b"\0" * path.stat().st_size)
-    call = found.find("pointray.surface.tree.wide.enclose", PACKAGE / "tree" / "wide.py")
+    call = found.find("pointray.surface.tree.wide.enclose", PACKAGE / "surface" / "tree" / "wide.py")
     children, leaf_of = np.array([[1, 2], [-1, -1], [-1, -1]], np.int32), np.array([-1, 0, 1], np.int32)
     boxes = np.zeros((3, 6))
     call(children, leaf_of, np.array([[0, 0, 0, 1, 1, 1], [2, 2, 2, 3, 3, 3.0]]), boxes)

@@ -174,7 +174,7 @@ def test_unfinished_work_of_another_version_is_refused(
     scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(prepare_module, "version_here", lambda: "0.0.9")
+        patch.setattr(prepare_module, "__version__", "0.0.9")
         patch.setattr(OutOfCoreBuilder, "build", lambda self: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             prepared(scan, tmp_path / "a")
