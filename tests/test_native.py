@@ -111,7 +111,7 @@ def test_an_edited_kernel_is_compiled_anew_and_no_other(copy, tmp_path):
     assert built(copy, tmp_path, 2, *SMALL) == sorted(SMALL)
     assert built(copy, tmp_path, 2, *SMALL) == []
     before = content(tmp_path)
-    path = copy / "src" / "pointray" / "splats" / "grow.py"
+    path = copy / "src" / "pointray" / "surface" / "splats" / "grow.py"
     text = path.read_text()
     path.write_text(text + "# edited\n")
     assert built(copy, tmp_path, 2, *SMALL) == ["pointray.surface.splats.grow._grade"]
