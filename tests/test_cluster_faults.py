@@ -172,9 +172,9 @@ def test_a_scheduler_that_ends_is_noticed(client: Any) -> None:
 
 
 def set_version(version: str = "0.0.9") -> None:
-    import pointray
+    import pointray.cluster.worker
 
-    pointray.__version__ = version
+    pointray.cluster.worker.__version__ = version  # type: ignore[attr-defined]
 
 
 def where(scene: Any, threads: int, check: Any) -> str:

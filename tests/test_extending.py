@@ -183,7 +183,7 @@ def test_a_format_is_its_own_file(tmp_path: Path, package: Path) -> None:
     rows = sphere_points(500)
     np.savetxt(scan, rows, header="cubes", comments="")
     broken.write_text("cubes\n1 2\n")
-    (package / "points" / "formats" / "cubes.py").write_text(CUBES)
+    (package / "io" / "formats" / "cubes.py").write_text(CUBES)
     said = run(package, CONVERT, str(scan), str(again), str(broken))
     assert "500" in said
     assert f"{again}: cannot hold normals" in said
