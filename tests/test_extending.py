@@ -79,10 +79,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...arguments import check_range
-from ...jit import inline
-from ...kernels.records import VELVET, VELVET_SHARE, ShadingPoint, World
-from ...kernels.vec import Vec3, scale
+from ...base.arguments import check_range
+from ...engine.jit import inline
+from ...engine.kernels.records import VELVET, VELVET_SHARE, ShadingPoint, World
+from ...engine.kernels.vec import Vec3, scale
 from .base import Color, Material, record_of
 from .diffuse import eval_diffuse
 
