@@ -1,6 +1,6 @@
 """Bad clouds give a model or a ValueError, and their time grows no faster than the number of points, nearly.
 
-Processor times of two sizes are compared, which other programs hardly affect. FitBatch16 times the points take some
+Processor times of two sizes are compared, which other programs hardly affect. Sixteen times the points take some
 sixteen times as long; a search among all pairs would take 256 times.
 """
 
