@@ -42,7 +42,7 @@ def _resident(name: str) -> int:
 
 def _reset_peak() -> None:
     """Give free memory back, and forget the most so far."""
-    ctypes.CDLL(None).malloc_arenas(0)
+    ctypes.CDLL(None).malloc_trim(0)
     RESET.write_text("5")
 
 

@@ -252,7 +252,7 @@ torus = pr.procedural("torus", 500_000)
 away = np.random.default_rng(1).normal(scale=0.3 * 0.0056, size=(500_000, 3)) if sys.argv[1] == "noisy" else 0.0
 points = pr.Points(torus.positions + away, torus.normals if sys.argv[1] == "with" else None)
 pr.Model(points.select(np.arange(0, 500_000, 100)))
-getattr(ctypes.CDLL(None), "malloc_arenas", bool)(0)  # what was freed before is not used again unnoticed
+getattr(ctypes.CDLL(None), "malloc_trim", bool)(0)  # what was freed before is not used again unnoticed
 open("/proc/self/clear_refs", "w").write("5")
 def size(name):
     return next(int(line.split()[1]) for line in open("/proc/self/status") if line.startswith(name)) * 1024

@@ -36,7 +36,7 @@ def check_memory(need: int, what: str) -> None:
 def give_back() -> None:
     """Give what is free in the heap back to the system."""
     with suppress(AttributeError, OSError, TypeError):
-        ctypes.CDLL(None).malloc_arenas(0)
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _in_units(size: int) -> str:
