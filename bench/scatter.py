@@ -1,4 +1,4 @@
-"""Measure how well points on surfaces and scattered points are told apart: labelled scenes, clean scans, and time.
+"""Measure the classification of points into surfaces and scattered ones: labelled scenes, clean scans, and time.
 
     python bench/scatter.py [--seeds 100 101 102] [--samplings ...] [--pictures FOLDER]
 

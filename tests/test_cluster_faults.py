@@ -139,7 +139,6 @@ def die(scene: Any, threads: int, check: Any) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-@pytest.mark.filterwarnings("ignore:it is not used")  # a worker may die while it is asked for its version
 def test_a_job_that_kills_workers_is_given_up(client: Any) -> None:
     with pytest.raises(RuntimeError, match="deadly: given up, as 4 workers"):
         list(WorkerPool(client, scene_of(ball())).run(deque([Job("deadly", die, ())]), lambda: None))

@@ -1,5 +1,6 @@
 """The documents: what they name exists, and ARCHITECTURE.md describes the rooms as they are."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -104,3 +105,17 @@ def test_every_topic_is_listed():
     folder = ROOT / "docs" / "decisions"
     listed = re.findall(r"^\| \[(\S+\.md)\]", (folder / "README.md").read_text(), re.MULTILINE)
     assert sorted(listed) == sorted(path.name for path in folder.glob("*.md") if path.name != "README.md")
+
+
+def modules_in(text: str) -> set[str]:
+    """The modules that a folder's docstring lists: `a, b : what they do; c : what it does`."""
+    lists = re.findall(r"(?:^|; )([a-z_0-9]+(?:, [a-z_0-9]+)*) : ", text, re.MULTILINE)
+    return {name for names in lists for name in names.split(", ")}
+
+
+def test_the_map_of_each_folder_names_its_modules():
+    assert modules_in("Rooms.\n\na, b : this; c : that\nBegin with a: it is short.") == {"a", "b", "c"}
+    for path in PACKAGE.rglob("__init__.py"):
+        here = {other.stem for other in path.parent.iterdir()}
+        named = modules_in(ast.get_docstring(ast.parse(path.read_text())) or "")
+        assert named <= here, f"{path.parent.name}: {named - here}"

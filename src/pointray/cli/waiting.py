@@ -102,7 +102,7 @@ def in_background(work: Callable[[], T]) -> T:
     """
     results: list[T] = []
     errors: list[BaseException] = []
-    # Held until the work is done. A plain lock: see `alive.start`.
+    # Held until the work is done. A plain lock: see `engine/jit/c_threads.py`.
     working = threading.Lock()
     working.acquire()
 

@@ -58,15 +58,18 @@ def dask_for(what: str) -> Any:
 
 
 def unfit(client: Any, workers: list[str]) -> dict[str, str]:
-    """What is wrong with each of some workers that have another version of pointray than this process, or none.
+    """Return why each of some workers cannot be used: it has another version of pointray than this process, or none.
 
-    Each is asked once: one that stands still would not answer.
+    Each worker is asked once: one that has stopped would not answer. Workers that are lost meanwhile are not reported,
+    and are not fit either, see `is_fit`.
     """
     fit = _FIT.setdefault(client, set())
     new = [worker for worker in workers if worker not in fit]
     here, found = version_here(), client.run(version_here, workers=new, on_error="return") if new else {}
     wrongs = {}
     for worker, version in found.items():
+        if isinstance(version, OSError):  # its connection is closed
+            continue
         if isinstance(version, BaseException):
             wrongs[worker] = f"worker {worker} has no pointray {here}: {type(version).__name__}: {version}"
         elif version != here:
@@ -74,6 +77,11 @@ def unfit(client: Any, workers: list[str]) -> dict[str, str]:
         else:
             fit.add(worker)
     return wrongs
+
+
+def is_fit(client: Any, worker: str) -> bool:
+    """Whether a worker has answered that it has the version of this process."""
+    return worker in _FIT.get(client, ())
 
 
 def prefer_spread(client: Any) -> None:

@@ -21,7 +21,7 @@ ALONG = "along"  # what hits are compared by, beside the fields of `Hits`
 
 
 def intersect_chunks(scene: Stage, given: Given, attributes: Sequence[str], spread: bool = False) -> Hits:
-    """The same for arrays of Dask, see `Scene.intersect`. spread : whether each worker opens only some parts"""
+    """Return the hits of rays in Dask arrays, see `Scene.intersect`. spread : each worker opens only some parts"""
     arrays = _check(given)
     now = scene.snapshot()
     blended = {name: blended_form(now, name) for name in attributes}
@@ -45,7 +45,7 @@ def intersect_chunks(scene: Stage, given: Given, attributes: Sequence[str], spre
 
 
 def occluded_chunks(scene: Stage, given: Given, spread: bool = False) -> Any:
-    """The same for arrays of Dask, see `Scene.occluded`."""
+    """Return whether rays in Dask arrays are blocked, see `Scene.occluded`."""
     arrays, forms = _check(given), {"occluded": Form(np.dtype(np.bool_), ())}
     if spread:
         shared = Shared(_homes(scene, scene.snapshot()), _any)

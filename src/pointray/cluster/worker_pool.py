@@ -14,7 +14,7 @@ from ..base.executor import Job
 from ..base.warning_log import warn
 from ..model.model import Model
 from ..model.model_file import Place
-from .client import check_client, memory_of, unfit
+from .client import check_client, is_fit, memory_of, unfit
 from .dispatch import Dispatch
 from .recipe import Stage, write_recipe
 from .scattered_objects import ScatteredObject, check_spreadable, scattered_objects_of
@@ -140,7 +140,8 @@ class WorkerPool:
         for worker, reason in (self._wrongs_of(new) if new else {}).items():
             self._unfit.add(worker)
             warn(f"it is not used: {reason}", stacklevel=2)
-        self.workers = {worker: count for worker, count in there.items() if worker not in self._unfit}
+        usable = (worker for worker in there if worker not in self._unfit and is_fit(self._client, worker))
+        self.workers = {worker: there[worker] for worker in usable}
         if self.workers:
             self._seen = time.monotonic()
 

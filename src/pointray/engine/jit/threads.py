@@ -94,7 +94,7 @@ def run(
         cancel.watch(work)
     results: list[Any] = []
     errors: list[BaseException] = []
-    # The caller waits in C, as `alive.start` tells why.
+    # The caller waits in C, see `c_threads.start`.
     done: queue.SimpleQueue[None] = queue.SimpleQueue()
 
     def worker() -> None:

@@ -1,16 +1,13 @@
-"""Models in parts: how they are made.
+"""Models in parts, built from clouds larger than memory, or split from a model in memory.
 
-split : a model -> the same in parts
-prepare : files -> a model in parts, whatever their size
-spool : files -> columns as they are (raw), then in the types of a cloud (convert); spooled : what is known of it
-columns : arrays on disk; arrange : columns in kd order; local : a part with a margin
-given : what a cloud on disk comes with
-large : the stages of a cloud on disk, kept by work; tasks, stages : each of them for one part
-separate : scattered points, put into columns of their own; loose : their parts
-alone : who works in a folder: one process, and perhaps workers who see it
-facing : signs of normals over all parts, in the passes of signs
-trees : splats in kd order -> a file with a tree for each part; finish : all files of the folder
-levels : levels of detail of all parts; coarser, grid : for one part; layer : the columns of one of them
+prepare : files -> a model in parts, resumable; split : a model in memory -> the same in parts
+builder : all stages of a cloud on disk; work : progress of the stages, kept on disk; tasks, stages : each stage of a part
+arrange : columns in kd order; local : a part with a margin of its neighbours; given : radii and stations of the files
+separate_scattered : scattered points in columns of their own; scattered_parts : their parts
+facing, signs, thin_sheets, disk_votes : signs of normals over all parts; second_layers : layers over all parts
+trees : a tree for each part; finish : the files of the folder
+levels, level_steps, grid, layer : levels of detail of all parts, and of one
+exclusive_lock : one process at a time works in a folder; sorted_sets : sets as sorted arrays
 
-Begin with large.
+The columns on disk are those of `base/disk_columns.py`; `io/spooling/` fills them. Begin with builder.
 """

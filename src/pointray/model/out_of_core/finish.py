@@ -119,7 +119,7 @@ def finish_surface(named: Named, work: Work, cloud: Cloud, model: Described, spa
 
 
 def finish_loose(named: Named, work: Work, drawing: Drawing, surface: Half | None, leveled: bool, span: Span) -> Half:
-    """Write the parts of scattered points, which follow those of the surface, see `separate`."""
+    """Write the parts of scattered points, which follow those of the surface, see `separate_scattered`."""
     columns, middle = work.columns, (span[0] + span[1]) / 2
     sources: dict[str, Any] = {layer.POSITIONS: "positions", layer.NORMALS: DIRECTIONS, layer.RADII: SPHERES}
     if "colors" in columns:

@@ -1,14 +1,14 @@
-"""Pictures of models that no single process holds: rays travel to those who hold what they may meet, wave by wave.
+"""Pictures of models that no single process holds: rays are sent to the holders of the parts that they may hit.
 
-A wave is what all samples in the works ask next: each one tile of rays. Whoever holds parts answers those rays that
-meet them, the nearest hits are joined, and the samples go on to their next question.
+All samples of a piece of the picture run until each needs an intersection. Their rays are sent to the holders in one
+wave; the nearest of the answers is kept, and the samples continue to their next intersection.
 
-spread : whether it is wanted, and possible
-recall : the kernels of pictures, which take hits from a table of answers; where they have none they ask, and end
-answer : the kernel of those who hold parts
-route : which rays meet what somebody holds
+spread : whether models are spread over workers
 wave : one piece of a picture, wave after wave
-travel : several pieces at once, by workers of a cluster or by holders in this process
+replay : the kernels of pictures; they read hits from a table of answers, and stop at the first that is missing
+route : the holders whose boxes a ray meets
+answer : the kernel of the holders
+ray_exchange : several pieces at once, on the workers of a cluster
 
 Begin with wave.
 """

@@ -72,7 +72,7 @@ def answer_question(world: World, question: Question, pace: Pace = PLAIN) -> Ans
 class KernelArguments:
     """What a picture's kernel takes, and how it runs.
 
-    kernel : one of `recall`; world, camera, job : what it takes; film may be empty; threads : see `jit.run`
+    kernel : one of `replay`; world, camera, job : what it takes; film may be empty; threads : see `jit.run`
     """
 
     kernel: Any
