@@ -167,7 +167,7 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
         borders=True,
         sheets=True,
         within=(SUPPORT * cell, layer.read(LIMITS, rows)[order]),
-        usual=usual,
+        statistics=usual,
     )
     sheets = None if found.sheets is None else found.sheets[back]
     borders = None if found.borders is None else found.borders[back]

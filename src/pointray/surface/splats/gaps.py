@@ -22,7 +22,7 @@ from ...cloud.neighbors import NeighborTree, distinct
 from ...cloud.statistics import CloudStatistics
 from ...engine.jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ...engine.kernels.vec import dot, load3_flat, sub, tangents
-from .closed import USUAL, distances
+from .closed import NEAREST, distances
 from .voronoi import CHUNK, CORNERS, Neighborhood, Vec2, cell_of, mirror, up_to_seam
 
 WIDEST = 3.0  # local spacings: a wider gap is bridged only between rims that agree
@@ -80,9 +80,11 @@ def _is_obtuse(a: Vec2, b: Vec2) -> bool:
 
 
 @kernel
-def _limit(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], limits: Array, reach: Array) -> int:
+def _limit(
+    work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], limits: Array, reach: Array
+) -> int:
     """Write how far each row's cell reaches without corners farther than its limit, unless their rims agree."""
-    (positions, normals), (rows, near) = borrow(cloud), borrow(hood)
+    (positions, normals), (rows, near) = borrow(cloud), borrow(neighborhood)
     limits, reach = borrow(limits), borrow(reach)
     memory = np.empty((2, CORNERS, 3))
     polygons = borrow(memory)
@@ -118,9 +120,9 @@ def _limit(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], l
 
 
 @kernel
-def _count(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], out: Array) -> int:
+def _count(work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], out: Array) -> int:
     """Write the share of each row's neighbours that lie on a rough sheet with it."""
-    (positions, normals), (rows, near), out = borrow(cloud), borrow(hood), borrow(out)
+    (positions, normals), (rows, near), out = borrow(cloud), borrow(neighborhood), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
         for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
@@ -134,7 +136,7 @@ def _count(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], o
     return 0
 
 
-def bridged(positions: Floats, normals: Floats, hood: Neighborhood, limits: Floats) -> Floats:
+def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limits: Floats) -> Floats:
     """Return how far cells reach without wide gaps.
 
     Parameters
@@ -142,7 +144,7 @@ def bridged(positions: Floats, normals: Floats, hood: Neighborhood, limits: Floa
     positions : (n, 3) float32
         All different.
     normals : (n, 3) float32, unit
-    hood : Neighborhood
+    neighborhood : Neighborhood
         The points to measure, and their neighbours.
     limits : (m,) float32
         Half of the widest gap at each of them, see `find_limits`.
@@ -152,9 +154,9 @@ def bridged(positions: Floats, normals: Floats, hood: Neighborhood, limits: Floa
     (m,) float32
         Distance to the farthest corner or side that is no farther than the limit, or whose points agree; 0: none.
     """
-    reach = np.empty(len(hood.rows), np.float32)
+    reach = np.empty(len(neighborhood.rows), np.float32)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
-    asked = np.ascontiguousarray(hood.rows, np.int32), np.ascontiguousarray(hood.near)
+    asked = np.ascontiguousarray(neighborhood.rows, np.int32), np.ascontiguousarray(neighborhood.near)
     run(_limit, -(-len(reach) // CHUNK), flat, asked, np.ascontiguousarray(limits), reach)
     return reach
 
@@ -202,7 +204,9 @@ class Limits(NamedTuple):
         return np.asarray(self.others.query(MIXED, positions).distances[:, -1] < reach)
 
 
-def find_limits(positions: Floats, near: NDArray[np.int32], others: Floats | None, usual: CloudStatistics) -> Limits:
+def find_limits(
+    positions: Floats, near: NDArray[np.int32], others: Floats | None, statistics: CloudStatistics
+) -> Limits:
     """Return the widest gaps in a cloud, which has no limits if it is small.
 
     Parameters
@@ -213,12 +217,12 @@ def find_limits(positions: Floats, near: NDArray[np.int32], others: Floats | Non
         Rows of their nearest neighbours, themselves first.
     others : (m, 3) float32, optional
         Points of the cloud beside these.
-    usual : CloudStatistics
+    statistics : CloudStatistics
         Of the cloud.
     """
     count = len(positions)
     limits = np.full(count, np.inf, np.float32)
-    if near.shape[1] <= USUAL or count + (0 if others is None else len(others)) <= FEW:
+    if near.shape[1] <= NEAREST or count + (0 if others is None else len(others)) <= FEW:
         return Limits(limits, None)
     scattered = None if others is None or not len(others) else NeighborTree(others[distinct(others)[0]])
     for start in range(0, count, PIECE):
@@ -226,27 +230,29 @@ def find_limits(positions: Floats, near: NDArray[np.int32], others: Floats | Non
         limits[part] = np.float32(0.5 * WIDEST * SPACING) * _eighth(
             positions, Neighborhood(part, near[part]), scattered
         )
-    np.minimum(limits, np.float32(usual.quantile("wide gap", limits, COMMON)), out=limits)
-    np.minimum(limits, np.float32(largest_reach(positions, usual)), out=limits)
+    np.minimum(limits, np.float32(statistics.quantile("wide gap", limits, COMMON)), out=limits)
+    np.minimum(limits, np.float32(largest_reach(positions, statistics)), out=limits)
     return Limits(limits, scattered)
 
 
-def largest_reach(positions: Floats, usual: CloudStatistics) -> float:
+def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
     """Return how far a disc in disorder may reach, or a sphere, so that it covers less than 2% of a picture."""
     count = len(positions)
-    share = usual.ask("reach in diagonals", lambda: max(LARGEST, 1 / math.sqrt(count)) if count > FEW else math.inf)
-    return share * usual.diagonal("diagonal", positions)
+    share = statistics.ask(
+        "reach in diagonals", lambda: max(LARGEST, 1 / math.sqrt(count)) if count > FEW else math.inf
+    )
+    return share * statistics.diagonal("diagonal", positions)
 
 
-def _eighth(positions: Floats, hood: Neighborhood, others: NeighborTree | None) -> Floats:
-    """Distances of a hood's points from the 8th neighbour among these and other points."""
-    eighth = distances(positions, hood, USUAL)
+def _eighth(positions: Floats, neighborhood: Neighborhood, others: NeighborTree | None) -> Floats:
+    """Distances of a neighborhood's points from the 8th neighbour among these and other points."""
+    eighth = distances(positions, neighborhood, NEAREST)
     if others is None:
         return eighth
-    found = others.query(USUAL, positions[hood.rows]).distances
+    found = others.query(NEAREST, positions[neighborhood.rows]).distances
     beside = np.flatnonzero(found[:, 0] < eighth)
-    hood = Neighborhood(hood.rows[beside], hood.near[beside])
-    near = [distances(positions, hood, k) for k in range(1, USUAL + 1)]
+    neighborhood = Neighborhood(neighborhood.rows[beside], neighborhood.near[beside])
+    near = [distances(positions, neighborhood, k) for k in range(1, NEAREST + 1)]
     both = np.column_stack([*near, found[beside]])
-    eighth[beside] = np.partition(both, USUAL - 1, axis=1)[:, USUAL - 1]
+    eighth[beside] = np.partition(both, NEAREST - 1, axis=1)[:, NEAREST - 1]
     return eighth

@@ -20,9 +20,9 @@ CHUNK = 2048
 
 
 @kernel
-def _find(work: Array, cloud: tuple[Array, Array, Array], hood: tuple[Array, Array], out: Array) -> int:
+def _find(work: Array, cloud: tuple[Array, Array, Array], neighborhood: tuple[Array, Array], out: Array) -> int:
     """Set out[i] to 1 where a neighbour of splat i faces away from it and one's support reaches the other's sheet."""
-    (positions, normals, radii), (rows, near), out = borrow(cloud), borrow(hood), borrow(out)
+    (positions, normals, radii), (rows, near), out = borrow(cloud), borrow(neighborhood), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
         for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
@@ -76,8 +76,8 @@ def find_sheets(
     """
     found = np.zeros(len(positions), np.int8)
     flat = [np.ascontiguousarray(array).reshape(-1) for array in (positions, normals, radii)]
-    hood = np.ascontiguousarray(facing.rows, np.int64), np.ascontiguousarray(facing.near)
-    run(_find, -(-len(hood[0]) // CHUNK), tuple(flat), hood, found)
+    neighborhood = np.ascontiguousarray(facing.rows, np.int64), np.ascontiguousarray(facing.near)
+    run(_find, -(-len(neighborhood[0]) // CHUNK), tuple(flat), neighborhood, found)
     if not found.any():
         return None
     # Splats beside them are included: a fragment of a sheet whose other splats are ignored would be seen by itself.
