@@ -212,7 +212,7 @@ def test_few_points_reach_each_other():
 def test_points_at_one_place_need_radii():
     for count in (1, 9):
         x = np.ones((count, 3))
-        with pytest.raises(ValueError, match="one place.*give radii"):
+        with pytest.raises(ValueError, match="same position.*give radii"):
             pr.Model(pr.Points(x, 0 * x + [0, 0, 1]))
 
 

@@ -46,10 +46,8 @@ AWAY = math.cos(math.radians(149))  # cosine of opposite normals, slightly above
 SECTORS = 32  # around a point, see `_sector`
 EMPTY = 8  # whole sectors in any gap of 115 degrees, which is at least 9.8 sectors wide
 NEAREST = 8  # nearest neighbours, over which medians are taken
-WIDE = (
-    0.5  # a cell wider than this share of the distance to the 8th neighbour may be at a border; regular points: 0.46,
-)
-# random points: 0.6
+# Cells wider than this share of the distance to the 8th neighbour may be at a border; regular points: 0.46, random: 0.6
+WIDE = 0.5
 TINY = f32(1e-30)
 ALL = 0xFFFF
 CHUNK = 2048

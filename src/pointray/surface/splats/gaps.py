@@ -1,12 +1,12 @@
-"""The widest gap that a disc bridges: three local spacings, or any between rims that agree in plane and slope.
+"""Limits of the gaps that a disc spans: three local spacings; no limit between rims that agree in plane and slope.
 
-A corner of a point's Voronoi cell lies in the middle of a gap between it and two neighbours. Three such points agree if
-each two of them have similar normals and lie on an arc. In disorder, as in a tree crown, a disc does not reach a corner
-farther away than half of the widest gap unless they do. The spacing is that of the whole cloud, with the points that
-are drawn otherwise: a few of a crown look like a surface, and their discs must not cover the leaves around them.
+A vertex of a point's Voronoi cell lies in the middle of a gap between it and two neighbours. Three such points agree if
+each two of them have similar normals and lie on an arc. In disorder, as in a tree crown, a disc does not reach vertices
+farther away than half of the limit unless the points agree. The spacing is that of the whole cloud, including scattered
+points: a few points of a crown look like a surface, and their discs must not cover the leaves around them.
 
-Disorder is a place where points agree with few of their neighbours, or where some of these are drawn otherwise. A
-folded surface is none: the rims of a gap across its edge do not agree, but most neighbours do.
+A point is in disorder if it agrees with few of its neighbours, or if its disc covers scattered points. A folded surface
+is not in disorder: the rims of a gap across its edge do not agree, but most neighbours do.
 """
 
 from __future__ import annotations
@@ -25,24 +25,24 @@ from ...engine.kernels.vec import dot, load3_flat, sub, tangents
 from .closed import NEAREST, distances
 from .voronoi import CHUNK, CORNERS, Neighborhood, Vec2, cell_of, mirror, up_to_seam
 
-WIDEST = 3.0  # local spacings: a wider gap is bridged only between rims that agree
-# The most that a disc in disorder reaches, as a share of the diagonal of the cloud: of a picture that the cloud fits it
-# covers less than 2%. Of n points that share is at least 1 / sqrt(n), as few points fill a picture only if each covers
-# much of it. Up to FEW points have no limit.
+WIDEST = 3.0  # limit of gaps between rims that do not agree, in local spacings
+# Largest reach of a disc in disorder, as a share of the cloud's diagonal: it covers less than 2% of an image that the
+# cloud fills. For n points the share is at least 1 / sqrt(n), as few points fill an image only if each covers much of
+# it. Up to FEW points have no limit.
 LARGEST, FEW = 0.04, 20
-SPACING = math.sqrt(math.pi / 8)  # distance of the 8th neighbour -> spacing of even points
-SLOPE = math.cos(math.radians(35))  # cosine of the normals of two rims that agree
-PLANE = 0.15  # how far two points may lie off an arc, as a share of their distance
-OBTUSE = math.cos(math.radians(150))  # the widest angle between three points with a gap between them
-ALIKE, ROUGH = math.cos(math.radians(45)), 0.2  # the same of points on a rough sheet; normals may have either sign
-# Share of the 20 nearest neighbours on a rough sheet with a point, on average over a point and these. Where a gap of
-# over 3 spacings has rims that do not agree, it is below 0.45 at 9 in 10 points of a tree or a shrub.
+SPACING = math.sqrt(math.pi / 8)  # factor from the distance of the 8th neighbour to the spacing of regular points
+SLOPE = math.cos(math.radians(35))  # least cosine of the normals of two rims that agree
+PLANE = 0.15  # their maximum distance from an arc, as a share of their distance
+OBTUSE = math.cos(math.radians(150))  # the largest angle between three points with a gap between them
+ALIKE, ROUGH = math.cos(math.radians(45)), 0.2  # like SLOPE and PLANE, for a rough sheet and normals of either sign
+# Share of the 20 nearest neighbours on a rough sheet with a point, averaged over the point and these. At gaps of over
+# 3 spacings with rims that do not agree, it is below 0.45 at 90% of the points of a tree or shrub.
 ORDER = 0.45
-# Shares of the points that lie in disorder and whose discs reach too far: with fewer than the first the cloud is in
-# order, and they are surface; with more than the second no place is. Meshes, range scans: to 0.001, trees: 0.02 to 0.3.
+# Shares of points in disorder whose discs reach too far. Below SOME these points are treated as surface; above MUCH all
+# of the cloud is treated as disorder. Meshes and range scans: up to 0.001, trees: 0.02 to 0.3.
 SOME, MUCH = 0.01, 0.03
-MIXED = 2  # points that are drawn otherwise and lie in a disc: so many are disorder
-COMMON = 0.98  # share of the points whose spacings limit those of the others: a few points far off have no wide discs
+MIXED = 2  # a disc that covers this many scattered points is in disorder
+COMMON = 0.98  # quantile of the spacings that limits all: a few remote points do not get wide discs
 PIECE = 1 << 18  # rows at a time
 
 Floats = NDArray[np.float32]
@@ -51,9 +51,9 @@ Around = Callable[[NDArray[Any]], NDArray[np.int32]]
 
 @inline
 def bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float]:
-    """Cosine of two normals, and how far the points lie off an arc, as a share of their distance.
+    """Return the cosine of two normals, and how far the points are off an arc, as a share of their distance.
 
-    On an arc the line between them is at right angles to the sum of their normals, of which one may have either sign.
+    On an arc the connection of two points is perpendicular to the sum of their normals; signs of normals are free.
     """
     d = sub(load3_flat(positions, 3 * j), load3_flat(positions, 3 * i))
     n, m = load3_flat(normals, 3 * i), load3_flat(normals, 3 * j)
@@ -64,14 +64,14 @@ def bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float
 
 @inline
 def _agree(positions: Array, normals: Array, i: int, j: int) -> bool:
-    """Whether two rims of a gap agree in plane and slope."""
+    """Return whether two rims of a gap agree in plane and slope."""
     cosine, off = bend(positions, normals, i, j)
     return cosine >= SLOPE and off <= PLANE
 
 
 @inline
 def _is_obtuse(a: Vec2, b: Vec2) -> bool:
-    """Whether the origin, a and b are one beside the other along a rim: no gap lies between them, but beside them."""
+    """Return whether the origin, a and b lie side by side along a rim, so that the gap is beside, not between them."""
     dot_a, dot_b = a[0] * (a[0] - b[0]) + a[1] * (a[1] - b[1]), b[0] * (b[0] - a[0]) + b[1] * (b[1] - a[1])
     size_a, size_b = math.hypot(a[0], a[1]), math.hypot(b[0], b[1])
     side = math.hypot(a[0] - b[0], a[1] - b[1])
@@ -83,7 +83,7 @@ def _is_obtuse(a: Vec2, b: Vec2) -> bool:
 def _limit(
     work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], limits: Array, reach: Array
 ) -> int:
-    """Write how far each row's cell reaches without corners farther than its limit, unless their rims agree."""
+    """Write the reach of each row's cell without vertices beyond its limit, unless their rims agree."""
     (positions, normals), (rows, near) = borrow(cloud), borrow(neighborhood)
     limits, reach = borrow(limits), borrow(reach)
     memory = np.empty((2, CORNERS, 3))
@@ -121,7 +121,7 @@ def _limit(
 
 @kernel
 def _count(work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], out: Array) -> int:
-    """Write the share of each row's neighbours that lie on a rough sheet with it."""
+    """Write the share of each row's neighbours on a rough sheet with it."""
     (positions, normals), (rows, near), out = borrow(cloud), borrow(neighborhood), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -137,13 +137,14 @@ def _count(work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, A
 
 
 def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limits: Floats) -> Floats:
-    """Return how far cells reach without wide gaps.
+    """Return the reach of cells without wide gaps.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        All different.
-    normals : (n, 3) float32, unit
+        All distinct.
+    normals : (n, 3) float32
+        Unit normals.
     neighborhood : Neighborhood
         The points to measure, and their neighbours.
     limits : (m,) float32
@@ -152,7 +153,7 @@ def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limi
     Returns
     -------
     (m,) float32
-        Distance to the farthest corner or side that is no farther than the limit, or whose points agree; 0: none.
+        Distance to the farthest vertex or side that is within the limit or whose points agree; 0 if there is none.
     """
     reach = np.empty(len(neighborhood.rows), np.float32)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
@@ -162,15 +163,16 @@ def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limi
 
 
 def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], around: Around) -> NDArray[np.bool_]:
-    """Tell which points agree with few neighbours, as those around them do.
+    """Return which points agree with few neighbours, on average over the point and its neighbours.
 
     Parameters
     ----------
     positions : (n, 3) float32
-    normals : (n, 3) float32, unit
+    normals : (n, 3) float32
+        Unit normals.
     rows : (m,) int32
     around : callable
-        Gives the neighbours of some rows, themselves first, (m, k) int32.
+        Returns rows and their neighbours, (m, k) int32.
 
     Returns
     -------
@@ -188,17 +190,17 @@ def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], a
 
 
 class Limits(NamedTuple):
-    """What limits the discs of n points.
+    """Limits of the discs of n points.
 
     half : (n,) float32, half of the widest gap between rims that do not agree
-    others : the points of the cloud that are drawn otherwise, or None
+    others : the scattered points of the cloud, or None
     """
 
     half: Floats
     others: NeighborTree | None
 
     def are_mixed(self, positions: Floats, reach: Floats) -> NDArray[np.bool_]:
-        """Tell which discs cover points that are drawn otherwise. positions : (m, 3), their middles; reach : (m,)"""
+        """Return which discs cover scattered points. positions : (m, 3), their centres; reach : (m,)"""
         if self.others is None or not len(positions):
             return np.zeros(len(positions), np.bool_)
         return np.asarray(self.others.query(MIXED, positions).distances[:, -1] < reach)
@@ -207,18 +209,18 @@ class Limits(NamedTuple):
 def find_limits(
     positions: Floats, near: NDArray[np.int32], others: Floats | None, statistics: CloudStatistics
 ) -> Limits:
-    """Return the widest gaps in a cloud, which has no limits if it is small.
+    """Find the widest allowed gap at each point. Small clouds have no limits.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        All different.
+        All distinct.
     near : (n, k) int32
-        Rows of their nearest neighbours, themselves first.
+        Rows of each point and its nearest neighbours.
     others : (m, 3) float32, optional
-        Points of the cloud beside these.
+        Scattered points of the same cloud.
     statistics : CloudStatistics
-        Of the cloud.
+        Of the whole cloud.
     """
     count = len(positions)
     limits = np.full(count, np.inf, np.float32)
@@ -236,7 +238,7 @@ def find_limits(
 
 
 def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
-    """Return how far a disc in disorder may reach, or a sphere, so that it covers less than 2% of a picture."""
+    """Return the largest reach of a disc in disorder, or of a sphere: it covers less than 2% of an image."""
     count = len(positions)
     share = statistics.ask(
         "reach in diagonals", lambda: max(LARGEST, 1 / math.sqrt(count)) if count > FEW else math.inf
@@ -245,7 +247,7 @@ def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
 
 
 def _eighth(positions: Floats, neighborhood: Neighborhood, others: NeighborTree | None) -> Floats:
-    """Distances of a neighborhood's points from the 8th neighbour among these and other points."""
+    """Return the distances of points from the 8th neighbour among these and other points."""
     eighth = distances(positions, neighborhood, NEAREST)
     if others is None:
         return eighth

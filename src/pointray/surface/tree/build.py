@@ -97,18 +97,18 @@ def build_tree(
     whole : Whole, optional
         Of what the splats are a part: groups of 256, in order.
     """
-    say = progress or (lambda share: None)
+    report = progress or (lambda share: None)
     n = len(splats.radii)
     order = np.arange(n, dtype=np.int32) if in_order else kd_order(splats.positions, threads)
-    say(0.3)
+    report(0.3)
     blocks, bounds = make_blocks(splats.positions, splats.normals, splats.radii, order, threads)
-    say(0.4)
+    report(0.4)
     step = longest_step(settings.samples)
     if whole is None:
         top = cut_top(groups_of(blocks, bounds, threads), step)
         whole = Whole(top, bounds_of(splats), reference_of(splats.radii))
     cells = build_cells(blocks, whole.top, settings.leaf_width, step, threads)
-    say(0.7)
+    report(0.7)
 
     nodes = np.flatnonzero(cells.children[:, 0] < 0).astype(np.int32)
     leaves = np.zeros(len(nodes) * LEAF, np.float32)
@@ -119,7 +119,7 @@ def build_tree(
     out = nodes, leaves, patches, tight
     run(fill_leaves, -(-len(nodes) // 64), cells, blocks, marks, chosen, out, threads=threads)
     full = tight[:, 0] <= tight[:, 3]
-    say(0.9)
+    report(0.9)
 
     counts = np.where(full, -(-np.diff(cells.spans[nodes], axis=1)[:, 0] // 16), 0)
     spans = np.empty((len(nodes), 2), np.int32)
@@ -142,7 +142,7 @@ def build_tree(
     head[SURFACE], head[REFINE], head[TRIM] = number_of(SURFACES, settings.surface), settings.refine, settings.trim
     head[OVERHANG] = settings.overhang
     head[LONGEST] = leaves.reshape(-1, LEAF)[:, STEP].max(initial=0.0)
-    say(1.0)
+    report(1.0)
     return Tree(
         head,
         wide_boxes[: wide * NODE].copy(),
