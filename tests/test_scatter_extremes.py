@@ -9,7 +9,7 @@ from pointray.cli import execute
 
 UP = np.array([0.0, 0.0, 1.0])
 ONE_PLACE, NOTHING = "no radius can be chosen", "none of the points"
-ADVICE = {ONE_PLACE: "give radii, or an attribute radius", NOTHING: "choose spheres"}
+ADVICE = {ONE_PLACE: "give radii or an attribute radius", NOTHING: "choose spheres"}
 CLOUDS = {
     "one": np.array([[1.0, 2, 3]]),
     "two": np.array([[0.0, 0, 0], [1, 0, 0]]),

@@ -157,8 +157,8 @@ def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limi
     """
     reach = np.empty(len(neighborhood.rows), np.float32)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
-    asked = np.ascontiguousarray(neighborhood.rows, np.int32), np.ascontiguousarray(neighborhood.near)
-    run(_limit, -(-len(reach) // CHUNK), flat, asked, np.ascontiguousarray(limits), reach)
+    queried = np.ascontiguousarray(neighborhood.rows, np.int32), np.ascontiguousarray(neighborhood.near)
+    run(_limit, -(-len(reach) // CHUNK), flat, queried, np.ascontiguousarray(limits), reach)
     return reach
 
 
@@ -183,8 +183,8 @@ def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], a
     for start in range(0, len(rows), PIECE):
         part = slice(start, start + PIECE)
         some, which = np.unique(around(rows[part]), return_inverse=True)
-        asked, shares = np.asarray(some, np.int32), np.empty(len(some), np.float32)
-        run(_count, -(-len(some) // CHUNK), flat, (asked, np.ascontiguousarray(around(asked))), shares)
+        queried, shares = np.asarray(some, np.int32), np.empty(len(some), np.float32)
+        run(_count, -(-len(some) // CHUNK), flat, (queried, np.ascontiguousarray(around(queried))), shares)
         out[part] = shares[which.reshape(len(rows[part]), -1)].mean(axis=1) < ORDER
     return out
 

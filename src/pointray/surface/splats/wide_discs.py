@@ -107,9 +107,9 @@ def _find_supporters(positions: Floats, normals: Floats, reach: Floats, rows: Ro
         least = NOTICE * typical * np.float32(2.0) ** np.float32(octave)
         wide = np.flatnonzero(reach >= ALIKE * least)
         others = wide[distinct(positions[wide], float(CELL * least))[0]]
-        asked = np.flatnonzero(octaves == octave)
-        for start in range(0, len(asked), CHUNK):
-            some = asked[start : start + CHUNK]
+        queried = np.flatnonzero(octaves == octave)
+        for start in range(0, len(queried), CHUNK):
+            some = queried[start : start + CHUNK]
             here = rows[some]
             distances, found = neighbors(positions[others], AROUND, positions[here])
             found = others[found].astype(np.int32)
