@@ -27,7 +27,7 @@ from ..surface.splats.scattered.spheres import Drawing, check_drawing, check_mas
 from ..surface.tree.build import Splats, build_tree
 from ..surface.tree.scattered import scattered_of, scattered_rows, with_scattered
 from ..surface.tree.settings import LOOSE_TRIM, check_settings, settings_of
-from ..surface.tree.stored import longest_leaf, reach_of, stored_splats
+from ..surface.tree.stored import find_surface_bounds, longest_leaf, stored_splats
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
 from .residency import Key, OnDisk, ResidencyCache, Source
@@ -455,7 +455,7 @@ class Model(OnDisk):
             return np.stack([each[:, 0].min(axis=0), each[:, 1].max(axis=0)])
         if self.told_reach is not None:
             return np.array(self.told_reach)
-        reach = reach_of(self.tree)
+        reach = find_surface_bounds(self.tree)
         if reach is None:  # no surface: a box without size
             return np.repeat(self._bounds[:1] - self.points.origin, 2, axis=0)
         return reach

@@ -21,7 +21,7 @@ from ...surface.splats.scattered.spheres import Drawing
 from ...surface.tree.build import Splats
 from ...surface.tree.scattered import with_scattered
 from ...surface.tree.settings import check_settings
-from ...surface.tree.stored import reach_of
+from ...surface.tree.stored import find_surface_bounds
 from ..model import LEVEL_SAMPLES
 from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part
@@ -129,7 +129,7 @@ def _write_loose_level(
     settings = {**check_settings("paper", LEVEL_SAMPLES, 1, "auto")._asdict(), "smooth": 0.0, **drawing.facts}
     level = Level(settings, points, splats.radii, points.bounds, tree)
     file = write_level(named.folder, named.id, loose.first_part + part, before.levels + 1, level)
-    reach = reach_of(tree)
+    reach = find_surface_bounds(tree)
     assert reach is not None
     file = file._replace(spacing=spacing_of(splats.radii, drawing))
     return {"file": file._asdict(), "reach": reach.tolist()}

@@ -74,7 +74,7 @@ def find_sheets(
     Returns
     -------
     (n,) int8 or None
-        1 for splats on sheets close together, else 0. None if there are none.
+        1 for splats on sheets close together, else 0. None if no splat is.
     """
     found = np.zeros(len(positions), np.int8)
     flat = [np.ascontiguousarray(array).reshape(-1) for array in (positions, normals, radii)]
