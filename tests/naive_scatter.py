@@ -54,7 +54,7 @@ def within(
     return (bend < limits.bend) & (thickness < limits.thickness * h) & (off < limits.offset * h)
 
 
-def follow_around(
+def absorb_islands(
     surface: np.ndarray, alone: np.ndarray, near: np.ndarray, limits: tuple[float, int, int]
 ) -> np.ndarray:
     """Marks after small groups have followed what closes them in; limits : CLOSED_IN, SPECKS, ISLANDS."""
@@ -134,7 +134,7 @@ def scattered(positions: np.ndarray) -> np.ndarray:
         surface = np.where(votes >= keep, True, np.where(votes < lose, False, surface)) & ~alone
     close = off[1] < scatter.MOSTLY_OFF * rules.SPACING * fine[0].reach
     surface |= close & ~alone & (share(surface) >= scatter.MOSTLY)
-    surface = follow_around(surface, alone, near[:, 1:9], ISLAND_LIMITS) > 0
+    surface = absorb_islands(surface, alone, near[:, 1:9], ISLAND_LIMITS) > 0
     out = np.empty(len(x), np.bool_)
     out[order] = ~surface
     return out

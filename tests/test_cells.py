@@ -87,10 +87,10 @@ def cloud(name):
     return CLOUDS[name]()
 
 
-def table_and_hood(name, count=NEIGHBORS + 1):
+def table_and_neighborhood(name, count=NEIGHBORS + 1):
     x, n = cloud(name)
-    hood = Neighborhood(np.arange(len(x), dtype=np.int32), neighbors(x, count).indices)
-    return x, n, hood, measure_closed(pack_table(x, n), hood)
+    neighborhood = Neighborhood(np.arange(len(x), dtype=np.int32), neighbors(x, count).indices)
+    return x, n, neighborhood, measure_closed(pack_table(x, n), neighborhood)
 
 
 # ---------------------------------------------------------------------------------------------------------- cells
@@ -99,10 +99,10 @@ def table_and_hood(name, count=NEIGHBORS + 1):
 @pytest.mark.parametrize("name", CLOUDS)
 @pytest.mark.parametrize("count", [9, 21, 41])
 def test_closed_cells_are_those_measured_one_by_one(name, count):
-    x, n, hood, found = table_and_hood(name, min(count, len(cloud(name)[0])))
-    reach, sure = measure_cells(x, n, hood)
+    x, n, neighborhood, found = table_and_neighborhood(name, min(count, len(cloud(name)[0])))
+    reach, sure = measure_cells(x, n, neighborhood)
     closed = found.state == CLOSED
-    tie = np.abs(2 * reach / distances(x, hood, -1) - 1) < 1e-5  # a vertex half as far as the last neighbour
+    tie = np.abs(2 * reach / distances(x, neighborhood, -1) - 1) < 1e-5  # a vertex half as far as the last neighbour
     assert (sure | tie)[closed].all()
     assert not (sure & ~tie)[found.state == OPEN].any()
     # Where points are close together, corners that are kept 1e-5 beyond a side may lie far along it.
@@ -112,7 +112,7 @@ def test_closed_cells_are_those_measured_one_by_one(name, count):
 
 @pytest.mark.parametrize("name", ["random", "clusters"])
 def test_closed_cells_are_those_of_a_diagram(name):
-    x, _, _, found = table_and_hood(name)
+    x, _, _, found = table_and_neighborhood(name)
     flat = x[:, :2].astype(np.float64)
     diagram = Voronoi(flat)
     rows = np.flatnonzero(found.state == CLOSED)
@@ -124,26 +124,26 @@ def test_closed_cells_are_those_of_a_diagram(name):
 def test_few_cells_are_left_to_the_slow_way():
     most_of = {"random": 0.002, "sphere": 0.002, "grid": 0.0, "wall": 0.01, "cube": 0.06, "noise": 0.25}
     for name, most in most_of.items():
-        assert (table_and_hood(name)[3].state == UNSURE).mean() <= most, name
+        assert (table_and_neighborhood(name)[3].state == UNSURE).mean() <= most, name
 
 
 @pytest.mark.parametrize("name", CLOUDS)
 def test_no_gap_is_overlooked(name):
-    x, n, hood, found = table_and_hood(name)
-    reach, sure = measure_cells(x, n, hood)
-    rows = np.flatnonzero(~sure | (reach > 1.0001 * WIDE * distances(x, hood, 8)))
-    gaps = rows[find_gaps(x, n, rows, hood.near[rows]).any(axis=1)]
+    x, n, neighborhood, found = table_and_neighborhood(name)
+    reach, sure = measure_cells(x, n, neighborhood)
+    rows = np.flatnonzero(~sure | (reach > 1.0001 * WIDE * distances(x, neighborhood, 8)))
+    gaps = rows[find_gaps(x, n, rows, neighborhood.near[rows]).any(axis=1)]
     assert found.gap[gaps].all()
 
 
 def test_gaps_are_looked_for_at_few_points():
-    assert table_and_hood("sphere")[3].gap.mean() < 0.1
+    assert table_and_neighborhood("sphere")[3].gap.mean() < 0.1
 
 
 @pytest.mark.parametrize("name", CLOUDS)
 def test_sheets_of_the_neighbours(name):
-    _, n, hood, found = table_and_hood(name)
-    cosines = np.einsum("ijk,ik->ij", n[hood.near], n)
+    _, n, neighborhood, found = table_and_neighborhood(name)
+    cosines = np.einsum("ijk,ik->ij", n[neighborhood.near], n)
     one_sheet, facing = (cosines[:, :9] > OTHER_SHEET).all(axis=1), (cosines < OPPOSED).any(axis=1)
     assert (found.one_sheet == one_sheet).mean() > 0.998
     assert not (facing & ~found.facing).any()
@@ -201,12 +201,12 @@ def test_one_direction_and_none_are_gaps():
 @pytest.mark.parametrize("name", ["random", "wall", "flipped", "few"])
 @pytest.mark.parametrize("own", [False, True])
 def test_medians_are_those_of_numpy(rng, name, own):
-    x, n, hood, found = table_and_hood(name)
+    x, n, neighborhood, found = table_and_neighborhood(name)
     values = rng.lognormal(size=len(x)).astype(np.float32)
     odd = np.flatnonzero(~found.one_sheet)
-    got = medians_around(values, n, hood.near[:, :9], Neighborhood(odd, hood.near[odd]), own)
+    got = medians_around(values, n, neighborhood.near[:, :9], Neighborhood(odd, neighborhood.near[odd]), own)
     for i in range(0, len(x), 1 + len(x) // 500):
-        near = hood.near[i, 0 if own else 1 :]
+        near = neighborhood.near[i, 0 if own else 1 :]
         same = near[n[near] @ n[i] >= OTHER_SHEET][: 9 if own else 8]
         want = np.median(values[same if len(same) >= 4 else near[: 9 if own else 8]])
         assert got[i] == pytest.approx(want, rel=1e-6)
@@ -228,18 +228,18 @@ def test_quantiles_are_exact(rng, n, share):
 @pytest.mark.parametrize("name", ["wall", "rough", "random"])
 @pytest.mark.parametrize("known", [False, True])
 def test_sheets_are_those_of_a_slow_search(name, known):
-    x, n, hood, found = table_and_hood(name)
-    radii = 1.5 * distances(x, hood, 4)
+    x, n, neighborhood, found = table_and_neighborhood(name)
+    radii = 1.5 * distances(x, neighborhood, 4)
     facing = np.flatnonzero(found.facing) if known else np.arange(len(x))
-    sheets = find_sheets(x, n, radii, hood.near, Neighborhood(facing, hood.near[facing]))
+    sheets = find_sheets(x, n, radii, neighborhood.near, Neighborhood(facing, neighborhood.near[facing]))
     want, i = np.zeros(len(x), np.int8), np.arange(len(x))
-    for j in hood.near.T:
+    for j in neighborhood.near.T:
         d = np.float64(x[j]) - x[i]
         close = np.linalg.norm(d, axis=1) < radii[i] + radii[j]
         facing = np.einsum("ij,ij->i", n[i], n[j]) < OPPOSED
         reached = close & facing & (np.abs(np.einsum("ij,ij->i", d, n[i])) < np.maximum(radii[i], radii[j]))
         want[i[reached]] = want[j[reached]] = 1
-    want |= want[hood.near[:, : BESIDE + 1]].any(axis=1)
+    want |= want[neighborhood.near[:, : BESIDE + 1]].any(axis=1)
     if name == "random":
         assert sheets is None and not want.any()
     else:

@@ -27,7 +27,7 @@ from pointray.surface.splats.scattered.spheres import ALL_SURFACE
 from pointray.surface.tree.build import build_tree
 from pointray.surface.tree.parts import splats_of
 from pointray.surface.tree.settings import check_settings
-from pointray.surface.tree.stored import reach_of, stored_splats
+from pointray.surface.tree.stored import find_surface_bounds, stored_splats
 
 SIZE = 1 << 14
 
@@ -370,7 +370,7 @@ def test_a_tree_within_a_box_has_the_surface_in_it_and_no_other(box: np.ndarray,
     whole = build_tree(splats, model.settings, in_order=True)
     shared = whole.head[:6].copy(), float(np.partition(splats.radii, len(splats.radii) // 50)[len(splats.radii) // 50])
     tree = tree_within(splats, box, shared, model.settings)
-    reach = reach_of(tree)
+    reach = find_surface_bounds(tree)
     if box[0] == 5:
         assert reach is None
         return

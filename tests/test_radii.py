@@ -55,8 +55,8 @@ def square(rng, n):
 def test_cells_are_those_of_a_brute_force_search(rng):
     """In a plane, a cell's farthest vertex is the centre of an empty circle through the point and two others."""
     x = square(rng, 60)
-    hood = Neighborhood(np.arange(60, dtype=np.int32), neighbors(x, 60).indices)
-    farthest, _ = measure_cells(x, np.repeat(UP, 60, axis=0), hood)
+    neighborhood = Neighborhood(np.arange(60, dtype=np.int32), neighbors(x, 60).indices)
+    farthest, _ = measure_cells(x, np.repeat(UP, 60, axis=0), neighborhood)
     flat = x[:, :2].astype(np.float64)
     one, other = np.triu_indices(60, 1)
     for i in range(0, 60, 7):
@@ -212,7 +212,7 @@ def test_few_points_reach_each_other():
 def test_points_at_one_place_need_radii():
     for count in (1, 9):
         x = np.ones((count, 3))
-        with pytest.raises(ValueError, match="one place.*give radii"):
+        with pytest.raises(ValueError, match="same position.*give radii"):
             pr.Model(pr.Points(x, 0 * x + [0, 0, 1]))
 
 
@@ -270,14 +270,14 @@ def test_what_is_no_radius(radii, words):
 
 @pytest.mark.parametrize("size", [1e-30, 1e30])
 def test_radii_beyond_float32_are_refused(size):
-    with pytest.raises(ValueError, match="radii reach from"):
+    with pytest.raises(ValueError, match="radii range from"):
         pr.Model(pr.procedural("sphere", 1000), np.full(1000, size))
 
 
 def test_a_crowd_at_one_place_is_thinned():
     points = pr.procedural("sphere", 2000)
     x = np.concatenate([np.repeat(points.positions[:1], 200_000, axis=0), points.positions])
-    with pytest.warns(UserWarning, match="199,985 points lie where 16 others do"):
+    with pytest.warns(UserWarning, match="199,985 points left out: 16 others have the same position"):
         model = pr.Model(pr.Points(x, x))
     assert (model.tree.order >= 0).sum() == 2015
 

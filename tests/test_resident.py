@@ -238,7 +238,7 @@ def test_levels_are_not_trusted(folder: Path) -> None:
     assert "another origin" in written(moved)
     damaged = copy.copy(level)
     damaged.tree = damaged.tree._replace(refs=damaged.tree.refs + 1_000_000)
-    assert "a reference is no block" in written(damaged)
+    assert "a reference is not a block" in written(damaged)
     assert written(level) == ""
     told_otherwise(folder, longest=16 * 1000)
     with pytest.raises(ValueError, match="longest leaf"):

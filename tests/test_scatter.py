@@ -11,7 +11,7 @@ from conftest import shared_model
 from pointray.cloud.preparation import placed_for_model
 from pointray.surface.splats.local_planes import columns_of, disagreement, fit_planes
 from pointray.surface.splats.scattered.classification import FEW, find_scattered, find_scattered_placed
-from pointray.surface.splats.scattered.islands import CLOSED_IN, ISLANDS, SPECKS, follow_around
+from pointray.surface.splats.scattered.islands import CLOSED_IN, ISLANDS, SPECKS, absorb_islands
 from scatter_scanners import scan
 from scatter_scenes import CLASSES, CROWN, GROUND, ROOF, STRAY, WALL, make_scene
 
@@ -149,8 +149,8 @@ def test_small_groups_follow_what_closes_them_in(rng):
         patch = np.argsort(((x - x[middle]) ** 2).sum(axis=1))[:size]
         surface[patch] = 1 - surface[patch]
     alone = (rng.random(len(x)) < 0.02).astype(np.float32) * (1 - surface)
-    expected = naive_scatter.follow_around(surface, alone, near[:, 1:9], (CLOSED_IN, SPECKS, ISLANDS))
-    found = follow_around(surface.copy(), alone, near)
+    expected = naive_scatter.absorb_islands(surface, alone, near[:, 1:9], (CLOSED_IN, SPECKS, ISLANDS))
+    found = absorb_islands(surface.copy(), alone, near)
     assert (found == expected).all() and 0 < (found != surface).sum() < len(x)
 
 

@@ -9,7 +9,7 @@ from pointray.cli import execute
 
 UP = np.array([0.0, 0.0, 1.0])
 ONE_PLACE, NOTHING = "no radius can be chosen", "none of the points"
-ADVICE = {ONE_PLACE: "give radii, or an attribute radius", NOTHING: "choose spheres"}
+ADVICE = {ONE_PLACE: "give radii or an attribute radius", NOTHING: "choose spheres"}
 CLOUDS = {
     "one": np.array([[1.0, 2, 3]]),
     "two": np.array([[0.0, 0, 0], [1, 0, 0]]),
@@ -110,7 +110,7 @@ def scene_file(folder, cloud, more):
             ("two", f"scatter_size = {value}", "scene.toml:3: models.a.scatter_size: must ")
             for value in ("-1.0", "0", "nan", "inf", '"large"', "true", "[1.0]")
         ),
-        ("two", 'scatter = "spheres"\nscatter_size = 1e17', "scene.toml:1: models.a: radii reach from 3.5e+16"),
+        ("two", 'scatter = "spheres"\nscatter_size = 1e17', "scene.toml:1: models.a: radii range from 3.5e+16"),
     ],
 )
 def test_scene_files(tmp_path, capsys, cloud, more, told):

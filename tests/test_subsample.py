@@ -242,7 +242,7 @@ SPHERE = pr.Points(sphere_points(2000), sphere_points(2000))
         ({"tolerance": 100.0}, "diagonal"),
         ({"count": 0}, "whole number from 1"),
         ({"count": 2.5}, "whole number"),
-        ({"count": 2001}, "2,000 different places"),
+        ({"count": 2001}, "2,000 different positions"),
     ],
 )
 def test_options_that_make_no_sense(options, words):
@@ -251,7 +251,7 @@ def test_options_that_make_no_sense(options, words):
 
 
 def test_one_place_only():
-    with pytest.raises(ValueError, match="one place"):
+    with pytest.raises(ValueError, match="same position"):
         pr.subsample(pr.Points(np.ones((9, 3)), np.ones((9, 3))), 0.1)
 
 

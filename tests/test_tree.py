@@ -201,7 +201,7 @@ def visit_twice(tree):
 
 CORRUPTIONS = {
     shift_box: "does not enclose",
-    forget_blocks: "do not know every splat",
+    forget_blocks: "do not list every splat",
     move_slabs: "outside of the slab",
     thin_slabs: "outside of the slab",
     thin_boxes: "outside of the box",
@@ -214,7 +214,7 @@ CORRUPTIONS = {
     empty_a_leaf: "in an empty leaf",
     visit_twice: "exactly once",
     double_row: "two slots",
-    point_outside: "no block",
+    point_outside: "not a block",
 }
 
 

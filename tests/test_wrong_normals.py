@@ -195,7 +195,7 @@ def test_right_ones_are_kept_and_wrong_ones_where_that_is_chosen():
 def test_a_model_keeps_what_points_have():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".* lone points?")  # some lie at the corners
+        warnings.filterwarnings("ignore", ".* isolated points?")  # some lie at the corners
         assert pr.check_normals(pr.Model(ripple(2.2, 3_000)).points).wrong
 
 

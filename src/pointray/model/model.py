@@ -22,12 +22,12 @@ from ..surface.splats.build import Sizes, SplatBuild, check_size, make_splats
 from ..surface.splats.levels import LEAST_GAIN, LEAST_POINTS, SUPPORT, coarsen
 from ..surface.splats.radii import check_radii
 from ..surface.splats.scattered.classification import find_scattered_placed, has_few_places
-from ..surface.splats.scattered.levels import Loose, coarsen_scattered, joined, spacing_of
+from ..surface.splats.scattered.levels import ScatteredPoints, coarsen_scattered, joined, spacing_of
 from ..surface.splats.scattered.spheres import Drawing, check_drawing, check_mask, make_scattered
 from ..surface.tree.build import Splats, build_tree
 from ..surface.tree.scattered import scattered_of, scattered_rows, with_scattered
 from ..surface.tree.settings import LOOSE_TRIM, check_settings, settings_of
-from ..surface.tree.stored import longest_leaf, reach_of, stored_splats
+from ..surface.tree.stored import find_surface_bounds, longest_leaf, stored_splats
 from .model_file import Level, Place, place_of, read_model, write_model
 from .model_folder import INDEX, read_folder
 from .residency import Key, OnDisk, ResidencyCache, Source
@@ -348,9 +348,9 @@ class Model(OnDisk):
         cloud = Points.about(points.origin, positions, normals, colors, attributes, points.survey)
         radii, levels, some = self.radii[rows], [], self.scattered[rows]
         fine: Points | None = cloud
-        loose: Loose | None = None
+        loose: ScatteredPoints | None = None
         if some.any():
-            loose = Loose(cloud.select(some), radii[some])
+            loose = ScatteredPoints(cloud.select(some), radii[some])
             fine = None if some.all() else cloud.select(~some)
             radii, noise = radii[~some], None if noise is None else noise[~some]
         spacing, count, limits = self.spacing if fine is None else float(np.median(radii)), len(rows), radii
@@ -374,7 +374,7 @@ class Model(OnDisk):
         cls,
         placed: Placed | None,
         within: tuple[float, NDArray[np.float32]],
-        loose: Loose | None = None,
+        loose: ScatteredPoints | None = None,
         drawing: Drawing = Drawing(),  # noqa: B008  # never changes
     ) -> Model:
         """A level of detail. Its supports have limits: isolated points stay about as small as they were."""
@@ -455,7 +455,7 @@ class Model(OnDisk):
             return np.stack([each[:, 0].min(axis=0), each[:, 1].max(axis=0)])
         if self.told_reach is not None:
             return np.array(self.told_reach)
-        reach = reach_of(self.tree)
+        reach = find_surface_bounds(self.tree)
         if reach is None:  # no surface: a box without size
             return np.repeat(self._bounds[:1] - self.points.origin, 2, axis=0)
         return reach

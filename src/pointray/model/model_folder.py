@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ..base.atomic_write import replacing
 from ..cloud.points import Points
 from ..engine.kernels.tree import BOUNDS, HEAD, LONGEST, SCATTER, Tree, no_tree
-from ..surface.tree.stored import longest_leaf, radii_of, reach_of
+from ..surface.tree.stored import find_surface_bounds, longest_leaf, radii_of
 from .array_file import Kind, Pieces, read_arrays, take_array, write_arrays
 from .model_file import (
     LAYOUT,
@@ -166,7 +166,7 @@ def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[
     named = {f"tree.{name}": array for name, array in zip(Tree._fields, tree, strict=True)}
     kind = PART_KIND if tree.head[SCATTER] else PART_KIND._replace(version=SURFACE_ONLY)
     write_arrays(path, kind, {"folder": id, "part": number}, named, lambda share: None)
-    reach = reach_of(tree)
+    reach = find_surface_bounds(tree)
     box = None if reach is None else reach.tolist()
     spacing = float(np.median(radii_of(tree))) if box else 0.0
     return PartFile(path.name, points, bounds.tolist(), box, spacing, longest_leaf(tree), *digest_of(path), [])

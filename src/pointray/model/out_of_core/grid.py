@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...surface.splats.groups import Groups, cell_numbers, groups_in_cells
-from ...surface.splats.scattered.levels import without_sides
+from ...surface.splats.scattered.levels import uniform_normals
 from .layer import NORMALS, POSITIONS, Layer
 from .sorted_sets import among, distinct_numbers
 
@@ -42,7 +42,7 @@ def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tu
     own, (cell, low) = layer.own(part), (grid.cell, np.array(grid.low, np.float32))
 
     def facing(rows: slice | Rows, count: int) -> Floats:
-        return layer.read(NORMALS, rows) if sides else without_sides(count)
+        return layer.read(NORMALS, rows) if sides else uniform_normals(count)
 
     def numbers(rows: slice) -> Rows:
         positions = layer.read(POSITIONS, rows)

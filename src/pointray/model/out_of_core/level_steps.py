@@ -24,7 +24,7 @@ from ...surface.splats.support import Support, find_support
 from ...surface.tree.build import Splats, bounds_of
 from ...surface.tree.leaves import longest_step
 from ...surface.tree.settings import TreeSettings
-from ...surface.tree.stored import reach_of
+from ...surface.tree.stored import find_surface_bounds
 from ..model_file import Level
 from ..model_folder import write_level
 from .arrange import boxes_of
@@ -167,7 +167,7 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
         borders=True,
         sheets=True,
         within=(SUPPORT * cell, layer.read(LIMITS, rows)[order]),
-        usual=usual,
+        statistics=usual,
     )
     sheets = None if found.sheets is None else found.sheets[back]
     borders = None if found.borders is None else found.borders[back]
@@ -205,7 +205,7 @@ def tree_part(
         None if noise is None else np.minimum(noise, radii),
     )
     tree = with_margins(tree_within(splats, cells[part], (whole.supports, whole.reference), settings), cells[part])
-    reach = reach_of(tree)
+    reach = find_surface_bounds(tree)
     if reach is None:
         return {"file": None}
     used, order = np.unique(tree.order, return_inverse=True)

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from ...base.disk_columns import Columns
 from ...cloud.points import Points
 from ...engine.kernels.tree import BOUNDS, Tree, no_tree
-from ...surface.splats.scattered.levels import Loose, coarsen_scattered, spacing_of
+from ...surface.splats.scattered.levels import ScatteredPoints, coarsen_scattered, spacing_of
 from ...surface.splats.scattered.spheres import Drawing
 from ...surface.tree.build import Splats
 from ...surface.tree.scattered import with_scattered
 from ...surface.tree.settings import check_settings
-from ...surface.tree.stored import reach_of
+from ...surface.tree.stored import find_surface_bounds
 from ..model import LEVEL_SAMPLES
 from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part
@@ -101,7 +101,7 @@ def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[
     names = [name for name in fine.sources if name.startswith(ATTRIBUTE)]
     attributes = {name: fine.read(name, rows) for name in names}
     columns = fine.read(POSITIONS, rows), fine.read(NORMALS, rows), fine.find(COLORS, rows), attributes
-    some = Loose(Points.about(np.zeros(3), *columns), fine.read(RADII, rows))
+    some = ScatteredPoints(Points.about(np.zeros(3), *columns), fine.read(RADII, rows))
     found = coarsen_scattered(some, grid.cell, groups, categories)
     points = found.points
     named: dict[str, NDArray[Any] | None] = {POSITIONS: points.positions, NORMALS: points.normals, RADII: found.radii}
@@ -124,12 +124,12 @@ def _write_loose_level(
     attributes = {name: layer.read(f"{ATTRIBUTE}{k}", own) for k, name in enumerate(named.attributes)}
     columns = splats.positions, splats.normals, splats.colors, attributes, named.survey
     points = Points.about(named.origin, *columns)
-    drawing = Loose(points, splats.radii).drawing(loose.drawing.scatter, cell)
+    drawing = ScatteredPoints(points, splats.radii).drawing(loose.drawing.scatter, cell)
     tree = _tree_of(splats, drawing)
     settings = {**check_settings("paper", LEVEL_SAMPLES, 1, "auto")._asdict(), "smooth": 0.0, **drawing.facts}
     level = Level(settings, points, splats.radii, points.bounds, tree)
     file = write_level(named.folder, named.id, loose.first_part + part, before.levels + 1, level)
-    reach = reach_of(tree)
+    reach = find_surface_bounds(tree)
     assert reach is not None
     file = file._replace(spacing=spacing_of(splats.radii, drawing))
     return {"file": file._asdict(), "reach": reach.tolist()}

@@ -221,6 +221,6 @@ def support(
         1.0,
         borders=automatic,
         sheets=automatic and settings.surface != "paper",
-        usual=usual,
+        statistics=usual,
         noise=local.read(cloud.columns[NOISE]),
     )

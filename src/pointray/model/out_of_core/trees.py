@@ -19,7 +19,7 @@ from ...cloud.points import Points
 from ...cloud.statistics import quantize
 from ...engine.kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
 from ...surface.tree.blocks import PER_BLOCK, make_blocks
-from ...surface.tree.build import Splats, Whole, bounds_of, build_tree
+from ...surface.tree.build import Splats, WholeModel, bounds_of, build_tree
 from ...surface.tree.leaves import longest_step
 from ...surface.tree.parts import without_unused
 from ...surface.tree.settings import TreeSettings
@@ -117,7 +117,7 @@ def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tr
     stretch = slice(part * plan.size, min((part + 1) * plan.size, count))
     top, needed = top_of_part(plan.groups, step, range(stretch.start // GROUP, -(-stretch.stop // GROUP)))
     rows = (needed[:, None] * GROUP + np.arange(GROUP)).reshape(-1)
-    whole = Whole(top, plan.supports, plan.reference)
+    whole = WholeModel(top, plan.supports, plan.reference)
     return without_unused(build_tree(part_of(splats, rows[rows < count]), settings, in_order=True, whole=whole))
 
 
@@ -135,7 +135,7 @@ def tree_within(
     """
     groups = groups_of(*make_blocks(*splats[:3], np.arange(len(splats.radii), dtype=np.int32)))
     top = cut_top(groups, longest_step(settings.samples), within=box)
-    return without_unused(build_tree(splats, settings, in_order=True, whole=Whole(top, *shared)))
+    return without_unused(build_tree(splats, settings, in_order=True, whole=WholeModel(top, *shared)))
 
 
 def with_margins(tree: Tree, box: NDArray[np.float64]) -> Tree:

@@ -1,16 +1,16 @@
-"""Points -> the support of each: radius, open border, close sheets. Also fewer points for the same surface.
+"""Support of splats (radius, open border, opposite sheets) from points; subsampling; levels of detail.
 
-support : all of it, from one search for neighbours (`find_support`, which a model calls)
-radii, voronoi, strays : the smallest radii that cover the surface; its cells; discs that would be too wide
-medians : what is usual around each point
-borders, sheets : where the surface ends; where two of it are close together
-levels : levels of detail
-scatter : which points are on no surface; its steps: local_planes, scatter_rules
-scattered, scattered_levels : radii of points that are drawn as spheres; their levels of detail
-subsample : fewer points; its steps: grow (candidates), cover (the choice), subset (the fit), deviation (the error)
-heap : what grow and cover sort with
+support : radii, borders and sheets from one neighbour search (`find_support`, which `Model` calls)
+radii, voronoi, cells, closed : the smallest radii that cover the surface, from Voronoi cells
+wide_discs, gaps : limits of discs that would be too wide
+medians : medians over the neighbours of each point
+borders, fringe, sheets : open borders; frayed borders of noisy scans; sheets close together
+levels, groups, averages : levels of detail
+scattered : points that lie on no surface; local_planes : the plane fits that find them
+subsample : fewer points; its steps: grow (candidates), cover (selection), subset (fit), deviation (error)
+priority_queue : binary heap that grow and cover use
 
-Begin with support, then radii. The `Splats` that a tree is built of is that of `tree/build.py`, not that of grow.
+Start with support, then radii. Trees are built from `Splats` of `tree/build.py`, not from those of grow.
 """
 
 from .radii import check_radii, choose_radii

@@ -1,4 +1,4 @@
-"""One value for several points: the mean of an attribute; of bools, labels and other categories the commonest."""
+"""Averages over groups of points: means of attributes; for bools, labels and other categories the most common value."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...cloud.points import FEWEST_ROWS, MOST_LABELS, categories_of, is_label
 
-KNOWN = 0.5  # share of the values that must be finite, or the mean is NaN
+KNOWN = 0.5  # share of a group's values that must be finite; otherwise the mean is NaN
 
 
 def attribute_averages(
@@ -20,18 +20,18 @@ def attribute_averages(
     least: float = KNOWN,
     categories: Collection[str] | None = None,
 ) -> dict[str, NDArray[Any]]:
-    """The attributes of groups of points, with the dtypes that they have; whole numbers' means are rounded.
+    """Average attributes over groups of points. Dtypes are kept; means of integers are rounded.
 
     Parameters
     ----------
     order : (m,) array of ints
         Rows of the points, group by group.
     starts : (g,) array of ints
-        Where groups begin in `order`. None is empty.
+        Start of each group in `order`. No group is empty.
     least : float
-        Share of a group's values that must be finite; where fewer are, the mean is NaN.
+        Share of a group's values that must be finite; otherwise the mean is NaN.
     categories : collection of str, optional
-        The attributes that have categories. None: as the values tell.
+        Names of the categorical attributes. Default: detected from the values.
     """
     averages = {}
     for name, values in attributes.items():
@@ -41,7 +41,7 @@ def attribute_averages(
 
 
 def have_categories(name: str, chunks: Iterable[NDArray[Any]]) -> bool:
-    """`has_categories`, of values that come in chunks, which need not fit into memory."""
+    """Like `has_categories`, for values that come in chunks, which need not fit into memory together."""
     rows, found = 0, None
     for chunk in chunks:
         if chunk.ndim != 1 or (chunk.dtype.kind != "f" and is_label(name)):
@@ -54,7 +54,7 @@ def have_categories(name: str, chunks: Iterable[NDArray[Any]]) -> bool:
 
 
 def has_categories(name: str, values: NDArray[Any]) -> bool:
-    """Whether a mean of values would be none of them: the mean of classes, say, or of numbers of stations."""
+    """Return whether values are categorical, so that their mean is meaningless: classes, or station numbers."""
     if values.ndim == 1 and values.dtype.kind != "f" and is_label(name):
         return True
     return categories_of(values, name) is not None
@@ -80,13 +80,13 @@ def _means(
 
 
 def _between(mean: NDArray[np.float64], low: NDArray[Any], high: NDArray[Any]) -> NDArray[Any]:
-    """Means, with the dtype of the least and greatest values: rounding takes none beyond these."""
+    """Round means to the dtype of their limits `low` and `high`, and clip them to these."""
     inside = (mean > low) & (mean < high)
     return np.where(inside, np.where(inside, mean, 0).astype(low.dtype), np.where(mean <= low, low, high))
 
 
 def commonest(rows: NDArray[Any], starts: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """The commonest value of each group of rows, (n,); of equally common ones the least."""
+    """Return the most common value of each group of rows, (g,); the least of equally common ones."""
     groups = np.zeros(len(rows), np.int64)
     groups[starts[1:]] = 1
     groups = np.cumsum(groups)

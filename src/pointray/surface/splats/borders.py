@@ -1,9 +1,8 @@
-"""Which splats lie on an open border, and where it faces: their neighbours leave a wide gap in the tangent plane.
+"""Splats on open borders and their outward direction: the neighbours leave a wide gap in the tangent plane.
 
-A neighbour closes the direction it lies in. Where the surface is folded sharply (a crest, a crevice), it goes on in the
-other sheet, which may lie on the same side as the first. So a neighbour whose normal differs much also closes the
-direction of the fold: the direction that its normal leans to if it lies below the tangent plane, the opposite direction
-if it lies above.
+A neighbour closes the direction in which it lies. At a sharp fold (a crest, a crevice) the surface continues in the
+other sheet, which may lie on the same side as the first. So a neighbour with a very different normal also closes the
+direction of the fold: the direction in which its normal leans if it lies below the tangent plane, else the opposite.
 """
 
 from __future__ import annotations
@@ -17,23 +16,23 @@ from numpy.typing import NDArray
 from ...engine.jit import Array, borrow, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ...engine.kernels.vec import Vec3, tangents
 
-GAP = math.radians(115)  # a straight border leaves 180 degrees; one in 75 sets of 20 random directions leaves this
-TURNED = 1.2  # the least that `_turn` grows along an angle of GAP is 1.22
-FOLD = math.cos(math.radians(45))  # cosine of two normals between which the surface counts as folded
-COMPANY = 2  # a border is a curve: at least this many of a splat's neighbours lie on it too
+GAP = math.radians(115)  # a straight border leaves 180 degrees; of sets of 20 random directions, 1 in 75 leaves this
+TURNED = 1.2  # `_turn` increases by at least 1.22 over an angle of GAP
+FOLD = math.cos(math.radians(45))  # cosine of two normals below which the surface counts as folded
+COMPANY = 2  # a border is a curve: at least this many neighbours of a border splat are on it too
 CHUNK = 2048
 
 
 @inline
 def _turn(x: float, y: float) -> float:
-    """A number from -2 to 2 that grows with the angle of (x, y), which is not (0, 0), without a call of atan2."""
+    """Return a number from -2 to 2 that increases with the angle of (x, y), which is not (0, 0); faster than atan2."""
     share = y / (abs(x) + abs(y))
     return share if x >= 0.0 else math.copysign(2.0, y) - share
 
 
 @inline
 def insert(found: Array, count: int, x: float, y: float) -> int:
-    """Insert a direction into the first rows of `found`, ascending in turn; rows are turn, x, y."""
+    """Insert a direction into the first `count` rows of `found`, sorted by turn; rows are turn, x, y."""
     if x == 0.0 and y == 0.0:
         return count
     turn, k = _turn(x, y), count
@@ -49,7 +48,7 @@ def insert(found: Array, count: int, x: float, y: float) -> int:
 def _closed_directions(
     positions: Array, normals: Array, i: int, near: Array, axes: tuple[Vec3, Vec3], found: Array
 ) -> int:
-    """Directions in the tangent plane of splat i that its neighbours close; returns their number."""
+    """Write the tangent directions that the neighbours of splat i close; return their number."""
     u, v = axes
     count = 0
     for j in near:
@@ -71,7 +70,7 @@ def _closed_directions(
 
 @inline
 def widest(found: Array, count: int) -> tuple[float, float]:
-    """The widest gap between directions that is wider than GAP, as an angle, else 0; and its middle's angle."""
+    """Return the widest gap between directions as an angle, 0 if it is below GAP, and the angle of its middle."""
     gap, middle = (2.0 * math.pi, 0.0) if count == 0 else (0.0, 0.0)
     for k in range(count):
         before = k - 1 if k > 0 else count - 1
@@ -86,7 +85,7 @@ def widest(found: Array, count: int) -> tuple[float, float]:
 
 @kernel
 def _find_gaps(work: Array, positions: Array, normals: Array, rows: Array, near: Array, out: Array) -> int:
-    """Write to out the direction of the middle of each splat's widest gap, or zero if it is no wider than GAP."""
+    """Write the direction of the middle of each splat's widest gap, or zero if it is no wider than GAP."""
     positions, normals, near, out = borrow(positions), borrow(normals), borrow(near), borrow(out)
     memory = np.empty((2 * near.shape[1], 3))
     found = borrow(memory)
@@ -110,20 +109,22 @@ def find_gaps(
     rows: NDArray[np.int64],
     near: NDArray[np.integer[Any]],
 ) -> NDArray[np.float32]:
-    """The direction out of the surface for points on what may be an open border, else zero.
+    """Find the outward direction of points on a possible open border.
 
     Parameters
     ----------
     positions : (n, 3) float32
-    normals : (n, 3) float32, unit
+    normals : (n, 3) float32
+        Unit normals.
     rows : (m,) int64
         The points to examine.
     near : (m, k) int
-        Rows of their neighbours, themselves first.
+        Rows of these points and their neighbours.
 
     Returns
     -------
-    (m, 3) float32, unit or zero
+    (m, 3) float32
+        Unit direction, or zero where there is no gap.
     """
     out = np.zeros((len(rows), 3), np.float32)
     arrays = [np.ascontiguousarray(array) for array in (positions, normals, rows, near)]
@@ -132,8 +133,8 @@ def find_gaps(
 
 
 def lone_borders(found: NDArray[np.bool_], near: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-    """Which borders have too few neighbours that lie on one too: a single gap occurs by chance.
+    """Return which border points have too few neighbours on a border: single gaps occur by chance.
 
-    found : (n,) bool, where borders are; near : (m, k) neighbours of the points on borders, themselves first
+    found : (n,) bool, border points; near : (m, k), rows of border points and their neighbours
     """
     return np.asarray(found[near[:, 1:]].sum(axis=1) < COMPANY)

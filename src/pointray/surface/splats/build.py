@@ -1,4 +1,4 @@
-"""Points on their surface -> splats, of which a tree is built."""
+"""Splats with radii, borders and sheets from prepared points: the input of `build_tree`."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ Floats = NDArray[np.float32]
 
 
 class Sizes(NamedTuple):
-    """How wide splats are.
+    """Radii of splats, or how to choose them.
 
-    given : (n,) float32, their radii; None: chosen
+    given : (n,) float32 radii; None to choose them
     scale : factor for all radii
-    within : lower limit and upper limits, (n,) float32, of chosen radii; only for levels of detail
-    others : (m, 3) float32, points of the cloud that are drawn otherwise, for chosen radii
+    within : lower limit, and (n,) float32 upper limits, of chosen radii; only for levels of detail
+    others : (m, 3) float32, scattered points of the same cloud; they limit gaps between chosen discs
     """
 
     given: Floats | None = None
@@ -36,18 +36,18 @@ class Sizes(NamedTuple):
     others: Floats | None = None
 
     def select(self, mask: NDArray[np.bool_]) -> Sizes:
-        """Those of some of the points."""
+        """Return the sizes of the points in a mask."""
         given = None if self.given is None else self.given[mask]
         within = None if self.within is None else (self.within[0], self.within[1][mask])
         return self._replace(given=given, within=within)
 
 
 class SplatBuild(NamedTuple):
-    """Splats in kd order, and what is said of them.
+    """Splats in kd order, with the rows and radii of all points.
 
-    rows : (n,) int32, the caller's rows in that order, also those for which no splat stands
-    radii : (n,) float32, their radii
-    tight : whether many are too small to cover the surface
+    rows : (n,) int32, the caller's row of each point in kd order, including points without a splat
+    radii : (n,) float32, radii of these points
+    tight : whether many radii are too small to cover the surface
     """
 
     splats: Splats
@@ -63,14 +63,16 @@ def make_splats(
     settings: TreeSettings,
     progress: Progress | None = None,
 ) -> SplatBuild:
-    """Give each of some points a support. Warns of lone points and of those that lie where many others do.
+    """Make splats of points: sort them in kd order and find their supports.
+
+    Warns of isolated points, and of points that are left out because many others share their position.
 
     Parameters
     ----------
     placed : Placed
         Finite points.
     rows : (n,) int32
-        The caller's row of each.
+        The caller's row of each point.
     """
     automatic, level = settings.overhang < np.inf, sizes.within is not None
     tell(progress, 0.0)
@@ -80,7 +82,7 @@ def make_splats(
     colors, noise = (None if array is None else take(array, order) for array in (points.colors, noise))
     rows, given = take(rows, order), None if sizes.given is None else take(sizes.given, order)
     within = None if sizes.within is None else (sizes.within[0], take(sizes.within[1], order))
-    del placed, points, order  # if the caller has no use for them, their memory is free from here on
+    del placed, points, order  # frees their memory, unless the caller holds references
     support = find_support(
         positions,
         normals,
@@ -100,26 +102,26 @@ def make_splats(
     sheets = support.sheets
     if level and sheets is not None and sheets.mean() < THIN:
         sheets = None
-    if noise is not None:  # whatever a caller says of the noise, a surface has no bumps higher than that
+    if noise is not None:  # bumps cannot be higher than a support radius, whatever noise the caller passed
         noise = np.minimum(noise, support.radii)
     splats = Splats(positions, normals, support.radii, rows, colors, support.borders, sheets, noise)
     return SplatBuild(_not_crowded(splats, support.crowded), rows, support.radii, support.tight)
 
 
 def check_size(radii: Floats, scale: str = "radius_scale") -> None:
-    """Check that the squares of radii and their inverses stay within float32. scale : the name of their factor"""
+    """Check that squares of radii and their inverses fit into float32. scale : name of the factor in messages"""
     if radii.min() < SMALLEST or radii.max() > LARGEST:
         raise ValueError(
-            f"radii reach from {radii.min():.3g} to {radii.max():.3g} with {scale}: "
-            f"they must be from {SMALLEST:g} to {LARGEST:g}"
+            f"radii range from {radii.min():.3g} to {radii.max():.3g} with {scale} applied: "
+            f"expected {SMALLEST:g} to {LARGEST:g}"
         )
 
 
 def _not_crowded(splats: Splats, crowded: NDArray[np.bool_]) -> Splats:
-    """The splats without the crowded ones, with a warning if there are any."""
+    """Remove the crowded splats, with a warning."""
     lost = int(crowded.sum())
     if not lost:
         return splats
-    warn(f"{lost:,} points lie where {CROWD} others do: left out", stacklevel=4)
+    warn(f"{lost:,} points left out: {CROWD} others have the same position", stacklevel=4)
     arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[~crowded]) for array in splats]
     return Splats(*arrays)

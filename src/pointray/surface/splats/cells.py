@@ -1,7 +1,7 @@
-"""The Voronoi cells of all points, and the gaps beside them: each with as many neighbours as close it.
+"""Voronoi cells of all points and the gaps beside them, with as many neighbours as it takes to close each cell.
 
-A table of the neighbours of all points would take more memory than all else together. So points are measured part by
-part, and those that are looked at again ask for their neighbours again.
+A table of the neighbours of all points would take more memory than everything else together. So points are measured in
+parts, and the neighbours of points that are measured again are searched for again.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from ...base.progress import Progress, tell
 from ...cloud.neighbors import NeighborTree
 from ...cloud.statistics import CloudStatistics
 from .borders import find_gaps
-from .closed import CLOSED, OPEN, UNSURE, USUAL, WIDE, Closed, distances, measure_closed, pack_table, room_for
+from .closed import CLOSED, NEAREST, OPEN, UNSURE, WIDE, Closed, distances, measure_closed, pack_table, room_for
 from .gaps import MUCH, SOME, Limits, bridged, is_disordered
 from .voronoi import Neighborhood, measure_cells
 
-NEIGHBORS = 20  # they close the cells of even points and nine in ten of random ones
-MORE, MOST = 40, 80  # neighbours for the cells still open: of uneven points; beside a gap, a step of density
-MANY = 0.3  # share of open cells from which few are closed by MORE; of random points 0.1 are open
-BEYOND = 40  # neighbours for cells that are open even then, from farther ahead and behind
-PART = 1 << 16  # points that are measured together
-MEASURED = 0.8  # share of the time until all cells are measured once
-SAME = 0.99  # a cell measured again reaches less if by more than a hundredth: other arithmetic has other last bits
-FIRST, AGAIN, THEN, AHEAD = range(4)  # what a cell was last measured with: NEIGHBORS, MORE, MOST, or BEYOND too
+NEIGHBORS = 20  # close the cells of regular points and 90% of the cells of random points
+MORE, MOST = 40, 80  # for cells that stay open: unevenly spaced points; points beside a gap or a step of density
+MANY = 0.3  # share of open cells above which few are closed by MORE; for random points 10% are open
+BEYOND = 40  # extra neighbours from farther ahead and behind for cells that stay open even then
+PART = 1 << 16  # points measured together
+MEASURED = 0.8  # fraction of the run time at which all cells are measured once
+SAME = 0.99  # a cell shrinks only if its new reach is more than 1% smaller: rounding differs between the methods
+FIRST, AGAIN, THEN, AHEAD = range(4)  # neighbours a cell was last measured with: NEIGHBORS, MORE, MOST, MOST and BEYOND
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int32]
@@ -35,7 +35,7 @@ Rows = NDArray[Any]  # int32 or int64
 
 
 class Cloud(NamedTuple):
-    """Points of which cells are measured.
+    """Points whose cells are measured.
 
     positions, normals : (n, 3) float32; table : (8 n,) float32, see `pack_table`; tree : of the positions, in order
     """
@@ -46,7 +46,7 @@ class Cloud(NamedTuple):
     tree: NeighborTree
 
     def around(self, rows: Rows, count: int = NEIGHBORS) -> Indices:
-        """So many neighbours of some points, themselves first, (m, count + 1)."""
+        """Return points and their `count` nearest neighbours, (m, count + 1)."""
         return self.tree.rows_at(count + 1, self.positions[rows])
 
 
@@ -56,20 +56,20 @@ def cloud_of(positions: Floats, normals: Floats, tree: NeighborTree | None) -> C
 
 
 class Cells:
-    """The points' Voronoi cells, each measured with as many neighbours as close it, or with the most looked up.
+    """Voronoi cells of points, each measured with as many neighbours as close it, up to a maximum.
 
     Attributes
     ----------
     first : Closed
-        What the first NEIGHBORS neighbours tell.
+        Results from the first NEIGHBORS neighbours.
     reach : (n,) float32
-        How far each cell reaches.
+        Distance to the farthest vertex of each cell.
     gaps : (n, 3) float32
-        The direction out of the surface where it may end, else zero.
+        Outward direction where the surface may end, else zero.
     at_gap : (n,) bool
-        Where that is.
+        Where `gaps` is not zero.
     near : (n, k) int32
-        The USUAL nearest neighbours, each point itself first, or fewer if there are no more.
+        Each point and its NEAREST nearest neighbours, or all neighbours if there are fewer.
     """
 
     def __init__(self, cloud: Cloud, progress: Progress | None) -> None:
@@ -77,30 +77,32 @@ class Cells:
         self._cloud, self._whole = cloud, n <= NEIGHBORS + 1
         self._level = np.full(n, FIRST, np.uint8)
         self.gaps, self.at_gap = np.zeros((n, 3), np.float32), np.zeros(n, np.bool_)
-        self.near = np.empty((n, min(USUAL + 1, n)), np.int32)
+        self.near = np.empty((n, min(NEAREST + 1, n)), np.int32)
         self.first = room_for(n)
         for start in range(0, n, PART):
             part = slice(start, min(start + PART, n))
-            hood = Neighborhood(np.arange(part.start, part.stop, dtype=np.int32), cloud.tree.rows(NEIGHBORS + 1, part))
-            found = self._settle(hood, self._whole)
+            neighborhood = Neighborhood(
+                np.arange(part.start, part.stop, dtype=np.int32), cloud.tree.rows(NEIGHBORS + 1, part)
+            )
+            found = self._settle(neighborhood, self._whole)
             for name in Closed._fields:
                 getattr(self.first, name)[part] = getattr(found, name)
-            self.near[part] = hood.near[:, : self.near.shape[1]]
-            self._look_for_gaps(hood, found)
+            self.near[part] = neighborhood.near[:, : self.near.shape[1]]
+            self._look_for_gaps(neighborhood, found)
             tell(progress, MEASURED * part.stop / n)
         self.reach = self.first.reach
         self._close(np.flatnonzero(self.first.state == OPEN).astype(np.int32))
         tell(progress, 1.0)
 
-    def _look_for_gaps(self, hood: Neighborhood, found: Closed) -> None:
-        """The surface may end at cells that are open or wide. The others, nearly all, need no search for gaps."""
+    def _look_for_gaps(self, neighborhood: Neighborhood, found: Closed) -> None:
+        """Find gaps at cells that are open or wide. The others, nearly all, need no search."""
         some = np.flatnonzero(found.gap)
-        rows = hood.rows[some].astype(np.int64)
-        self.gaps[rows] = out = find_gaps(self._cloud.positions, self._cloud.normals, rows, hood.near[some])
+        rows = neighborhood.rows[some].astype(np.int64)
+        self.gaps[rows] = out = find_gaps(self._cloud.positions, self._cloud.normals, rows, neighborhood.near[some])
         self.at_gap[rows] = out.any(axis=1)
 
     def _close(self, rows: Rows) -> None:
-        """Measure the cells that are open with more and more neighbours."""
+        """Measure open cells with more and more neighbours."""
         if self._whole:
             return
         for level in (AGAIN, THEN) if len(rows) < MANY * len(self.reach) else (THEN,):
@@ -111,74 +113,74 @@ class Cells:
             self._settle_again(rows, AHEAD)
 
     def _settle_again(self, rows: Rows, level: int) -> Rows:
-        """Measure cells with more neighbours; returns those that are open still."""
+        """Measure cells with more neighbours; return the rows that are still open."""
         self._level[rows] = level
         left = [rows[:0]]
-        for hood in self._hoods(rows, level):
-            found = self._settle(hood, level >= THEN or hood.near.shape[1] == len(self._level))
-            self.reach[hood.rows] = found.reach
-            left.append(hood.rows[found.state == OPEN])
+        for neighborhood in self._neighborhoods(rows, level):
+            found = self._settle(neighborhood, level >= THEN or neighborhood.near.shape[1] == len(self._level))
+            self.reach[neighborhood.rows] = found.reach
+            left.append(neighborhood.rows[found.state == OPEN])
         return np.concatenate(left)
 
-    def _hoods(self, rows: Rows, level: int) -> Iterator[Neighborhood]:
-        """The neighbours of some rows, part by part."""
+    def _neighborhoods(self, rows: Rows, level: int) -> Iterator[Neighborhood]:
+        """Yield the neighbours of rows, part by part."""
         for start in range(0, len(rows), PART):
-            some = np.ascontiguousarray(rows[start : start + PART], np.int32)  # one signature of the kernels
-            hood = Neighborhood(some, self._cloud.around(some, (NEIGHBORS, MORE, MOST, MOST)[level]))
-            yield _looking_ahead(self._cloud, hood, self.gaps) if level == AHEAD else hood
+            some = np.ascontiguousarray(rows[start : start + PART], np.int32)  # so that kernels need one signature
+            neighborhood = Neighborhood(some, self._cloud.around(some, (NEIGHBORS, MORE, MOST, MOST)[level]))
+            yield _with_neighbors_ahead(self._cloud, neighborhood, self.gaps) if level == AHEAD else neighborhood
 
-    def _settle(self, hood: Neighborhood, last: bool) -> Closed:
-        """What is found of cells with a hood; none is left unsure. last : no cell will have more neighbours."""
-        found = measure_closed(self._cloud.table, hood)
+    def _settle(self, neighborhood: Neighborhood, last: bool) -> Closed:
+        """Measure cells with the given neighbours; none stays UNSURE. last : no cell will get more neighbours"""
+        found = measure_closed(self._cloud.table, neighborhood)
         rows = np.flatnonzero(found.state != CLOSED if last else found.state == UNSURE)
         if len(rows):
-            part = Neighborhood(hood.rows[rows], hood.near[rows])
+            part = Neighborhood(neighborhood.rows[rows], neighborhood.near[rows])
             found.reach[rows], sure = measure_cells(self._cloud.positions, self._cloud.normals, part)
             found.state[rows] = np.where(sure, CLOSED, OPEN)
-            eighth = distances(self._cloud.positions, part, min(USUAL, hood.near.shape[1] - 1))
+            eighth = distances(self._cloud.positions, part, min(NEAREST, neighborhood.near.shape[1] - 1))
             found.gap[rows] &= ~sure | (found.reach[rows] > WIDE * eighth)
         return found
 
-    def measure(self, rows: Rows, usual: Floats, void: float) -> Rows:
-        """Measure the cells of some rows again, see `measure_cells`; returns those where the surface goes on ahead."""
+    def measure(self, rows: Rows, typical: Floats, void: float) -> Rows:
+        """Measure the cells of rows again, see `measure_cells`; return the rows where the surface continues."""
         ahead = [rows[:0]]
         sites = self._cloud.positions, self._cloud.normals
         for level in (FIRST, AGAIN, THEN, AHEAD):
-            for hood in self._hoods(rows[self._level[rows] == level], level):
-                self.reach[hood.rows], closed = measure_cells(*sites, hood, self.gaps, usual, void)
-                ahead.append(hood.rows[closed])
+            for neighborhood in self._neighborhoods(rows[self._level[rows] == level], level):
+                self.reach[neighborhood.rows], closed = measure_cells(*sites, neighborhood, self.gaps, typical, void)
+                ahead.append(neighborhood.rows[closed])
         return np.concatenate(ahead)
 
-    def narrow(self, limits: Limits, usual: CloudStatistics) -> None:
-        """Let cells in disorder, and among points drawn otherwise, not reach across wide gaps, see `gaps`."""
+    def narrow(self, limits: Limits, statistics: CloudStatistics) -> None:
+        """Keep cells in disorder, and cells that cover scattered points, from spanning wide gaps, see `gaps`."""
         far = self.reach > limits.half
-        if limits.others is None and usual.share("far cells", far) < SOME:  # so fewer of them are in disorder
+        if limits.others is None and statistics.share("far cells", far) < SOME:  # fewer of them can be disordered
             return
         wide = np.flatnonzero(far)
         sites = self._cloud.positions, self._cloud.normals
         reach, none = self.reach.copy(), np.zeros(len(self.reach), np.bool_)
         mixed, disordered = none, none.copy()
         for level in (FIRST, AGAIN, THEN, AHEAD):
-            for hood in self._hoods(wide[self._level[wide] == level], level):
-                rows = hood.rows
+            for neighborhood in self._neighborhoods(wide[self._level[wide] == level], level):
+                rows = neighborhood.rows
                 least = np.float32(0.5) * distances(sites[0], Neighborhood(rows, self.near[rows]), 1)
-                found = np.maximum(bridged(*sites, hood, limits.half[rows]), least)
+                found = np.maximum(bridged(*sites, neighborhood, limits.half[rows]), least)
                 less = found < SAME * reach[rows]
                 rows = rows[less]
                 reach[rows] = found[less]
                 mixed[rows] = limits.are_mixed(sites[0][rows], self.reach[rows])
                 disordered[rows] = is_disordered(*sites, rows, self._cloud.around)
-        share = usual.share("disordered", mixed | disordered)
+        share = statistics.share("disordered", mixed | disordered)
         where = mixed if share < SOME else mixed | disordered if share < MUCH else None
         np.copyto(self.reach, reach, where=True if where is None else where)
 
 
-def _looking_ahead(cloud: Cloud, hood: Neighborhood, gaps: Floats) -> Neighborhood:
-    """The hoods with neighbours from across their gap and behind, however many dense points lie on this side."""
-    here = cloud.positions[hood.rows]
-    steps = 2 * distances(cloud.positions, hood, -1)[:, None] * gaps[hood.rows]
+def _with_neighbors_ahead(cloud: Cloud, neighborhood: Neighborhood, gaps: Floats) -> Neighborhood:
+    """Add neighbours from across each gap and from behind, however many dense points are on this side."""
+    here = cloud.positions[neighborhood.rows]
+    steps = 2 * distances(cloud.positions, neighborhood, -1)[:, None] * gaps[neighborhood.rows]
     beyond = (cloud.tree.rows_at(BEYOND, here + side * steps) for side in (1, -1))
-    near = np.hstack([hood.near, *beyond])
+    near = np.hstack([neighborhood.near, *beyond])
     squares = sum((cloud.positions[near, c] - here[:, c, None]) ** 2 for c in range(3))
     order = np.argsort(squares, axis=1, kind="stable")
-    return Neighborhood(hood.rows, np.take_along_axis(near, order, 1))
+    return Neighborhood(neighborhood.rows, np.take_along_axis(near, order, 1))

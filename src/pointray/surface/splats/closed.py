@@ -1,9 +1,9 @@
-"""Voronoi cells that their neighbours close, of 16 points at a time: nearly all cells, and all that is usual in them.
+"""Closed Voronoi cells without special cases, which are nearly all, measured 16 points at a time.
 
-A neighbour at b in the tangent plane (see `voronoi`) is the point q = 2 b / |b|^2: a place x is nearer to the origin
-where x.q < 1. The cell's vertices belong to the edges of the convex hull of these points. A walk around the hull
-(Jarvis 1973) begins at the nearest neighbour and visits about six of them; lanes are points. What is rare is left to
-`voronoi.measure_cells`: cells that are open, three sheets that meet, folds that bring a neighbour nearer.
+A neighbour at b in the tangent plane (see `voronoi`) becomes the point q = 2 b / |b|^2: a position x is closer to the
+origin where x.q < 1. The vertices of the cell correspond to the edges of the convex hull of these points. A walk around
+the hull (Jarvis 1973) starts at the nearest neighbour and visits about six of them; lanes are points. Rare cases are
+left to `voronoi.measure_cells`: open cells, corners of three sheets, folds that bring a neighbour closer.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ from ...engine.simd import (
 from .borders import FOLD
 from .voronoi import OTHER_SHEET, Neighborhood
 
-OPEN, CLOSED, UNSURE = 0, 1, 2  # states of a cell: more neighbours could change it; none could; measured elsewhere
-STEPS = 14  # fewer than one cell in a million random ones has more sides
-SHARP = 0.01  # sine of the angle between two sides below which float32 does not tell where they meet
+OPEN, CLOSED, UNSURE = 0, 1, 2  # a cell's state: more neighbours could change it; they could not; not measured here
+STEPS = 14  # fewer than one cell in a million has more sides, for random points
+SHARP = 0.01  # sine of the angle between two sides below which float32 cannot resolve their intersection
 HALF_FOLD = math.cos(math.radians(22.5))  # of two normals 45 degrees apart, one is 22.5 from any third
-AWAY = math.cos(math.radians(149))  # a little more than `sheets.OPPOSED`, the cosine of neighbours that face away
+AWAY = math.cos(math.radians(149))  # cosine of opposite normals, slightly above `sheets.OPPOSED`
 SECTORS = 32  # around a point, see `_sector`
-EMPTY = 8  # a gap of 115 degrees holds this many whole sectors at least: it is 9.8 sectors wide where they are widest
-USUAL = 8  # neighbours that tell what is usual
-WIDE = 0.5  # a cell wider than this share of the distance to the 8th neighbour may lie at a border; even points: 0.46,
-# random ones: 0.6
+EMPTY = 8  # whole sectors in any gap of 115 degrees, which is at least 9.8 sectors wide
+NEAREST = 8  # nearest neighbours, over which medians are taken
+# Cells wider than this share of the distance to the 8th neighbour may be at a border; regular points: 0.46, random: 0.6
+WIDE = 0.5
 TINY = f32(1e-30)
 ALL = 0xFFFF
 CHUNK = 2048
@@ -62,7 +62,7 @@ def _dot16(a: Three16, b: Three16) -> F16:
 
 @inline
 def _tangents16(n: Three16) -> tuple[Three16, Three16]:
-    """See `engine.kernels.vec.tangents`."""
+    """Return two tangents of each normal, see `engine.kernels.vec.tangents`."""
     sign = select(n[2] >= ZERO, broadcast16(ONE), -ONE)
     a = -ONE / (sign + n[2])
     b = n[0] * n[1] * a
@@ -71,7 +71,7 @@ def _tangents16(n: Three16) -> tuple[Three16, Three16]:
 
 @inline
 def _sector(x: F16, y: F16) -> F16:
-    """Which of the sectors (x, y) lies in. They divide the square |x| + |y| = 1 evenly."""
+    """Return the sector of (x, y). Sectors divide the square |x| + |y| = 1 evenly."""
     share = y / vmax(vabs(x) + vabs(y), broadcast16(f32(1e-30)))
     turn = select(x >= ZERO, share + ONE, f32(3.0) - share)
     return vmin(turn * f32(SECTORS / 4), broadcast16(f32(SECTORS - 1)))
@@ -79,7 +79,7 @@ def _sector(x: F16, y: F16) -> F16:
 
 @inline
 def _unfolded16(d: Three16, normals: tuple[Three16, Three16], axes: tuple[Three16, Three16]) -> tuple[F16, F16, F16]:
-    """Where `voronoi._unfolded` puts a neighbour past a fold, and its squared distance there; 0 on another sheet."""
+    """Unfold a neighbour like `voronoi._unfolded`; also return its squared distance. 0 on another sheet."""
     n, m = normals
     u, v = axes
     cosine = _dot16(n, m)
@@ -93,7 +93,7 @@ def _unfolded16(d: Three16, normals: tuple[Three16, Three16], axes: tuple[Three1
 
 @inline
 def _note_fold(seen: tuple[Mask, Mask, Three16], folded: Mask, m: Three16) -> tuple[Mask, Mask, Three16]:
-    """Note normals past folds. seen : where three sheets may meet, where there is a first fold, and its normal."""
+    """Record normals past folds. seen : where three sheets may meet; where a first fold was found; its normal"""
     meeting, known, first = seen
     meeting = meeting | (folded & known & (_dot16(first, m) <= f32(HALF_FOLD)))
     new = mask16(bits(folded) & ~bits(known))
@@ -102,18 +102,20 @@ def _note_fold(seen: tuple[Mask, Mask, Three16], folded: Mask, m: Three16) -> tu
 
 
 @inline
-def _place_hood(
-    table: Array, own: tuple[Three16, Three16, F16], hood: tuple[Array, int, int], memory: Array
+def _place_neighbors(
+    table: Array, own: tuple[Three16, Three16, F16], neighborhood: tuple[Array, int, int], memory: Array
 ) -> tuple[tuple[F16, F16, F16, F16], tuple[F16, Mask], tuple[I16, Mask, Mask]]:
-    """Write each neighbour's q to memory, for 16 points at once.
+    """Write q of each neighbour to memory, for 16 points at once.
 
-    own : positions, normals, and the factor that makes the last neighbour's distance 1; hood : near, and the place and
-    number of the points' neighbours in it. Returns the largest q (x, y, its square, its number); the squared distance
-    from which folds bring neighbours nearer, and where sheets may meet; the sectors with neighbours, where the
-    first USUAL neighbours are all of the point's own sheet, and where one faces away.
+    own : positions, normals, and the factor that scales the last neighbour's distance to 1
+    neighborhood : near, the start of the points' neighbours in it, and their number
+
+    Returns the largest q (x, y, its square, its index); the squared distance from which folds bring neighbours closer,
+    and where sheets may meet; the sectors with neighbours, where the first NEAREST neighbours are all on the point's
+    own sheet, and where a neighbour has the opposite normal.
     """
     at, n, shrink = own
-    near, start, width = hood
+    near, start, width = neighborhood
     axes, zero = _tangents16(n), broadcast16(ZERO)
     best, best_x, best_y, best_k, nearer = zero, zero, zero, zero, zero
     seen = zero > ONE, zero > ONE, (zero, zero, zero)
@@ -138,7 +140,7 @@ def _place_hood(
             nearer = select(folded & (fold[2] < square), vmax(nearer, square), nearer)
             seen = _note_fold(seen, folded, m)
             away = away | (cosine < f32(AWAY))
-            if k <= USUAL:
+            if k <= NEAREST:
                 alike = alike & same
         store(memory, 32 * k, qx)
         store(memory, 32 * k + 16, qy)
@@ -151,15 +153,15 @@ def _place_hood(
 
 @inline
 def _walk(first: tuple[F16, F16, F16, F16], width: int, memory: Array) -> tuple[F16, Mask, Mask]:
-    """Walk around the cells' vertices: the farthest one's squared distance; which cells are closed; doubtful ones."""
+    """Walk around the vertices of cells; return the farthest squared distance, and masks of closed and unsure cells."""
     cx, cy, size, ck = first
     start, zero = ck, broadcast16(ZERO)
-    x, y = cx / size, cy / size  # the middle between the point and its nearest neighbour
+    x, y = cx / size, cy / size  # the midpoint of the point and its nearest neighbour
     active, closed, sharp, far = size > ZERO, zero > ONE, zero > ONE, zero
     for _ in range(STEPS):
         if bits(active) == 0:
             break
-        # Along the side that neighbour c bounds, the next side is the first that bars the way: the least over / turn.
+        # Along the side of neighbour c, the next side is the first that cuts the line: the least over / turn.
         over, turn, bx, by, bk = zero + ONE, zero, zero, zero, zero
         number = zero
         for k in range(1, width):
@@ -172,7 +174,7 @@ def _walk(first: tuple[F16, F16, F16, F16], width: int, memory: Array) -> tuple[
         x, y = (by - cy) / turn, (cx - bx) / turn
         square, next_size = x * x + y * y, bx * bx + by * by
         sharp = sharp | (active & (turn * turn < f32(SHARP * SHARP) * (size * next_size)))
-        within = active & (square <= f32(0.25))  # the last neighbour is at 1: none beyond it reaches such a vertex
+        within = active & (square <= f32(0.25))  # the last neighbour is at distance 1: none beyond it clips this vertex
         far = select(within, vmax(square, far), far)
         active = within & (bk != start)
         closed = closed | (within & (bk <= start) & (bk >= start))
@@ -182,7 +184,7 @@ def _walk(first: tuple[F16, F16, F16, F16], width: int, memory: Array) -> tuple[
 
 @inline
 def _gap_possible(sectors: int) -> bool:
-    """Whether EMPTY sectors side by side hold no neighbour."""
+    """Return whether EMPTY consecutive sectors hold no neighbour."""
     empty = i64(sectors) & 0xFFFFFFFF ^ 0xFFFFFFFF
     empty |= (empty & (1 << EMPTY) - 1) << SECTORS
     empty &= empty >> 1
@@ -192,17 +194,17 @@ def _gap_possible(sectors: int) -> bool:
 
 @inline
 def _away(table: Array, at: Three16, near: Array, start: int, width: int) -> F16:
-    """The distances of 16 points from one neighbour each."""
+    """Return the distances of 16 points from one neighbour each."""
     x, y, z, _, _, _, _, _ = gather_rows8(table, near, start, width)
     d = x - at[0], y - at[1], z - at[2]
     return vsqrt(_dot16(d, d))
 
 
 @kernel
-def _measure_closed(work: Array, table: Array, rows: Array, hood: tuple[Array, int], out: Closed) -> int:
-    """See `measure_closed`; hood : near, flat, and the number of columns."""
+def _measure_closed(work: Array, table: Array, rows: Array, neighborhood: tuple[Array, int], out: Closed) -> int:
+    """Measure cells, see `measure_closed`. neighborhood : flat near, and its number of columns"""
     table, rows = borrow(table), borrow(rows)
-    (near, width), (reach, state, gap, fourth, one_sheet, facing) = borrow(hood), borrow(out)
+    (near, width), (reach, state, gap, fourth, one_sheet, facing) = borrow(neighborhood), borrow(out)
     memory = np.empty(32 * (width + 1), np.float32)
     scratch = borrow(memory)
     tile = next_tile(work)
@@ -212,7 +214,7 @@ def _measure_closed(work: Array, table: Array, rows: Array, hood: tuple[Array, i
             x, y, z, nx, ny, nz, _, _ = gather_rows8(table, rows, first, 1)
             last = _away(table, (x, y, z), near, first * width + width - 1, width)
             own = (x, y, z), (nx, ny, nz), ONE / last
-            largest, (nearer, meeting), (sectors, alike, away) = _place_hood(
+            largest, (nearer, meeting), (sectors, alike, away) = _place_neighbors(
                 table, own, (near, first * width, width), scratch
             )
             far, closed, doubtful = _walk(largest, width, scratch)
@@ -235,14 +237,14 @@ def _measure_closed(work: Array, table: Array, rows: Array, hood: tuple[Array, i
 
 
 class Closed(NamedTuple):
-    """Cells of m points, as far as `measure_closed` measures them.
+    """Results of `measure_closed` for m cells.
 
-    reach : (m,) float32, the distance to the farthest vertex where the cell is CLOSED
+    reach : (m,) float32, distance to the farthest vertex where the cell is CLOSED
     state : (m,) uint8, OPEN, CLOSED or UNSURE
     gap : (m,) bool, whether the surface may end there
-    fourth : (m,) float32, the distance to the 4th neighbour
-    one_sheet : (m,) bool, whether the first USUAL neighbours are of the point's own sheet
-    facing : (m,) bool, whether a neighbour may face away
+    fourth : (m,) float32, distance to the 4th neighbour
+    one_sheet : (m,) bool, whether the first NEAREST neighbours are on the point's own sheet
+    facing : (m,) bool, whether a neighbour may have the opposite normal
     """
 
     reach: NDArray[np.float32]
@@ -253,35 +255,35 @@ class Closed(NamedTuple):
     facing: NDArray[np.bool_]
 
 
-def distances(positions: NDArray[np.float32], hood: Neighborhood, k: int) -> NDArray[np.float32]:
-    """The distances of a hood's points from their k-th neighbours, (m,)."""
-    away = positions[hood.near[:, k]] - positions[hood.rows]
+def distances(positions: NDArray[np.float32], neighborhood: Neighborhood, k: int) -> NDArray[np.float32]:
+    """Return the distances of points from their k-th neighbours, (m,)."""
+    away = positions[neighborhood.near[:, k]] - positions[neighborhood.rows]
     return np.sqrt(np.einsum("ij,ij->i", away, away))
 
 
 def room_for(count: int) -> Closed:
-    """The cells of so many points, before they are measured."""
+    """Allocate results for `count` cells."""
     kinds = np.float32, np.uint8, np.bool_, np.float32, np.bool_, np.bool_
     return Closed(*(np.empty(count, kind) for kind in kinds))  # type: ignore[arg-type]
 
 
-def measure_closed(table: NDArray[np.float32], hood: Neighborhood) -> Closed:
-    """Measure cells like `voronoi.measure_cells`, if they are closed and have nothing unusual; see `pack_table`."""
-    count, width = hood.near.shape
+def measure_closed(table: NDArray[np.float32], neighborhood: Neighborhood) -> Closed:
+    """Measure cells like `voronoi.measure_cells` if they are closed and no special case. table : see `pack_table`"""
+    count, width = neighborhood.near.shape
     out = room_for(count)
-    if count < 16 or width <= USUAL:
+    if count < 16 or width <= NEAREST:
         out.state[:], out.gap[:], out.one_sheet[:], out.facing[:] = UNSURE, True, False, True
         places = table.reshape(-1, 8)[:, :3]
-        out.fourth[:] = distances(places, hood, min(4, width - 1))
+        out.fourth[:] = distances(places, neighborhood, min(4, width - 1))
         return out
-    flat = np.ascontiguousarray(hood.near).reshape(-1)
-    run(_measure_closed, -(-count // CHUNK), table, hood.rows, (flat, width), out)
+    flat = np.ascontiguousarray(neighborhood.near).reshape(-1)
+    run(_measure_closed, -(-count // CHUNK), table, neighborhood.rows, (flat, width), out)
     return out
 
 
 @kernel
 def _pack(work: Array, positions: Array, normals: Array, out: Array) -> int:
-    """See `pack_table`."""
+    """Write the table of `pack_table`."""
     positions, normals, out = borrow(positions), borrow(normals), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -294,7 +296,7 @@ def _pack(work: Array, positions: Array, normals: Array, out: Array) -> int:
 
 
 def pack_table(positions: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Rows of eight, flat: (n, 3) positions, (n, 3) normals and two zeros, so that each row is in one cache line."""
+    """Pack (n, 3) positions, (n, 3) normals and two zeros into rows of eight, flat, so that a row is one cache line."""
     out = np.empty((len(positions), 8), np.float32)
     run(_pack, -(-len(out) // CHUNK), np.ascontiguousarray(positions), np.ascontiguousarray(normals), out)
     return out.reshape(-1)

@@ -1,7 +1,7 @@
-"""The choice of splats: greedily by newly covered area, then relaxed to fewer globally (Wu and Kobbelt 2004).
+"""Selection of splats: greedily by newly covered area, then relaxed to fewer globally (Wu and Kobbelt 2004).
 
-The relaxation removes a splat with those next to it and covers the bare points again with no more splats than before.
-It keeps the new splats even if their number is the same: splats push each other apart until one is not needed.
+The relaxation removes a splat and splats next to it, and covers the bare points again with no more splats than before.
+It keeps the new splats even if their number is equal: splats push each other apart until one becomes unnecessary.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from ...engine.jit import Array, cancelled, f32, f64, i32, inline, kernel, routi
 from .grow import Cloud, Splats
 from .priority_queue import pop, push
 
-CROWD = 6  # splats removed at once: 10 and 16 gain nothing more
-NOISE = 0.1  # a gain is raised by a random share up to this: 0.05 does the same, 0.3 gains less
-PASSES = 8  # over all splats: 13.4% fewer splats on the statue; four passes, 10.7%
+CROWD = 6  # splats removed at once: 10 and 16 give no improvement
+NOISE = 0.1  # maximum random increase of a gain, relative: 0.05 gives the same result, 0.3 a worse one
+PASSES = 8  # over all splats: 13.4% fewer splats on the statue; four passes: 10.7%
 
 Over: TypeAlias = tuple[Array, Array]  # the splats over each point: heads and owners, see `_invert`
-Cover: TypeAlias = tuple[Array, Array]  # how many splats are over each point; which splats of the pool are chosen
-Seen: TypeAlias = tuple[Array, int]  # the last mark of each splat; the mark of this traversal
+Cover: TypeAlias = tuple[Array, Array]  # number of chosen splats over each point; mask of chosen splats
+Seen: TypeAlias = tuple[Array, int]  # last mark of each splat; mark of this traversal
 
 
 @kernel
 def _choose(work: Array, splats: Splats, area: Array, times: Array) -> Array:
-    """Choose the splat that newly covers most until no gain is left; a gain is computed anew when it comes first."""
+    """Choose the splat with the largest gain until none is left; gains are recomputed when they reach the top."""
     keys, rows = np.empty(len(splats.seeds), np.float32), np.empty(len(splats.seeds), np.int32)
     size = number = 0
     for s in range(len(splats.seeds)):
@@ -47,7 +47,7 @@ def _choose(work: Array, splats: Splats, area: Array, times: Array) -> Array:
 
 @inline
 def _gain(splats: Splats, s: int, area: Array, times: Array) -> float:
-    """The area that splat s would newly cover."""
+    """Return the area that splat s would newly cover."""
     gain = f32(0.0)
     for k in range(splats.starts[s], splats.starts[s + 1]):
         gain += area[splats.members[k]] if times[splats.members[k]] == 0 else f32(0.0)
@@ -56,19 +56,19 @@ def _gain(splats: Splats, s: int, area: Array, times: Array) -> float:
 
 @inline
 def _count(splats: Splats, s: int, times: Array, change: int) -> None:
-    """Count splat s in or out (change 1 or -1) at each point that it covers."""
+    """Add `change` (1 or -1) to the count of each point that splat s covers."""
     for k in range(splats.starts[s], splats.starts[s + 1]):
         times[splats.members[k]] += change
 
 
 def choose(pool: Splats, cloud: Cloud, times: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Choose splats of the pool greedily until each point has one; `times` (n,) counts the splats over each point."""
+    """Choose splats greedily until each point is covered. times : (n,), updated number of splats over each point"""
     return np.asarray(run(_choose, 1, pool, cloud.area, times)[0])
 
 
 @kernel
 def _invert(work: Array, splats: Splats, heads: Array, owners: Array) -> int:
-    """List the splats over each point p in owners[heads[p] : heads[p + 1]]; `heads` must be zeros before."""
+    """List the splats over each point p in owners[heads[p] : heads[p + 1]]; `heads` must be zero."""
     n = len(heads) - 2
     for p in splats.members:
         heads[p + 2] += 1
@@ -84,7 +84,7 @@ def _invert(work: Array, splats: Splats, heads: Array, owners: Array) -> int:
 
 @inline
 def _random(state: Array) -> float:
-    """A random number from 0 to 1 (xorshift)."""
+    """Return a random number from 0 to 1 (xorshift)."""
     x = state[0]
     x ^= x << u64(13)
     x ^= x >> u64(7)
@@ -99,7 +99,7 @@ def _take_away(
 ) -> tuple[int, int]:
     """Remove splat s and up to CROWD - 1 splats that share points with it.
 
-    Returns how many splats were removed, and how many points are bare.
+    Returns the number of splats removed and the number of bare points.
     """
     times, on = cover
     met, mark = seen
@@ -127,7 +127,7 @@ def _take_away(
 
 @routine
 def _gains(over: Over, area: Array, bare: Array, seen: Seen, gain: Array, found: Array) -> int:
-    """List the splats over the bare points with the area each would cover; returns their number."""
+    """List the splats over the bare points with the area each would cover; return their number."""
     met, mark = seen
     count = 0
     for p in bare:
@@ -142,7 +142,7 @@ def _gains(over: Over, area: Array, bare: Array, seen: Seen, gain: Array, found:
 
 @routine
 def _best(gain: Array, found: Array, count: int, state: Array) -> tuple[int, int]:
-    """The splat with the largest gain, apart from noise, or -1; and how many splats still have a gain."""
+    """Return the splat with the largest gain, with noise, or -1, and the number of splats that still have a gain."""
     best, most, left = -1, f32(0.0), 0
     for t in range(count):
         q = found[t]
@@ -167,8 +167,9 @@ def _cover_again(
 ) -> tuple[int, int]:
     """Cover the bare points greedily with no more splats than were removed.
 
-    room : (number of found, of bare points, of splats removed; random state; splats added); returns how many were
-    added, and how many points are still bare.
+    room : (number of found splats, of bare points, of splats removed; random state; output: splats added)
+
+    Returns the number of splats added and the number of points still bare.
     """
     times, on = cover
     count, left, most, state, added = room
@@ -194,7 +195,7 @@ def _cover_again(
 def _relax(
     work: Array, splats: Splats, over: Over, area: Array, cover: Cover, order: Array, most: int, seed: int
 ) -> int:
-    """Remove and cover again around each splat of `order`, until `most` splats are saved; returns how many are."""
+    """Remove splats and cover again around each splat of `order`, until `most` are saved; return the number saved."""
     times, on = cover
     met = np.full(len(on), -1, np.int32)
     gain, found = np.zeros(len(on), np.float32), np.empty(len(on), np.int32)
@@ -225,7 +226,7 @@ def _relax(
 def relax(
     pool: Splats, cloud: Cloud, rows: NDArray[Any], goal: int = 0, passes: int = PASSES, progress: Any = None
 ) -> NDArray[np.int64]:
-    """Rows of a pool that cover as much as the given rows and are fewer, but not fewer than `goal`."""
+    """Return rows of a pool that cover as much as the given rows and are fewer, but at least `goal`."""
     n, number = len(cloud.positions), len(rows)
     over = np.zeros(n + 2, np.int64), np.empty(len(pool.members), np.int32)
     run(_invert, 1, pool, *over)

@@ -1,7 +1,7 @@
-"""How far points lie from the blended surface of splats: the error of a subset.
+"""Distances of points from the blended surface of splats: the error of a subset.
 
 The surface is `apss`, the default of a model, with the formulas of `surface/intersect/surface.py`. Here it is evaluated
-at one point of a cloud at a time; rays evaluate four samples at once and know their voxel. A test compares both.
+at one point at a time; rays evaluate four samples at once and know their voxel. A test compares both.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from .voronoi import Neighborhood
 
 WIDE = 8  # boxes in a box
 SHARING = 32  # neighbouring points that share one search for splats
-CHUNK = 64  # times SHARING points
-HOLLOW = 0.9  # |x - P(x)| in local radii beyond which a point counts as uncovered: most subsets are trimmed at 0.95
+CHUNK = 64  # groups of SHARING points per tile
+HOLLOW = 0.9  # |x - P(x)| in local radii beyond which a point is uncovered: most subsets are trimmed at 0.95
 
 Box: TypeAlias = tuple[float, float, float, float, float, float]  # low x y z, high x y z
-Gated: TypeAlias = tuple[Array, Array, Array, Array]  # splats: positions, normals, radii, 1 for those of close sheets
+Gated: TypeAlias = tuple[Array, Array, Array, Array]  # splats: positions, normals, radii, 1 for those on close sheets
 
 
 class Boxes(NamedTuple):
-    """Boxes around the supports of 8 consecutive splats, boxes around 8 of these boxes, and so on up to one box."""
+    """Hierarchy of boxes: around the supports of 8 consecutive splats, around 8 of these boxes, up to one box."""
 
     low: Floats  # (m, 3), finest level first
     high: Floats
-    heads: NDArray[np.int64]  # where each level begins, and the end
+    heads: NDArray[np.int64]  # start of each level, and the end
 
 
 def _box(low: Floats, high: Floats) -> Boxes:
@@ -51,14 +51,14 @@ def _box(low: Floats, high: Floats) -> Boxes:
 
 @inline
 def _apart(low: Array, high: Array, i: int, box: Box) -> bool:
-    """Whether row i of the boxes does not overlap a box."""
+    """Return whether row i of the boxes does not overlap a box."""
     (ax, ay, az), (bx, by, bz) = at(low, i), at(high, i)
     return (ax > box[3]) | (ay > box[4]) | (az > box[5]) | (bx < box[0]) | (by < box[1]) | (bz < box[2])
 
 
 @routine
 def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> int:
-    """List the splats whose support overlaps a box (low x y z, high x y z); returns their number."""
+    """List the splats whose support overlaps a box (low x y z, high x y z); return their number."""
     centers, radii = splats[0], splats[2]
     count, size = 0, 1
     stack[0, 0], stack[0, 1] = 0, len(boxes.heads) - 2
@@ -85,7 +85,7 @@ def _find(splats: Gated, boxes: Boxes, box: Box, stack: Array, found: Array) -> 
 
 @routine
 def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3, float]:
-    """f, its gradient, and |x - P| in local radii; inf without support. Splats of close sheets count if they face n."""
+    """Return f, its gradient, and |x - P| in local radii; inf without support. Close sheets count only if facing n."""
     centers, normals, radii, sheets = splats
     total = square_radius = qn = qq = 0.0
     qx = qy = qz = nx = ny = nz = 0.0
@@ -113,11 +113,11 @@ def _evaluate(splats: Gated, near: Array, x: Vec3, n: Vec3) -> tuple[float, Vec3
 
 @routine
 def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tuple[float, float]:
-    """Signed distance of x from the surface, positive outside, and |x - P| in local radii.
+    """Return the signed distance of x from the surface, positive outside, and |x - P| in local radii.
 
-    The distance is f over the length of its gradient. Where that is more than `close`, two secant steps along the
-    normal n find the root of f, as the first estimate is off by factors at sharp edges. Without a root, |x - P| is inf.
-    A surface that faces the other way counts, as it does for rays: normals in debris differ from those around.
+    The distance is f over the length of its gradient. If that exceeds `close`, two secant steps along the normal n find
+    the root of f, because the first estimate is wrong by factors at sharp edges. Without a root, |x - P| is inf. A
+    surface of opposite orientation counts, as it does for rays: normals in debris differ from those around.
     """
     f, g, hollow = _evaluate(splats, near, x, n)
     lean = dot(g, n)
@@ -140,7 +140,7 @@ def _deviation(splats: Gated, near: Array, x: Vec3, n: Vec3, close: float) -> tu
 
 @inline
 def _box_of(positions: Array, first: int, last: int, pad: float) -> tuple[float, float, float, float, float, float]:
-    """The box of some points, with a margin."""
+    """Return the bounding box of some points, with a margin."""
     x, y, z = positions[first, 0], positions[first, 1], positions[first, 2]
     u, v, w = x, y, z
     for i in range(first + 1, last):
@@ -172,23 +172,23 @@ def _survey(
 def deviations(
     positions: Floats, normals: Floats, splats: tuple[Floats, Floats, Floats], close: float = np.inf
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """How far points lie from the surface of splats, and which of them it does not cover.
+    """Measure the distances of points from the surface of splats, and find the points that it does not cover.
 
     Parameters
     ----------
     positions, normals : (n, 3) float32
-        Ordered so that neighbours are close in the arrays.
+        In an order that keeps neighbours close.
     splats : (m, 3), (m, 3) and (m,) float32
         Positions, normals and support radii.
     close : float
-        Distances up to this come from f and its gradient, which is quick; larger ones are found along the normal.
+        Distances up to this are computed from f and its gradient, which is fast; larger ones along the normal.
 
     Returns
     -------
     distances : (n,) float32
-        Positive where the surface lies against the point's normal; 0 where the point is not covered.
+        Positive where the point is outside of the surface; 0 where the point is not covered.
     bare : (n,) bool
-        True where no support reaches the point, or only rims do, or there is no surface along its normal.
+        True where no support reaches the point, or only rims of supports do, or no surface is found along its normal.
     """
     order = kd_order(splats[0])
     sorted_splats = [np.ascontiguousarray(array[order]) for array in splats]

@@ -1,12 +1,12 @@
-"""Frayed borders: points that stand out of the outline of a noisy scan, and wide discs along it.
+"""Frayed borders: points that protrude from the outline of a noisy scan, and wide discs along it.
 
-At the outline of a body a scanner measures mixed returns and grazing ones. Their discs stand out of the surface, alone
-or as wide scallops. Only noisy points of clouds with open borders are examined: closed bodies and clean ones stay.
+At the outline of an object a scanner measures mixed and grazing returns. Their discs protrude from the surface, singly
+or as wide scallops. Only noisy points of clouds with open borders are examined; closed or clean clouds stay unchanged.
 
-- A point stands out if few of its neighbours lie on a rough sheet with it, while those neighbours lie on one together.
-  Its disc becomes a small part of those around it.
-- A point is on the rim if its neighbours on the sheet leave half of the directions open, and its disc is wider than
-  those around it, as nothing closes its cell there. It becomes as wide as they are.
+- A point protrudes if few of its neighbours lie on a rough sheet with it, while those neighbours share one. Its disc is
+  reduced to a small part of those around it.
+- A point is on the rim if its neighbours on the sheet leave half of all directions open and its disc is wider than
+  those around it, because nothing closes its cell there. Its disc is reduced to their width.
 
 Both are borders from then on, beyond which hits do not count. A crease is no rim: the other side closes its cell.
 """
@@ -25,20 +25,20 @@ from ...engine.jit import Array, borrow, f32, f64, i64, inline, keep_alive, kern
 from ...engine.kernels.vec import Vec3, dot, load3_flat, sub, tangents
 from .borders import insert, widest
 from .cells import NEIGHBORS
-from .closed import USUAL
+from .closed import NEAREST
 from .gaps import bend
 from .medians import medians_around
 from .radii import Chosen
 from .voronoi import CHUNK, Neighborhood
 
-# Share of points on borders from which a cloud is open: range scans have 0.0008 to 0.008, closed meshes 4e-5.
+# Share of border points above which a cloud is open: range scans have 0.0008 to 0.008, closed meshes 4e-5.
 OPEN = 5e-4
-SHEET, ROUGH = 0.5, 0.3  # least cosine of normals on a rough sheet; how far off an arc, as a share of the distance
-HALF = math.pi  # directions that are open at a rim
-WIDE = 1.2  # radii of those around: a disc on the rim is wider
-FEW, MOST = 6, 10  # of 20 neighbours on the sheet: a point that stands out has as few, half of those around it as many
-NONE = 4  # of 8 neighbours; only points with as few are examined for standing out
-SMALL = 0.4  # of the radii around: a disc that stands out
+SHEET, ROUGH = 0.5, 0.3  # rough sheet: least cosine of normals; maximum distance from an arc over the points' distance
+HALF = math.pi  # gap in the directions of neighbours at a rim
+WIDE = 1.2  # a disc on the rim is wider than this times those around it
+FEW, MOST = 6, 10  # neighbours on the sheet, of 20: a protruding point has at most FEW, its neighbours' median is MOST
+NONE = 4  # of 8 neighbours; only points with at most this many are examined for protruding
+SMALL = 0.4  # disc of a protruding point, in those around it
 
 Floats = NDArray[np.float32]
 Rows = NDArray[Any]
@@ -46,7 +46,7 @@ Rows = NDArray[Any]
 
 @inline
 def _on_sheet(positions: Array, normals: Array, i: int, near: Array, axes: tuple[Vec3, Vec3], found: Array) -> int:
-    """Write the directions of neighbours on a rough sheet with point i, see `insert`, and return their number."""
+    """Write the directions of the neighbours on a rough sheet with point i, see `insert`; return their number."""
     u, v = axes
     count = 0
     for k in range(1, len(near)):
@@ -59,9 +59,11 @@ def _on_sheet(positions: Array, normals: Array, i: int, near: Array, axes: tuple
 
 
 @kernel
-def _survey(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], counts: Array, out: Array) -> int:
-    """Write how many neighbours lie on a rough sheet with each row, and the direction of a gap of HALF, or zero."""
-    (positions, normals), (rows, near), counts, out = borrow(cloud), borrow(hood), borrow(counts), borrow(out)
+def _survey(
+    work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], counts: Array, out: Array
+) -> int:
+    """Count the neighbours on a rough sheet with each row; write the direction of a gap wider than HALF, or zero."""
+    (positions, normals), (rows, near), counts, out = borrow(cloud), borrow(neighborhood), borrow(counts), borrow(out)
     memory = np.empty((near.shape[1], 3))
     found = borrow(memory)
     tile = next_tile(work)
@@ -88,42 +90,43 @@ def trim_fringe(
     tree: NeighborTree,
     found: Chosen,
     noisy: NDArray[np.bool_],
-    usual: CloudStatistics,
+    statistics: CloudStatistics,
 ) -> None:
-    """Make discs narrower that stand out of the outline of a noisy cloud, and borders of them, in place.
+    """Shrink discs that protrude from the outline of a noisy cloud and mark their points as borders, in place.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        All different.
-    normals : (n, 3) float32, unit
+        All distinct.
+    normals : (n, 3) float32
+        Unit normals.
     tree : NeighborTree
         Of the positions, in order.
     found : Chosen
         Radii and borders, which are changed.
     noisy : (n,) bool
-        Which points are noisy.
-    usual : CloudStatistics
-        Of the cloud.
+        Mask of noisy points.
+    statistics : CloudStatistics
+        Of the whole cloud.
     """
-    share = usual.share("open borders", np.any(found.borders, axis=1).astype(np.bool_))
-    if share < OPEN or found.near.shape[1] <= USUAL or len(positions) < 16:
+    share = statistics.share("open borders", np.any(found.borders, axis=1).astype(np.bool_))
+    if share < OPEN or found.near.shape[1] <= NEAREST or len(positions) < 16:
         return
     cloud = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
-    nobody = Neighborhood(np.empty(0, np.int64), np.empty((0, USUAL + 1), np.int32))
-    around = medians_around(found.radii, normals, found.near, nobody, own=False)
+    no_points = Neighborhood(np.empty(0, np.int64), np.empty((0, NEAREST + 1), np.int32))
+    around = medians_around(found.radii, normals, found.near, no_points, own=False)
     rows = np.flatnonzero(noisy).astype(np.int32)
     few = _counts(cloud, rows, found.near[rows])[0] <= NONE
     wide = np.flatnonzero(~few & (found.radii[rows] > np.float32(WIDE) * around[rows]))
-    # A gap among 20 neighbours is one among 8 of them.
+    # A gap among 20 neighbours is also a gap among the first 8.
     few[wide] = _counts(cloud, rows[wide], found.near[rows[wide]], True)[1].any(axis=1)
     rows = rows[few]
     near = tree.rows_at(NEIGHBORS + 1, positions[rows])
     counts, out = _counts(cloud, rows, near, True)
     some = np.flatnonzero(counts <= FEW)
-    beside, which = np.unique(near[some, 1 : USUAL + 1], return_inverse=True)
+    beside, which = np.unique(near[some, 1 : NEAREST + 1], return_inverse=True)
     there, _ = _counts(cloud, beside, tree.rows_at(NEIGHBORS + 1, positions[beside]))
-    stands = some[np.median(there[which.reshape(len(some), USUAL)], axis=1) >= MOST]
+    stands = some[np.median(there[which.reshape(len(some), NEAREST)], axis=1) >= MOST]
     rim = np.flatnonzero(out.any(axis=1) & (found.radii[rows] > np.float32(WIDE) * around[rows]))
     found.radii[rows[rim]] = around[rows[rim]]
     found.radii[rows[stands]] = np.float32(SMALL) * around[rows[stands]]
@@ -135,10 +138,10 @@ def trim_fringe(
 def _counts(
     cloud: tuple[Floats, Floats], rows: Rows, near: NDArray[np.int32], directions: bool = False
 ) -> tuple[Floats, Floats]:
-    """How many neighbours lie on a rough sheet with each row, and the directions of gaps of HALF, if asked for."""
+    """Count the neighbours on a rough sheet with each row; optionally return the directions of gaps wider than HALF."""
     counts = np.empty(len(rows), np.float32)
     out = np.zeros((len(rows) if directions else 0, 3), np.float32)
-    hood = np.ascontiguousarray(rows, np.int32), np.ascontiguousarray(near)
+    neighborhood = np.ascontiguousarray(rows, np.int32), np.ascontiguousarray(near)
     if len(rows):
-        run(_survey, -(-len(rows) // CHUNK), cloud, hood, counts, out)
+        run(_survey, -(-len(rows) // CHUNK), cloud, neighborhood, counts, out)
     return counts, out

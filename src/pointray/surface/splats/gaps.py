@@ -1,12 +1,12 @@
-"""The widest gap that a disc bridges: three local spacings, or any between rims that agree in plane and slope.
+"""Limits of the gaps that a disc spans: three local spacings; no limit between rims that agree in plane and slope.
 
-A corner of a point's Voronoi cell lies in the middle of a gap between it and two neighbours. Three such points agree if
-each two of them have similar normals and lie on an arc. In disorder, as in a tree crown, a disc does not reach a corner
-farther away than half of the widest gap unless they do. The spacing is that of the whole cloud, with the points that
-are drawn otherwise: a few of a crown look like a surface, and their discs must not cover the leaves around them.
+A vertex of a point's Voronoi cell lies in the middle of a gap between it and two neighbours. Three such points agree if
+each two of them have similar normals and lie on an arc. In disorder, as in a tree crown, a disc does not reach vertices
+farther away than half of the limit unless the points agree. The spacing is that of the whole cloud, including scattered
+points: a few points of a crown look like a surface, and their discs must not cover the leaves around them.
 
-Disorder is a place where points agree with few of their neighbours, or where some of these are drawn otherwise. A
-folded surface is none: the rims of a gap across its edge do not agree, but most neighbours do.
+A point is in disorder if it agrees with few of its neighbours, or if its disc covers scattered points. A folded surface
+is not in disorder: the rims of a gap across its edge do not agree, but most neighbours do.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from ...cloud.neighbors import NeighborTree, distinct
 from ...cloud.statistics import CloudStatistics
 from ...engine.jit import Array, borrow, f32, f64, i64, inline, keep_alive, kernel, next_tile, run
 from ...engine.kernels.vec import dot, load3_flat, sub, tangents
-from .closed import USUAL, distances
+from .closed import NEAREST, distances
 from .voronoi import CHUNK, CORNERS, Neighborhood, Vec2, cell_of, mirror, up_to_seam
 
-WIDEST = 3.0  # local spacings: a wider gap is bridged only between rims that agree
-# The most that a disc in disorder reaches, as a share of the diagonal of the cloud: of a picture that the cloud fits it
-# covers less than 2%. Of n points that share is at least 1 / sqrt(n), as few points fill a picture only if each covers
-# much of it. Up to FEW points have no limit.
+WIDEST = 3.0  # limit of gaps between rims that do not agree, in local spacings
+# Largest reach of a disc in disorder, as a share of the cloud's diagonal: it covers less than 2% of an image that the
+# cloud fills. For n points the share is at least 1 / sqrt(n), as few points fill an image only if each covers much of
+# it. Up to FEW points have no limit.
 LARGEST, FEW = 0.04, 20
-SPACING = math.sqrt(math.pi / 8)  # distance of the 8th neighbour -> spacing of even points
-SLOPE = math.cos(math.radians(35))  # cosine of the normals of two rims that agree
-PLANE = 0.15  # how far two points may lie off an arc, as a share of their distance
-OBTUSE = math.cos(math.radians(150))  # the widest angle between three points with a gap between them
-ALIKE, ROUGH = math.cos(math.radians(45)), 0.2  # the same of points on a rough sheet; normals may have either sign
-# Share of the 20 nearest neighbours on a rough sheet with a point, on average over a point and these. Where a gap of
-# over 3 spacings has rims that do not agree, it is below 0.45 at 9 in 10 points of a tree or a shrub.
+SPACING = math.sqrt(math.pi / 8)  # factor from the distance of the 8th neighbour to the spacing of regular points
+SLOPE = math.cos(math.radians(35))  # least cosine of the normals of two rims that agree
+PLANE = 0.15  # their maximum distance from an arc, as a share of their distance
+OBTUSE = math.cos(math.radians(150))  # the largest angle between three points with a gap between them
+ALIKE, ROUGH = math.cos(math.radians(45)), 0.2  # like SLOPE and PLANE, for a rough sheet and normals of either sign
+# Share of the 20 nearest neighbours on a rough sheet with a point, averaged over the point and these. At gaps of over
+# 3 spacings with rims that do not agree, it is below 0.45 at 90% of the points of a tree or shrub.
 ORDER = 0.45
-# Shares of the points that lie in disorder and whose discs reach too far: with fewer than the first the cloud is in
-# order, and they are surface; with more than the second no place is. Meshes, range scans: to 0.001, trees: 0.02 to 0.3.
+# Shares of points in disorder whose discs reach too far. Below SOME these points are treated as surface; above MUCH all
+# of the cloud is treated as disorder. Meshes and range scans: up to 0.001, trees: 0.02 to 0.3.
 SOME, MUCH = 0.01, 0.03
-MIXED = 2  # points that are drawn otherwise and lie in a disc: so many are disorder
-COMMON = 0.98  # share of the points whose spacings limit those of the others: a few points far off have no wide discs
+MIXED = 2  # a disc that covers this many scattered points is in disorder
+COMMON = 0.98  # quantile of the spacings that limits all: a few remote points do not get wide discs
 PIECE = 1 << 18  # rows at a time
 
 Floats = NDArray[np.float32]
@@ -51,9 +51,9 @@ Around = Callable[[NDArray[Any]], NDArray[np.int32]]
 
 @inline
 def bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float]:
-    """Cosine of two normals, and how far the points lie off an arc, as a share of their distance.
+    """Return the cosine of two normals, and how far the points are off an arc, as a share of their distance.
 
-    On an arc the line between them is at right angles to the sum of their normals, of which one may have either sign.
+    On an arc the connection of two points is perpendicular to the sum of their normals; signs of normals are free.
     """
     d = sub(load3_flat(positions, 3 * j), load3_flat(positions, 3 * i))
     n, m = load3_flat(normals, 3 * i), load3_flat(normals, 3 * j)
@@ -64,14 +64,14 @@ def bend(positions: Array, normals: Array, i: int, j: int) -> tuple[float, float
 
 @inline
 def _agree(positions: Array, normals: Array, i: int, j: int) -> bool:
-    """Whether two rims of a gap agree in plane and slope."""
+    """Return whether two rims of a gap agree in plane and slope."""
     cosine, off = bend(positions, normals, i, j)
     return cosine >= SLOPE and off <= PLANE
 
 
 @inline
 def _is_obtuse(a: Vec2, b: Vec2) -> bool:
-    """Whether the origin, a and b are one beside the other along a rim: no gap lies between them, but beside them."""
+    """Return whether the origin, a and b lie side by side along a rim, so that the gap is beside, not between them."""
     dot_a, dot_b = a[0] * (a[0] - b[0]) + a[1] * (a[1] - b[1]), b[0] * (b[0] - a[0]) + b[1] * (b[1] - a[1])
     size_a, size_b = math.hypot(a[0], a[1]), math.hypot(b[0], b[1])
     side = math.hypot(a[0] - b[0], a[1] - b[1])
@@ -80,9 +80,11 @@ def _is_obtuse(a: Vec2, b: Vec2) -> bool:
 
 
 @kernel
-def _limit(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], limits: Array, reach: Array) -> int:
-    """Write how far each row's cell reaches without corners farther than its limit, unless their rims agree."""
-    (positions, normals), (rows, near) = borrow(cloud), borrow(hood)
+def _limit(
+    work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], limits: Array, reach: Array
+) -> int:
+    """Write the reach of each row's cell without vertices beyond its limit, unless their rims agree."""
+    (positions, normals), (rows, near) = borrow(cloud), borrow(neighborhood)
     limits, reach = borrow(limits), borrow(reach)
     memory = np.empty((2, CORNERS, 3))
     polygons = borrow(memory)
@@ -118,9 +120,9 @@ def _limit(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], l
 
 
 @kernel
-def _count(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], out: Array) -> int:
-    """Write the share of each row's neighbours that lie on a rough sheet with it."""
-    (positions, normals), (rows, near), out = borrow(cloud), borrow(hood), borrow(out)
+def _count(work: Array, cloud: tuple[Array, Array], neighborhood: tuple[Array, Array], out: Array) -> int:
+    """Write the share of each row's neighbours on a rough sheet with it."""
+    (positions, normals), (rows, near), out = borrow(cloud), borrow(neighborhood), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
         for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
@@ -134,15 +136,16 @@ def _count(work: Array, cloud: tuple[Array, Array], hood: tuple[Array, Array], o
     return 0
 
 
-def bridged(positions: Floats, normals: Floats, hood: Neighborhood, limits: Floats) -> Floats:
-    """Return how far cells reach without wide gaps.
+def bridged(positions: Floats, normals: Floats, neighborhood: Neighborhood, limits: Floats) -> Floats:
+    """Return the reach of cells without wide gaps.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        All different.
-    normals : (n, 3) float32, unit
-    hood : Neighborhood
+        All distinct.
+    normals : (n, 3) float32
+        Unit normals.
+    neighborhood : Neighborhood
         The points to measure, and their neighbours.
     limits : (m,) float32
         Half of the widest gap at each of them, see `find_limits`.
@@ -150,25 +153,26 @@ def bridged(positions: Floats, normals: Floats, hood: Neighborhood, limits: Floa
     Returns
     -------
     (m,) float32
-        Distance to the farthest corner or side that is no farther than the limit, or whose points agree; 0: none.
+        Distance to the farthest vertex or side that is within the limit or whose points agree; 0 if there is none.
     """
-    reach = np.empty(len(hood.rows), np.float32)
+    reach = np.empty(len(neighborhood.rows), np.float32)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
-    asked = np.ascontiguousarray(hood.rows, np.int32), np.ascontiguousarray(hood.near)
-    run(_limit, -(-len(reach) // CHUNK), flat, asked, np.ascontiguousarray(limits), reach)
+    queried = np.ascontiguousarray(neighborhood.rows, np.int32), np.ascontiguousarray(neighborhood.near)
+    run(_limit, -(-len(reach) // CHUNK), flat, queried, np.ascontiguousarray(limits), reach)
     return reach
 
 
 def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], around: Around) -> NDArray[np.bool_]:
-    """Tell which points agree with few neighbours, as those around them do.
+    """Return which points agree with few neighbours, on average over the point and its neighbours.
 
     Parameters
     ----------
     positions : (n, 3) float32
-    normals : (n, 3) float32, unit
+    normals : (n, 3) float32
+        Unit normals.
     rows : (m,) int32
     around : callable
-        Gives the neighbours of some rows, themselves first, (m, k) int32.
+        Returns rows and their neighbours, (m, k) int32.
 
     Returns
     -------
@@ -179,46 +183,48 @@ def is_disordered(positions: Floats, normals: Floats, rows: NDArray[np.int32], a
     for start in range(0, len(rows), PIECE):
         part = slice(start, start + PIECE)
         some, which = np.unique(around(rows[part]), return_inverse=True)
-        asked, shares = np.asarray(some, np.int32), np.empty(len(some), np.float32)
-        run(_count, -(-len(some) // CHUNK), flat, (asked, np.ascontiguousarray(around(asked))), shares)
+        queried, shares = np.asarray(some, np.int32), np.empty(len(some), np.float32)
+        run(_count, -(-len(some) // CHUNK), flat, (queried, np.ascontiguousarray(around(queried))), shares)
         out[part] = shares[which.reshape(len(rows[part]), -1)].mean(axis=1) < ORDER
     return out
 
 
 class Limits(NamedTuple):
-    """What limits the discs of n points.
+    """Limits of the discs of n points.
 
     half : (n,) float32, half of the widest gap between rims that do not agree
-    others : the points of the cloud that are drawn otherwise, or None
+    others : the scattered points of the cloud, or None
     """
 
     half: Floats
     others: NeighborTree | None
 
     def are_mixed(self, positions: Floats, reach: Floats) -> NDArray[np.bool_]:
-        """Tell which discs cover points that are drawn otherwise. positions : (m, 3), their middles; reach : (m,)"""
+        """Return which discs cover scattered points. positions : (m, 3), their centres; reach : (m,)"""
         if self.others is None or not len(positions):
             return np.zeros(len(positions), np.bool_)
         return np.asarray(self.others.query(MIXED, positions).distances[:, -1] < reach)
 
 
-def find_limits(positions: Floats, near: NDArray[np.int32], others: Floats | None, usual: CloudStatistics) -> Limits:
-    """Return the widest gaps in a cloud, which has no limits if it is small.
+def find_limits(
+    positions: Floats, near: NDArray[np.int32], others: Floats | None, statistics: CloudStatistics
+) -> Limits:
+    """Find the widest allowed gap at each point. Small clouds have no limits.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        All different.
+        All distinct.
     near : (n, k) int32
-        Rows of their nearest neighbours, themselves first.
+        Rows of each point and its nearest neighbours.
     others : (m, 3) float32, optional
-        Points of the cloud beside these.
-    usual : CloudStatistics
-        Of the cloud.
+        Scattered points of the same cloud.
+    statistics : CloudStatistics
+        Of the whole cloud.
     """
     count = len(positions)
     limits = np.full(count, np.inf, np.float32)
-    if near.shape[1] <= USUAL or count + (0 if others is None else len(others)) <= FEW:
+    if near.shape[1] <= NEAREST or count + (0 if others is None else len(others)) <= FEW:
         return Limits(limits, None)
     scattered = None if others is None or not len(others) else NeighborTree(others[distinct(others)[0]])
     for start in range(0, count, PIECE):
@@ -226,27 +232,29 @@ def find_limits(positions: Floats, near: NDArray[np.int32], others: Floats | Non
         limits[part] = np.float32(0.5 * WIDEST * SPACING) * _eighth(
             positions, Neighborhood(part, near[part]), scattered
         )
-    np.minimum(limits, np.float32(usual.quantile("wide gap", limits, COMMON)), out=limits)
-    np.minimum(limits, np.float32(largest_reach(positions, usual)), out=limits)
+    np.minimum(limits, np.float32(statistics.quantile("wide gap", limits, COMMON)), out=limits)
+    np.minimum(limits, np.float32(largest_reach(positions, statistics)), out=limits)
     return Limits(limits, scattered)
 
 
-def largest_reach(positions: Floats, usual: CloudStatistics) -> float:
-    """Return how far a disc in disorder may reach, or a sphere, so that it covers less than 2% of a picture."""
+def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
+    """Return the largest reach of a disc in disorder, or of a sphere: it covers less than 2% of an image."""
     count = len(positions)
-    share = usual.ask("reach in diagonals", lambda: max(LARGEST, 1 / math.sqrt(count)) if count > FEW else math.inf)
-    return share * usual.diagonal("diagonal", positions)
+    share = statistics.ask(
+        "reach in diagonals", lambda: max(LARGEST, 1 / math.sqrt(count)) if count > FEW else math.inf
+    )
+    return share * statistics.diagonal("diagonal", positions)
 
 
-def _eighth(positions: Floats, hood: Neighborhood, others: NeighborTree | None) -> Floats:
-    """Distances of a hood's points from the 8th neighbour among these and other points."""
-    eighth = distances(positions, hood, USUAL)
+def _eighth(positions: Floats, neighborhood: Neighborhood, others: NeighborTree | None) -> Floats:
+    """Return the distances of points from the 8th neighbour among these and other points."""
+    eighth = distances(positions, neighborhood, NEAREST)
     if others is None:
         return eighth
-    found = others.query(USUAL, positions[hood.rows]).distances
+    found = others.query(NEAREST, positions[neighborhood.rows]).distances
     beside = np.flatnonzero(found[:, 0] < eighth)
-    hood = Neighborhood(hood.rows[beside], hood.near[beside])
-    near = [distances(positions, hood, k) for k in range(1, USUAL + 1)]
+    neighborhood = Neighborhood(neighborhood.rows[beside], neighborhood.near[beside])
+    near = [distances(positions, neighborhood, k) for k in range(1, NEAREST + 1)]
     both = np.column_stack([*near, found[beside]])
-    eighth[beside] = np.partition(both, USUAL - 1, axis=1)[:, USUAL - 1]
+    eighth[beside] = np.partition(both, NEAREST - 1, axis=1)[:, NEAREST - 1]
     return eighth

@@ -1,4 +1,4 @@
-"""Groups of splats that share a cell of a grid and a side: which they are, and means over them."""
+"""Groups of splats that share a grid cell and a main direction of their normals, and means over groups."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ...cloud.neighbors import distinct
 from ...engine.jit import Array, borrow, f32, f64, i64, kernel, next_tile, run
 
 MOST_CELLS = 2**20  # along an axis
-SIDES = 6  # the main directions; a number of a cell times this is exact in float32
-CHUNK = 1 << 12  # splats or groups of a tile
+SIDES = 6  # main directions; the product with a cell number is exact in float32
+CHUNK = 1 << 12  # splats or groups per tile
 
 Floats = NDArray[np.float32]
 
 
 class Groups(NamedTuple):
-    """Rows, group by group: those of group g are order[starts[g] : starts[g + 1]], ascending.
+    """Rows in groups: group g is order[starts[g] : starts[g + 1]], ascending.
 
     order : (n,) int32; starts : (m + 1,) int64
     """
@@ -28,7 +28,7 @@ class Groups(NamedTuple):
     starts: NDArray[np.int64]
 
     def mean(self, values: Floats) -> NDArray[np.float64]:
-        """The mean of each group, (m, ...)."""
+        """Return the mean of each group, (m, ...)."""
         out = np.empty((len(self.starts) - 1, *values.shape[1:]))
         width = int(np.prod(values.shape[1:], dtype=int))
         tiles = -(-len(out) // CHUNK)
@@ -36,25 +36,25 @@ class Groups(NamedTuple):
         return out
 
     def reach(self, positions: Floats, radii: Floats, middles: Floats) -> Floats:
-        """How far the supports of each group extend from its middle, (m,)."""
+        """Return how far the supports of each group extend from its middle, (m,)."""
         out = np.empty(len(middles), np.float32)
         run(_reach, -(-len(out) // CHUNK), (positions, radii, middles), self.order, self.starts, out)
         return out
 
     @property
     def first(self) -> NDArray[np.int32]:
-        """The first row of each group, (m,)."""
+        """First row of each group, (m,)."""
         return self.order[self.starts[:-1]]
 
     def pick(self, kept: NDArray[np.bool_]) -> Groups:
-        """Some of the groups. kept : (m,)"""
+        """Return the groups in a mask (m,)."""
         sizes = np.diff(self.starts)
         return Groups(self.order[np.repeat(kept, sizes)], np.append(0, np.cumsum(sizes[kept])))
 
 
 @kernel
 def _codes(work: Array, positions: Array, normals: Array, low: Array, cell: float, codes: Array) -> int:
-    """Write three numbers that splats of one cell and side share."""
+    """Write three numbers for each splat, equal for splats that share a cell and a side."""
     positions, normals, codes = borrow(positions), borrow(normals), borrow(codes)
     tile = next_tile(work)
     while tile >= 0:
@@ -72,7 +72,7 @@ def _codes(work: Array, positions: Array, normals: Array, low: Array, cell: floa
 
 @kernel
 def _sort(ids: Array, starts: Array, order: Array) -> int:
-    """Rows by the number of their group (a counting sort); starts is zero and has room for one more number."""
+    """Sort rows by group (counting sort). starts : zeros, with one extra entry"""
     ids, starts, order = borrow(ids), borrow(starts), borrow(order)
     for i in range(len(ids)):
         starts[i64(ids[i]) + 2] += 1
@@ -87,7 +87,7 @@ def _sort(ids: Array, starts: Array, order: Array) -> int:
 
 @kernel
 def _means(work: Array, values: Array, width: int, order: Array, starts: Array, out: Array) -> int:
-    """Means of `width` numbers; values and out are flat."""
+    """Write means of `width` numbers for each group; values and out are flat."""
     values, order, starts, out = borrow(values), borrow(order), borrow(starts), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -103,7 +103,7 @@ def _means(work: Array, values: Array, width: int, order: Array, starts: Array, 
 
 @kernel
 def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts: Array, out: Array) -> int:
-    """See `Groups.reach`; splats : positions, radii, and the groups' middles."""
+    """Write the reach of each group, see `Groups.reach`. splats : positions, radii, and middles of groups"""
     positions, radii, middles = borrow(splats[0]), borrow(splats[1]), borrow(splats[2])
     order, starts, out = borrow(order), borrow(starts), borrow(out)
     tile = next_tile(work)
@@ -122,9 +122,9 @@ def _reach(work: Array, splats: tuple[Array, Array, Array], order: Array, starts
 
 
 def groups_in_cells(positions: Floats, normals: Floats, cell: float, low: Floats | None = None) -> Groups:
-    """Splats in one cell of a grid that face one of the six main directions, in the order of their first rows.
+    """Group splats by grid cell and by the main direction, of six, that they face; in the order of their first rows.
 
-    low : (3,) float32, where the grid begins; None: at the least coordinates
+    low : (3,) float32, origin of the grid. None: the least coordinates
     """
     rows, ids = distinct(_codes_of(positions, normals, cell, low))
     starts, order = np.zeros(len(rows) + 2, np.int64), np.empty(len(ids), np.int32)
@@ -133,7 +133,7 @@ def groups_in_cells(positions: Floats, normals: Floats, cell: float, low: Floats
 
 
 def cell_numbers(positions: Floats, normals: Floats, cell: float, low: Floats) -> NDArray[np.int64]:
-    """A number for each splat, (n,), equal for those of one of the groups that `groups_in_cells` makes."""
+    """Return a number for each splat, (n,), equal for splats of one group of `groups_in_cells`."""
     x, y, z = _codes_of(positions, normals, cell, low).astype(np.int64).T
     return np.asarray((x * MOST_CELLS + y) * MOST_CELLS + z)
 

@@ -1,8 +1,8 @@
-"""Candidate splats: grown over the neighbours of a point, nearest first, while the cloud stays near their plane.
+"""Candidate splats: grown from a point over its neighbours, nearest first, while the cloud stays near their plane.
 
-A splat stops at the first point that would make the heights over its plane spread by more than twice the error bound,
-or whose normal turns away (at a fold, or on the other sheet of a thin plate). It grows from neighbour to neighbour and
-so does not jump over gaps. (Wu and Kobbelt 2004, section 3.)
+A splat stops at the first point that would make the range of heights over its plane exceed twice the error bound, or
+whose normal turns away (at a fold, or on the other sheet of a thin plate). It grows from neighbour to neighbour and so
+does not jump over gaps (Wu and Kobbelt 2004, section 3).
 """
 
 from __future__ import annotations
@@ -17,36 +17,36 @@ from ...engine.jit import Array, borrow, f32, i32, inline, kernel, next_tile, ru
 from ...engine.kernels.vec import Vec3
 from .priority_queue import pop, push
 
-AWAY = 0.0  # cosine of the angle to the splat's normal at which a point's normal turns away: 0.5 took 1.8 times as many
+AWAY = 0.0  # least cosine of a member's normal with the splat's: 0.5 needs 1.8 times as many splats
 SMALL = 0.25  # in error bounds: a splat may always be this wide, as it cannot exceed the bound
-MOST = 1 << 16  # the most points in a splat
+MOST = 1 << 16  # maximum number of points in a splat
 CHUNK = 256
-FIRST_ROUND, GROWTH = 200, 1.1  # a pool is grown in rounds: a 200th of the seeds first, 1.1 times as many in each next
+FIRST_ROUND, GROWTH = 200, 1.1  # rounds of a pool: the first takes 1/200 of the seeds, each next 1.1 times as many
 
 Floats = NDArray[np.float32]
 
 
 class Cloud(NamedTuple):
-    """The points to be covered: distinct positions in kd order."""
+    """Points to cover: distinct positions in kd order."""
 
     positions: Floats  # (n, 3)
     normals: Floats  # (n, 3), unit
-    near: NDArray[np.int32]  # (n, k), the neighbours of each point, nearest first, without itself
-    area: Floats  # (n,), the area that each point stands for
-    radii: Floats  # (n,), a radius with which the whole cloud covers itself
+    near: NDArray[np.int32]  # (n, k), neighbours of each point, nearest first, without the point
+    area: Floats  # (n,), area that each point represents
+    radii: Floats  # (n,), radii with which the whole cloud covers itself
     border: NDArray[np.bool_]  # (n,), whether the point lies on an open border
 
 
 class Splats(NamedTuple):
     """Splats and the points that they cover."""
 
-    seeds: NDArray[np.int32]  # (m,), the point in the middle of each
-    starts: NDArray[np.int64]  # (m + 1,), where its points begin in `members`
-    members: NDArray[np.int32]  # the covered points of all, nearest first
-    widths: Floats  # (m,), how wide each may be: the size of the surface around it
+    seeds: NDArray[np.int32]  # (m,), centre point of each splat
+    starts: NDArray[np.int64]  # (m + 1,), start of its points in `members`
+    members: NDArray[np.int32]  # covered points of all splats, nearest first
+    widths: Floats  # (m,), maximum width: the size of the surface around each splat
 
     def pick(self, rows: NDArray[Any]) -> Splats:
-        """The splats of the given rows."""
+        """Return the splats of the given rows."""
         starts = np.concatenate([[0], np.cumsum(np.diff(self.starts)[rows])])
         members = np.empty(starts[-1], np.int32)
         _gather(self.starts, self.members, np.ascontiguousarray(rows, np.int64), starts, members)
@@ -54,12 +54,12 @@ class Splats(NamedTuple):
 
     @property
     def owners(self) -> NDArray[np.int64]:
-        """The splat of each of `members`."""
+        """Index of the splat of each of `members`."""
         return np.repeat(np.arange(len(self.seeds)), np.diff(self.starts))
 
 
 def join(parts: list[Splats]) -> Splats:
-    """All splats of several sets."""
+    """Concatenate several sets of splats."""
     counts = np.concatenate([np.diff(part.starts) for part in parts])
     starts = np.concatenate([[0], np.cumsum(counts)])
     seeds, _, members, widths = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -68,7 +68,7 @@ def join(parts: list[Splats]) -> Splats:
 
 @kernel
 def _gather(starts: Array, members: Array, rows: Array, begins: Array, out: Array) -> None:
-    """Copy the members of the given splats, one splat after the other."""
+    """Copy the members of the given splats, splat by splat."""
     for i in range(len(rows)):
         first = starts[rows[i]]
         for k in range(begins[i + 1] - begins[i]):
@@ -77,7 +77,7 @@ def _gather(starts: Array, members: Array, rows: Array, begins: Array, out: Arra
 
 @inline
 def at(rows: Array, i: int) -> Vec3:
-    """A row of three."""
+    """Return row i of an (n, 3) array."""
     return rows[i, 0], rows[i, 1], rows[i, 2]
 
 
@@ -90,9 +90,9 @@ def _grow_one(
     queue: tuple[Array, Array],
     out: Array,
 ) -> tuple[int, float]:
-    """Grow one splat; returns its number of members and the squared distance to the last.
+    """Grow one splat; return its number of members and the squared distance to the last.
 
-    bounds : radius and error bound; stamp : (the last splat that met each point, this splat); out : members.
+    bounds : radius and error bound; stamp : (last splat that visited each point, this splat); out : members
     """
     keys, rows = queue
     met, mark = stamp
@@ -112,7 +112,7 @@ def _grow_one(
         if square > small and (high - low > spread or a * nx + b * ny + c * nz < AWAY):
             break
         last = square
-        if cloud.border[seed] or not cloud.border[j]:  # a border is covered from the border only
+        if cloud.border[seed] or not cloud.border[j]:  # only border seeds cover border points
             out[count] = j
             count += 1
         for k in range(cloud.near.shape[1]):
@@ -127,8 +127,8 @@ def _grow_one(
 
 
 @inline
-def _roomy(array: Array, used: int, more: int) -> Array:
-    """The array, or a copy of twice the size where there is no room for more."""
+def _with_capacity(array: Array, used: int, more: int) -> Array:
+    """Return the array, or a copy of at least twice its size if `more` numbers do not fit."""
     if used + more <= len(array):
         return array
     larger = np.empty(2 * len(array) + more, array.dtype)
@@ -138,7 +138,7 @@ def _roomy(array: Array, used: int, more: int) -> Array:
 
 @kernel
 def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -> tuple[Array, Array, Array, Array]:
-    """Grow splats from the seeds: seed number, number of members and radius of each splat, and all members."""
+    """Grow splats from seeds; return the seed index, number of members and radius of each, and all members."""
     lent, seeds, bound = borrow(cloud), borrow(seeds), borrow(bound)
     met = np.full(len(lent.positions), -1, np.int32)
     queue = np.empty(4 * MOST, np.float32), np.empty(4 * MOST, np.int32)
@@ -150,7 +150,7 @@ def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -
     while tile >= 0:
         for s in range(tile * CHUNK, min((tile + 1) * CHUNK, len(seeds))):
             count, last = _grow_one(lent, seeds[s], (bound[seeds[s]], error), (met, i32(s)), queue, one)
-            members = _roomy(members, used, count)
+            members = _with_capacity(members, used, count)
             members[used : used + count] = one[:count]
             which[done], counts[done], radii[done] = s, count, math.sqrt(last)
             used += count
@@ -160,10 +160,10 @@ def _grow(work: Array, cloud: Cloud, seeds: Array, bound: Array, error: float) -
 
 
 def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) -> tuple[Splats, Floats]:
-    """A splat around each of the seeds, no wider than `bound` (n,), and the radius that each reached."""
+    """Grow a splat around each seed, no wider than `bound` (n,); also return the radius that each reached."""
     results = run(_grow, -(-len(seeds) // CHUNK), cloud, seeds, bound, float(error))
     which, counts, radii, members = (np.concatenate(column) for column in zip(*results, strict=True))
-    order = np.argsort(which)  # the same order whatever thread grew each splat
+    order = np.argsort(which)  # independent of the threads
     starts = np.concatenate([[0], np.cumsum(counts)])
     return Splats(seeds[which], starts, members, bound[seeds[which]]).pick(order), radii[order]
 
@@ -171,9 +171,9 @@ def grow(cloud: Cloud, seeds: NDArray[np.int32], bound: Floats, error: float) ->
 def grow_pool(
     cloud: Cloud, bound: Floats, error: float, times: int, wanted: NDArray[np.bool_] | None = None
 ) -> tuple[Splats, Floats]:
-    """Grow splats until each wanted point lies in `times` or more, or all are seeds; returns them and their radii.
+    """Grow splats until each wanted point lies in at least `times` of them or all are seeds; also return their radii.
 
-    The work stays near n * times however large the splats are. A splat around each point would take n times their size.
+    The cost is about n * times, regardless of the size of splats. A splat for each point would cost n times their size.
     """
     n = len(cloud.positions)
     rows = np.arange(n, dtype=np.int32) if wanted is None else np.flatnonzero(wanted).astype(np.int32)
@@ -192,7 +192,7 @@ def grow_pool(
 
 @kernel
 def _grade(work: Array, sizes: Array, cloud: Cloud, slope: float) -> int:
-    """Lower sizes[i] to sizes[j] + slope |x_i - x_j|, from neighbour to neighbour, the least first."""
+    """Lower sizes[i] to sizes[j] + slope |x_i - x_j| from neighbour to neighbour, smallest first."""
     n = len(sizes)
     keys, rows = np.empty(2 * n + 64, np.float32), np.empty(2 * n + 64, np.int32)
     count = 0
@@ -211,13 +211,13 @@ def _grade(work: Array, sizes: Array, cloud: Cloud, slope: float) -> int:
             size = f32(key + slope * distance)
             if size < sizes[j]:
                 sizes[j] = size
-                keys, rows = _roomy(keys, count, 1), _roomy(rows, count, 1)
+                keys, rows = _with_capacity(keys, count, 1), _with_capacity(rows, count, 1)
                 count = push(keys, rows, count, size, j)
     return 0
 
 
 def grade(sizes: Floats, cloud: Cloud, slope: float) -> Floats:
-    """The sizes (n,), lowered until neighbours differ by at most `slope` times their distance."""
+    """Lower sizes (n,) until those of neighbours differ by at most `slope` times their distance."""
     graded = sizes.copy()
     run(_grade, 1, graded, cloud, slope)
     return graded

@@ -1,6 +1,6 @@
-"""Levels of detail: clouds whose points are the means of the points in the cells of ever coarser grids.
+"""Levels of detail: clouds of mean points over the cells of ever coarser grids.
 
-`subsample` does not serve here: its splats are as wide as the shape allows, but colours need detail down to a pixel.
+`subsample` is no substitute: its splats are as wide as the shape allows, but colours need detail down to a pixel.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from ...cloud.points import Points
 from .averages import attribute_averages
 from .groups import Groups, groups_in_cells
 
-LEAST_POINTS = 700  # 200 points no longer show the statue's shape or shading: pictures are 9% brighter
-LEAST_GAIN = 1.5  # a level has at least this many times fewer points than the one before
-# Rays see one side at a time if at least this share of a level's splats has another sheet close by. A plate thinner
-# than 1.6 radii was invisible, as its sides cancel. For scans with a lower share, pictures come only 3 to 7% closer to
-# those of all points, and take 1.3 to 1.7 times as long; 1,000 statues take 2.2 times as long.
+LEAST_POINTS = 700  # 200 points no longer show the statue's shape or shading: images are 9% brighter
+LEAST_GAIN = 1.5  # least ratio of the numbers of points of successive levels
+# Sheets are kept only if at least this share of a level's splats has an opposite sheet close by. Without them a plate
+# thinner than 1.6 radii was invisible, as its sides cancel. For scans with a lower share, sheets bring images only 3 to
+# 7% closer to those of all points and take 1.3 to 1.7 times as long; 1,000 statues take 2.2 times as long.
 THIN = 0.5
-# The least support, in edges of a cell. A few small supports shorten the rays' steps everywhere: frames took 1.4 to 1.7
-# times as long. Larger ones make pictures calmer: 1,000 statues from afar change by 0.63 (the smallest that cover the
-# surface), 0.50 (1.0), 0.48 (1.1), 0.46 (1.2) of the change with all points; but 10,000 take 163, 175, 188 ms.
+# Least support, in cell edges. A few small supports shorten the rays' steps everywhere: frames took 1.4 to 1.7 times as
+# long. Larger supports reduce flicker: 1,000 distant statues change by 0.63 (smallest covering supports), 0.50 (1.0),
+# 0.48 (1.1), 0.46 (1.2) of the change with all points; but 10,000 take 163, 175, 188 ms with 1.0, 1.1, 1.2.
 SUPPORT = 1.0
 
 Floats = NDArray[np.float32]
 
 
 class Fine(NamedTuple):
-    """Splats that a level is made of.
+    """Splats from which a level is made.
 
     positions, normals : (n, 3) float32; radii : (n,) float32
-    colors : (n, 3) uint8 or None; noise : (n,) float32 or None, what was smoothed away
+    colors : (n, 3) uint8 or None; noise : (n,) float32 or None, standard deviation of the noise that was smoothed away
     """
 
     positions: Floats
@@ -43,10 +43,10 @@ class Fine(NamedTuple):
 
 
 class Coarse(NamedTuple):
-    """A level's splats.
+    """Splats of a level.
 
     positions, normals : (m, 3) float32; limits : (m,) float32, upper limits of their supports
-    colors : (m, 3) uint8 or None; noise : (m,) float32 or None
+    colors : (m, 3) uint8 or None; noise : (m,) float32 or None, see `Fine`
     """
 
     positions: Floats
@@ -59,7 +59,7 @@ class Coarse(NamedTuple):
 def coarsen(
     points: Points, radii: Floats, cell: float, noise: Floats | None = None
 ) -> tuple[Points, Floats, Floats | None]:
-    """One point, the mean, for each cell of a grid and each of the six main directions that normals face.
+    """Average the points in each grid cell that face the same one of the six main directions.
 
     Parameters
     ----------
@@ -68,20 +68,20 @@ def coarsen(
     radii : (n,) float32
         Support radii of the points.
     cell : float
-        Edge of the cells.
+        Edge length of the cells.
     noise : (n,) float32, optional
-        What was smoothed away at the points.
+        Standard deviation of the noise that was smoothed away at each point.
 
     Returns
     -------
     points : Points
-        About the same origin, in the order of the first point of each. Colours are means of squares, which is nearly
-        the mean of light. Attributes are means of finite values, NaN where less than half are finite; categories the
-        commonest.
+        With the same origin, in the order of each group's first point. Colours are root mean squares, which is nearly
+        the mean of linear light. Attributes are means of finite values, NaN where fewer than half are finite; of
+        categories the most common value.
     limits : (m,) float32
-        Upper limit of each point's support: as far as the supports extend that it stands for, at least SUPPORT.
+        Upper limit of each point's support: the extent of its group's supports, at least SUPPORT cells.
     noise : (m,) float32 or None
-        Its mean.
+        Mean noise of each group.
     """
     assert points.normals is not None
     groups = groups_in_cells(points.positions, points.normals, cell)
@@ -92,7 +92,7 @@ def coarsen(
 
 
 def means_of(groups: Groups, fine: Fine, cell: float) -> Coarse:
-    """What stands for each group of splats, see `coarsen`."""
+    """Average each group of splats, see `coarsen`."""
     normals, colors = groups.mean(fine.normals), None
     if fine.colors is not None:
         colors = np.rint(np.sqrt(groups.mean(fine.colors.astype(np.float32) ** 2))).astype(np.uint8)
@@ -101,7 +101,7 @@ def means_of(groups: Groups, fine: Fine, cell: float) -> Coarse:
     limits = np.maximum(groups.reach(fine.positions, fine.radii, middles), np.float32(SUPPORT * cell))
     return Coarse(
         middles,
-        (normals / np.where(size > 0, size, 1.0)).astype(np.float32),  # 0 stays: none could be fitted there
+        (normals / np.where(size > 0, size, 1.0)).astype(np.float32),  # stays 0 where no normal could be fitted
         limits,
         colors,
         None if fine.noise is None else groups.mean(fine.noise).astype(np.float32),

@@ -1,4 +1,4 @@
-"""Planes through each point's nearest neighbours, sixteen points at once, and how far neighbouring planes agree."""
+"""Planes fitted to each point's nearest neighbours, 16 points at a time, and the agreement of neighbouring planes."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ...engine.jit import Array, borrow, f32, inline, kernel, next_tile, run
 from ...engine.simd import F16, ONE, ZERO, broadcast16, gather16, load16, select, store, vabs, vmax, vsqrt
 
 LANES = 16
-CHUNK = 2048  # points that a thread takes at a time
-PARALLEL, IN_PLANE = 0.95, 0.1  # cosine of two normals, and height over distance, of points in one plane
-TINIEST = 1e-18  # the least reach that is divided by; its square is within float32
+CHUNK = 2048  # points per tile
+PARALLEL, IN_PLANE = 0.95, 0.1  # least cosine of normals, and largest height over distance, of points in one plane
+TINIEST = 1e-18  # lower limit of a reach that is divided by; its square is within float32
 
 Floats = NDArray[np.float32]
 Xyz: TypeAlias = tuple[Array, Array, Array]  # x, y and z of each point
@@ -24,10 +24,10 @@ Xyz: TypeAlias = tuple[Array, Array, Array]  # x, y and z of each point
 class LocalPlanes(NamedTuple):
     """Planes through the neighbours of n points, (n,) float32 each.
 
-    x, y, z : the unit normal, of either sign
-    thickness : standard deviation of the neighbours off the plane
+    x, y, z : unit normal, of either sign
+    thickness : standard deviation of the neighbours' distances from the plane
     slimness : second largest variance of the neighbours over the largest: 0 on a line
-    offset : signed distance of the point itself from the plane
+    offset : signed distance of the point from the plane
     reach : distance of the farthest neighbour
     """
 
@@ -42,13 +42,13 @@ class LocalPlanes(NamedTuple):
 
 @inline
 def load_triple(xyz: Xyz, at: int) -> Triple:
-    """The vectors of sixteen points."""
+    """Load the vectors of 16 points."""
     return load16(xyz[0], at), load16(xyz[1], at), load16(xyz[2], at)
 
 
 @inline
 def gather_triple(xyz: Xyz, near: Array, start: int, width: int) -> Triple:
-    """The vectors of one neighbour of each of sixteen points."""
+    """Gather the vectors of one neighbour of each of 16 points."""
     return (
         gather16(xyz[0], near, start, width),
         gather16(xyz[1], near, start, width),
@@ -58,13 +58,13 @@ def gather_triple(xyz: Xyz, near: Array, start: int, width: int) -> Triple:
 
 @inline
 def difference(a: Triple, b: Triple) -> Triple:
-    """a - b."""
+    """Return a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @kernel
 def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int], out: tuple[Array, ...]) -> int:
-    """Fit a plane to the neighbours in columns[0]:columns[1] of each point; near : flat; out : as in `LocalPlanes`."""
+    """Fit a plane to neighbours columns[0]:columns[1] of each point. near : flat; out : see `LocalPlanes`"""
     xyz, near, out = borrow(xyz), borrow(near), borrow(out)
     first, end = columns
     tile = next_tile(work)
@@ -105,7 +105,7 @@ def _fit(work: Array, xyz: Xyz, near: Array, width: int, columns: tuple[int, int
 
 @kernel
 def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Array) -> int:
-    """Write the mean square of the sine between each point's normal and those of its neighbours in some columns."""
+    """Write the mean squared sine between each point's normal and those of neighbours columns[0]:columns[1]."""
     normals, near, out = borrow(normals), borrow(near), borrow(out)
     first, end = columns
     tile = next_tile(work)
@@ -123,10 +123,10 @@ def _disagree(work: Array, normals: Xyz, near: Array, width: int, columns: tuple
 
 @inline
 def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F16, F16, F16, F16]:
-    """Height of a neighbour over the arc through both, and over the point's plane, as shares of its distance.
+    """Return the height of a neighbour over the arc through both points and over the point's plane, over the distance.
 
-    The third number is 1, or 0 if the neighbour faces the other way: then all are 0. The fourth is 1 if both lie in
-    one plane by their normals.
+    The third number is 1 if the neighbour faces the same way; otherwise the first three are 0. The fourth is 1 if both
+    points lie in one plane according to their normals.
     """
     away = difference(place, own)
     size = vmax(vsqrt(inner(away, away)), broadcast16(f32(TINIEST)))
@@ -143,7 +143,7 @@ def _bend(own: Triple, normal: Triple, place: Triple, other: Triple) -> tuple[F1
 
 @kernel
 def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, columns: tuple[int, int], out: Xyz) -> int:
-    """Write means of `_bend` over the neighbours in some columns, 1 if none faces the point's way; and the fourth."""
+    """Write means of `_bend` over neighbours columns[0]:columns[1], 1 if none faces the same way; sum up the fourth."""
     xyz, normals, near, out = borrow(xyz), borrow(normals), borrow(near), borrow(out)
     first, end = columns
     tile = next_tile(work)
@@ -166,7 +166,7 @@ def _off_arcs(work: Array, xyz: Xyz, normals: Xyz, near: Array, width: int, colu
 
 
 def columns_of(rows: Floats) -> tuple[Floats, Floats, Floats]:
-    """The three columns of an (n, 3) array, each contiguous."""
+    """Split an (n, 3) array into three contiguous columns."""
     x, y, z = (np.ascontiguousarray(rows[:, c], np.float32) for c in range(3))
     return x, y, z
 
@@ -174,16 +174,16 @@ def columns_of(rows: Floats) -> tuple[Floats, Floats, Floats]:
 def fit_planes(
     xyz: tuple[Floats, ...], near: NDArray[np.int32], columns: tuple[int, int], threads: int | None = None
 ) -> LocalPlanes:
-    """Fit a plane to some neighbours of each point.
+    """Fit a plane to neighbours of each point.
 
     Parameters
     ----------
     xyz : three of (n,) float32
-        At least sixteen points.
+        At least 16 points.
     near : (n, k) int32
         Rows of neighbours, nearest first.
     columns : (first, end)
-        Which of the columns of `near` are used; the last one is the farthest neighbour.
+        Range of columns of `near` to use; the last one is the farthest neighbour.
     """
     out = LocalPlanes(*np.empty((len(LocalPlanes._fields), len(near)), np.float32))
     run(_fit, -(-len(near) // CHUNK), xyz, near.reshape(-1), near.shape[1], columns, tuple(out), threads=threads)
@@ -193,7 +193,7 @@ def fit_planes(
 def disagreement(
     normals: tuple[Floats, ...], near: NDArray[np.int32], columns: tuple[int, int], threads: int | None = None
 ) -> Floats:
-    """Return the mean square of the sine between each normal and those of some neighbours, (n,): 2/3 at random."""
+    """Return the mean squared sine between each normal and those of its neighbours, (n,); 2/3 for random normals."""
     out = np.empty(len(near), np.float32)
     run(_disagree, -(-len(out) // CHUNK), normals, near.reshape(-1), near.shape[1], columns, out, threads=threads)
     return out
@@ -206,12 +206,12 @@ def off_arcs(
     columns: tuple[int, int],
     threads: int | None = None,
 ) -> tuple[Floats, Floats, Floats]:
-    """Return how far neighbours lie off circular arcs at right angles to both normals, and off each point's plane.
+    """Measure how far neighbours are from circular arcs perpendicular to both normals, and from each point's plane.
 
-    The third number is how many lie in one plane with the point by both normals. The first two are means over some
-    neighbours of the height over the distance, (n,) each. On a curved surface with true normals the first is much
-    smaller than the second; normals fitted to scattered points leave both alike. Neighbours that face the other way
-    do not count.
+    The first two results, (n,) each, are means over neighbours of height over distance. On a curved surface with true
+    normals the first is much smaller than the second; for normals fitted to scattered points they are similar.
+    Neighbours that face the other way do not count. The third result is the number of neighbours that lie in one plane
+    with the point according to both normals.
     """
     arc, plane, same = np.empty((3, len(near)), np.float32)
     run(

@@ -1,4 +1,4 @@
-"""A binary heap in two arrays: the row with the least key comes first."""
+"""Binary min-heap in two arrays: keys and rows."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from ...engine.jit import Array, routine
 
 @routine
 def push(keys: Array, rows: Array, size: int, key: float, row: int) -> int:
-    """Add a row with its key; returns the new size."""
+    """Push a row with its key; return the new size."""
     i = size
     while i > 0:
         up = (i - 1) >> 1
@@ -21,7 +21,7 @@ def push(keys: Array, rows: Array, size: int, key: float, row: int) -> int:
 
 @routine
 def pop(keys: Array, rows: Array, size: int) -> int:
-    """Remove the first row, which the caller has read; returns the new size."""
+    """Remove the first row, which the caller has read; return the new size."""
     size -= 1
     key, row = keys[size], rows[size]
     i = 0

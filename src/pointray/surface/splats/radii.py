@@ -1,8 +1,8 @@
-"""Radii for points that come without: the smallest that cover the surface (paper, part II; Wu and Kobbelt 2004).
+"""Radii for points without given ones: the smallest that cover the surface (paper, part II; Wu and Kobbelt 2004).
 
-A disc that reaches the farthest vertex of its point's Voronoi cell in the tangent plane covers the cell; all discs
-cover the surface. The blended surface needs wider supports, as a splat's weight is zero at the edge of its support:
-OVERLAP is the factor.
+A disc that reaches the farthest vertex of its point's Voronoi cell in the tangent plane covers the cell. Together such
+discs cover the surface. The blended surface needs supports wider by the factor OVERLAP, because the weight of a splat
+falls to zero at the edge of its support.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ...cloud.points import Points
 from ...cloud.statistics import CloudStatistics
 from .borders import lone_borders
 from .cells import Cells, Cloud, cloud_of
-from .closed import USUAL, distances
+from .closed import NEAREST, distances
 from .gaps import find_limits
 from .medians import medians_around
 from .voronoi import Neighborhood
@@ -27,34 +27,34 @@ from .wide_discs import NOTICE, limit_wide
 
 Floats = NDArray[np.float32]
 
-# Torus of 100,000 points, even | random: 1.5 gives 4.1 | 7.2 splats over a point, depth errors of 2e-4 | 8e-4 h and
-# normals of 0.12 | 0.24 degrees; 1.8 gives 6.0 | 10.3 and 1e-4 | 5e-4, 0.08 | 0.20. No ray misses in either.
+# Torus of 100,000 points, regular | random: 1.5 gives 4.1 | 7.2 overlapping splats, depth errors of 2e-4 | 8e-4 h and
+# normal errors of 0.12 | 0.24 degrees; 1.8 gives 6.0 | 10.3, 1e-4 | 5e-4, 0.08 | 0.20. No ray misses with either.
 OVERLAP = 1.5
-STRAY = 2.5  # a point may be stray if its 4th neighbour is this many times farther than the cells around it reach
-# A gap is open if it is 1 + CHANCE (q - 1) times as wide as usual, within VOIDS; q is the factor by which the widest
-# twentieth of the cells exceed the usual size. Even points: 1.5 (the widest 1.3); a million random ones: 3 (2.7).
+STRAY = 2.5  # a point may be isolated if its 4th neighbour is this many times as far as the cells around it extend
+# A gap is open if it is 1 + CHANCE (q - 1) times as wide as typical, clipped to VOIDS; q is the 95th percentile of cell
+# size over typical size. Regular points: 1.5 (the widest cell is 1.3); a million random points: 3 (the widest is 2.7).
 CHANCE, VOIDS = 3.6, (1.5, 3.0)
-# No cell counts as smaller than this share of the median around it, as the least radius decides the distance of the
-# samples along a ray. Random points: 15% faster, with 4% more splats over a point and the same errors.
+# Cells count as no smaller than this share of the median around them, because the least radius determines the sample
+# distance along rays. On random points: 15% faster, 4% more overlapping splats, same errors.
 EVEN = 0.9
-CUT = 0.85  # share of the time after which all cells are measured
-CLUMP = 0.1  # points this much closer than usual count as one
-DIAGONAL = 1.8  # of a cell of a grid of size 1, and a little more
+CUT = 0.85  # fraction of the run time at which all cells are measured
+CLUMP = 0.1  # points closer than this share of the typical reach are merged
+DIAGONAL = 1.8  # a little more than the diagonal of a unit cube
 
 
 class Chosen(NamedTuple):
-    """What `choose_radii` returns.
+    """Result of `choose_radii`.
 
     radii : (n,) float32
         In the unit of the positions, greater than 0.
     borders : (n, 3) float32
-        The direction out of the surface for points on an open border, unit, else zero.
+        Unit outward direction for points on an open border, else zero.
     lone : (n,) bool
-        Which points are stray: their radii were made smaller.
+        Isolated points, whose radii were reduced.
     facing : (n,) bool
-        Which points may have neighbours that face away from them; no others have.
+        Points that may have neighbours with opposite normals; no other point has.
     near : (n, k) int32
-        The 8 nearest neighbours, each point itself first, or fewer if there are no more.
+        Each point and its 8 nearest neighbours, or all neighbours if there are fewer.
     """
 
     radii: Floats
@@ -69,56 +69,56 @@ def choose_radii(
     normals: Floats,
     progress: Progress | None = None,
     tree: NeighborTree | None = None,
-    usual: CloudStatistics | None = None,
+    statistics: CloudStatistics | None = None,
     others: Floats | None = None,
 ) -> Chosen:
-    """Radii that cover the surface, each as small as its point's Voronoi cell and its neighbours' radii allow.
+    """Choose radii that cover the surface, each as small as the point's Voronoi cell and its neighbours' radii allow.
 
-    The borders of the surface are found too. Points in a clump much smaller than the spacing count as one; a stray
+    Also find the borders of the surface. Points in a clump much smaller than the spacing count as one. An isolated
     point gets a radius like those of its nearest neighbours, see `limit_wide`.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        Finite, all different, in kd order.
-    normals : (n, 3) float32, unit
+        Finite, all distinct, in kd order.
+    normals : (n, 3) float32
+        Unit normals.
     progress : callable, optional
     tree : NeighborTree, optional
         Of the positions, in order.
-    usual : CloudStatistics, optional
-        Of the cloud that the points are a part of. None: they are the whole.
+    statistics : CloudStatistics, optional
+        Statistics of the whole cloud, if the points are a part of one. Default: those of the points.
     others : (m, 3) float32, optional
-        Points of the cloud that are drawn otherwise: discs do not reach across gaps that are wide among all points, see
-        `gaps`.
+        Scattered points of the same cloud, which also narrow the gaps that discs may span, see `gaps`.
 
     Raises
     ------
     ValueError
-        If there is only one point: it does not tell how large a splat is.
+        If there are fewer than two points, which have no spacing.
     """
     if len(positions) < 2:
-        raise ValueError("points at one place say nothing about the spacing: give radii")
-    cloud, usual = cloud_of(positions, normals, tree), usual or CloudStatistics.of(len(positions))
-    found = _survey(cloud, usual, others, progress)
-    cell = CLUMP * usual.quantile("reach of small cells", found.radii, 0.25)
-    if min(usual.least("least reach", found.radii), found.radii.min()) < cell:
-        found = _merged(cloud, found, cell, usual, others)
+        raise ValueError("cannot choose radii: all points have the same position; give radii")
+    cloud, statistics = cloud_of(positions, normals, tree), statistics or CloudStatistics.of(len(positions))
+    found = _survey(cloud, statistics, others, progress)
+    cell = CLUMP * statistics.quantile("reach of small cells", found.radii, 0.25)
+    if min(statistics.least("least reach", found.radii), found.radii.min()) < cell:
+        found = _merged(cloud, found, cell, statistics, others)
     np.multiply(found.radii, np.float32(OVERLAP), out=found.radii)
     return found
 
 
-def _merged(cloud: Cloud, found: Chosen, cell: float, usual: CloudStatistics, others: Floats | None) -> Chosen:
-    """The survey of points of which those in one cell of a grid count as one; what was found, if all of them do."""
+def _merged(cloud: Cloud, found: Chosen, cell: float, statistics: CloudStatistics, others: Floats | None) -> Chosen:
+    """Repeat the survey with the points in one grid cell merged; return `found` if all points are in one cell."""
     nearest = distances(cloud.positions, Neighborhood(np.arange(len(found.near)), found.near), 1)
     rows, members = _in_cells(cloud.positions, nearest, cell)
     if len(rows) == 1:
         return found
-    again = _survey(cloud_of(cloud.positions[rows], cloud.normals[rows], None), usual.merged(members), others)
+    again = _survey(cloud_of(cloud.positions[rows], cloud.normals[rows], None), statistics.merged(members), others)
     return Chosen(again.radii[members], again.borders[members], again.lone[members], found.facing, found.near)
 
 
 def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """See `distinct`; only points closer than a cell's diagonal to their nearest neighbour may share theirs."""
+    """Apply `distinct` to the points that are closer than a cell's diagonal to their nearest neighbour."""
     close = np.flatnonzero(nearest < DIAGONAL * cell)
     first, ids = distinct(positions[close], cell)
     kept = np.ones(len(positions), np.bool_)
@@ -132,26 +132,26 @@ def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[NDArray[
 def _survey(
     cloud: Cloud, whole: CloudStatistics, others: Floats | None = None, progress: Progress | None = None
 ) -> Chosen:
-    """How far each point's cell reaches, limited for outliers; the borders; and which points are outliers.
+    """Measure each point's cell, limited for isolated points; find the borders and the isolated points.
 
-    whole : what is usual in the cloud that the points are a part of; others : its points beside these
+    whole : statistics of the whole cloud; others : points of the cloud that are not in this one
     """
     positions, normals = cloud.positions, cloud.normals
     cells = Cells(cloud, part_of(progress, 0.0, CUT))
     borders, fourth, reach, near = cells.gaps, cells.first.fourth, cells.reach, cells.near
-    odd = np.flatnonzero(~cells.first.one_sheet) if near.shape[1] > USUAL else np.arange(len(near))
-    hood = Neighborhood(odd, cloud.around(odd))
-    around = medians_around(reach, normals, near, hood, own=False)
+    odd = np.flatnonzero(~cells.first.one_sheet) if near.shape[1] > NEAREST else np.arange(len(near))
+    neighborhood = Neighborhood(odd, cloud.around(odd))
+    around = medians_around(reach, normals, near, neighborhood, own=False)
     far = np.flatnonzero((fourth > STRAY * around) & (around > 0))
     above = far[_height(positions, normals, far, near[far, 1:5]) > 0.5]
-    usual = around.copy()  # for a point beside denser ones, its distance from them defines what is usual
-    usual[far] = np.float32(0.6) * fourth[far]
-    usual[above] = around[above]
-    # The points themselves tell how wide a gap may be by chance.
-    shares = np.divide(reach, np.maximum(usual, np.float32(1e-30)), dtype=np.float32)
+    typical = around.copy()  # where denser points are near, the distance to the 4th neighbour is the reference
+    typical[far] = np.float32(0.6) * fourth[far]
+    typical[above] = around[above]
+    # The cell sizes themselves show how wide gaps get by chance.
+    shares = np.divide(reach, np.maximum(typical, np.float32(1e-30)), dtype=np.float32)
     common = whole.quantile("reach of wide cells, in usual ones", shares, 0.95)
     void = float(np.clip(1 + CHANCE * (common - 1), *VOIDS))
-    ahead = cells.measure(np.flatnonzero(cells.at_gap | (reach > np.float32(void) * usual)), usual, void)
+    ahead = cells.measure(np.flatnonzero(cells.at_gap | (reach > np.float32(void) * typical)), typical, void)
     borders[ahead], cells.at_gap[ahead] = 0, False
     rows = np.flatnonzero(cells.at_gap)
     lone = rows[lone_borders(cells.at_gap, cloud.around(rows))]
@@ -165,20 +165,20 @@ def _survey(
     wide = limit_wide(positions, normals, reach, cloud.around, around, whole.quantile("reach", reach, 0.5))
     wide[alone] = True
     cells.narrow(find_limits(positions, near, others, whole), whole)
-    floor = medians_around(reach, normals, near, hood, own=True)
+    floor = medians_around(reach, normals, near, neighborhood, own=True)
     np.maximum(reach, np.float32(EVEN) * floor, out=reach)
     return Chosen(reach, borders, wide, cells.first.facing, near)
 
 
 def _height(positions: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> Floats:
-    """How steeply the neighbours lie above or below each row's tangent plane: the mean sine."""
+    """Return the mean sine of the angle between the neighbours' directions and each row's tangent plane."""
     away = positions[near] - positions[rows, None]
     height = np.abs(np.einsum("ijk,ik->ij", away, normals[rows]))
     return np.asarray((height / np.maximum(np.linalg.norm(away, axis=2), 1e-30)).mean(axis=1))
 
 
 def check_radii(radii: ArrayLike, n: int) -> Floats:
-    """The caller's radii as (n,) float32; ValueError names the first row that is not a valid radius."""
+    """Return the caller's radii as (n,) float32; the ValueError names the first invalid row."""
     array = check_numbers(radii, "radii")
     if array.shape != (n,):
         raise ValueError(f"radii must have the shape ({n},), one for each point, not {array.shape}")
@@ -192,13 +192,13 @@ def check_radii(radii: ArrayLike, n: int) -> Floats:
 
 
 def radii_in(points: Points) -> Floats | None:
-    """The support radii that come with points: the numbers of the attribute `radius`, if each is a positive one."""
+    """Return the attribute `radius` as support radii, if all its values are positive and finite; else None."""
     radii = points.attributes.get("radius")
     return None if radii is None else radii_among(radii)
 
 
 def radii_among(radii: NDArray[Any]) -> Floats | None:
-    """The values of an attribute as radii; None if not each is a positive number."""
+    """Return the values of an attribute as radii; None if one of them is not positive and finite."""
     if radii.ndim != 1 or radii.dtype == np.bool_:
         return None
     with np.errstate(over="ignore"):

@@ -1,6 +1,6 @@
-"""Which splats belong to sheets so close together that the supports of one reach the other, as at a thin wall.
+"""Splats on sheets so close together that the supports of one reach the other, as at a thin wall.
 
-Normals of both sides cancel there, so rays see one side at a time (`surface/intersect/leaf.py`).
+The normals of both sides cancel there, so rays see one side at a time (`surface/intersect/leaf.py`).
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
 from ...engine.kernels.vec import dot, load3_flat, sub
 from .voronoi import Neighborhood
 
-OPPOSED = math.cos(math.radians(150))  # cosine of two normals below which they are of two sheets
-BESIDE = 8  # neighbours
+OPPOSED = math.cos(math.radians(150))  # cosine of two normals below which their points are on different sheets
+BESIDE = 8  # nearest neighbours
 CHUNK = 2048
 
 
 @kernel
-def _find(work: Array, cloud: tuple[Array, Array, Array], hood: tuple[Array, Array], out: Array) -> int:
-    """Set out[i] to 1 where a neighbour of splat i faces away from it and one's support reaches the other's sheet."""
-    (positions, normals, radii), (rows, near), out = borrow(cloud), borrow(hood), borrow(out)
+def _find(work: Array, cloud: tuple[Array, Array, Array], neighborhood: tuple[Array, Array], out: Array) -> int:
+    """Set out[i] to 1 where a neighbour faces away from splat i and the support of either reaches the other's sheet."""
+    (positions, normals, radii), (rows, near), out = borrow(cloud), borrow(neighborhood), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
         for at in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
@@ -40,7 +40,7 @@ def _find(work: Array, cloud: tuple[Array, Array, Array], hood: tuple[Array, Arr
 
 @kernel
 def _widen(work: Array, found: Array, near: Array, out: Array) -> int:
-    """Set out[i] to 1 where splat i or one of its BESIDE nearest neighbours was found."""
+    """Set out[i] to 1 where splat i or one of its BESIDE nearest neighbours is set in `found`."""
     found, near, out = borrow(found), borrow(near), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -58,29 +58,31 @@ def find_sheets(
     near: NDArray[np.int32],
     facing: Neighborhood,
 ) -> NDArray[np.int8] | None:
-    """1 for splats of sheets close together, 0 for all others; None where there are none.
+    """Find splats on sheets close together.
 
     Parameters
     ----------
     positions : (n, 3) float32
-    normals : (n, 3) float32, unit
+    normals : (n, 3) float32
+        Unit normals.
     radii : (n,) float32
     near : (n, k) int32
-        Rows of each point's neighbours, itself first: the BESIDE nearest, or more.
+        Rows of each point and at least its BESIDE nearest neighbours.
     facing : Neighborhood
-        The splats that may have neighbours that face away from them, and their neighbours.
+        The splats that may have neighbours with opposite normals, and their neighbours.
 
     Returns
     -------
     (n,) int8 or None
+        1 for splats on sheets close together, else 0. None if no splat is.
     """
     found = np.zeros(len(positions), np.int8)
     flat = [np.ascontiguousarray(array).reshape(-1) for array in (positions, normals, radii)]
-    hood = np.ascontiguousarray(facing.rows, np.int64), np.ascontiguousarray(facing.near)
-    run(_find, -(-len(hood[0]) // CHUNK), tuple(flat), hood, found)
+    neighborhood = np.ascontiguousarray(facing.rows, np.int64), np.ascontiguousarray(facing.near)
+    run(_find, -(-len(neighborhood[0]) // CHUNK), tuple(flat), neighborhood, found)
     if not found.any():
         return None
-    # Splats beside them are included: a fragment of a sheet whose other splats are ignored would be seen by itself.
+    # Include neighbours: a fragment of a sheet would stay visible if its other splats were ignored.
     out = found.copy()
     run(_widen, -(-len(found) // CHUNK), found, np.ascontiguousarray(near), out)
     return out

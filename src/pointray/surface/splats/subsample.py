@@ -1,4 +1,4 @@
-"""A smaller cloud for the same surface (Wu and Kobbelt 2004): under an error bound, or of a given size."""
+"""Subsampling that preserves the surface (Wu and Kobbelt 2004): within an error bound, or to a given size."""
 
 from __future__ import annotations
 
@@ -31,37 +31,37 @@ from .subset import (
 )
 
 AROUND = 12  # neighbours of a point to which a splat can grow
-RANK = 8  # a radius is the distance to this neighbour where no point can be left out
-STRAY = 4.0  # upper limit of that radius, as a multiple of the usual radius around it
-SHARE = 0.999  # share of the points that must lie within the tolerance
-NOISY = "they are noisier, or the surface is sharper, than so many points can show"  # where they do not
-LEEWAY = 2.0  # error bound of the discs in tolerances: the blended surface follows curves, which the discs do not
-MENDS = 8  # the most rounds of mending
-MARGIN = 0.8  # share of the tolerance beyond which splats are mended: rays find slightly larger errors than predicted
-ENOUGH = 1e-4  # share of points beyond the tolerance at which mending ends
-RELAXED = 0.9  # share of the chosen splats that the relaxation leaves
-COUNT_MENDS = 16  # the most rounds of mending for a count
-MENDED = 0.2  # share of the unspent splats that are mended at once; mending one splat adds about three
-RESERVE = 0.2  # share of a count kept for mending. Statue, 8,000: 0.1% are off 1.6e-3 and more; with 0.06, 1.9e-3
-MOST_PASSES = 12  # the most passes of the relaxation, for a count
-ATTEMPTS = 8  # the most attempts to meet a count
+RANK = 8  # a radius is the distance to this neighbour where no point can be omitted
+STRAY = 4.0  # upper limit of that radius, in medians of the radii around it
+SHARE = 0.999  # share of the points that must be within the tolerance
+NOISY = "the points are noisier, or the surface is sharper, than this tolerance allows"  # where fewer are
+LEEWAY = 2.0  # error bound of the discs, in tolerances: the blended surface follows curves, the discs do not
+MENDS = 8  # maximum number of refinement rounds
+MARGIN = 0.8  # splats are refined above this share of the tolerance: rays find slightly larger errors than predicted
+ENOUGH = 1e-4  # share of points beyond that at which refinement stops
+RELAXED = 0.9  # expected share of the chosen splats after the relaxation
+COUNT_MENDS = 16  # maximum number of refinement rounds for a count
+MENDED = 0.2  # share of the unused splats that are refined at once; refining one splat adds about three
+RESERVE = 0.2  # share of a count kept for refinement. Statue, 8,000: 0.1% of errors exceed 1.6e-3; with 0.06, 1.9e-3
+MOST_PASSES = 12  # maximum number of relaxation passes for a count
+ATTEMPTS = 8  # maximum number of attempts to meet a count
 MET = 0.96, 1.03  # accepted ratios of relaxed splats to wanted splats
-SAMPLE = 50_000  # points at which sizes are measured to guess the bound for a count
-DENSITY = 0.5  # splats chosen for each square of a size: between 0.45 and 0.6
-FINEST = 1e-7  # of the diagonal: the least error bound that is tried for a count
+SAMPLE = 50_000  # points at which sizes are measured to estimate the error bound for a count
+DENSITY = 0.5  # chosen splats per squared size: between 0.45 and 0.6
+FINEST = 1e-7  # least error bound that is tried for a count, in diagonals
 
 
 class Subsample(NamedTuple):
-    """What `subsample` returns, and what its warnings need."""
+    """Result of `subsample`, and the data for its warnings."""
 
     points: Points
     radii: NDArray[np.float32]
-    within: float  # share of the given points that have the surface within the tolerance; 1 for a count
+    within: float  # share of the given points within the tolerance of the surface; 1 for a count
     message: str | None  # about the normals
 
     @property
     def met(self) -> bool:
-        """Whether the promised share of the points lies within the tolerance."""
+        """Whether the guaranteed share of the points is within the tolerance."""
         return self.within >= SHARE
 
 
@@ -73,50 +73,51 @@ def subsample(
     smooth: str | float = "auto",
     progress: Progress | None = None,
 ) -> tuple[Points, NDArray[np.float32]]:
-    """Fewer points, and their support radii, for the same surface.
+    """Reduce a cloud to fewer points, with support radii, that represent the same surface.
 
-    Splats are grown under an error bound, chosen by newly covered area, relaxed until fewer are enough, and fitted to
-    the points that they cover. Flat parts get few and large splats; fine detail keeps its points.
+    Splats are grown under an error bound, chosen by newly covered area, relaxed to a smaller number, and fitted to the
+    points that they cover. Flat regions get few large splats; fine detail keeps its points.
 
     Parameters
     ----------
     points : Points
-        Missing normals are estimated. Rows that are not finite are left out, duplicates count once.
+        Missing normals are estimated. Rows that are not finite are ignored; duplicates count once.
     tolerance : float, optional
-        The distance, in the points' unit, within which 99.9% of the points have the surface of
-        `pr.Model(*pr.subsample(...))`. A warning says so where fewer points have: points that are noisier than the
-        tolerance have no such surface, even if all of them are kept.
+        Maximum distance, in the points' unit, of 99.9% of the points from the surface of
+        `pr.Model(*pr.subsample(...))`. A warning reports a smaller share: points with more noise than the tolerance
+        have no such surface, even if all of them are kept.
     count : int, optional
         Exact number of points to return, with an error as small as possible. Give either this or the tolerance.
     smooth : "auto" or float
-        Noise that is smoothed away before, see `pr.smooth`; the tolerance is about the smooth points.
+        Noise to smooth away first, see `pr.smooth`. The tolerance refers to the smoothed points.
     progress : callable, optional
-        Called with the stage's name and the share done.
+        Called with the name of the stage and the fraction completed, 0 to 1.
 
     Returns
     -------
     points : Points
-        In no order. Each position lies amid the points that it stands for; colours and attributes are their means,
-        categories the commonest.
+        In no particular order. Each position is centred among the points that it represents; colours and attributes
+        are their means, or the most common category.
     radii : (m,) float32
-        Supports, for `pr.Model(points, radii)`.
+        Support radii, for `pr.Model(points, radii)`.
 
     Raises
     ------
     ValueError
         If not exactly one of tolerance and count is given, the tolerance is not between 0 and the cloud's diagonal,
-        `count` is more than the different positions or too few to cover the surface, or all positions are equal.
+        `count` exceeds the number of distinct positions or is too small to cover the surface, or all positions are
+        equal.
 
     References
     ----------
-    Wu, Kobbelt: Optimized Sub-Sampling of Point Sets for Surface Splatting (Eurographics 2004).
+    J. Wu and L. Kobbelt, "Optimized Sub-Sampling of Point Sets for Surface Splatting", Eurographics 2004.
     """
     found = find_subsample(points, tolerance, count, smooth, progress)
     if found.message:
         warn(found.message, stacklevel=2)
     if not found.met:
         warn(
-            f"{found.within:.1%} of the points lie within {tolerance:g} of the surface, not {SHARE:.1%}: {NOISY}",
+            f"{found.within:.1%} of the points are within {tolerance:g} of the surface, not {SHARE:.1%}: {NOISY}",
             stacklevel=2,
         )
     return found.points, found.radii
@@ -129,35 +130,35 @@ def find_subsample(
     smooth: str | float = "auto",
     progress: Progress | None = None,
 ) -> Subsample:
-    """What `subsample` does, without a warning."""
+    """Subsample points, see `subsample`, without warnings."""
     check_kind(points, "points", Points, "Points")
     check_callback(progress)
     _check_target(tolerance, count)
     smooth = check_sigma(smooth, "smooth")
-    say = progress or (lambda stage, share: None)
-    say("normals", 0.0)
+    report = progress or (lambda stage, share: None)
+    report("normals", 0.0)
     finite = np.flatnonzero(points.finite)
     placed, message = place(points.select(finite) if len(finite) < len(points) else points, smooth)
     mended = placed.points
     rows = kd_order(mended.positions)
     rows = rows[distinct(mended.positions[rows])[0]]
     if len(rows) < 2:
-        raise ValueError(f"all {len(points):,} points are at one place: nothing says how large a splat is")
+        raise ValueError(f"all {len(points):,} points have the same position: cannot choose radii")
     mended = mended.select(rows)
     if count is not None and count > len(rows):
-        raise ValueError(f"count is {count:,}, but the points take {len(rows):,} different places only")
+        raise ValueError(f"count is {count:,}, but the points have only {len(rows):,} different positions")
     diagonal = float(np.linalg.norm(np.subtract(*mended.bounds)))
     if tolerance is not None and tolerance > diagonal:
-        raise ValueError(f"tolerance is {tolerance:g}, more than the cloud is large (its diagonal is {diagonal:g})")
-    say("neighbors", 0.0)
+        raise ValueError(f"tolerance is {tolerance:g}, but must not exceed the cloud's diagonal ({diagonal:g})")
+    report("neighbors", 0.0)
     cloud = describe_cloud(mended)
     within = 1.0
     if tolerance is not None:
-        subset = _within(cloud, float(tolerance), say)
+        subset = _within(cloud, float(tolerance), report)
         within = float((errors(subset, float(tolerance)) <= 1).mean())
     else:
         assert count is not None
-        subset = _as_many(cloud, int(count), diagonal, say)
+        subset = _as_many(cloud, int(count), diagonal, report)
     return Subsample(_averaged(mended, subset), subset.radii, within, message)
 
 
@@ -171,7 +172,7 @@ def _check_target(tolerance: Any, count: Any) -> None:
 
 
 def describe_cloud(points: Points) -> Cloud:
-    """Neighbours, areas and borders of points with distinct positions, in kd order, with unit normals."""
+    """Find neighbours, areas and borders of points with distinct positions, in kd order, with unit normals."""
     positions, normals = points.positions, points.normals
     assert normals is not None
     distances, near = neighbors(positions, NEIGHBORS + 1)
@@ -185,30 +186,30 @@ def describe_cloud(points: Points) -> Cloud:
     return Cloud(np.ascontiguousarray(positions), np.ascontiguousarray(normals), around, area, radii, border)
 
 
-def _within(cloud: Cloud, tolerance: float, say: Progress) -> Subset:
-    """Splats whose surface is within the tolerance of the points."""
+def _within(cloud: Cloud, tolerance: float, report: Progress) -> Subset:
+    """Select splats whose surface is within the tolerance of the points."""
     error = LEEWAY * tolerance
-    say("sizes", 0.0)
+    report("sizes", 0.0)
     sizes = measure(cloud, error)
-    say("selection", 0.0)
-    splats = select(cloud, sizes, error, say)
-    say("fit", 0.0)
+    report("selection", 0.0)
+    splats = select(cloud, sizes, error, report)
+    report("fit", 0.0)
     subset = fit(cloud, splats, tolerance)
     for k in range(MENDS):
         if (errors(subset, MARGIN * tolerance) > 1).mean() <= ENOUGH:
             break
         splats, sizes = mend(cloud, subset, sizes, error, worst(subset, MARGIN * tolerance))
-        say("fit", (k + 1) / (MENDS + 1))
+        report("fit", (k + 1) / (MENDS + 1))
         subset = fit(cloud, splats, tolerance)
     return subset
 
 
-def _as_many(cloud: Cloud, count: int, diagonal: float, say: Progress) -> Subset:
-    """The given number of splats."""
+def _as_many(cloud: Cloud, count: int, diagonal: float, report: Progress) -> Subset:
+    """Select exactly `count` splats."""
     if count == len(cloud.positions):
         return fit(cloud, _single(cloud, np.arange(count), cloud.radii), diagonal * FINEST)
-    splats, sizes, error = _meet(cloud, count, diagonal, say)
-    say("fit", 0.0)
+    splats, sizes, error = _meet(cloud, count, diagonal, report)
+    report("fit", 0.0)
     subset, share = fit(cloud, splats, error), MENDED
     for k in range(COUNT_MENDS):
         number = int(share * (count - len(subset.splats.seeds)))
@@ -218,45 +219,45 @@ def _as_many(cloud: Cloud, count: int, diagonal: float, say: Progress) -> Subset
         if len(splats.seeds) > count:
             share /= 2
             continue
-        say("fit", (k + 1) / (COUNT_MENDS + 1))
+        report("fit", (k + 1) / (COUNT_MENDS + 1))
         subset, sizes = fit(cloud, splats, error), smaller
     spare = count - len(subset.splats.seeds)
     return fit(cloud, join([subset.splats, _more(cloud, subset, spare)]), error) if spare else subset
 
 
 def _first(ratio: Floats, number: int) -> Floats:
-    """The `number` largest ratios, divided by the least of them and kept a little over 1; 0 for all others."""
+    """Return the `number` largest ratios, relative to the least of them and at least 1.001; 0 for all others."""
     first = np.argsort(-ratio, kind="stable")[:number]
     out = np.zeros_like(ratio)
     out[first] = np.maximum(ratio[first] / np.maximum(ratio[first[-1]], np.float32(1e-12)), np.float32(1.001))
     return out
 
 
-def _meet(cloud: Cloud, count: int, diagonal: float, say: Progress) -> tuple[Splats, Floats, float]:
-    """No more than `count` splats, and not many fewer; their sizes; and their error bound."""
+def _meet(cloud: Cloud, count: int, diagonal: float, report: Progress) -> tuple[Splats, Floats, float]:
+    """Select at most `count` splats, and not many fewer; return them, their sizes and their error bound."""
     goal = max(int((1 - RESERVE) * count), 1)
-    say("sizes", 0.0)
+    report("sizes", 0.0)
     error = _guess(cloud, goal, diagonal)
     low, high = FINEST * diagonal, diagonal  # too many splats, too few
     for k in range(ATTEMPTS):
-        say("selection", k / ATTEMPTS)
+        report("selection", k / ATTEMPTS)
         sizes = measure(cloud, error)
         pool, rows = select_greedily(cloud, sizes, error)
         ratio = len(rows) * RELAXED / goal
         if MET[0] < ratio < MET[1] or (error == FINEST * diagonal and len(rows) <= count):
-            rows = relax(pool, cloud, rows, goal, MOST_PASSES, say).astype(np.int32)
+            rows = relax(pool, cloud, rows, goal, MOST_PASSES, report).astype(np.int32)
         if len(rows) <= count and (ratio > MET[0] or error == FINEST * diagonal or k == ATTEMPTS - 1):
             return pool.pick(rows), sizes, error
         low, high = (max(low, error), high) if ratio > 1 else (low, min(high, error))
-        # The number falls with a power of the bound between -1/2 and -1 where the surface is smooth, else slower.
+        # On smooth surfaces the number falls with a power of the bound between -1/2 and -1, elsewhere slower.
         error *= ratio**1.4
         if not low < error < high:
             error = float(np.sqrt(low * high)) if low > FINEST * diagonal or k < ATTEMPTS // 2 else low
-    raise ValueError(f"count is {count:,}: too few to cover the surface, it takes some {len(rows):,}")
+    raise ValueError(f"count is {count:,}, too few to cover the surface: it needs about {len(rows):,}")
 
 
 def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
-    """The error bound for a number of splats, guessed from the size that they can have at a sample of the points."""
+    """Estimate the error bound for a number of splats from their possible size at a sample of the points."""
     n = len(cloud.positions)
     some = np.zeros(n, np.bool_)
     some[:: max(n // SAMPLE, 1)] = True
@@ -270,13 +271,13 @@ def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
 
 
 def _single(cloud: Cloud, rows: NDArray[Any], widths: Floats) -> Splats:
-    """Splats that cover one point each."""
+    """Return splats that cover one point each."""
     rows = rows.astype(np.int32)
     return Splats(rows, np.arange(len(rows) + 1), rows, widths.astype(np.float32))
 
 
 def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
-    """`number` additional splats: one beside each splat first, in order of least error, as they disturb the fit."""
+    """Return `number` more splats: first one beside each splat, by increasing error, as they disturb the fit."""
     splats = subset.splats
     free = np.ones(len(cloud.positions), np.bool_)
     free[splats.seeds] = False
@@ -291,11 +292,11 @@ def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
 
 
 def _averaged(points: Points, subset: Subset) -> Points:
-    """The splats as points, with the mean colours and attributes of the points that each covers."""
+    """Return the splats as points, with the mean colours and attributes of the points that each covers."""
     splats, at = subset.splats, subset.splats.starts[:-1]
 
     colors = None
-    if points.colors is not None:  # the mean of squares is nearly the mean of light, as sRGB is nearly a square root
+    if points.colors is not None:  # root mean square: nearly the mean of light, as sRGB is nearly a square root
         squares = {"": points.colors.astype(np.float32) ** 2}
         colors = np.rint(np.sqrt(attribute_averages(squares, splats.members, at)[""])).astype(np.uint8)
     kept = {name: values for name, values in points.attributes.items() if name != RESIDUAL}

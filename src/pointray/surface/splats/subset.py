@@ -1,8 +1,8 @@
-"""Splats for a cloud under an error bound: selected, fitted to the points, and mended where the surface is too far.
+"""Splats for a cloud under an error bound: selected, fitted to the points, and refined where the error is too large.
 
-What counts is not the flat splats but the blended surface that is traced. So supports are OVERLAP times as wide as the
-covering discs. Neighbouring sizes differ by at most SLOPE times the distance, as a large support that reaches into fine
-detail spoils it. Centres are shifted to the middle of the heights over that surface, not over the disc.
+The error is that of the blended surface, not of the flat splats. So supports are OVERLAP times as wide as the covering
+discs. Sizes of neighbours differ by at most SLOPE times their distance, because a large support that reaches into fine
+detail spoils it. Centres are moved to the middle of the heights over the blended surface, not over the disc.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from .grow import Cloud, Floats, Splats, grade, grow_pool, join
 Progress = Callable[[str, float], None]
 
 OVERLAP = 1.8  # support radius in disc radii: 1.6 leaves ten times as many bare points, 2.0 a third more error
-SLOPE = 0.25  # 0.2 needs a tenth more splats for the same error, 0.3 leaves a longer tail, 0.6 holes in a tenth
-SCOUTS, CANDIDATES = 4, 16  # splats over each point: to learn how large splats can be, and to choose from
+SLOPE = 0.25  # 0.2 needs 10% more splats for the same error, 0.3 has a longer tail of errors, 0.6 leaves holes in 10%
+SCOUTS, CANDIDATES = 4, 16  # splats over each point: to measure how large splats can be; to choose from
 LEAST = 0.3  # least size, as a share of the radius with which the whole cloud covers itself
-WIDEST = 1 / 16  # of the cloud's diagonal
+WIDEST = 1 / 16  # largest size, as a share of the cloud's diagonal
 TILTS = 3  # rounds of fitting
-STEEPEST = 0.9  # cosine between a fitted normal and the point's own
-CLOSE = 0.02  # in tolerances: distances up to this are not refined; 0.3 missed half of the large ones, at creases
-BARE = 4.0  # an uncovered point counts as this many tolerances away
-SHRINK = 0.5, 0.9  # least and greatest factor when splats are made smaller where the error is too large
+STEEPEST = 0.9  # least cosine of a fitted normal with the point's own
+CLOSE = 0.02  # distances up to this many tolerances are not refined; 0.3 missed half of the large errors, at creases
+BARE = 4.0  # error of an uncovered point, in tolerances
+SHRINK = 0.5, 0.9  # limits of the factor by which splats shrink where the error is too large
 
 
 class Subset(NamedTuple):
-    """Chosen splats in the form that a model takes, and how far the cloud is from their surface."""
+    """Chosen splats as a model takes them, and the distances of the cloud from their surface."""
 
     splats: Splats
     positions: Floats  # (m, 3), fitted
@@ -43,7 +43,7 @@ class Subset(NamedTuple):
 
 
 def measure(cloud: Cloud, error: float, times: int = SCOUTS, wanted: NDArray[np.bool_] | None = None) -> Floats:
-    """How large splats may be at each point (n,): the size to which they grow within the error bound, graded."""
+    """Return the largest size of splats at each point (n,) within the error bound, graded, see `grade_sizes`."""
     low, high = cloud.positions.min(axis=0), cloud.positions.max(axis=0)
     widest = np.full(len(cloud.positions), WIDEST * np.linalg.norm(np.float64(high) - low), np.float32)
     pool, reached = grow_pool(cloud, widest, error, times, wanted)
@@ -53,25 +53,25 @@ def measure(cloud: Cloud, error: float, times: int = SCOUTS, wanted: NDArray[np.
 
 
 def grade_sizes(cloud: Cloud, sizes: Floats) -> Floats:
-    """The sizes, lowered as far as neighbours require, but not below what the cloud's spacing needs."""
+    """Lower sizes as far as neighbours require, but not below what the cloud's spacing needs."""
     least = np.float32(LEAST) * cloud.radii
     return np.asarray(np.maximum(grade(np.maximum(sizes, least), cloud, SLOPE), least))
 
 
 def select(cloud: Cloud, sizes: Floats, error: float, progress: Progress) -> Splats:
-    """Splats that cover every point: chosen greedily, then relaxed."""
+    """Select splats that cover every point: greedily, then relaxed."""
     pool, rows = select_greedily(cloud, sizes, error)
     return pool.pick(relax(pool, cloud, rows, progress=progress))
 
 
 def select_greedily(cloud: Cloud, sizes: Floats, error: float) -> tuple[Splats, NDArray[np.int32]]:
-    """A pool of splats, and the rows of the chosen ones."""
+    """Return a pool of splats, and the rows of a greedy selection."""
     pool, _ = grow_pool(cloud, sizes, error, CANDIDATES)
     return pool, choose(pool, cloud, np.zeros(len(sizes), np.int32))
 
 
 def fit(cloud: Cloud, splats: Splats, error: float) -> Subset:
-    """Shift and tilt the splats until their blended surface lies amid the points that each covers."""
+    """Shift and tilt the splats until their blended surface is centred among the points that each covers."""
     at, own, members = splats.starts[:-1], splats.owners, splats.members
     seeds, first = cloud.positions[splats.seeds], cloud.normals[splats.seeds]
     radii = np.maximum(np.float32(OVERLAP) * splats.widths, cloud.radii[splats.seeds])
@@ -85,7 +85,7 @@ def fit(cloud: Cloud, splats: Splats, error: float) -> Subset:
         heights = _heights(cloud, (positions, normals, radii), error)[members]
         mean = np.add.reduceat(weights * heights, at) / total
         moment = np.stack([np.add.reduceat(weights * (heights - mean[own]) * column, at) for column in offsets.T], 1)
-        # This is half of the full step, twice the moment, which overshoots, as neighbours tilt too.
+        # Half of the full step (twice the moment), which overshoots, as neighbours tilt too.
         normals = _tilted(first, normals, moment / inertia[:, None])
         positions = _shifted(seeds, positions + mean[:, None] * normals, splats.widths)
     heights = _heights(cloud, (positions, normals, radii), error)[members]
@@ -96,13 +96,13 @@ def fit(cloud: Cloud, splats: Splats, error: float) -> Subset:
 
 
 def _heights(cloud: Cloud, surface: tuple[Floats, Floats, Floats], error: float) -> Floats:
-    """Distances of the points from a surface, clipped: large ones do not guide the fit."""
+    """Return the distances of points from a surface, clipped so that outliers do not guide the fit."""
     distances, _ = deviations(cloud.positions, cloud.normals, surface)
     return np.clip(distances, -2 * error, 2 * error)
 
 
 def _tilted(first: Floats, normals: Floats, slope: NDArray[np.floating[Any]]) -> Floats:
-    """Unit normals tilted by the part of the slope in their planes; a normal stays if it would tilt too far."""
+    """Tilt unit normals by the tangential part of the slope; a normal stays if it would tilt too far."""
     slope = slope - np.einsum("ij,ij->i", slope, normals)[:, None] * normals
     new = normals - slope
     new /= np.linalg.norm(new, axis=1, keepdims=True)
@@ -110,24 +110,24 @@ def _tilted(first: Floats, normals: Floats, slope: NDArray[np.floating[Any]]) ->
 
 
 def _shifted(seeds: Floats, positions: NDArray[np.floating[Any]], widths: Floats) -> Floats:
-    """The positions, moved to within half a width of the seeds."""
+    """Limit positions to half a width around the seeds."""
     offsets = positions - seeds
     length = np.linalg.norm(offsets, axis=1)
     return np.asarray(seeds + offsets * np.minimum(1, 0.5 * widths / np.maximum(length, 1e-30))[:, None], np.float32)
 
 
 def errors(subset: Subset, tolerance: float) -> Floats:
-    """How far each point is from the surface, in tolerances."""
+    """Return the distance of each point from the surface, in tolerances."""
     return np.where(subset.bare, np.float32(BARE), np.abs(subset.distances) / np.float32(tolerance))
 
 
 def worst(subset: Subset, tolerance: float) -> Floats:
-    """The greatest error among the points of each splat."""
+    """Return the largest error among the points of each splat."""
     return np.asarray(np.maximum.reduceat(errors(subset, tolerance)[subset.splats.members], subset.splats.starts[:-1]))
 
 
 def mend(cloud: Cloud, subset: Subset, sizes: Floats, error: float, ratio: Floats) -> tuple[Splats, Floats]:
-    """Smaller splats and sizes where the ratio (m,) of error to tolerance is over 1; the other splats stay."""
+    """Shrink splats and sizes where the ratio (m,) of error to tolerance is over 1; other splats stay."""
     splats = subset.splats
     shrunk = splats.widths * np.clip(SHRINK[1] * np.maximum(ratio, 1) ** -0.5, *SHRINK)
     least = np.where(ratio > 1, shrunk, np.float32(np.inf)).astype(np.float32)

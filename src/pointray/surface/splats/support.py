@@ -1,4 +1,4 @@
-"""The support of every splat: its radius, whether the surface ends beside it, and whether it is of close sheets."""
+"""Support of every splat: its radius, open borders, and sheets close together."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from .radii import choose_radii
 from .sheets import find_sheets
 from .voronoi import Neighborhood
 
-# If more than TIGHT_SHARE of the radii are smaller than TIGHT times the covering ones, the surface has gaps.
+# The surface has gaps if more than TIGHT_SHARE of the radii are smaller than TIGHT times those that cover it.
 TIGHT, TIGHT_SHARE = 0.9, 1e-3
-CROWD = 16  # splats at one position
-# Shares of the time after which the tree and radii are known.
+CROWD = 16  # most splats kept at one position
+# Fractions of the run time at which the neighbour tree and the radii are complete.
 SORTED, CHOSEN = 0.1, 0.98
-HANDFUL = 1e-5  # share of lone points below which they are not mentioned: a mesh of 400,000 vertices has one
+HANDFUL = 1e-5  # isolated points are reported above this share: a mesh of 400,000 vertices has one
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int32]
 
 
 class Support(NamedTuple):
-    """The support of n splats.
+    """Support of n splats.
 
     radii : (n,) float32
-    borders : (n, 3) float32, the direction out of the surface on an open border, else zero; None if not searched for
-    sheets : (n,) int8, 1 for splats of sheets close together, else 0; None if there are none
+    borders : (n, 3) float32, outward direction for splats on an open border, else zero; None if not computed
+    sheets : (n,) int8, 1 for splats with an opposite sheet close by, else 0; None if no splat has one
     tight : whether many radii are too small to cover the surface
-    position_ids : (n,) int32, equal for splats at one position; None if no two are at one
-    lone : (n,) bool, strays whose chosen radii were made smaller
+    position_ids : (n,) int32, equal for splats at equal positions; None if all positions differ
+    lone : (n,) bool, isolated points whose radii were reduced
     """
 
     radii: Floats
@@ -48,7 +48,7 @@ class Support(NamedTuple):
 
     @property
     def crowded(self) -> NDArray[np.bool_]:
-        """Which splats share their position with CROWD splats of lower numbers: rays would have to test all of them."""
+        """Mask of splats that share their position with CROWD earlier ones; rays would have to test all of them."""
         ids = self.position_ids
         if ids is None or np.bincount(ids).max() <= CROWD:
             return np.zeros(len(self.radii), np.bool_)
@@ -60,16 +60,16 @@ class Support(NamedTuple):
 
     @property
     def note(self) -> str:
-        """A message about lone points, if there are more than a handful."""
+        """Message about isolated points; empty if there are only a few."""
         return lone_note(int(self.lone.sum()), len(self.lone))
 
 
 def lone_note(count: int, total: int) -> str:
-    """A message about so many lone points, if they are more than a handful."""
+    """Return a message about `count` isolated points among `total`; empty if they are only a few."""
     if count <= HANDFUL * total:
         return ""
-    points, whose = ("1 lone point is", "its") if count == 1 else (f"{count:,} lone points are", "their")
-    return f"{points} drawn no larger than {whose} neighbours' supports"
+    points, whose = ("1 isolated point", "its") if count == 1 else (f"{count:,} isolated points", "their")
+    return f"{points}: disc size limited to that of {whose} neighbours"
 
 
 def find_support(
@@ -83,32 +83,33 @@ def find_support(
     within: tuple[float, Floats] | None = None,
     apart: bool = False,
     progress: Progress | None = None,
-    usual: CloudStatistics | None = None,
+    statistics: CloudStatistics | None = None,
     others: Floats | None = None,
     noise: Floats | None = None,
 ) -> Support:
-    """The support of every splat, all of it from one search for neighbours.
+    """Find the support of every splat with one neighbour search.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        Finite, in kd order, or in another one that keeps neighbours together.
-    normals : (n, 3) float32, unit
+        Finite, in kd order or another order that keeps neighbours together.
+    normals : (n, 3) float32
+        Unit normals.
     radii : (n,) float32 or None
         Given radii. None: the smallest that cover the surface, see `choose_radii`.
     scale : float
         Factor for all radii.
     borders, sheets : bool
-        What to search for besides radii; sheets only with borders. NEIGHBORS positions or fewer have neither.
+        Whether to find borders and sheets. Sheets require `borders`. NEIGHBORS or fewer different positions have none.
     within : (float, (n,) float32), optional
         Lower and upper limits of chosen radii.
     apart : bool
-        Whether all positions are known to be different.
+        Whether all positions are known to be distinct.
     progress : callable, optional
-    usual, others : optional
+    statistics, others : optional
         See `choose_radii`.
     noise : (n,) float32, optional
-        Standard deviation of the noise of each point; frayed borders are trimmed where there is some.
+        Standard deviation of the noise of each point. Frayed borders are trimmed where it is greater than 0.
 
     Raises
     ------
@@ -116,7 +117,7 @@ def find_support(
         If all positions are equal and no radii are given.
     """
     rows, ids = (None, None) if apart else _places(positions)
-    # Nearly always all positions are distinct; then avoiding copies saves half a GiB at the peak for 24 million points.
+    # Positions are nearly always distinct; not copying them saves 0.5 GiB of peak memory for 24 million points.
     sites = positions if rows is None else take(positions, rows)
     given = None if radii is None else radii * np.float32(scale)
     borders = borders and len(sites) > NEIGHBORS
@@ -126,10 +127,10 @@ def find_support(
     facing = normals if rows is None else take(normals, rows)
     tree = NeighborTree(sites, in_order=True)
     tell(progress, SORTED)
-    usual = CloudStatistics.of(len(sites)) if usual is None else of_places(usual, ids)
-    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, usual, others)
+    statistics = CloudStatistics.of(len(sites)) if statistics is None else of_places(statistics, ids)
+    found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, statistics, others)
     if borders and noise is not None:
-        trim_fringe(sites, facing, tree, found, (noise if rows is None else noise[rows]) > 0, usual)
+        trim_fringe(sites, facing, tree, found, (noise if rows is None else noise[rows]) > 0, statistics)
     covering = found.radii
     lone = _spread(found.lone, ids) if given is None else none
     if within is not None:
@@ -138,22 +139,22 @@ def find_support(
     if not borders:
         return Support(chosen, None, None, False, ids, lone)
     at_sites = chosen if rows is None else chosen[rows]
-    tight = usual.share("tight radii", at_sites < TIGHT * covering) > TIGHT_SHARE
+    tight = statistics.share("tight radii", at_sites < TIGHT * covering) > TIGHT_SHARE
     sides: NDArray[Any] | None = None
     if sheets:
         some = np.flatnonzero(found.facing)
-        hood = Neighborhood(some, tree.rows_at(NEIGHBORS + 1, sites[some]))
-        sides = find_sheets(sites, facing, at_sites, found.near, hood)
+        neighborhood = Neighborhood(some, tree.rows_at(NEIGHBORS + 1, sites[some]))
+        sides = find_sheets(sites, facing, at_sites, found.near, neighborhood)
         sides = None if sides is None else _spread(sides, ids)
     return Support(chosen, _spread(found.borders, ids), sides, tight, ids, lone)
 
 
 def _places(positions: Floats) -> tuple[Rows, Rows] | tuple[None, None]:
-    """See `distinct`; None if all positions are different."""
+    """Return the rows and ids of `distinct`, or None for both if all positions differ."""
     rows, ids = distinct(positions)
     return (None, None) if len(rows) == len(ids) else (rows, ids)
 
 
 def _spread(values: NDArray[Any], ids: Rows | None) -> NDArray[Any]:
-    """What is known of each place, for each splat."""
+    """Expand values per distinct position to values per splat."""
     return values if ids is None else values[ids]

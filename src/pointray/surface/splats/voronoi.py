@@ -1,8 +1,8 @@
-"""How wide a splat must be: it reaches the farthest vertex of its Voronoi cell in its tangent plane (paper, part II).
+"""Voronoi cells in tangent planes: a splat must reach the farthest vertex of its cell (paper, part II).
 
-A neighbour is mapped into the tangent plane: it keeps its direction and its distance in space, so that noise brings no
-neighbour closer. A neighbour past a fold is unfolded. A neighbour that faces the other way belongs to another sheet and
-bounds no cell. The cell is cut out of a square; corners on the square's sides do not count, as the surface ends there.
+A neighbour is mapped into the tangent plane with its direction and its distance in space preserved, so that noise does
+not bring it closer. A neighbour past a fold is unfolded. A neighbour with the opposite normal is on another sheet and
+bounds no cell. Cells are clipped from a square; vertices on its sides do not count, as the surface ends there.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from ...engine.jit import Array, borrow, f64, i64, inline, keep_alive, kernel, n
 from ...engine.kernels.vec import Vec3, add, cross, dot, length, load3_flat, scale, sub, tangents
 from .borders import FOLD
 
-OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals below which points lie on two sheets
-BORDER = 1.3  # at a possible border, a gap this many times as wide as usual is closed; a wider one if a point is ahead
+OTHER_SHEET = math.cos(math.radians(145))  # cosine of two normals below which points lie on different sheets
+BORDER = 1.3  # at a possible border, gaps up to this many typical widths are closed; wider ones if a point is ahead
 AHEAD = math.cos(math.radians(60))  # a point within this angle of a gap's direction lies ahead
-FLAT = 0.05  # sine of the angle between a seam and a plane below which they meet too far away to count
-SHARED = 1e-5  # share of a bisector's distance: a vertex this close is on it; exact grids have four points at a vertex
-CORNERS = 64  # the most corners of a polygon; no cell is bounded by more neighbours
+FLAT = 0.05  # sine of the angle between a seam and a plane below which their intersection is too far away to count
+SHARED = 1e-5  # tolerance in bisector distances for vertices on a bisector; regular grids have four points at a vertex
+CORNERS = 64  # maximum number of corners of a polygon; no cell is bounded by more neighbours
 CHUNK = 2048
 
 Vec2: TypeAlias = tuple[float, float]  # in a tangent plane
@@ -30,10 +30,10 @@ Vec2: TypeAlias = tuple[float, float]  # in a tangent plane
 
 @inline
 def _unfolded(positions: Array, normals: Array, i: int, j: int, axes: tuple[Vec3, Vec3]) -> Vec2:
-    """Point j in the tangent plane of point i; (0, 0) for one on another sheet.
+    """Return point j in the tangent plane of point i, or (0, 0) if it is on another sheet.
 
-    A fold is two planes at an angle. Along the crease the offset stays as it is. Across the crease it is the distance
-    over both planes, (p_j - p_i).(n_j - n_i) / sin(angle), in the direction that n_j leans.
+    A fold consists of two planes at an angle. The offset along the crease is kept. The offset across the crease becomes
+    the distance over both planes, (p_j - p_i).(n_j - n_i) / sin(angle), in the direction in which n_j leans.
     """
     at = load3_flat(positions, 3 * j)
     d = sub((f64(at[0]), f64(at[1]), f64(at[2])), load3_flat(positions, 3 * i))
@@ -55,10 +55,10 @@ def _unfolded(positions: Array, normals: Array, i: int, j: int, axes: tuple[Vec3
 
 @inline
 def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) -> int:
-    """Keep the part of a polygon that lies closer to the origin than to (a, b), where point j is.
+    """Clip a polygon to the points closer to the origin than to (a, b), the position of point j.
 
-    polygons : two, with rows x, y, and the point on whose bisector the side from there lies, -1 on the square; `which`
-    is cut, and the other one is the result. (Arrays that inlined functions return are freed too early.)
+    polygons : two polygons with rows x, y and the point whose bisector the side from that corner lies on (-1: the
+    square). Polygon `which` is clipped into the other one. (Arrays that inlined functions return are freed too early.)
     """
     limit = 0.5 * (a * a + b * b)
     edge = SHARED * limit
@@ -83,7 +83,7 @@ def _cut(polygons: Array, which: int, count: int, a: float, b: float, j: int) ->
 
 @inline
 def _is_cut(corners: Array, count: int, a: float, b: float) -> bool:
-    """Whether a corner lies closer to (a, b) than to the origin: many neighbours cut nothing off."""
+    """Return whether a corner is closer to (a, b) than to the origin: most neighbours clip nothing."""
     limit = 0.5 * (a * a + b * b)
     farthest = -np.inf
     for k in range(count):
@@ -93,7 +93,7 @@ def _is_cut(corners: Array, count: int, a: float, b: float) -> bool:
 
 @inline
 def _square(positions: Array, i: int, j: int) -> float:
-    """The square of the distance of two points."""
+    """Return the squared distance of two points."""
     at = load3_flat(positions, 3 * j)
     d = sub((f64(at[0]), f64(at[1]), f64(at[2])), load3_flat(positions, 3 * i))
     return dot(d, d)
@@ -103,7 +103,7 @@ def _square(positions: Array, i: int, j: int) -> float:
 def cell_of(
     positions: Array, normals: Array, i: int, axes: tuple[Vec3, Vec3], near: Array, polygons: Array
 ) -> tuple[int, int, float]:
-    """Which of the polygons is point i's cell, the number of its corners, and the farthest one's squared distance."""
+    """Return which polygon is the cell of point i, its number of corners, and the largest squared distance of one."""
     side = math.sqrt(_square(positions, i, i64(near[len(near) - 1])))
     for k in range(4):
         polygons[0, k, 0] = side if k == 0 or k == 3 else -side
@@ -124,7 +124,7 @@ def cell_of(
 
 @inline
 def mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
-    """The origin mirrored at the side from corner k, which is their bisector; and the side's distance to the origin."""
+    """Mirror the origin at the side that starts at corner k; also return the side's distance from the origin."""
     x, y = corners[k, 0], corners[k, 1]
     dx, dy = corners[after, 0] - x, corners[after, 1] - y
     t = -(x * dx + y * dy) / max(dx * dx + dy * dy, 1e-300)
@@ -134,24 +134,24 @@ def mirror(corners: Array, k: int, after: int) -> tuple[Vec2, float]:
 
 @inline
 def _lies_ahead(b: Vec2, ahead: Vec2) -> bool:
-    """Whether point b lies in the direction of a gap."""
+    """Return whether point b lies in the direction of a gap."""
     return b[0] * ahead[0] + b[1] * ahead[1] > AHEAD * math.sqrt(b[0] * b[0] + b[1] * b[1])
 
 
 @inline
 def _nearer_until(start: Vec3, direction: Vec3, d: Vec3) -> float:
-    """How far along a line from a start in a unit direction the origin stays nearer than d."""
+    """Return the distance along the line from `start` up to which the origin is closer than d."""
     ahead = dot(direction, d)
     return max(0.5 * dot(d, d) - dot(start, d), 0.0) / ahead if ahead > 0.0 else np.inf
 
 
 @inline
 def up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distance: float) -> float:
-    """Distance to the vertex between two neighbours; less where point i and both lie on three sheets that meet.
+    """Return the distance to the vertex between two neighbours, reduced at a corner where three sheets meet.
 
-    Around the corner of a cube are 270 degrees of surface; unfolded into a plane, they leave a quarter without surface.
-    The surface ends at the seam of the two other sheets: the cell extends to the corner, and along the seam until one
-    of the neighbours is nearer.
+    At the corner of a cube there are 270 degrees of surface; unfolded, they leave a quarter of the plane empty. The
+    surface ends at the seam of the two other sheets: the cell extends to the corner, and along the seam until one of
+    the neighbours is closer.
     """
     positions, normals = cloud
     n, a, b = load3_flat(normals, 3 * i), load3_flat(normals, 3 * one), load3_flat(normals, 3 * other)
@@ -176,13 +176,15 @@ def up_to_seam(cloud: tuple[Array, Array], i: int, one: int, other: int, distanc
 def _reach(
     cloud: tuple[Array, Array], i: int, corners: Array, count: int, known: tuple[float, Array, float], ahead: Vec2
 ) -> tuple[float, bool]:
-    """Distance to the farthest vertex that counts, and whether the surface goes on ahead of a gap.
+    """Return the distance to the farthest vertex that counts, and whether the surface continues across the gap.
 
-    known : the usual distance to the farthest vertex around this point and around all points, and the widest gap, in
-        units of it, that is closed; ahead : a gap's direction, or zero. Each side also contributes the point on it
-        that is closest to the origin.
+    known : the typical distance to the farthest vertex at this point; that at all points; the widest gap, in units of
+        it, that is closed
+    ahead : direction of a gap, or zero
+
+    Each side also contributes its point closest to the origin.
     """
-    own, usual, void = known
+    own, typical, void = known
     within, beyond, closed, facing = 0.0, 0.0, True, False
     for k in range(count):
         last, after = (k - 1 if k > 0 else count - 1), (k + 1 if k + 1 < count else 0)
@@ -196,8 +198,8 @@ def _reach(
         outward = x * ahead[0] + y * ahead[1] > 0.0
         if one >= 0 and other >= 0:
             distance = up_to_seam(cloud, i, one, other, distance)
-            if len(usual) > 0:
-                at = max(at, f64(usual[one]), f64(usual[other]))
+            if len(typical) > 0:
+                at = max(at, f64(typical[one]), f64(typical[other]))
             if distance <= void * at:
                 beyond = max(beyond, distance)
                 a, _ = mirror(corners, last, k)
@@ -222,9 +224,9 @@ def _measure(
     known: tuple[Array, Array, float],
     out: tuple[Array, Array],
 ) -> int:
-    """Measure the cell of each row; known : gaps and usual, empty or as in `measure_cells`, and void."""
+    """Measure the cell of each row. known : gaps and typical distances (or empty arrays), void; see `measure_cells`"""
     positions, normals, rows = borrow(positions), borrow(normals), borrow(rows)
-    near, (gaps, usual, void), (reach, closed) = borrow(near), borrow(known), borrow(out)
+    near, (gaps, typical, void), (reach, closed) = borrow(near), borrow(known), borrow(out)
     memory = np.empty((2, CORNERS, 3))
     polygons = borrow(memory)
     tile = next_tile(work)
@@ -235,13 +237,13 @@ def _measure(
             axes = tangents((f64(n[0]), f64(n[1]), f64(n[2])))
             which, count, square = cell_of(positions, normals, i, axes, near[at], polygons)
             own, ahead = np.inf, (0.0, 0.0)
-            if len(usual) > 0:
+            if len(typical) > 0:
                 gap = load3_flat(gaps, 3 * i)
                 ahead = dot(gap, axes[0]), dot(gap, axes[1])
-                own = f64(usual[i])
-            said = own, usual, void
-            reach[at], closed[at] = _reach((positions, normals), i, polygons[which], count, said, ahead)
-            if len(usual) == 0:
+                own = f64(typical[i])
+            limits = own, typical, void
+            reach[at], closed[at] = _reach((positions, normals), i, polygons[which], count, limits, ahead)
+            if len(typical) == 0:
                 closed[at] = 4.0 * square <= _square(positions, i, i64(near[at, near.shape[1] - 1]))
         tile = next_tile(work)
     keep_alive(memory)
@@ -249,9 +251,9 @@ def _measure(
 
 
 class Neighborhood(NamedTuple):
-    """Neighbours of given points.
+    """Points and their neighbours.
 
-    rows : (m,) int32 or int64, the points; near : (m, k) int32, nearest first, each point itself before its neighbours
+    rows : (m,) int32 or int64, the points; near : (m, k) int32, each point first, then its neighbours, nearest first
     """
 
     rows: NDArray[np.integer[Any]]
@@ -261,40 +263,41 @@ class Neighborhood(NamedTuple):
 def measure_cells(
     positions: NDArray[np.float32],
     normals: NDArray[np.float32],
-    hood: Neighborhood,
+    neighborhood: Neighborhood,
     gaps: NDArray[np.float32] | None = None,
-    usual: NDArray[np.float32] | None = None,
+    typical: NDArray[np.float32] | None = None,
     void: float = np.inf,
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """The farthest vertex of each point's Voronoi cell.
+    """Measure the distance to the farthest vertex of each point's Voronoi cell.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        All different.
-    normals : (n, 3) float32, unit
-    hood : Neighborhood
+        All distinct.
+    normals : (n, 3) float32
+        Unit normals.
+    neighborhood : Neighborhood
         The points to measure, and their neighbours.
     gaps : (n, 3) float32, optional
-        The direction out of the surface for points on what may be a border, else zero.
-    usual : (n,) float32, optional
-        The usual distance to a cell's farthest vertex, around each point. None: every vertex counts. Else a vertex
-        counts if it is no farther than `void` (ahead of a gap, BORDER) times that distance, at this point or at one of
-        the two points that share the vertex: there the surface goes on, more sparsely.
+        Outward direction for points on a possible border, else zero.
+    typical : (n,) float32, optional
+        Typical distance to a cell's farthest vertex around each point. None: every vertex counts. Otherwise a vertex
+        counts if it is within `void` (in the direction of a gap, BORDER) times that distance, taken at this point or at
+        one of the two points that share the vertex, where the surface may continue more sparsely.
     void : float
-        Gaps up to this many times as wide as usual are closed.
+        Gaps up to this many typical distances wide are closed.
 
     Returns
     -------
     reach : (m,) float32
         0 where no neighbour bounds the cell.
     closed : (m,) bool
-        Without `usual`, whether more neighbours could not change the cell; else whether the surface goes on ahead.
+        Without `typical`, whether no farther neighbour could change the cell; else whether the surface continues.
     """
-    reach, closed = np.empty(len(hood.rows), np.float32), np.empty(len(hood.rows), np.bool_)
+    reach, closed = np.empty(len(neighborhood.rows), np.float32), np.empty(len(neighborhood.rows), np.bool_)
     none = np.empty(0, np.float32)
     flat = np.ascontiguousarray(positions).reshape(-1), np.ascontiguousarray(normals).reshape(-1)
-    near = np.ascontiguousarray(hood.near)
-    known = (none, none, void) if usual is None or gaps is None else (gaps.reshape(-1), usual, void)
-    run(_measure, -(-len(reach) // CHUNK), *flat, hood.rows, near, known, (reach, closed))
+    near = np.ascontiguousarray(neighborhood.near)
+    known = (none, none, void) if typical is None or gaps is None else (gaps.reshape(-1), typical, void)
+    run(_measure, -(-len(reach) // CHUNK), *flat, neighborhood.rows, near, known, (reach, closed))
     return reach, closed

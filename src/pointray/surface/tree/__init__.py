@@ -1,15 +1,15 @@
-"""Splats -> Tree: which splats matter in which part of space, and where the surface can be (parts III and IV).
+"""Acceleration structure: a kd-tree that maps space to the splats and the surface in it (parts III and IV).
 
-build : all steps on one page; `Splats` comes in, `engine.kernels.tree.Tree` goes out
-blocks : neighbours together, four splats to a block
-top, subtrees, cells : space is cut into roots, and these into voxels, each with the blocks that matter in it
-near : which splats are near a box
+build : all steps in one file; takes `Splats`, returns `engine.kernels.tree.Tree`
+blocks : four splats, neighbours in kd order, in each block
+top, subtrees, cells : cuts of space into roots, and of these into voxels with the blocks over them
+near : search for splats near a box
 leaves, columns : slab and tight box of each voxel; a slab for each of its 4 x 4 columns
-wide : the boxes in nodes of eight
+wide : boxes in nodes of eight
 scattered : a tree over scattered points, under one root with that of the surface
-stored, parts : splats read back; what models in parts need
-indices, check : whether a tree from a file may be used; every rule of a tree, for tests
-instance_bvh : another tree, over a scene's instances; also over its lights (`shade/tables.py`)
+stored, parts : reading splats back from a tree; helpers for models in parts
+indices, check : validation of trees from files; check of all invariants, for tests
+instance_bvh : BVH over the instances of a scene, also used for its lights (`shade/tables.py`)
 
-Begin with build, then cells, then leaves.
+Start with build, then cells, then leaves.
 """

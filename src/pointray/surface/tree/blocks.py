@@ -1,4 +1,4 @@
-"""Splats in blocks of four, along an order that keeps neighbours together."""
+"""Blocks of four splats, in an order that keeps neighbours together."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ...engine.jit import Array, f32, kernel, next_tile, run
 from ...engine.kernels.tree import BLOCK, EMPTY, INV_R2, NX, PX
 
 PER_BLOCK = 4
-CHUNK = 4096  # blocks that a thread fills at a time
+CHUNK = 4096  # blocks per tile
 
 
 @kernel
 def _fill_blocks(
     work: Array, order: Array, positions: Array, normals: Array, radii: Array, out: tuple[Array, Array]
 ) -> int:
-    """Copy splats into blocks and bound each block: out is (blocks, bounds (blocks * 4: centre, radius))."""
+    """Copy splats into blocks and bound each block. out : blocks; bounds (blocks * 4: centre, radius)"""
     blocks, bounds = out
     tile = next_tile(work)
     while tile >= 0:
@@ -57,12 +57,14 @@ def make_blocks(
     order: NDArray[np.int32],
     threads: int | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Blocks (see `engine.kernels.tree.BLOCK`) of the splats in the given order, and each block's bounding sphere.
+    """Pack splats into blocks in the given order, and bound each block by a sphere.
 
     Returns
     -------
     blocks : (b * 28,) float32
-    bounds : (b * 4,) float32, centre and radius; encloses the supports of the block's splats
+        See `engine.kernels.tree.BLOCK`.
+    bounds : (b * 4,) float32
+        Centre and radius of spheres that enclose the supports of the blocks' splats.
     """
     count = -(-len(order) // PER_BLOCK)
     blocks = np.empty(count * BLOCK, np.float32)

@@ -1,4 +1,4 @@
-"""Splats -> Tree: all steps on one page."""
+"""Construction of the tree from splats: all steps in one file."""
 
 from __future__ import annotations
 
@@ -37,15 +37,15 @@ from .wide import collapse, enclose
 
 
 class Splats(NamedTuple):
-    """Points with a support.
+    """Points with support radii.
 
-    positions : (n, 3) float32, about the points' origin
+    positions : (n, 3) float32, relative to the points' origin
     normals : (n, 3) float32, unit
-    radii : (n,) float32, the support's radius, in the unit of the positions
+    radii : (n,) float32, support radii, in the unit of the positions
     rows : (n,) int32, the caller's row of each splat
     colors : (n, 3) uint8, sRGB, or None
-    borders : (n, 3) float32, the direction out of the surface on an open border, else zero; None if there are none
-    sheets : (n,) int8, 1 for splats of sheets close together, else 0; None if there are no such sheets
+    borders : (n, 3) float32, outward direction for splats on an open border, else zero; None if all are zero
+    sheets : (n,) int8, 1 for splats with an opposite sheet close by, else 0; None if all are zero
     noise : (n,) float32, standard deviation of the noise that was smoothed away, at most the radius; None if none was
     """
 
@@ -59,12 +59,12 @@ class Splats(NamedTuple):
     noise: NDArray[np.float32] | None = None
 
 
-class Whole(NamedTuple):
-    """What the tree of a part of a model takes from the whole, so that rays meet in it what they meet in the whole.
+class WholeModel(NamedTuple):
+    """Parameters of the whole model for the tree of a part, so that rays get the same hits as in the whole tree.
 
-    top : the part's roots, whose groups are numbered among the part's splats
-    bounds : (6,) float32, of all supports, lo x y z, hi x y z: where a ray enters them its lattice of samples begins
-    reference : the radius that steps are powers of two of
+    top : the part's roots, with groups of the part's splats
+    bounds : (6,) float32, of all supports, lo x y z, hi x y z; the lattice of samples starts where a ray enters them
+    reference : radius from which steps differ by powers of two
     """
 
     top: Top
@@ -78,13 +78,13 @@ def build_tree(
     threads: int | None = None,
     progress: Callable[[float], None] | None = None,
     in_order: bool = False,
-    whole: Whole | None = None,
+    whole: WholeModel | None = None,
 ) -> Tree:
     """Build the tree of a model (paper, parts III and IV).
 
     Four splats make a block. Space is cut into voxels that list every block with a splat over them. In each voxel a
-    conservative test bounds where the surface can be, as a whole and column by column. The voxels' tight boxes are
-    gathered into nodes of eight.
+    conservative test bounds where the surface can be, for the whole voxel and for each column. The tight boxes of the
+    voxels are gathered into nodes of eight.
 
     Parameters
     ----------
@@ -92,23 +92,24 @@ def build_tree(
     settings : TreeSettings
     threads : int, optional
     progress : callable, optional
+        Called with the fraction completed, 0 to 1.
     in_order : bool
-        Whether the splats are in the order of `kd_order` already, or in another one that keeps neighbours together.
-    whole : Whole, optional
-        Of what the splats are a part: groups of 256, in order.
+        Whether the splats are already in `kd_order` or in another order that keeps neighbours together.
+    whole : WholeModel, optional
+        The model of which the splats are a part, in order, in groups of 256.
     """
-    say = progress or (lambda share: None)
+    report = progress or (lambda share: None)
     n = len(splats.radii)
     order = np.arange(n, dtype=np.int32) if in_order else kd_order(splats.positions, threads)
-    say(0.3)
+    report(0.3)
     blocks, bounds = make_blocks(splats.positions, splats.normals, splats.radii, order, threads)
-    say(0.4)
+    report(0.4)
     step = longest_step(settings.samples)
     if whole is None:
         top = cut_top(groups_of(blocks, bounds, threads), step)
-        whole = Whole(top, bounds_of(splats), reference_of(splats.radii))
+        whole = WholeModel(top, bounds_of(splats), reference_of(splats.radii))
     cells = build_cells(blocks, whole.top, settings.leaf_width, step, threads)
-    say(0.7)
+    report(0.7)
 
     nodes = np.flatnonzero(cells.children[:, 0] < 0).astype(np.int32)
     leaves = np.zeros(len(nodes) * LEAF, np.float32)
@@ -119,7 +120,7 @@ def build_tree(
     out = nodes, leaves, patches, tight
     run(fill_leaves, -(-len(nodes) // 64), cells, blocks, marks, chosen, out, threads=threads)
     full = tight[:, 0] <= tight[:, 3]
-    say(0.9)
+    report(0.9)
 
     counts = np.where(full, -(-np.diff(cells.spans[nodes], axis=1)[:, 0] // 16), 0)
     spans = np.empty((len(nodes), 2), np.int32)
@@ -137,12 +138,12 @@ def build_tree(
     wide = collapse(cells.children, leaf_of, node_boxes, (wide_boxes, wide_children))
 
     head = np.zeros(HEAD, np.float32)
-    # Bounds of the supports, not of the boxes: the sample lattice starts where a ray enters them, whatever the tree.
+    # Bounds of supports, not boxes: the sample lattice starts where a ray enters them, independently of the tree.
     head[BOUNDS : BOUNDS + 6] = whole.bounds
     head[SURFACE], head[REFINE], head[TRIM] = number_of(SURFACES, settings.surface), settings.refine, settings.trim
     head[OVERHANG] = settings.overhang
     head[LONGEST] = leaves.reshape(-1, LEAF)[:, STEP].max(initial=0.0)
-    say(1.0)
+    report(1.0)
     return Tree(
         head,
         wide_boxes[: wide * NODE].copy(),
@@ -161,27 +162,27 @@ def build_tree(
 
 
 def bounds_of(splats: Splats) -> NDArray[np.float32]:
-    """Bounds of the supports, (6,) lo x y z, hi x y z."""
+    """Return the bounds of the supports, (6,) lo x y z, hi x y z."""
     out = np.empty(6, np.float32)
-    for c, column in enumerate(splats.positions.T):  # column by column in 1/8 of the time for rows of three
+    for c, column in enumerate(splats.positions.T):  # 8 times as fast as over rows of three
         out[c], out[3 + c] = (column - splats.radii).min(), (column + splats.radii).max()
     return out
 
 
 def reference_of(radii: NDArray[np.float32]) -> float:
-    """The radius that the steps in the leaves are powers of two of: fifty times as many are larger, see `quantize`."""
+    """Return the radius from which steps in leaves differ by powers of two: the 2% quantile, see `quantize`."""
     return quantize(float(np.partition(radii, len(radii) // 50)[len(radii) // 50]), is_limit=True)
 
 
 def _facing(order: NDArray[np.int32], splats: Splats, slots: int) -> NDArray[np.int8]:
-    """The normals of the slots whose splats are of close sheets, in 127ths; empty if there are no such splats."""
+    """Return the normals of slots with splats on close sheets, in 127ths; empty if no splat is."""
     if splats.sheets is None or not splats.sheets.any():
         return np.zeros(0, np.int8)
     return _directions(order, splats.sheets != 0, splats.normals, slots)
 
 
 def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slots: int) -> NDArray[np.int8]:
-    """The direction out of the border at each slot, in 127ths; empty if no splat lies on a border."""
+    """Return the outward direction of the border at each slot, in 127ths; empty if no splat is on a border."""
     if borders is None or not borders.any():
         return np.zeros(0, np.int8)
     x, y, z = borders.T
@@ -191,7 +192,7 @@ def _borders(order: NDArray[np.int32], borders: NDArray[np.float32] | None, slot
 def _directions(
     order: NDArray[np.int32], chosen: NDArray[np.bool_], directions: NDArray[np.float32], slots: int
 ) -> NDArray[np.int8]:
-    """The directions of the slots with chosen splats, in 127ths; zero in the others, which are most of them."""
+    """Return the directions of slots with chosen splats, in 127ths, and zero for the others, which are most of them."""
     out = np.zeros((slots, 3), np.int8)
     at = np.flatnonzero(chosen[order])
     out[at] = np.rint(127 * directions[order[at]])
@@ -199,14 +200,14 @@ def _directions(
 
 
 def rows_of_slots(order: NDArray[np.int32], rows: NDArray[np.int32], slots: int) -> NDArray[np.int32]:
-    """The caller's row of each slot, -1 where it is empty."""
+    """Return the caller's row of each slot, -1 for empty slots."""
     out = np.full(slots, -1, np.int32)
     out[: len(order)] = rows[order]
     return out
 
 
 def packed_colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, slots: int) -> NDArray[np.int32]:
-    """The packed colour of each slot; empty if the points have no colours."""
+    """Return the packed colour of each slot; empty if the points have no colours."""
     if colors is None:
         return np.zeros(0, np.int32)
     out = np.zeros((slots, 4), np.uint8)
@@ -215,12 +216,12 @@ def packed_colors(order: NDArray[np.int32], colors: NDArray[np.uint8] | None, sl
 
 
 def unpacked_colors(colors: NDArray[np.int32]) -> NDArray[np.uint8]:
-    """Colours (n, 3) of packed ones (n,)."""
+    """Unpack colours (n,) to (n, 3)."""
     return np.ascontiguousarray(colors.astype("<i4").view(np.uint8).reshape(-1, 4)[:, :3])
 
 
 def _noise(order: NDArray[np.int32], noise: NDArray[np.float32] | None, slots: int) -> NDArray[np.float32]:
-    """The most noise in each block; empty if nothing was smoothed."""
+    """Return the largest noise in each block; empty if nothing was smoothed."""
     if noise is None or not noise.any():
         return np.zeros(0, np.float32)
     out = np.zeros(slots, np.float32)

@@ -1,10 +1,10 @@
-"""The kd-tree: space is cut into voxels, and each voxel lists every splat whose support overlaps it (part III).
+"""kd-tree: cuts of space into voxels, each with a list of all splats whose support overlaps it (part III).
 
-The surface area heuristic decides whether a voxel is cut: the cost of its two halves and of a node above them, each in
-proportion to the surface of its box, is compared with the cost of the whole voxel.
+The surface area heuristic decides whether to cut a voxel: the cost of its halves and of a node above them, each in
+proportion to the surface area of its box, is compared with the cost of the whole voxel.
 
 A voxel also lists the splats within one sample step around it. So a ray's samples do not depend on the voxels: samples
-next to a voxel's face are evaluated in full from both sides of it.
+next to a face are evaluated completely from both sides of it.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from ...engine.jit import Array, cancelled, f32, inline, kernel, next_tile
 from ...engine.kernels.tree import BLOCK
 from .near import Box, Span, copy_near, gather, room_for
 
-FEW = 3  # a voxel with no more blocks than this is not cut further
-DEEPEST = 60  # cuts below a root
-STEP_WIDTH = 8.0  # mean radii: the first ancestor that is no wider than this decides the sample step in a voxel
-# A voxel is cut while it is wider than this many of its least radii: 128 samples. Otherwise the narrowest splat decides
-# the step over a whole voxel of splats ten thousand times as wide. Voxels of even scans are narrower by themselves.
+FEW = 3  # a voxel with at most this many blocks is not cut
+DEEPEST = 60  # maximum number of cuts below a root
+STEP_WIDTH = 8.0  # mean radii: the first ancestor at most this wide determines the sample step in a voxel
+# A voxel is cut while it is wider than this many of its least radii (128 samples). Otherwise the smallest splat would
+# determine the step over a voxel of splats ten thousand times as wide. Voxels of regular scans are smaller anyway.
 MOST_LEAST = 64.0
-FREEDOM = 2.0  # voxels may be this many times narrower than asked for, where the costs favour it
-# The time that a ray spends, in nanoseconds, on a node, a leaf, a block of the leaf, and samples a least radius apart.
-# These are rounded between profiles of rays in tiles (3, 10, 0.5, 40) and single rays (35, 20, 3, 50). Render times
-# depend on them little (10, 30, 1, 50: within 2%); with 5, 10, 1, 20, 1 million points from afar take 4% longer.
+FREEDOM = 2.0  # voxels may be this many times smaller than requested where the costs favour it
+# Time that a ray spends, in nanoseconds, on a node, a leaf, a block of the leaf, and samples a least radius apart;
+# rounded between profiles of rays in tiles (3, 10, 0.5, 40) and single rays (35, 20, 3, 50). Render times depend little
+# on them (10, 30, 1, 50: within 2%); with 5, 10, 1, 20 distant views of 1 million points take 4% longer.
 NODE_COST, LEAF_COST, BLOCK_COST, LOOK_COST = 10.0, 10.0, 1.0, 50.0
-FULL = -1  # stands for the number of nodes of a root whose arrays were too small
+FULL = -1  # in place of the number of nodes of a root whose arrays were too small
 
-Parts: TypeAlias = tuple[Array, Array, Array, Array, Array]  # one root's parts of the arrays of `Cells`
+Parts: TypeAlias = tuple[Array, Array, Array, Array, Array]  # one root's slices of the arrays of `Cells`
 
 
 class Cells(NamedTuple):
-    """The binary kd-tree as it is built; children come after their parent.
+    """Binary kd-tree under construction; children follow their parent.
 
     children : (nodes, 2) int32, -1 for a leaf
     boxes : (nodes, 6) float32; a leaf's box is its voxel, shrunk to the supports in it
-    spans : (nodes, 2) int64, a leaf's part of refs
-    refs : (references,) int32, numbers of blocks
-    least : (nodes,) float32, least support radius over the ancestor voxel of STEP_WIDTH, so it does not depend on
+    spans : (nodes, 2) int64, a leaf's range in refs
+    refs : (references,) int32, block numbers
+    least : (nodes,) float32, least support radius over the ancestor voxel of STEP_WIDTH, so that it does not depend on
         the size of the voxels
     """
 
@@ -53,7 +53,7 @@ class Cells(NamedTuple):
 
 @inline
 def _shrink(cell: Array, box: Box) -> None:
-    """Cut a cell to a box."""
+    """Clip a cell to a box."""
     for c in range(3):
         cell[c] = max(cell[c], box[c])
         cell[3 + c] = min(cell[3 + c], box[3 + c])
@@ -61,20 +61,20 @@ def _shrink(cell: Array, box: Box) -> None:
 
 @inline
 def _area(box: Array) -> float:
-    """Half the surface of a box, in proportion to which rays meet it; 0 for an empty one."""
+    """Return half the surface area of a box, proportional to the probability of a hit; 0 for an empty box."""
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     return x * y + y * z + z * x if x >= 0 and y >= 0 and z >= 0 else f32(0.0)
 
 
 @inline
 def _cost(box: Array, count: int, mean: float, least: float) -> float:
-    """The cost of a leaf with `count` blocks; a smaller least radius brings samples closer together."""
+    """Return the cost of a leaf with `count` blocks; samples are closer for a smaller least radius."""
     return _area(box) * (LEAF_COST + BLOCK_COST * count + LOOK_COST * mean / max(abs(least), 1e-30))
 
 
 @inline
 def _longest_edge(box: Array) -> tuple[int, float]:
-    """The axis and the length of a box's longest edge."""
+    """Return the axis and the length of a box's longest edge."""
     axis = 0
     for c in range(1, 3):
         if box[3 + c] - box[c] > box[3 + axis] - box[axis]:
@@ -84,9 +84,9 @@ def _longest_edge(box: Array) -> tuple[int, float]:
 
 @inline
 def _decide(near: Array, sources: Span, box: Array, mean: float, step: float, refs: Array) -> tuple[int, float]:
-    """The end of the blocks that stay, and the least radius around a voxel, which decides the step of its samples.
+    """Return the end of the blocks that stay, and the least radius around a voxel, which determines its sample step.
 
-    The voxel's blocks were found with the step of a greater radius; those within a step of the mean radius stay.
+    The voxel's blocks were found with the step of a larger radius; those within a step of the mean radius stay.
     """
     end, _, shortest, _, _ = gather(near, sources, box, f32(step * mean), refs, sources[0])
     return end, min(shortest, f32(mean))
@@ -96,12 +96,12 @@ def _decide(near: Array, sources: Span, box: Array, mean: float, step: float, re
 def _halve(
     near: Array, span: Span, cut: tuple[int, int, int], around: tuple[float, float], radii: Array, out: Parts
 ) -> tuple[int, int, int]:
-    """Make the two halves of a voxel whose blocks are `span` of refs; the halves' blocks follow it. Returns three ends.
+    """Make the two halves of a voxel with the blocks refs[span]; write their blocks behind these. Return three ends.
 
     cut : the voxel's node, the first half's node, the axis
-    around : a half is grown by this step, in radii, times this radius to find its blocks
-    radii : the mean and greatest radius of each half are written here; the mean, which may yet decide the step, is at
-        most `around[1]` until then
+    around : step in radii, and a radius; halves are grown by their product to find their blocks
+    radii : output, mean and largest radius of each half; while it may still determine the step, the mean is at most
+        `around[1]`
     """
     boxes, refs, least = out[1], out[3], out[4]
     node, first, axis = cut
@@ -121,10 +121,10 @@ def _halve(
 
 @inline
 def _cut_root(work: Array, blocks: Array, numbers: Array, limits: tuple[float, float, float], out: Parts) -> int:
-    """Cut the voxel boxes[0], whose blocks are among `numbers`; returns the number of nodes or FULL.
+    """Cut the voxel boxes[0], whose blocks are among `numbers`; return the number of nodes, or FULL.
 
-    In refs blocks go by their place in `numbers`, until they are a leaf's.
-    limits : width and step, see `cut_roots`, and by how much the voxel is grown to find its blocks
+    In refs, blocks are indices into `numbers` until they belong to a leaf.
+    limits : width and step, see `cut_roots`; margin by which the voxel is grown to find its blocks
     """
     children, boxes, spans, refs, least = out
     width, step, around = limits
@@ -134,13 +134,13 @@ def _cut_root(work: Array, blocks: Array, numbers: Array, limits: tuple[float, f
         refs[k] = k
     count, mean, shortest, longest, supports = gather(near, (0, len(numbers)), boxes[0], f32(around), refs, 0)
     _shrink(boxes[0], supports)
-    least[0] = -shortest  # negative until it is decided
+    least[0] = -shortest  # negative until it is final
     top = 1
     pending = np.empty((2 * DEEPEST + 2, 4), np.int64)  # node, span of its refs in the work area, depth
     radii = np.empty((2 * DEEPEST + 2, 2), np.float64)  # mean and greatest
     pending[0], radii[0] = (0, 0, count, 0), (min(mean, around / step), longest)
     waiting = 1
-    # Finished leaves grow from the end of refs downwards; the work area is a stack from its start upwards.
+    # Finished leaves fill refs from its end downwards; the work area is a stack from its start upwards.
     floor = refs.size
     while waiting > 0 and not cancelled(work):
         waiting -= 1
@@ -156,7 +156,7 @@ def _cut_root(work: Array, blocks: Array, numbers: Array, limits: tuple[float, f
             return FULL
         halves = (end, end, end)
         if not leaf:
-            # Before the step is decided, the greatest radius bounds it; and the edge, else a wide splat among narrow
+            # Until the step is final, it is bounded by the largest radius; and by the edge, or a wide splat among small
             # ones makes all halves list most of these (320,000 points with such splats took 22 s, now 0.3).
             most = least[node] if least[node] > 0.0 else min(longest, edge)
             halves = _halve(near, (begin, end), (node, top, axis), (step, most), radii[waiting : waiting + 2], out)
@@ -193,11 +193,11 @@ def cut_roots(
 ) -> int:
     """Cut voxels in the middle of their longest edges, each root in its own part of the arrays.
 
-    roots : as in `tree/subtrees.py`: first node, first reference and first group of each; groups; growth of each root
-    limits : greatest width of the voxels in mean radii; longest step of the samples in radii; blocks in a group
-    out : a `Cells` that holds the roots' boxes, and the number of nodes of each root, or FULL
+    roots : see `tree/subtrees.py`: first node, first reference and first group of each; groups; margin of each root
+    limits : maximum width of voxels in mean radii; maximum sample distance in radii; blocks per group
+    out : a `Cells` with the boxes of the roots, and the number of nodes of each root, or FULL
 
-    Voxels are first shrunk to the supports they contain, so space without supports is never examined again.
+    Voxels are first shrunk to the supports they contain, so that empty space is never examined again.
     """
     firsts, groups, around = roots
     width, step, per_group = limits

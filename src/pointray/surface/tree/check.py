@@ -1,4 +1,4 @@
-"""The validator: it checks each rule of `engine/kernels/tree.py` on a tree, with NumPy, slowly and plainly."""
+"""Check of all invariants of a tree, see `engine/kernels/tree.py`; slow and simple, with NumPy, for tests."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ Floats = NDArray[np.float32]
 
 
 def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
-    """What is wrong with a tree; an empty list if it is valid.
+    """Return descriptions of what is wrong with a tree; an empty list if it is valid.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
         return problems
     rows = tree.order[tree.order >= 0]
     if len(np.unique(rows)) != len(rows):
-        return ["a row of the points is in two slots"]
+        return ["a row of the points occurs in two slots"]
     boxes, parents, problems = _check_nodes(tree)
     if problems:
         return problems
@@ -64,7 +64,7 @@ def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
 
 
 def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
-    """Check that each node and leaf is reached once; returns the leaves' boxes (leaves, 6), empty where not reached."""
+    """Check that each node and leaf is reached once; also return leaf boxes (leaves, 6), empty if not reached."""
     children = tree.children.reshape(-1, WIDTH)
     rows = tree.boxes.reshape(-1, 6, WIDTH)
     leaves = tree.leaves.size // LEAF
@@ -77,7 +77,7 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
             box = rows[node, :, k]
             if child == NO_CHILD:
                 if (box[:3] <= box[3:]).all():
-                    problems.append(f"node {node}: a child that is none has a box")
+                    problems.append(f"node {node}: an empty child has a box")
             elif child < 0 and SCATTERED <= ~child < SCATTERED + tree.blocks.size // BLOCK:
                 problems += _check_scattered(tree, ~int(child) - SCATTERED, box)
             elif child >= len(children) or ~child >= leaves:
@@ -95,7 +95,7 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
     if (seen_leaves[tree.spans[1::2] > 0] == 0).any():
         problems.append("a leaf with splats is never reached")
     if (seen_leaves[tree.spans[1::2] == 0] > 0).any():
-        problems.append("a leaf that knows no splat is reached")
+        problems.append("a leaf without splats is reached")
     return boxes, seen_leaves, problems
 
 
@@ -110,7 +110,7 @@ def _check_scattered(tree: Tree, block: int, box: Floats) -> list[str]:
 
 
 def _splats(tree: Tree) -> tuple[Floats, NDArray[np.int64]]:
-    """Rows x y z nx ny nz r of the surface's splats, and the block of each splat."""
+    """Return rows x y z nx ny nz r of the surface's splats, and the block of each splat."""
     used = np.flatnonzero(tree.order[: 4 * first_scattered(tree)] >= 0)
     rows = tree.blocks.reshape(-1, 7, 4).transpose(0, 2, 1).reshape(-1, 7)[used].copy()
     rows[:, 6] = 1 / np.sqrt(rows[:, 6])
@@ -137,7 +137,7 @@ def _check_spheres(tree: Tree) -> list[str]:
 
 
 def _check_positions(tree: Tree, boxes: Floats, reached: NDArray[np.int64], positions: int, seed: int) -> list[str]:
-    """Check that one voxel holds each random position under splats, and that its leaf lists every splat over it."""
+    """Check that each random position under splats is in one voxel, and that its leaf lists every splat over it."""
     rows, block = _splats(tree)
     rng = np.random.default_rng(seed)
     chosen = rows[rng.integers(len(rows), size=positions)].astype(np.float64)
@@ -150,18 +150,18 @@ def _check_positions(tree: Tree, boxes: Floats, reached: NDArray[np.int64], posi
     missing = len(np.unique(leaf[query][asked & ~np.isin(codes, known)]))
     problems = []
     if lost[query].any():
-        problems.append(f"{len(np.unique(query[lost[query]]))} of {positions} places under splats lie in no voxel")
+        problems.append(f"{len(np.unique(query[lost[query]]))} of {positions} positions under splats are in no voxel")
     if crowded.any():
-        problems.append(f"{crowded.sum()} of {positions} places lie in more than one voxel")
+        problems.append(f"{crowded.sum()} of {positions} positions are in more than one voxel")
     if missing:
-        problems.append(f"{missing} leaves do not know every splat over a place in them")
+        problems.append(f"{missing} leaves do not list every splat over a position in them")
     if int(tree.head[SURFACE]) == DISC:
         return problems
     return problems + _check_surface(tree, boxes, reached, _onto_surface(tree, rows, x))
 
 
 def _check_surface(tree: Tree, boxes: Floats, reached: NDArray[np.int64], x: NDArray[np.float64]) -> list[str]:
-    """Check that positions on the surface lie in a leaf that is not empty, in its slab and in its tight box."""
+    """Check that positions on the surface are in a non-empty leaf, in its slab and in its tight box."""
     leaf, _, _ = _voxel_of(tree, x)
     x, leaf = x[leaf >= 0], leaf[leaf >= 0]
     records, box = tree.leaves.reshape(-1, LEAF)[leaf].astype(np.float64), boxes[leaf]
@@ -179,14 +179,14 @@ def _check_surface(tree: Tree, boxes: Floats, reached: NDArray[np.int64], x: NDA
         (full & patch, "outside of the slab of their column"),
     ):
         if wrong.any():
-            problems.append(f"{wrong.sum()} of {len(x)} places of the surface lie {what}, such as {x[wrong][0]}")
+            problems.append(f"{wrong.sum()} of {len(x)} positions on the surface are {what}, such as {x[wrong][0]}")
     return problems
 
 
 def _out_of_patch(
     tree: Tree, leaf: NDArray[np.int64], x: NDArray[np.float64], slack: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether positions in leaves lie outside the slab of their column."""
+    """Return which positions in leaves are outside of the slab of their column."""
     records = tree.leaves.reshape(-1, LEAF)
     axes = np.array([uncompiled(across)(*record[SLAB : SLAB + 3]) for record in records])[leaf]
     cell = records[leaf, CELL : CELL + 6].astype(np.float64)
@@ -205,7 +205,7 @@ def _out_of_patch(
 
 
 def _codes(tree: Tree) -> NDArray[np.int64]:
-    """leaf * blocks + block, for every block that a leaf lists."""
+    """Return leaf * blocks + block for every block that a leaf lists."""
     count = 16 * tree.spans[1::2].astype(np.int64)
     leaf = np.repeat(np.arange(len(count)), count)
     start = np.repeat(16 * tree.spans[::2].astype(np.int64) - (np.cumsum(count) - count), count)
@@ -217,7 +217,7 @@ def _codes(tree: Tree) -> NDArray[np.int64]:
 def _over(
     x: NDArray[np.float64], centers: NDArray[Any], radii: NDArray[Any]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """All pairs (position, ball) in which the position lies in the ball."""
+    """Return all pairs (position, ball) with the position in the ball."""
     found = cKDTree(x).query_ball_point(centers, radii)
     lengths = np.fromiter(map(len, found), np.int64, len(found))
     queries = np.fromiter((p for some in found for p in some), np.int64, int(lengths.sum()))
@@ -225,7 +225,7 @@ def _over(
 
 
 def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
-    """The leaf whose voxel strictly contains each position, or -1; whether several do; whether no voxel touches it."""
+    """Return the leaf whose voxel strictly contains each position, or -1; where several do; where no voxel touches."""
     cells = tree.leaves.reshape(-1, LEAF)[:, CELL : CELL + 6].astype(np.float64)
     real = np.flatnonzero((cells[:, :3] <= cells[:, 3:]).all(axis=1))
     low, high = cells[real, :3], cells[real, 3:]
@@ -240,7 +240,7 @@ def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], ND
 
 
 def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Positions on the tree's surface: those of x that converge to f = 0 by Newton's steps along the mean normal."""
+    """Move positions onto the surface with Newton steps along the mean normal; return those that converge to f = 0."""
     f = radius = away = np.full(len(x), np.nan)
     for _ in range(6):
         f, normal, away, radius = _field(rows, x, int(tree.head[SURFACE]))
@@ -252,7 +252,7 @@ def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[n
 
 
 def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[np.float64], ...]:
-    """f (see `intersect/surface.py`), unit mean normal, |x - P| and mean radius at positions; NaN without support."""
+    """Return f (see `intersect/surface.py`), unit mean normal, |x - P| and mean radius; NaN without support."""
     query, splat = _over(x, rows[:, :3], rows[:, 6])
     p, n, r = np.split(rows[splat].astype(np.float64), [3, 6], axis=1)
     q = p - x[query]

@@ -1,8 +1,8 @@
-"""Patches: a leaf's voxel cut into 4 x 4 columns, each with a slab of its own.
+"""Patches: a leaf's voxel is divided into 4 x 4 columns, each with its own slab.
 
-A column is one or two splats wide, so its normals differ less and the surface in it bends less. Its slab is proved like
+A column is one or two splats wide, so its normals differ less and the surface in it is flatter. Its slab is proved like
 the leaf's (see `tree/leaves.py`) and is less than half as thick on smooth surfaces. Columns run along the axis w that
-is nearest to the leaf's normal; a slab is stored as low <= w + B u + C v <= high.
+is closest to the leaf's normal; a slab is stored as low <= w + B u + C v <= high.
 """
 
 from __future__ import annotations
@@ -41,23 +41,23 @@ from ...engine.simd import (
 from .near import sum_of
 
 PAD = f32(0.012)  # mean radii: more than the start rule's distance, so that a ray from the surface starts in its slab
-MARGIN = f32(1e-3)  # column widths: a splat this far outside a column still counts as over it, against rounding
-WORTH = 0.6  # of the leaf slab's thickness: column slabs with a thicker mean cost more time than they save
-STEEP = f32(0.2)  # a cosine: a column takes the leaf's normal where its own is farther from the axis
-ROUNDING = f32(4e-7)  # how much too large the square of a cosine may be
+MARGIN = f32(1e-3)  # column widths: splats this far outside of a column count as over it, against rounding
+WORTH = 0.6  # column slabs with a mean thickness above this share of the leaf slab's cost more time than they save
+STEEP = f32(0.2)  # least cosine of a column's normal with the axis; otherwise the leaf's normal is used
+ROUNDING = f32(4e-7)  # maximum rounding error of a squared cosine
 HALF, TINY = f32(0.5), f32(1e-20)
 LANES = 16
 PARTS = 7  # rows of `Members`: x y z, nx ny nz, r
-N, R = 3, 6  # the first row of the normals, and that of the radii
+N, R = 3, 6  # first row of the normals; row of the radii
 
 Limits: TypeAlias = tuple[float, float, float, float]  # see `leaves.limits_of`
 
 
 class Members(NamedTuple):
-    """The splats over a voxel, about its least corner: float32 is exact enough there, wherever the voxel is.
+    """Splats over a voxel, relative to its least corner, where float32 is precise enough wherever the voxel is.
 
-    rows : (7 * room,) float32; row k, which begins at k * room, has x, y, z, nx, ny, nz or r of all splats
-    number : how many; there is room for 16 more
+    rows : (7 * room,) float32; row k, which starts at k * room, holds x, y, z, nx, ny, nz or r of all splats
+    number : number of splats; there is room for 16 more
     """
 
     rows: Array
@@ -67,7 +67,7 @@ class Members(NamedTuple):
 
 @inline
 def across(mx: float, my: float, mz: float) -> tuple[int, int, int]:
-    """The axes (u, v, w) of a leaf's columns: w is nearest to the normal of its slab."""
+    """Return the axes (u, v, w) of a leaf's columns: w is closest to the normal of its slab."""
     x, y, z = abs(mx), abs(my), abs(mz)
     if z >= x and z >= y:
         return 0, 1, 2
@@ -76,13 +76,13 @@ def across(mx: float, my: float, mz: float) -> tuple[int, int, int]:
 
 @inline
 def live(members: Members, first: int) -> Mask:
-    """Which of the lanes from member `first` on there are."""
+    """Return a mask of the lanes from member `first` on that hold members."""
     return mask16((1 << min(members.number - first, LANES)) - 1)
 
 
 @inline
 def sum_of_row(members: Members, row: int) -> float:
-    """The sum of a row."""
+    """Return the sum of a row."""
     total, zero, start = broadcast16(ZERO), broadcast16(ZERO), row * members.room
     for first in range(0, members.number, LANES):
         total = total + select(live(members, first), load16(members.rows, start + first), zero)
@@ -91,7 +91,7 @@ def sum_of_row(members: Members, row: int) -> float:
 
 @inline
 def along(members: Members, row: int, first: int, m: Vec3) -> F16:
-    """The product of m with 16 positions (row 0) or normals (row N)."""
+    """Return the dot products of m with 16 positions (row 0) or normals (row N)."""
     rows, room = members.rows, members.room
     x, y, z = load16(rows, row * room + first), load16(rows, (row + 1) * room + first), (row + 2) * room + first
     return m[0] * x + m[1] * y + m[2] * load16(rows, z)
@@ -99,7 +99,7 @@ def along(members: Members, row: int, first: int, m: Vec3) -> F16:
 
 @inline
 def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
-    """How far surface is from its splats along m, in radii: t/r at the head of `tree/leaves.py`; 1 where c <= 0."""
+    """Return the largest distance of surface from its splats along m, in radii: t/r in `leaves.py`; 1 where c <= 0."""
     square = vmax(cosine * cosine, broadcast16(TINY))
     far = vmax(f32(limits[0]) + f32(limits[1]) / square, f32(limits[2]) + f32(limits[3]) / square)
     uneven = HALF * (least + most) / vsqrt(least * most)
@@ -110,7 +110,7 @@ def _away(cosine: F16, least: F16, most: F16, limits: Limits) -> F16:
 
 @inline
 def slab_along(members: Members, m: Vec3, limits: Limits) -> tuple[float, float]:
-    """Least and greatest m.x of any surface of the members: see the head of `tree/leaves.py`."""
+    """Return the least and largest m.x of any surface of the members, see `tree/leaves.py`."""
     inf = broadcast16(INF)
     cosine, least, most, radii = broadcast16(ONE), inf, broadcast16(ZERO), R * members.room
     for first in range(0, members.number, LANES):
@@ -129,7 +129,7 @@ def slab_along(members: Members, m: Vec3, limits: Limits) -> tuple[float, float]
 
 @inline
 def _over(members: Members, cell: Array, axes: tuple[int, int, int], words: Array) -> tuple[int, F16, F16, F16]:
-    """Which columns each member's support overlaps, written to `words`; all that are; the sums of their normals.
+    """Write to `words` which columns each member's support overlaps; return their union and the sums of normals.
 
     Lanes are columns: 4 along v in each of 4 quarters along u.
     """
@@ -158,7 +158,7 @@ def _over(members: Members, cell: Array, axes: tuple[int, int, int], words: Arra
 def _slabs(
     members: Members, axes: tuple[int, int, int], words: Array, m: tuple[F16, F16, F16], limits: Limits
 ) -> tuple[F16, F16]:
-    """Least and greatest m.x of any surface of the members over each column, whose m is in its lane."""
+    """Return the least and largest m.x of any surface of the members over each column, with one m per lane."""
     u, v, w = axes
     rows, room, inf = members.rows, members.room, broadcast16(INF)
     cosine, least, most = broadcast16(ONE), inf, broadcast16(ZERO)
@@ -182,16 +182,16 @@ def _slabs(
 def fill_patches(
     members: Members, cell: Array, mean: float, slab: tuple[Vec3, float, Limits], words: Array, out: Array
 ) -> None:
-    """Fill a leaf's patches.
+    """Fill in a leaf's patches.
 
-    mean : of the members' radii
+    mean : mean radius of the members
     slab : the normal of the leaf's slab; its thickness; limits, see `leaves.limits_of`
-    words : room for a number for each member; out : (64,) float32, see `engine.kernels.tree.PATCH`
+    words : work space, one number per member; out : (64,) float32, see `engine.kernels.tree.PATCH`
     """
     normal, thickness, limits = slab
     u, v, w = axes = across(normal[0], normal[1], normal[2])
     full, mu, mv, mw = _over(members, cell, axes, words)
-    # A column's normal is the mean of its splats' normals, or the leaf's where that is steep.
+    # A column's normal is the mean of its splats' normals, or the leaf's normal if that mean is steep.
     length = vsqrt(mu * mu + mv * mv + mw * mw)
     upright, scale = vabs(mw) > STEEP * length, ONE / vmax(length, broadcast16(TINY))
     mu = select(upright, mu * scale, broadcast16(normal[u]))

@@ -1,6 +1,6 @@
-"""Checks that every index of a tree is valid; a tree from a file must pass them before the first ray.
+"""Validation of all indices of a tree, which trees from files must pass before the first ray is traced.
 
-All arithmetic is in int64: the arrays hold int32, in which the sum of two numbers from a file can wrap around.
+All arithmetic is in int64: the arrays are int32, in which sums of numbers from a file can overflow.
 """
 
 from __future__ import annotations
@@ -37,35 +37,35 @@ from ...engine.kernels.tree import (
 )
 
 DEEPEST = 64  # levels of nodes of eight: each level leaves up to 7 children on a ray's stack, which has room for 512
-LARGEST_SAMPLES = 64  # the most samples in a radius
+LARGEST_SAMPLES = 64  # maximum number of samples per radius
 
 
 def check_lengths(tree: Tree) -> list[str]:
-    """Check that lengths fit together and that indices are in range."""
+    """Check that lengths are consistent and that indices are in range."""
     leaves, groups, blocks = tree.leaves.size // LEAF, tree.refs.size // 16, tree.blocks.size // BLOCK
     wrong = []
     if tree.boxes.size * WIDTH != tree.children.size * NODE:
-        wrong.append("boxes and children are of different lengths")
+        wrong.append("boxes and children do not match in length")
     if tree.spans.size != 2 * leaves or tree.spheres.size != groups * GROUP or tree.order.size != 4 * blocks:
-        wrong.append("spans, spheres or order are of the wrong length")
+        wrong.append("spans, spheres or order have an invalid length")
     if tree.patches.size != leaves * PATCH:
-        wrong.append("patches are of the wrong length")
+        wrong.append("patches has an invalid length")
     if tree.colors.size not in (0, tree.order.size) or tree.borders.size not in (0, 3 * tree.order.size):
-        wrong.append("colors or borders is of the wrong length")
+        wrong.append("colors or borders has an invalid length")
     if tree.facing.size not in (0, 3 * tree.order.size):
-        wrong.append("facing is of the wrong length")
+        wrong.append("facing has an invalid length")
     if tree.noise.size not in (0, blocks):
-        wrong.append("noise is of the wrong length")
+        wrong.append("noise has an invalid length")
     if tree.refs.size and not 0 <= tree.refs.min() <= tree.refs.max() < blocks:
-        wrong.append("a reference is no block")
+        wrong.append("a reference is not a block")
     first, count = tree.spans.reshape(-1, 2).T.astype(np.int64)
     if ((count < 0) | (first < 0) | (first + count > groups)).any():
-        wrong.append("a leaf's span lies outside of the groups")
+        wrong.append("a leaf's span is outside of the groups")
     return wrong
 
 
 def check_indices(tree: Tree, points: int) -> list[str]:
-    """Find what could lead a ray out of an array, round in a circle, or past the end of its stack.
+    """Find what could cause an index out of bounds, an endless loop or a stack overflow when a ray is traced.
 
     Parameters
     ----------
@@ -73,38 +73,38 @@ def check_indices(tree: Tree, points: int) -> list[str]:
         Number of the caller's points.
     """
     if tree.head.size != HEAD or tree.children.size == 0:
-        return ["it has no head or no node"]
+        return ["head or nodes are missing"]
     lengths = {"boxes": NODE, "leaves": LEAF, "spheres": GROUP, "blocks": BLOCK, "spans": 2, "refs": 16, "order": 4}
     if any(getattr(tree, name).size % length for name, length in lengths.items()) or tree.children.size % WIDTH:
-        return ["a record is cut off"]
+        return ["a record is truncated"]
     problems = check_lengths(tree)
     if problems:
         return problems
     head = tree.head
     if not (0 <= head[SURFACE] < len(SURFACES) and head[SURFACE] % 1 == 0 and 0 <= head[REFINE] <= 16):
-        return ["the surface or its refinement is unknown"]
+        return ["unknown surface or refinement"]
     if not (head[TRIM] > 0 and head[OVERHANG] > 0 and np.isfinite(head[BOUNDS : BOUNDS + 6]).all()):
-        return ["trim, overhang or bounds are no numbers"]
+        return ["trim, overhang or bounds are not valid numbers"]
     if not ((tree.noise >= 0) & (tree.noise < np.inf)).all():
-        return ["the noise is no number"]
+        return ["noise is not a valid number"]
     if head[SCATTER] not in (0, SPHERES, DISCS) or not 0 <= head[SCATTER_LEAVES] < np.inf:
         return ["invalid kind or number of scattered points"]
     if not 0 <= head[LONGEST] < np.inf:
-        return ["the longest step is no number"]
+        return ["the longest step is not a valid number"]
     if tree.order.min(initial=-1) < -1 or tree.order.max(initial=-1) >= points:
-        return ["a slot names a row that is none"]
+        return ["a slot refers to a row that does not exist"]
     if (16 * tree.spans[1::2].astype(np.int64)).max(initial=0) > tree.refs.size:
-        return ["a leaf is longer than all groups"]
+        return ["a leaf has more entries than all groups"]
     flags = tree.leaves.reshape(-1, LEAF)
     if (flags[:, BORDERED].any() and not tree.borders.size) or (flags[:, SHEETED].any() and not tree.facing.size):
-        return ["a leaf speaks of borders or sheets that are not there"]
+        return ["a leaf refers to borders or sheets that do not exist"]
     if not (flags[:, STEP] >= flags[:, LEAST] / LARGEST_SAMPLES).all():
-        return ["a leaf's samples are too close"]
+        return ["the samples of a leaf are too close"]
     return _check_children(tree)
 
 
 def _check_children(tree: Tree) -> list[str]:
-    """Check that each child is a later node, a leaf, or none with an empty box, and that the tree is not too deep."""
+    """Check that each child is a later node, a leaf, or empty with an empty box, and that the tree is not too deep."""
     children = tree.children.reshape(-1, WIDTH).astype(np.int64)
     number = np.arange(len(children))[:, None]
     none, inner = children == NO_CHILD, children >= 0
@@ -114,13 +114,13 @@ def _check_children(tree: Tree) -> list[str]:
             ~none & (~children >= SCATTERED) & (~children < SCATTERED + tree.blocks.size // BLOCK - (LEAF_BLOCKS - 1))
         )
     if not (none | leaf | (inner & (children > number) & (children < len(children)))).all():
-        return ["a node's child is none"]
+        return ["a node's child does not exist"]
     boxes = tree.boxes.reshape(-1, 6, WIDTH)
     empty = (boxes[:, :3] == np.inf).all(axis=1) & (boxes[:, 3:] == -np.inf).all(axis=1)
     if (none & ~empty).any():
-        return ["a child that is none has a box"]
+        return ["an empty child has a box"]
     if np.bincount(children[inner], minlength=len(children)).max(initial=0) > 1:
-        return ["a node hangs in two places"]
+        return ["a node has two parents"]
     level, depth = np.array([0]), 0
     while len(level):
         depth += 1

@@ -1,4 +1,4 @@
-"""The tree over a scene's instances: a binary tree of their world boxes, split by the surface area heuristic.
+"""BVH over the instances of a scene: a binary tree of their world boxes, split by the surface area heuristic.
 
 It is small and is rebuilt whenever an instance is added, removed or moved.
 """
@@ -13,28 +13,28 @@ from numpy.typing import NDArray
 from ...engine.jit import Array, f32, inline, kernel
 from ...engine.kernels.records import TOP_BOUNDS, TOP_CENTER, TOP_NODE, TOP_SIZE
 
-FEW = 3  # no more models than this are tried one after the other, without a tree
+FEW = 3  # up to this many models are tested one after the other, without a tree
 BINS = 16
-DEEP = 48  # nodes from this depth on are split into halves of equal number, so that the traversal stack is bounded
-PAD = 4e-6  # of the size of all boxes together: boxes are grown by it, as rays are float32 there
+DEEP = 48  # nodes at this depth and below are split into halves of equal number, to bound the traversal stack
+PAD = 4e-6  # margin of boxes, as a share of the size of all boxes together, because rays are float32 there
 
 
 @inline
 def _half_area(low: Array, high: Array) -> float:
-    """Half the surface of a box."""
+    """Return half the surface area of a box."""
     x, y, z = high[0] - low[0], high[1] - low[1], high[2] - low[2]
     return x * y + y * z + z * x
 
 
 @inline
 def _bin_of(x: float, low: float, width: float) -> int:
-    """The bin that a box's centre falls into."""
+    """Return the bin of a box's centre."""
     return min(int((x - low) * BINS / width), BINS - 1) if width > 0.0 else 0
 
 
 @inline
 def _costs(bins: tuple[Array, Array], out: Array) -> None:
-    """Add to out[k] the cost, area times number, of bins 0 to k together. bins : counts, boxes."""
+    """Add to out[k] the cost, area times number, of bins 0 to k together. bins : counts, boxes"""
     counts, boxes = bins
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     number = 0
@@ -47,7 +47,7 @@ def _costs(bins: tuple[Array, Array], out: Array) -> None:
 
 @inline
 def _fill(boxes: Array, rows: Array, axis: int, span: tuple[float, float]) -> tuple[Array, Array]:
-    """Counts and boxes of the bins along an axis. span : least centre and width."""
+    """Return the counts and boxes of the bins along an axis. span : least centre and width"""
     counts, held = np.zeros(BINS, np.int64), np.empty((BINS, 6))
     held[:, :3], held[:, 3:] = np.inf, -np.inf
     for i in rows:
@@ -78,7 +78,7 @@ def _split(boxes: Array, rows: Array, depth: int) -> int:
         before, after = np.zeros(BINS), np.zeros(BINS)
         _costs((counts, held), before)
         _costs((counts[::-1].copy(), held[::-1].copy()), after)
-        number = 0  # of the boxes in bins 0 to k; `sum` would have Numba import SciPy when the kernel is loaded
+        number = 0  # of the boxes in bins 0 to k; with `sum`, Numba would import SciPy when the kernel is loaded
         for k in range(BINS - 1):
             number += counts[k]
             cost = before[k] + after[BINS - 2 - k]
@@ -101,7 +101,7 @@ def _split(boxes: Array, rows: Array, depth: int) -> int:
 
 @inline
 def _enclose(boxes: Array, rows: Array, out: Array) -> None:
-    """The box around some boxes."""
+    """Compute the box around some boxes."""
     for c in range(3):
         out[c], out[3 + c] = f32(np.inf), f32(-np.inf)
     for i in rows:
@@ -112,7 +112,7 @@ def _enclose(boxes: Array, rows: Array, out: Array) -> None:
 
 @kernel
 def _build(boxes: Array, numbers: Array, out: tuple[Array, Array]) -> None:
-    """Build the nodes. boxes : (n, 6) float64, of instances `numbers`, n > 1; out : n - 1 nodes' boxes and children."""
+    """Build the nodes. boxes : (n, 6) float64, of instances `numbers`, n > 1; out : n - 1 nodes' boxes and children"""
     out_boxes, out_children = out
     rows = np.arange(len(boxes))
     pending = np.empty((len(boxes), 4), np.int64)  # node, first and end of its rows, depth
@@ -135,12 +135,12 @@ def _build(boxes: Array, numbers: Array, out: tuple[Array, Array]) -> None:
 
 
 def boxes_around(to_models: NDArray[np.float64], bounds: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The world boxes of instances, (n, 6).
+    """Return the world boxes of instances, (n, 6).
 
     Parameters
     ----------
     to_models : (n, 3, 4) float64
-        From the world to each instance's model.
+        Transforms from the world to each instance's model.
     bounds : (n, 2, 3) float64
         Bounds in the model's space.
     """
@@ -154,14 +154,14 @@ def boxes_around(to_models: NDArray[np.float64], bounds: NDArray[np.float64]) ->
 def build_top(
     boxes: NDArray[np.float64], numbers: NDArray[np.integer[Any]]
 ) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Build the tree over the world boxes of the instances that are models.
+    """Build the BVH over the world boxes of the instances that are models.
 
     Parameters
     ----------
     boxes : (n, 6) float64
         lo x y z, hi x y z; n may be 0.
     numbers : (n,) int64
-        The number of each box's instance.
+        Index of each box's instance.
 
     Returns
     -------

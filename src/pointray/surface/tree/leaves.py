@@ -1,24 +1,24 @@
-"""Leaves: each voxel's slab and tight box, from a conservative test of where the surface can be (paper, part IV).
+"""Leaves: slab and tight box of each voxel, from a conservative test of where the surface can be (paper, part IV).
 
 Let m be a unit vector, S and c the largest sine and the least cosine between m and the normals of a voxel's splats,
 c > 0. At a point x let P and N be the weighted means, d^2 and v^2 the weighted variances of the positions and normals,
-e = |x - P|, and C = E[(n_i - N).(p_i - P)], whence |C| <= v d. Then
+e = |x - P|, and C = E[(n_i - N).(p_i - P)], so that |C| <= v d. Then
 
     paper   f = N.(x - P)
     imls    f = N.(x - P) - C = E[n_i.(x - p_i)]
     apss    f = N.(x - P) - K,   K = C / 2 (d^2 - e^2) / max(d^2, (d^2 + e^2) / 4)
 
-Where f = 0, x - P has a part along N, of length |K| / |N|, and one across it, at most e. So with b the angle between N
-and m, |m.(x - P)| is at most e sin b + |K| / |N|. As N lies in the unit ball, N.m >= c, and v^2 = 1 - |N|^2, this is at
-most S (e^2 + k^2 / c^2)^(1/2), k = |K| / v. Now r^2 = E[r_i^2] is at least d^2 + e^2 and, for hits, (e / trim)^2. So
-that bound, divided by S r and squared, is at most `limits_of`: for apss where e <= d, a quarter of 1 + 1 / c^2, else
-trim^2 (1 + BEND / c^2). For imls one splat has n_i.(x - p_i) >= 0 and one has <= 0: m.x is at least m.p_i - S r_i for
-the first and at most m.p_i + S r_i for the second. Let t be S times the root of that limit, times
-q >= E[r_i^2]^(1/2) / E[r_i]. Then all surface in the voxel lies at
+Where f = 0, x - P has a component along N, of length |K| / |N|, and one perpendicular to it, of length at most e. So
+with b the angle between N and m, |m.(x - P)| is at most e sin b + |K| / |N|. As N is in the unit ball, N.m >= c, and
+v^2 = 1 - |N|^2, this is at most S (e^2 + k^2 / c^2)^(1/2), k = |K| / v. Now r^2 = E[r_i^2] is at least d^2 + e^2 and,
+for hits, (e / trim)^2. So the bound, divided by S r and squared, is at most that of `limits_of`: for apss with e <= d a
+quarter of 1 + 1 / c^2, else trim^2 (1 + BEND / c^2). For imls one splat has n_i.(x - p_i) >= 0 and one has <= 0: m.x is
+at least m.p_i - S r_i for the first and at most m.p_i + S r_i for the second. Let t be S times the square root of that
+limit, times q >= E[r_i^2]^(1/2) / E[r_i]. Then all surface in the voxel is in the slab
 
-    min_j (m.p_j - t r_j)  <=  m.x  <=  max_j (m.p_j + t r_j):  the slab.
+    min_j (m.p_j - t r_j)  <=  m.x  <=  max_j (m.p_j + t r_j).
 
-A slab that misses the voxel proves it empty. The tight box encloses the balls of all splats, cut by slab and voxel.
+A slab that misses the voxel proves it empty. The tight box encloses the balls of all splats, clipped to slab and voxel.
 `surface/tree/columns.py` bounds the surface in a leaf more closely, column by column.
 """
 
@@ -76,19 +76,19 @@ from .cells import Cells
 from .columns import LANES, PARTS, Limits, Members, N, R, along, fill_patches, live, slab_along, sum_of_row
 from .near import distances, four_from
 
-BEND = 0.361  # the greatest k^2 / e^2 where e > d
+BEND = 0.361  # maximum of k^2 / e^2 for e > d
 LEEWAY = 0.1  # a step may be 2**0.1 times the requested length, so that nearly equal radii share one lattice
-SLIGHT = 1e-5  # of the mean radius, by which a slab is thicker for the tight box: a ball that it just touches
-PAD = 1e-3  # slabs and boxes are padded by this share of the mean radius, against rounding
+SLIGHT = 1e-5  # mean radii by which the slab is extended for the tight box: a ball may just touch it
+PAD = 1e-3  # mean radii by which slabs and boxes are padded, against rounding
 
 Slab: TypeAlias = tuple[float, float, float, float, float]  # unit normal m, least and greatest m.x
 
 
 def limits_of(surface: str, trim: float) -> Limits:
-    """How far a surface leaves its splats: the greater of a + b / c^2 and d + e / c^2, see the head of this file.
+    """Return the limits of a surface's distance from its splats, max(a + b / c^2, d + e / c^2); see the module docs.
 
     With the bound (2 S)^2 for `apss`, 1 million points took 1.08 (far view), 1.10 (near), 1.21 (shadows), 1.15
-    (bounces) times as long; 32,000 points took as long as now.
+    (bounces) times as long; 32,000 points took equally long.
     """
     far = min(1.0, trim) ** 2
     if surface == "apss":
@@ -97,13 +97,13 @@ def limits_of(surface: str, trim: float) -> Limits:
 
 
 def longest_step(samples: int) -> float:
-    """The longest step of the samples, in least support radii; samples : how many a support's diameter has."""
+    """Return the maximum sample distance in least support radii. samples : number per support diameter"""
     return float(2.0**LEEWAY * 2.0 / samples)
 
 
 @inline
 def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) -> Members:
-    """The splats whose support overlaps the cell."""
+    """Gather the splats whose support overlaps the cell."""
     room, count = len(rows) // PARTS, 0
     box = (cell[0], cell[1], cell[2], cell[3], cell[4], cell[5])
     for s in range(span[0], span[1], 4):
@@ -128,21 +128,21 @@ def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) 
 
 @inline
 def _slab(members: Members, limits: Limits) -> Slab:
-    """Mean normal m, least and greatest m.x of any surface: see the head of this file."""
+    """Return the mean normal m and the least and largest m.x of any surface, see the module docstring."""
     mx, my, mz = sum_of_row(members, N), sum_of_row(members, N + 1), sum_of_row(members, N + 2)
     length = math.sqrt(mx * mx + my * my + mz * mz)
     if length < 1e-6:
         mx, my, mz, length = 0.0, 0.0, 1.0, 1.0
-    m = f32(mx / length), f32(my / length), f32(mz / length)  # as rays read it
+    m = f32(mx / length), f32(my / length), f32(mz / length)  # rounded like the record that rays read
     low, high = slab_along(members, m, limits)
     return m[0], m[1], m[2], low, high
 
 
 @inline
 def _farthest(m: float, r: F16, low: F16, high: F16) -> F16:
-    """Greatest coordinates of balls cut by the slab, along an axis whose cosine with the slab's normal is m.
+    """Return the largest coordinates of balls clipped to the slab, along an axis whose cosine with its normal is m.
 
-    The balls have radius r and their centres at height 0; the slab goes from low to high.
+    The balls have radius r and their centres at height 0; the slab extends from low to high.
     """
     height = vmin(vmax(r * m, low), high)
     across = f32(math.sqrt(max(0.0, 1.0 - m * m)))
@@ -151,7 +151,7 @@ def _farthest(m: float, r: F16, low: F16, high: F16) -> F16:
 
 @inline
 def _tight_box(members: Members, slab: Slab, mean: float, cell: Array, box: Array) -> None:
-    """Shrink box to the balls of the members cut by the slab."""
+    """Shrink the box to the members' balls, clipped to the slab."""
     m, slight = (slab[0], slab[1], slab[2]), f32(SLIGHT * mean)
     rows, room, inf = members.rows, members.room, broadcast16(INF)
     for c in range(3):
@@ -168,7 +168,7 @@ def _tight_box(members: Members, slab: Slab, mean: float, cell: Array, box: Arra
 
 @inline
 def _cut_by_slab(slab: Slab, box: Array) -> None:
-    """Shrink a box to its part inside a slab, axis by axis."""
+    """Shrink a box to its part inside of a slab, axis by axis."""
     mx, my, mz, low, high = slab
     m = (mx, my, mz)
     least = greatest = 0.0
@@ -191,7 +191,7 @@ def _cut_by_slab(slab: Slab, box: Array) -> None:
 
 @inline
 def _is_marked(marks: Array, refs: Array, span: Array) -> bool:
-    """Whether one of the splats in the blocks of a voxel is marked: marks is (blocks * 4 * 3,), or of length 0."""
+    """Return whether a splat in the blocks of a voxel is marked. marks : (blocks * 4 * 3,), or of length 0"""
     if marks.size == 0:
         return False
     for s in range(span[0], span[1]):
@@ -211,10 +211,10 @@ def fill_leaves(
     settings: tuple[Limits, int, float, int],
     out: tuple[Array, Array, Array, Array],
 ) -> int:
-    """Fill each leaf's record and tight box. An inverted box says that the leaf is empty.
+    """Fill in the record and the tight box of each leaf. An inverted box marks an empty leaf.
 
-    marks : borders and facing, as in `Tree`
-    settings : see `limits_of`; samples in a support's diameter; reference radius; 0 for unlimited slabs and boxes
+    marks : borders and facing, see `Tree`
+    settings : see `limits_of`; samples per support diameter; reference radius; 0 for unlimited slabs and boxes
     out : numbers of the leaf nodes (leaves,), records (leaves * 16,), patches (leaves * 64,), boxes (leaves, 6) float64
     """
     boxes, spans, refs = cells.boxes, cells.spans, cells.refs
@@ -274,7 +274,7 @@ def fill_leaves(
 
 @kernel
 def fill_groups(work: Array, cells: Cells, nodes: Array, bounds: Array, out: tuple[Array, Array, Array]) -> int:
-    """Copy each leaf's references into groups of 16 bounding spheres. out : spans, spheres, refs as in `Tree`."""
+    """Copy each leaf's references into groups of 16 bounding spheres. out : spans, spheres, refs, see `Tree`"""
     spans, spheres, refs = out
     tile = next_tile(work)
     while tile >= 0:

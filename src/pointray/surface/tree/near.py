@@ -1,4 +1,4 @@
-"""Which splats are near a box: those of four blocks are tested at once, 16 lanes."""
+"""Search for splats near a box: the splats of four blocks are tested at once, in 16 lanes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from ...engine.simd import (
 )
 from .blocks import PER_BLOCK
 
-NEAR = 16  # numbers of a block in the copy that is searched
+NEAR = 16  # float32 numbers per block in the copy that is searched
 
 Box: TypeAlias = tuple[float, float, float, float, float, float]
 Span: TypeAlias = tuple[int, int]  # begin and end in refs
@@ -37,7 +37,7 @@ Span: TypeAlias = tuple[int, int]  # begin and end in refs
 
 @inline
 def distances(cell: Box, x: F16, y: F16, z: F16) -> F16:
-    """Squared distances of 16 points from a box."""
+    """Return the squared distances of 16 points from a box."""
     zero = broadcast16(ZERO)
     dx = vmax(vmax(cell[0] - x, x - cell[3]), zero)
     dy = vmax(vmax(cell[1] - y, y - cell[4]), zero)
@@ -47,7 +47,7 @@ def distances(cell: Box, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def four_from(refs: Array, s: int, end: int) -> tuple[tuple[int, int, int, int], Bits]:
-    """The numbers refs[s : s + 4], of which those before `end` count, and a bit for each splat of these blocks."""
+    """Return the numbers refs[s : s + 4] and a mask with a bit for each splat of those blocks that are before `end`."""
     last = end - 1
     found = i64(refs[s]), i64(refs[min(s + 1, last)]), i64(refs[min(s + 2, last)]), i64(refs[min(s + 3, last)])
     return found, (1 << PER_BLOCK * min(end - s, 4)) - 1
@@ -55,20 +55,20 @@ def four_from(refs: Array, s: int, end: int) -> tuple[tuple[int, int, int, int],
 
 @inline
 def sum_of(vector: F16) -> float:
-    """The sum of the lanes."""
+    """Return the sum of all lanes."""
     four = sum_over_quarters(vector)
     return f64(lane(four, 0)) + f64(lane(four, 1)) + f64(lane(four, 2)) + f64(lane(four, 3))
 
 
 @inline
 def room_for(blocks: int) -> int:
-    """How many numbers the copy of some blocks has."""
+    """Return the length of the copy of `blocks` blocks."""
     return NEAR * blocks
 
 
 @inline
 def copy_near(blocks: Array, numbers: Array, near: Array) -> None:
-    """Copy places and squared radii of some blocks to where they lie side by side, in rows of 4 x, y, z and r^2."""
+    """Copy positions and squared radii of blocks to consecutive memory, in rows of 4 x, y, z and r^2."""
     for k in range(len(numbers)):
         offset = i64(numbers[k]) * BLOCK
         for row in range(3):
@@ -83,9 +83,10 @@ def gather(
 ) -> tuple[int, float, float, float, Box]:
     """Write the blocks of `sources` whose supports overlap the grown cell to refs[start:].
 
-    around : by how much the cell is grown for this test
-    Returns the end in refs; the mean, the least and the greatest radius of these splats; the box of their supports,
-    which is inverted if there are none. An empty slot's splat is too far from every cell.
+    around : margin by which the cell is grown for this test
+
+    Returns the end in refs; the mean, the least and the largest radius of these splats; the bounding box of their
+    supports, inverted if no splat overlaps. The splat of an empty slot is too far from every cell.
     """
     grown = (cell[0] - around, cell[1] - around, cell[2] - around, cell[3] + around, cell[4] + around, cell[5] + around)
     zero, inf = broadcast16(ZERO), broadcast16(INF)

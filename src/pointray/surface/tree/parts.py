@@ -1,4 +1,4 @@
-"""For models in parts: the splats that a tree was built of, and a tree without the blocks that it does not need."""
+"""Helpers for models in parts: the splats that a tree was built from, and trees without unused blocks."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from ...engine.kernels.tree import BLOCK, Tree, first_scattered
 from .build import Splats
 from .stored import stored_splats
 
-# What a block has of each array of a tree.
+# Length of each array of a tree per block.
 WIDTHS = {"blocks": BLOCK, "order": 4, "borders": 12, "facing": 12, "colors": 4, "noise": 1}
 
 
 def surface_of(tree: Tree) -> Tree:
-    """Return a tree with the blocks of its surface only, for `splats_of`; its nodes are left as they are."""
+    """Return a tree with only the blocks of its surface, for `splats_of`; its nodes are unchanged."""
     first = first_scattered(tree)
     return tree._replace(**{name: getattr(tree, name)[: first * width] for name, width in WIDTHS.items()})
 
 
 def splats_of(tree: Tree, radii: NDArray[np.float32]) -> Splats:
-    """All that a tree was built of, in its order, for the same tree. radii : (n,), of the caller's rows"""
+    """Return the splats that a tree was built from, in its order. radii : (n,), of the caller's rows"""
     rows, positions, normals, noise = stored_splats(tree, by_row=False)
     there = tree.order >= 0
     borders = tree.borders.reshape(-1, 3)[there].astype(np.float32) / np.float32(127) if tree.borders.size else None
@@ -30,9 +30,9 @@ def splats_of(tree: Tree, radii: NDArray[np.float32]) -> Splats:
 
 
 def without_unused(tree: Tree) -> Tree:
-    """The tree without the blocks that no leaf lists: of a part, those whose splats reach near it, but not into it."""
+    """Remove the blocks that no leaf lists: in a part, those of splats near it whose supports do not reach into it."""
     refs, spheres = tree.refs.reshape(-1, 16), tree.spheres.reshape(-1, 4, 16)
-    valid = ~np.isnan(spheres[:, 3])  # others are empty slots
+    valid = ~np.isnan(spheres[:, 3])  # False for empty slots
     used = np.zeros(tree.blocks.size // BLOCK, np.bool_)
     used[refs[valid]] = True
     number = np.cumsum(used, dtype=np.int32) - 1

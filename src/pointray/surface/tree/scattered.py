@@ -1,7 +1,8 @@
-"""Scattered points -> a tree of their own under the root of the surface's: spheres, or single flat discs.
+"""Tree over scattered points, under one root with that of the surface; its leaves hold spheres or single flat discs.
 
-Eight of them, neighbours in the kd order, make a leaf. The leaves' boxes are halved by the surface area heuristic
-(binned: Wald, On fast Construction of SAH-based Bounding Volume Hierarchies, 2007), then gathered into nodes of eight.
+A leaf holds eight points that are neighbours in the kd order. The boxes of the leaves are halved by the surface area
+heuristic (binned: I. Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", 2007), then collapsed into
+nodes of eight.
 """
 
 from __future__ import annotations
@@ -33,18 +34,18 @@ from .build import Splats, bounds_of, packed_colors, rows_of_slots, unpacked_col
 from .wide import collapse, enclose
 
 PER_LEAF = LEAF_BLOCKS * PER_BLOCK
-CHUNK = 4096  # leaves that a thread bounds at a time
-BINS = 16  # places where a node may be cut along each axis
-DEEP = 32  # levels below which nodes are halved by their numbers: a file with more than 64 levels is refused
-ROOM = 1.01  # radii: rays that start on a sphere start within the bounds
-PAD = 5e-7  # of the largest coordinate: rounding of a box, and of a ray against it
+CHUNK = 4096  # leaves per tile
+BINS = 16  # candidate cuts of a node along each axis
+DEEP = 32  # nodes below this level are halved by number: files with more than 64 levels are rejected
+ROOM = 1.01  # radii: margin of the bounds, so that rays that start on a sphere start inside of them
+PAD = 5e-7  # of the largest coordinate: margin for rounding of boxes and of rays against them
 
 Boxes = NDArray[np.float64]
 
 
 @kernel
 def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> int:
-    """Boxes of leaves of spheres, (n, 6) float64."""
+    """Compute the boxes of leaves of spheres, (n, 6) float64."""
     tile = next_tile(work)
     while tile >= 0:
         for b in range(tile * CHUNK, min((tile + 1) * CHUNK, len(boxes))):
@@ -64,27 +65,27 @@ def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> int:
 
 @inline
 def _half_area(bins: Array, k: int) -> float:
-    """Half the surface of the box of a bin."""
+    """Return half the surface area of a bin's box, 0 if it is empty."""
     x, y, z = bins[k, 3] - bins[k, 0], bins[k, 4] - bins[k, 1], bins[k, 5] - bins[k, 2]
     return x * y + y * z + z * x if x >= 0.0 else 0.0
 
 
 @inline
 def _grow(bins: Array, k: int, boxes: Array, b: int) -> None:
-    """Let the box of a bin enclose another box."""
+    """Extend the box of a bin by another box."""
     for c in range(3):
         bins[k, c], bins[k, 3 + c] = min(bins[k, c], boxes[b, c]), max(bins[k, 3 + c], boxes[b, 3 + c])
 
 
 @inline
 def _bin_of(boxes: Array, b: int, axis: int, low: float, scale: float) -> int:
-    """The bin of a box by the middle of it along an axis."""
+    """Return the bin of a box's centre along an axis."""
     return min(max(int((boxes[b, axis] + boxes[b, 3 + axis] - low) * scale), 0), BINS - 1)
 
 
 @inline
 def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory: tuple[Array, Array]):  # type: ignore[no-untyped-def]
-    """(axis, bin before which to cut, least middle, bins per length) of the least cost; axis -1: all in one place."""
+    """Return the cheapest cut: axis (-1 if all centres are equal), bin after the cut, least centre, bins per length."""
     counts, costs = memory
     best, found = np.inf, (-1, 0, 0.0, 0.0)
     for axis in range(3):
@@ -124,7 +125,7 @@ def _best_cut(boxes: Array, order: Array, span: tuple[int, int], bins: Array, me
 def _cut(
     boxes: Array, order: Array, span: tuple[int, int], bins: Array, memory: tuple[Array, Array], depth: int
 ) -> int:
-    """Bring the two halves of a span of the order apart; returns where the second begins."""
+    """Partition a span of the order into two halves; return where the second starts."""
     middle = (span[0] + span[1]) // 2
     if depth > DEEP:
         return middle
@@ -143,9 +144,9 @@ def _cut(
 
 @kernel
 def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
-    """Build a binary tree over boxes (n, 6): its nodes are written to children (2 n - 1, 2) and leaf_of (2 n - 1,).
+    """Build a binary tree over boxes (n, 6); write its nodes to children (2 n - 1, 2) and leaf_of (2 n - 1,).
 
-    A leaf's children are -1, and leaf_of of other nodes is -1.
+    The children of a leaf are -1, as is leaf_of of other nodes.
     """
     bins, memory = np.empty((BINS + 1, 6)), (np.empty(BINS, np.int64), np.empty(BINS + 1))
     stack = np.empty((len(boxes) + 1, 4), np.int64)  # node, first, end, depth
@@ -170,9 +171,9 @@ def _halve(boxes: Array, order: Array, children: Array, leaf_of: Array) -> int:
 def _nodes(
     blocks: NDArray[np.float32], first: int, threads: int | None
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Wide nodes over blocks of scattered points: boxes (nodes * 48,) and children (nodes * 8,).
+    """Build wide nodes over blocks of scattered points: boxes (nodes * 48,) and children (nodes * 8,).
 
-    first : the number of the first block in the tree
+    first : number of the first block in the tree
     """
     count = blocks.size // (LEAF_BLOCKS * BLOCK)
     places = blocks.reshape(-1, 7, PER_BLOCK)[:, :3]
@@ -190,7 +191,7 @@ def _nodes(
 
 
 def _box_around(boxes: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The box around the root's children, (6,)."""
+    """Return the box around the root's children, (6,)."""
     root = boxes[:NODE].reshape(2, 3, WIDTH)
     return np.concatenate([root[0].min(axis=1), root[1].max(axis=1)])
 
@@ -198,7 +199,7 @@ def _box_around(boxes: NDArray[np.float32]) -> NDArray[np.float32]:
 def _under_one_root(
     a: tuple[NDArray[np.float32], NDArray[np.int32]], b: tuple[NDArray[np.float32], NDArray[np.int32]]
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Nodes of two trees, with a new root."""
+    """Join the nodes of two trees under a new root."""
     boxes = np.repeat(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), WIDTH).reshape(6, WIDTH)
     boxes[:, 0], boxes[:, 1] = _box_around(a[0]), _box_around(b[0])
     root = np.full(WIDTH, NO_CHILD, np.int32)
@@ -208,7 +209,7 @@ def _under_one_root(
 
 
 def _whole_leaves(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Blocks, with empty ones that the last leaf lacks."""
+    """Append empty blocks to complete the last leaf."""
     empty = np.zeros((7, PER_BLOCK), np.float32)
     empty[:3], empty[INV_R2 // PER_BLOCK] = EMPTY, 1.0
     missing = -(blocks.size // BLOCK) % LEAF_BLOCKS
@@ -216,12 +217,12 @@ def _whole_leaves(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None = None) -> Tree:
-    """The tree with scattered points beside its surface; it may have no surface at all.
+    """Add scattered points to a tree, which may have no surface.
 
     Parameters
     ----------
     scattered : Splats
-        Their normals are the mean directions of their neighbourhoods, or what discs face. At least one.
+        At least one. Normals are the mean directions of neighbourhoods, or the normals of discs.
     kind : int
         SPHERES or DISCS.
     """
@@ -252,13 +253,13 @@ def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None
 
 
 def scattered_rows(tree: Tree) -> NDArray[np.int32]:
-    """The caller's rows of the scattered points of a tree."""
+    """Return the caller's rows of the scattered points of a tree."""
     rows = tree.order[PER_BLOCK * first_scattered(tree) :]
     return rows[rows >= 0]
 
 
 def scattered_of(tree: Tree, radii: NDArray[np.float32]) -> Splats | None:
-    """The scattered points that a tree was built of, in its order; None if it has none. radii : (n,), of all rows"""
+    """Return the scattered points of a tree in its order, or None if it has none. radii : (n,), of all rows"""
     first = first_scattered(tree)
     if first * BLOCK == tree.blocks.size:
         return None

@@ -1,4 +1,4 @@
-"""Settings of a tree: what a caller gives, and what a file keeps, checked."""
+"""Settings of a tree: validation of those from callers and from files."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from ...base.arguments import check_choice, check_number, check_whole
 from ...base.choices import SURFACES
 
 TRIM = 0.6  # trim="auto": largest |x - P(x)| of a hit, in local radii (docs/decisions/surface.md)
-LOOSE_TRIM = 0.95  # the same, where the radii are too small to cover the surface, which then lies in gaps
-OVERHANG = 0.2  # trim="auto": how far a hit may lie out of an open border, in local radii (docs/decisions/radii.md)
+LOOSE_TRIM = 0.95  # the same if many radii are too small to cover the surface, so that it extends into gaps
+OVERHANG = 0.2  # trim="auto": largest distance of a hit beyond an open border, in local radii (docs/decisions/radii.md)
 LARGEST_SAMPLES, LARGEST_REFINE = 64, 16
 LEAF_WIDTH = 8.0  # upper limit of a voxel's longest edge, in mean support radii
 
@@ -20,12 +20,12 @@ class TreeSettings(NamedTuple):
     """Settings of a tree.
 
     surface : 'paper', 'imls', 'apss' or 'disc'
-    samples : samples in the length of a support's diameter, the paper's N
+    samples : samples per support diameter, the paper's N
     refine : secant steps after the bracket
     trim : largest |x - P(x)| of a hit in local radii, inf for no limit
-    overhang : how far a hit may lie beyond an open border, in local radii, inf for no limit
-    leaf_width : a voxel's longest edge in mean radii, or down to half of this where the costs favour it
-    cut : False leaves slabs unlimited and boxes as large as their voxels, for tests to compare with
+    overhang : largest distance of a hit beyond an open border in local radii, inf for no limit
+    leaf_width : a voxel's longest edge in mean radii, or down to half of it where the costs favour it
+    cut : False for unlimited slabs and boxes as large as their voxels; for tests
     """
 
     surface: str
@@ -38,7 +38,7 @@ class TreeSettings(NamedTuple):
 
 
 def check_settings(surface: str, samples: int, refine: int, trim: str | float | None) -> TreeSettings:
-    """The settings that a caller gives, checked; see `Model`."""
+    """Check the settings that a caller passes, see `Model`."""
     surface = check_choice(surface, "surface", SURFACES)
     samples = check_whole(samples, "samples", 2, LARGEST_SAMPLES)
     refine = check_whole(refine, "refine", 0, LARGEST_REFINE)
@@ -53,8 +53,8 @@ def check_settings(surface: str, samples: int, refine: int, trim: str | float | 
 
 
 def settings_of(values: dict[str, Any]) -> TreeSettings:
-    """Settings from the form in which a file keeps them."""
+    """Return settings from the values stored in a file."""
     settings = TreeSettings(**values)
     if settings.surface not in SURFACES or not all(isinstance(value, int | float) for value in settings[1:]):
-        raise ValueError("its settings are unknown")
+        raise ValueError("invalid settings")
     return settings

@@ -1,4 +1,4 @@
-"""The splats that a tree keeps, read back, and how far it extends."""
+"""Reading splats back from a tree, and its extent."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from numpy.typing import NDArray
 from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
 from ...engine.kernels.tree import BLOCK, INV_R2, NODE, NX, PX, WIDTH, Tree
 
-CHUNK = 1 << 14  # splats of a tile
+CHUNK = 1 << 14  # splats per tile
 
 Floats = NDArray[np.float32]
 
 
 class Stored(NamedTuple):
-    """Splats that a tree keeps.
+    """Splats read from a tree.
 
     rows : (m,) int64, the caller's row of each
     positions, normals : (m, 3) float32
-    noise : (m,) float32, what was smoothed away, of four splats side by side the most; None if nothing was
+    noise : (m,) float32, standard deviation of the noise that was smoothed away, the largest of each block of four
+        splats; None if nothing was smoothed
     """
 
     rows: NDArray[np.int64]
@@ -44,7 +45,7 @@ def _unpack(work: Array, blocks: Array, slots: Array, positions: Array, normals:
 
 
 def stored_splats(tree: Tree, by_row: bool = True) -> Stored:
-    """All splats of a tree, as new arrays, in the order of their rows, or as they are stored: neighbours together."""
+    """Return all splats of a tree as new arrays, in the order of their rows, or as stored: neighbours together."""
     slots = np.flatnonzero(tree.order >= 0)
     rows = tree.order[slots].astype(np.int64)
     if by_row and len(rows):
@@ -59,18 +60,18 @@ def stored_splats(tree: Tree, by_row: bool = True) -> Stored:
 
 
 def radii_of(tree: Tree) -> Floats:
-    """The radii of all splats of a tree, but for rounding, in the order in which they are stored."""
+    """Return the radii of all splats of a tree, except for rounding, in stored order."""
     inverse = tree.blocks.reshape(-1, BLOCK)[:, INV_R2 : INV_R2 + 4].reshape(-1)
     return np.asarray(1.0 / np.sqrt(inverse[tree.order >= 0]))
 
 
-def reach_of(tree: Tree) -> NDArray[np.float64] | None:
-    """Bounds of all that rays can hit, (2, 3) about the origin; None: there is nothing."""
+def find_surface_bounds(tree: Tree) -> NDArray[np.float64] | None:
+    """Return the bounds of everything that rays can hit, (2, 3) relative to the origin; None if there is nothing."""
     root = tree.boxes[:NODE].reshape(2, 3, WIDTH)
-    reach = np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
-    return reach if (reach[0] <= reach[1]).all() else None
+    bounds = np.stack([root[0].min(axis=1), root[1].max(axis=1)]).astype(np.float64)
+    return bounds if (bounds[0] <= bounds[1]).all() else None
 
 
 def longest_leaf(tree: Tree) -> int:
-    """The number of blocks in the longest leaf."""
+    """Return the number of blocks in the longest leaf."""
     return 16 * int(tree.spans[1::2].max(initial=0))

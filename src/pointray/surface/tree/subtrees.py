@@ -1,4 +1,4 @@
-"""The voxels below the roots: threads cut each root on its own; then all are joined into one tree."""
+"""Voxels below the roots: each root is cut by one thread, then all are joined into one tree."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from .top import PER_GROUP, Top
 
 
 def build_cells(blocks: NDArray[np.float32], top: Top, width: float, step: float, threads: int | None = None) -> Cells:
-    """The binary kd-tree over the blocks.
+    """Build the binary kd-tree over the blocks.
 
     Parameters
     ----------
-    blocks : as `blocks.make_blocks` gives them
+    blocks : (b * 28,) float32
+        From `blocks.make_blocks`.
     top : Top
-        What `cut_top` makes of their groups.
+        From `cut_top` for the groups of these blocks.
     width : float
-        Greatest width of the voxels, in mean radii.
+        Maximum width of voxels, in mean radii.
     step : float
-        Longest step of the samples, in radii.
+        Maximum sample distance, in radii.
     """
     sizes = np.array([len(groups) * PER_GROUP for groups in top.groups])
     room = np.stack([sizes // 2 + 64, 8 * sizes + 4096], axis=1)  # nodes, references
@@ -47,7 +48,7 @@ def build_cells(blocks: NDArray[np.float32], top: Top, width: float, step: float
 
 
 def _joined(top: Top, cells: Cells, firsts: Array, used: Array) -> Cells:
-    """Join the top and all roots into one tree whose nodes have no gaps between them."""
+    """Join the top and all roots into one tree with consecutive nodes."""
     above = len(top.children)
     starts = above + np.cumsum(used) - used
     count = above + int(used.sum())

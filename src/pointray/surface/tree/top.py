@@ -1,7 +1,7 @@
-"""The top of the kd-tree: space is cut into roots, and threads then cut each root further on its own.
+"""Top of the kd-tree: space is cut into roots, which threads then cut further independently.
 
-A root is the space around a stretch of the kd order, so that all hold about as many splats. Neighbouring blocks are
-joined into groups, so that the top is quick to build. It does not depend on the number of threads.
+A root is the space around a range of the kd order, so that all roots hold similar numbers of splats. Blocks are joined
+into groups of 64, so that the top is quick to build. It does not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from ...engine.kernels.tree import BLOCK, FAR, INV_R2, PX
 from .blocks import PER_BLOCK
 
 PER_GROUP = 64  # blocks
-ROOTS = 128  # at least so many roots are made of large models
-CROWDED = 8  # times the groups: if all roots list more than that, there is one root
-LEAST, MOST = 64, 1024  # groups of a root's own, powers of two
+ROOTS = 128  # minimum number of roots of large models
+CROWDED = 8  # a single root is made if all roots together list more than this many times the groups
+LEAST, MOST = 64, 1024  # limits of the groups per root; powers of two
 
 
 class Groups(NamedTuple):
-    """What the top needs to know of groups of 64 blocks that follow each other.
+    """Bounds of groups of 64 consecutive blocks.
 
-    supports : (g, 6) float32, boxes around their splats' supports
-    places : (g, 6) float32, boxes around their splats' positions
-    longest : (g,) float32, their greatest radii
+    supports : (g, 6) float32, boxes around the supports of their splats
+    places : (g, 6) float32, boxes around the positions of their splats
+    longest : (g,) float32, largest radius of their splats
     """
 
     supports: NDArray[np.float32]
@@ -37,10 +37,10 @@ class Groups(NamedTuple):
 
 
 class Top(NamedTuple):
-    """The nodes above the roots.
+    """Nodes above the roots.
 
-    children : two for each node, a node or ~root
-    boxes : (6,) for each root; groups : those that overlap it; around : how far around it splats matter
+    children : two per node, a node or ~root
+    boxes : (6,) per root; groups : the groups that overlap it; around : margin of each root within which splats matter
     """
 
     children: list[list[int]]
@@ -51,7 +51,7 @@ class Top(NamedTuple):
 
 @kernel
 def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> int:
-    """Bound each group: out is filled."""
+    """Compute the bounds of each group."""
     blocks, bounds = borrow(blocks), borrow(bounds)
     group = next_tile(work)
     while group >= 0:
@@ -73,13 +73,13 @@ def _bound_groups(work: Array, blocks: Array, bounds: Array, out: Groups) -> int
 
 
 class _Node(NamedTuple):
-    """A node of the top that is to be cut.
+    """Node of the top to be cut.
 
-    stretches : of the roots below it; groups : (m,) that may overlap it; cell : (6,), not yet shrunk to their supports
-    parent, side : where its parent names it; -1 for none
+    roots : range of roots below it; groups : (m,) that may overlap it; cell : (6,), not yet shrunk to their supports
+    parent, side : which entry of which node refers to it; parent is -1 for none
     """
 
-    stretches: range
+    roots: range
     groups: NDArray[np.int64]
     cell: NDArray[np.float64]
     parent: int
@@ -87,7 +87,7 @@ class _Node(NamedTuple):
 
 
 def groups_of(blocks: Array, bounds: Array, threads: int | None = None) -> Groups:
-    """The groups of blocks, which are given as `blocks.make_blocks` makes them."""
+    """Return the groups of blocks from `blocks.make_blocks`."""
     count = -(-len(bounds) // (4 * PER_GROUP))
     groups = Groups(np.empty((count, 6), np.float32), np.empty((count, 6), np.float32), np.empty(count, np.float32))
     run(_bound_groups, count, blocks, bounds, groups, threads=threads)
@@ -95,7 +95,7 @@ def groups_of(blocks: Array, bounds: Array, threads: int | None = None) -> Group
 
 
 def groups_per_root(groups: int) -> int:
-    """How many groups of a model with so many are of one root's stretch."""
+    """Return the number of consecutive groups per root of a model with `groups` groups."""
     per_root = LEAST
     while per_root < MOST and 2 * per_root * ROOTS <= groups:
         per_root *= 2
@@ -103,38 +103,38 @@ def groups_per_root(groups: int) -> int:
 
 
 def cut_top(groups: Groups, step: float, part: range | None = None, within: NDArray[np.float64] | None = None) -> Top:
-    """Cut space along the kd order, stretch by stretch, down to the roots.
+    """Cut space along the kd order down to the roots.
 
     Parameters
     ----------
     groups : Groups
-        All of a model.
+        All groups of a model.
     step : float
-        Longest step of the samples, in radii.
+        Maximum sample distance, in radii.
     part : range, optional
-        A stretch of the groups, aligned: only the roots in it are wanted, with what is above them there.
+        Aligned range of groups: only its roots are returned, with the nodes above them that lie in the range.
     within : (6,) float64, optional
-        A box: only the space in it is cut.
+        Box to which space is restricted.
     """
     supports, _, longest = groups
-    stretches, per_root = _stretches(groups)
-    wanted = range(len(stretches))
+    root_boxes, per_root = _root_boxes(groups)
+    wanted = range(len(root_boxes))
     if part is not None:
         wanted = range(part.start // per_root, -(-part.stop // per_root))
     top = Top([], [], [], [])
     space = _everything() if within is None else within
-    pending = [_Node(range(len(stretches)), np.arange(len(supports)), space, -1, 0)]
+    pending = [_Node(range(len(root_boxes)), np.arange(len(supports)), space, -1, 0)]
     while pending:
         node = pending.pop()
-        if node.stretches.start >= wanted.stop or node.stretches.stop <= wanted.start:
+        if node.roots.start >= wanted.stop or node.roots.stop <= wanted.start:
             continue
         rows = node.groups
         low, high = supports[rows, :3].min(axis=0, initial=FAR), supports[rows, 3:].max(axis=0, initial=-FAR)
         cell = np.concatenate([np.maximum(node.cell[:3], low), np.minimum(node.cell[3:], high)])
         edge = float((cell[3:] - cell[:3]).max())
         around = step * max(min(float(longest[rows].max(initial=0.0)), edge), 0.0)
-        whole = len(node.stretches) == 1
-        inside = wanted.start <= node.stretches.start and node.stretches.stop <= wanted.stop
+        whole = len(node.roots) == 1
+        inside = wanted.start <= node.roots.start and node.roots.stop <= wanted.stop
         number = ~len(top.boxes) if whole else len(top.children) if inside else -1
         if node.parent >= 0:
             top.children[node.parent][node.side] = number
@@ -145,9 +145,9 @@ def cut_top(groups: Groups, step: float, part: range | None = None, within: NDAr
             continue
         if inside:
             top.children.append([0, 0])
-        half = uncompiled(first_part)(len(node.stretches))
-        sides = node.stretches[:half], node.stretches[half:]
-        axis, place = _plane_between(*(stretches[side.start : side.stop] for side in sides))
+        half = uncompiled(first_part)(len(node.roots))
+        sides = node.roots[:half], node.roots[half:]
+        axis, place = _plane_between(*(root_boxes[side.start : side.stop] for side in sides))
         for side, face in enumerate((3 + axis, axis)):
             box = cell.copy()
             box[face] = min(max(place, cell[axis]), cell[3 + axis])
@@ -159,10 +159,10 @@ def cut_top(groups: Groups, step: float, part: range | None = None, within: NDAr
 
 
 def cells_of_parts(groups: Groups, size: int) -> NDArray[np.float64]:
-    """The boxes that the same planes cut all space into, (parts, 6): of parts of so many groups, a power of two."""
-    stretches, per_root = _stretches(groups)
+    """Return the boxes into which these planes cut space, (parts, 6), for parts of `size` groups, a power of two."""
+    root_boxes, per_root = _root_boxes(groups)
     most, cells = size // per_root, np.empty((-(-len(groups.longest) // size), 6))
-    pending = [(range(len(stretches)), _everything())]
+    pending = [(range(len(root_boxes)), _everything())]
     while pending:
         node, cell = pending.pop()
         if len(node) <= most:
@@ -170,7 +170,7 @@ def cells_of_parts(groups: Groups, size: int) -> NDArray[np.float64]:
             continue
         half = uncompiled(first_part)(len(node))
         sides = node[:half], node[half:]
-        axis, place = _plane_between(*(stretches[side.start : side.stop] for side in sides))
+        axis, place = _plane_between(*(root_boxes[side.start : side.stop] for side in sides))
         for side, face in zip(sides, (3 + axis, axis), strict=True):
             box = cell.copy()
             box[face] = place
@@ -183,14 +183,14 @@ def _everything() -> NDArray[np.float64]:
 
 
 def _one_root(top: Top) -> Top:
-    """The same space as a single root: where splats reach over nearly all of it, cuts make no root smaller."""
+    """Return one root for the same space: where splats extend over nearly all of it, cuts make no root smaller."""
     boxes = np.array(top.boxes)
     cell = np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
     return Top([], [cell], [np.unique(np.concatenate(top.groups))], [max(top.around)])
 
 
-def _stretches(groups: Groups) -> tuple[NDArray[np.float64], int]:
-    """Boxes around the positions of each root's stretch, (m, 6), and how many groups such a stretch has."""
+def _root_boxes(groups: Groups) -> tuple[NDArray[np.float64], int]:
+    """Return boxes around the positions of each root's groups, (m, 6), and the number of groups per root."""
     per_root = groups_per_root(len(groups.longest))
     starts = np.arange(0, len(groups.longest), per_root)
     low, high = groups.places[:, :3], groups.places[:, 3:]
@@ -199,9 +199,9 @@ def _stretches(groups: Groups) -> tuple[NDArray[np.float64], int]:
 
 
 def _plane_between(first: NDArray[np.float64], second: NDArray[np.float64]) -> tuple[int, float]:
-    """The axis across which two parts of the order are farthest apart, and the coordinate in the middle between them.
+    """Return the axis along which two parts of the order are farthest apart, and the coordinate halfway between them.
 
-    They are given as boxes of their stretches, (m, 6).
+    first, second : boxes of their roots, (m, 6)
     """
     ends, begins = first[:, 3:].max(axis=0), second[:, :3].min(axis=0)
     axis = int(np.argmax(begins - ends))
@@ -209,9 +209,9 @@ def _plane_between(first: NDArray[np.float64], second: NDArray[np.float64]) -> t
 
 
 def top_of_part(groups: Groups, step: float, part: range) -> tuple[Top, NDArray[np.int64]]:
-    """The top of a part, an aligned stretch of the groups, and all groups that overlap its roots, ascending.
+    """Return the top of a part, an aligned range of groups, and all groups that overlap its roots, ascending.
 
-    The top's groups are numbered among these.
+    The groups in the top are indices into these.
     """
     top = cut_top(groups, step, part)
     needed = np.unique(np.concatenate(top.groups))

@@ -1,4 +1,4 @@
-"""The binary kd-tree collapsed into wide nodes: a ray is tested against the eight tight boxes of a node at once."""
+"""Wide nodes: the binary kd-tree is collapsed so that a ray is tested against the eight boxes of a node at once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...engine.kernels.tree import NO_CHILD, NODE, WIDTH
 
 @inline
 def _area(box: Array) -> float:
-    """Half the surface of a box; negative for an empty one."""
+    """Return half the surface area of a box, or -1 for an empty one."""
     x, y, z = box[3] - box[0], box[4] - box[1], box[5] - box[2]
     if not (x >= 0.0 and y >= 0.0 and z >= 0.0):
         return -1.0
@@ -19,7 +19,7 @@ def _area(box: Array) -> float:
 
 @kernel
 def enclose(children: Array, leaf_of: Array, tight: Array, boxes: Array) -> None:
-    """Compute the boxes of the binary nodes, (nodes, 6) float64, from the leaves' tight boxes upwards."""
+    """Compute the boxes of the binary nodes, (nodes, 6) float64, bottom-up from the leaves' tight boxes."""
     for node in range(len(children) - 1, -1, -1):
         box = boxes[node]
         if children[node, 0] < 0:
@@ -33,7 +33,7 @@ def enclose(children: Array, leaf_of: Array, tight: Array, boxes: Array) -> None
 
 @kernel
 def collapse(children: Array, leaf_of: Array, boxes: Array, out: tuple[Array, Array]) -> int:
-    """Open the child with the largest surface until a node has eight children; returns the number of wide nodes."""
+    """Open the child with the largest surface area until a node has eight children; return the number of wide nodes."""
     wide_boxes, wide_children = out
     pending = np.empty(len(children) + 1, np.int32)  # the binary node of each wide node
     pending[0] = 0

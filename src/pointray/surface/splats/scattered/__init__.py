@@ -1,7 +1,7 @@
-"""Points that lie on no surface, as leaves and wires are, and how they are drawn.
+"""Points that lie on no surface, such as leaves and wires: classification, radii and levels of detail.
 
-rules : thresholds on the planes around a point; islands, fitted_normals : two further tests
-spheres : sizes and directions; levels : levels of detail
+rules : thresholds on local planes; islands, fitted_normals : two further criteria
+spheres : radii and directions; levels : levels of detail
 
-Begin with classification.
+Start with classification.
 """

@@ -1,8 +1,8 @@
-"""Points that are scattered, as leaves, wires and single points are, instead of lying on a surface.
+"""Classification of scattered points, such as leaves, wires and isolated points, which lie on no surface.
 
-Planes are fitted to the neighbours of each point at four scales (`local_planes.py`). Where one of them is thin against
-the spacing, agrees with the planes beside it, and has the point on it, the point is on a surface (`scatter_rules.py`).
-Coarse scales see through noise and across scan lines, fine ones see details.
+Planes are fitted to the neighbours of each point at four scales (`local_planes.py`). A point is on a surface if one of
+them is thin relative to the spacing, agrees with neighbouring planes, and contains the point (`rules.py`). Coarse
+scales average over noise and scan lines; fine scales resolve details.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ from ....cloud.neighbors import NeighborTree, distinct, kd_order, take
 from ....cloud.points import Points
 from ..local_planes import LocalPlanes, columns_of, disagreement, fit_planes
 from .fitted_normals import Normals, follow_normals
-from .islands import follow_around
+from .islands import absorb_islands
 from .rules import AROUND, KEEP, LOSE, SPACING, VOTERS, Evidence, judge, vote
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.integer[Any]]
 
-FEW = VOTERS + 1  # different positions; fewer are no surface
+FEW = VOTERS + 1  # distinct positions; fewer are no surface
 NEAR = 8  # neighbours of the finest scale
-COARSE, COARSEST = 4, 16  # the coarse scales look at every so many points in kd order
-ROUNDS = 2  # of votes that make and lose surface points, then of votes that only make them
-# Share of surface among 68 points around, and distance from its plane, at which a point follows.
+COARSE, COARSEST = 4, 16  # the coarse scales use every 4th and 16th point in kd order
+ROUNDS = 2  # of votes that add and remove surface points, then of votes that only add them
+# A point becomes surface if this share of 68 points around it is, and it is within this many spacings of its plane.
 MOSTLY, MOSTLY_OFF = 0.72, 0.8
-# Times the mean distance of the 8th neighbour around: scattered points that are sparser than the first do not follow
-# their neighbours; what is sparser than the second is scattered.
+# Local sparsity: distance of the 8th neighbour over its mean around. Scattered points above SPARSE do not follow their
+# neighbours' votes; points above SPARSEST are scattered.
 SPARSE, SPARSEST = 2.0, 5.0
-UNUSUAL = 1.5  # times the median noise of a cloud: more of it may be leaves
-STRETCH, STILL = 64, 0.2  # points judged together, and the share that must still be scattered where they were placed
-SORTED, FOUND, FITTED, JUDGED = 0.2, 0.5, 0.8, 0.95  # shares of the time
+UNUSUAL = 1.5  # noise, in medians of the cloud, above which points may be leaves
+SPAN, STILL = 64, 0.2  # points classified together; least share that must still be scattered after smoothing
+SORTED, FOUND, FITTED, JUDGED = 0.2, 0.5, 0.8, 0.95  # fractions of the run time
 
 
 def find_scattered(
@@ -54,25 +54,25 @@ def find_scattered(
     positions : (n, 3) float32
         Finite.
     normals : (n, 3) float32, optional
-        Unit normals, oriented alike on each sheet; zero where unknown. They can only turn scattered points into
+        Unit normals, consistently oriented on each sheet; zero where unknown. They can only turn scattered points into
         surface points, and only if they follow the curvature.
     fitted : bool
-        Whether the normals were fitted to the positions; those of a mesh or a scanner prove more.
+        Whether the normals were fitted to the positions; those of a mesh or a scanner are stronger evidence.
     threads : int, optional
-        Number of threads of all but the neighbour search. Default: `POINTRAY_THREADS`, else all processors.
+        Number of threads for all but the neighbour search. Default: `POINTRAY_THREADS`, else all processors.
     progress : callable, optional
-        Called with the share done, 0 to 1.
+        Called with the fraction completed, 0 to 1.
 
     Returns
     -------
     (n,) bool
-        True for scattered points. Equal positions count once and share the result. Fewer than 17 different positions
+        True for scattered points. Equal positions count once and share the result. Fewer than 17 distinct positions
         are all scattered.
 
     Raises
     ------
     ValueError
-        If `positions` or `normals` have another shape.
+        If the shape of `positions` is not (n, 3), or `normals` has a different shape.
     """
     check_callback(progress)
     positions = _rows(positions, "positions")
@@ -98,15 +98,15 @@ def scattered_places(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> NDArray[np.bool_]:
-    """Return which of some places lie on no surface, see `find_scattered`.
+    """Return which of some distinct positions lie on no surface, see `find_scattered`.
 
     Parameters
     ----------
     places : (n, 3) float32
-        All different, in kd order.
-    rows : (n,) array of ints, ascending
-        Where the first point at each place stands in the kd order of the whole cloud. Coarse scales look at every so
-        many rows, so that a part of the order gives what the whole does.
+        All distinct, in kd order.
+    rows : (n,) array of ints
+        Ascending index of each position's first point in the kd order of the whole cloud. Coarse scales sample the rows
+        of that order, so that a part of it gives the same result as the whole.
     normals : Normals, optional
     """
     if len(places) < FEW:
@@ -115,11 +115,11 @@ def scattered_places(
 
 
 def find_scattered_placed(cloud: Points, placed: Placed, progress: Progress | None = None) -> NDArray[np.bool_]:
-    """Find the scattered points of a cloud that has been placed on its surface, see `find_scattered`.
+    """Find the scattered points of a smoothed cloud, see `find_scattered`.
 
-    What is scattered in the cloud, but not where its points were placed, was noise of a surface, and is smooth now. But
-    placing also flattens leaves a little. So stretches of 64 points in kd order are judged together; and where noise
-    seems to be unusual, the points of the cloud are judged in place of the placed ones.
+    Points that are scattered in the original cloud but not after smoothing were noise of a surface. But smoothing also
+    flattens leaves a little. So spans of 64 points in kd order are classified together, and where noise is unusually
+    high, the original positions are used instead of the smoothed ones.
     """
     normals, noise, fitted = np.asarray(placed.points.normals), placed.noise, cloud.normals is None
     part = part_of(progress, 0.0, 1.0 if noise is None else 0.5)
@@ -130,15 +130,15 @@ def find_scattered_placed(cloud: Points, placed: Placed, progress: Progress | No
     positions = np.where(unusual[:, None], cloud.positions, placed.points.positions)
     still = find_scattered(positions, normals, fitted=fitted, progress=part_of(progress, 0.5, 1.0))
     order = kd_order(cloud.positions)
-    starts = np.arange(0, len(order), STRETCH)
+    starts = np.arange(0, len(order), SPAN)
     before, after = (np.add.reduceat(mask[order].astype(np.int64), starts) for mask in (found, found & still))
     kept = np.empty(len(order), np.bool_)
-    kept[order] = np.repeat(after >= STILL * before, STRETCH)[: len(order)]
+    kept[order] = np.repeat(after >= STILL * before, SPAN)[: len(order)]
     return np.asarray(found & kept)
 
 
 def has_few_places(positions: Floats) -> bool:
-    """Whether fewer than 17 positions differ: no surface is known of them."""
+    """Return whether there are fewer than 17 distinct positions, too few to detect a surface."""
     return len(np.unique(positions[: FEW**2], axis=0)) < FEW and len(distinct(positions)[0]) < FEW
 
 
@@ -152,7 +152,7 @@ def _rows(values: Floats, name: str) -> Floats:
 def _scattered(
     positions: Floats, rows: Rows, normals: Normals | None, threads: int | None, progress: Progress | None
 ) -> NDArray[np.bool_]:
-    """Return which of some different positions in kd order are scattered."""
+    """Return which of some distinct positions in kd order are scattered."""
     near = NeighborTree(positions, in_order=True).rows(VOTERS + 1)
     xyz = columns_of(positions)
     tell(progress, FOUND)
@@ -161,25 +161,25 @@ def _scattered(
     tell(progress, FITTED)
     surface, alone = judge(xyz, near, evidence, threads)
     reach = evidence.reaches[0]
-    usual = parts[0].means(reach)
-    alone[reach > SPARSEST * usual] = 1
+    typical = parts[0].means(reach)
+    alone[reach > SPARSEST * typical] = 1
     if normals is not None:
         follow_normals(xyz, normals, near, surface, evidence, threads)
     tell(progress, JUDGED)
     surface[alone > 0] = 0
-    alone[(surface == 0) & (reach > SPARSE * usual)] = 1
+    alone[(surface == 0) & (reach > SPARSE * typical)] = 1
     for limits in [(KEEP, LOSE)] * ROUNDS + [(KEEP, 0)] * ROUNDS:
         surface = vote(surface, alone, near, limits, threads)
     close = np.abs(evidence.offsets[1]) < MOSTLY_OFF * SPACING * evidence.reaches[0]
     surface[close & (alone == 0) & (parts[0].means(surface) >= MOSTLY)] = 1
-    return np.asarray(follow_around(surface, alone, near) == 0)
+    return np.asarray(absorb_islands(surface, alone, near) == 0)
 
 
 class _Parts(NamedTuple):
-    """Parts of the kd order, each with its middle point, and those around each.
+    """Consecutive parts of the kd order, their middle points, and the parts around each.
 
-    rows : (m,) int64, the middle points; starts : (m,) int64, the first points; part : (n,) int32, that of each point
-    near : (m, 17) int32, the part itself and the 16 nearest ones, by their middle points
+    rows : (m,) int64, middle points; starts : (m,) int64, first points; part : (n,) int32, part of each point
+    near : (m, 17) int32, each part and the 16 nearest ones by their middle points
     """
 
     rows: NDArray[np.int64]
@@ -188,19 +188,19 @@ class _Parts(NamedTuple):
     near: NDArray[np.int32]
 
     def means(self, values: Floats) -> Floats:
-        """Return the mean over a point's part and those around it, for each point."""
+        """Return, for each point, the mean over its part and those around it."""
         sums = np.add.reduceat(values, self.starts) / np.diff(np.append(self.starts, len(values)))
         return take(sums[self.near].mean(axis=1, dtype=np.float32), self.part)
 
 
 def _starts(rows: Rows, step: int) -> NDArray[np.int64]:
-    """Return the index of the first of `rows` in each stretch of `step` rows of the whole kd order."""
+    """Return the index of the first of `rows` in each span of `step` rows of the whole kd order."""
     number = np.asarray(rows) // step
     return np.flatnonzero(np.append(True, number[1:] != number[:-1]))
 
 
 def _parts(positions: Floats, rows: Rows, step: int) -> _Parts:
-    """Split the kd order into parts of `step` rows, or fewer where that gives less than 17 parts."""
+    """Split the kd order into parts of `step` rows, or fewer if there would be fewer than 17 parts."""
     starts = _starts(rows, step)
     while len(starts) < FEW and step > 1:
         step //= 2
@@ -232,7 +232,7 @@ def _evidence(
 
 
 def _coarse_planes(positions: Floats, xyz: tuple[Floats, ...], parts: _Parts, threads: int | None) -> LocalPlanes:
-    """Planes through the middle points around each part, for each point, with its own offset from that of its part."""
+    """Fit planes to the middle points around each part; return them for each point, with the point's own offset."""
     middles = positions[parts.rows]
     planes = fit_planes(columns_of(middles), parts.near, (0, FEW), threads)
     spread = LocalPlanes(*(take(values, parts.part) for values in planes))

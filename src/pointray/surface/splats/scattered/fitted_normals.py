@@ -1,4 +1,4 @@
-"""Normals tell a surface: on one they turn with it, as the arc through two points at right angles to both shows."""
+"""Surface detection from normals: on a surface they follow its curvature, as arcs through pairs of points show."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from .rules import AROUND, COARSE, LINE_GAP, STRIP_SLIMNESS, Evidence, medians
 
 Floats = NDArray[np.float32]
 
-# On a surface heights off the arcs are less than the first share of the distances, and less than the second share of
-# those off the planes; or the latter are less than the third share.
+# Heights off the arcs of surface points, over distances, are less than ARCS_OFF and less than ARCS times those off the
+# planes; or the latter are less than FLAT.
 ARCS_OFF, ARCS, FLAT = 0.3, 0.6, 0.17
-IN_PLANE = 3  # of 8 neighbours that lie in one plane with a point by both normals: an edge
-# Fitted normals are no evidence along a line, which lies on arcs whatever they are: where the wide neighbourhood is
-# slimmer than the first, unless that of every 4th point is a surface's, or where the latter is slim and reaches over
-# the third number times as far.
+IN_PLANE = 3  # of 8 neighbours in one plane with a point according to both normals: an edge
+# Fitted normals are no evidence along a line, whose points lie on arcs for any normals. Lines are neighbourhoods of 16
+# slimmer than LINE_SLIM, unless that of every 4th point is a surface's. Wires side by side are neighbourhoods of every
+# 4th point that are slim and reach over WIRES_GAP times as far.
 LINE_SLIM, WIRES_GAP = 0.2, 2.0
 
 
@@ -37,7 +37,7 @@ def follow_normals(
     evidence: Evidence,
     threads: int | None,
 ) -> None:
-    """Mark points as surface, in place, where the normals turn as those of a curved surface do."""
+    """Mark points as surface, in place, where the normals follow the curvature."""
     *heights, same = off_arcs(xyz, normals.xyz, near, (1, AROUND), threads)
     arc, plane = (medians(values, near, threads) for values in heights)
     follows = (plane < FLAT) | ((arc < ARCS_OFF) & (arc < ARCS * plane)) | (same >= IN_PLANE)
@@ -47,7 +47,7 @@ def follow_normals(
 
 
 def _off_lines(near: NDArray[np.int32], evidence: Evidence, threads: int | None) -> NDArray[np.bool_]:
-    """Return where the neighbourhoods are no lines, and no wires side by side."""
+    """Return where neighbourhoods are neither lines nor wires side by side."""
     slim, slimmer = (medians(values, near, threads) for values in evidence.slimnesses[1:3])
     wide, far = (medians(values, near, threads) for values in evidence.reaches[1:])
     wires = (far > WIRES_GAP * wide) & (slimmer < STRIP_SLIMNESS)

@@ -1,4 +1,4 @@
-"""Small groups of points that something else closes in follow it: holes of a surface, and plates in a crown."""
+"""Small groups of points take the class of the points that enclose them: holes of a surface, and plates in a crown."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from ....engine.jit import Array, borrow, i64, inline, kernel
 Floats = NDArray[np.float32]
 
 LINKS = 8  # neighbours of each point
-# Links from a group to others and back, over all of its own, from which it is closed in. In scans without normals 90%
-# of the points of a surface that were taken for scattered have over 0.2; of crowns, 90% less than 0.12.
+# Links between a group and other points, over all of its own, above which it is enclosed. In scans without normals 90%
+# of the surface points classified as scattered are in groups above 0.2; 90% of those in crowns are below 0.12.
 CLOSED_IN = 0.2
-SPECKS = 8  # scattered points that are fewer stay: strays are in contact with all that is around them
-ISLANDS = 64  # surface points that are fewer than that may follow
+SPECKS = 8  # smaller groups of scattered points keep their class: isolated points touch everything around them
+ISLANDS = 64  # larger groups of surface points keep their class
 
 
 @inline
 def _root(parents: Array, i: int) -> int:
-    """The first point of a point's group; shortens the way to it."""
+    """Return the root of a point's group, with path compression."""
     while parents[i] != i:
         parents[i] = parents[i64(parents[i])]
         i = i64(parents[i])
@@ -28,9 +28,9 @@ def _root(parents: Array, i: int) -> int:
 
 @kernel
 def _join(surface: Array, near: Array, width: int, parents: Array, sizes: Array, contacts: Array) -> int:
-    """Join neighbours of one kind; count each group's points, and its links with the other kind, at its first point.
+    """Join neighbours of the same class; count the points of each group and its links to the other class at its root.
 
-    near : flat; parents : (n,) int32, every point its own
+    near : flat; parents : (n,) int32, initially each point itself
     """
     surface, near, parents = borrow(surface), borrow(near), borrow(parents)
     sizes, contacts = borrow(sizes), borrow(contacts)
@@ -55,10 +55,10 @@ def _join(surface: Array, near: Array, width: int, parents: Array, sizes: Array,
     return 0
 
 
-def follow_around(surface: Floats, alone: Floats, near: NDArray[np.int32]) -> Floats:
-    """Return which points are on a surface, after small groups have followed what closes them in.
+def absorb_islands(surface: Floats, alone: Floats, near: NDArray[np.int32]) -> Floats:
+    """Return the class of points after small groups took that of the points that enclose them.
 
-    surface : (n,) 1 or 0; alone : (n,) over 0: no surface in any case
+    surface : (n,) 1 for surface points, else 0; alone : (n,) over 0 for points that never become surface
     near : (n, 17) int32, each point and its nearest neighbours
     """
     if surface.all():

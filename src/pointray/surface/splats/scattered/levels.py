@@ -1,4 +1,4 @@
-"""Levels of detail of scattered points: one sphere for each cell of a grid, as wide as those that it stands for."""
+"""Levels of detail of scattered points: one sphere per grid cell, with the same coverage as the spheres it replaces."""
 
 from __future__ import annotations
 
@@ -14,60 +14,60 @@ from ..averages import attribute_averages
 from ..groups import Groups, groups_in_cells
 from .spheres import SIZE, Drawing, unit_vectors
 
-TYPICAL = 1.15  # chosen support radii of a surface, in spacings: a model's `spacing` is in these
+TYPICAL = 1.15  # typical support radius of a surface, in spacings; the `spacing` of a model is in these units
 
 Floats = NDArray[np.float32]
 
 
-class Loose(NamedTuple):
+class ScatteredPoints(NamedTuple):
     """Scattered points of a model or of a level of detail. radii : (n,) float32"""
 
     points: Points
     radii: Floats
 
     def splats(self, first: int) -> Splats:
-        """Return the points as splats, in rows from `first` on."""
+        """Return the points as splats with consecutive rows, starting with `first`."""
         points = self.points
         rows = np.arange(first, first + len(points), dtype=np.int32)
         return Splats(points.positions, np.asarray(points.normals), self.radii, rows, points.colors)
 
     def drawing(self, scatter: str, cell: float) -> Drawing:
-        """Return how the points are drawn; the size makes `cell` their spacing."""
+        """Return how the points are drawn, with the size for which `cell` is their spacing."""
         return Drawing(scatter, float(np.median(self.radii)) * TYPICAL / (SIZE * cell))
 
 
 def spacing_of(radii: Floats, drawing: Drawing) -> float:
-    """The spacing that scattered points of these radii stand for."""
+    """Return the spacing that corresponds to the radii of scattered points."""
     return float(np.median(radii)) * TYPICAL / (SIZE * drawing.size)
 
 
-def without_sides(count: int) -> Floats:
-    """Return normals for `groups_in_cells` with which a cell has one group, whatever its points face, (count, 3)."""
+def uniform_normals(count: int) -> Floats:
+    """Return equal normals, (count, 3), with which `groups_in_cells` makes one group per cell."""
     return np.tile(np.array([0, 0, 1], np.float32), (count, 1))
 
 
 def coarsen_scattered(
-    loose: Loose, cell: float, groups: Groups | None = None, categories: Collection[str] | None = None
-) -> Loose:
-    """Return one point, the mean, for each cell of a grid.
+    scattered: ScatteredPoints, cell: float, groups: Groups | None = None, categories: Collection[str] | None = None
+) -> ScatteredPoints:
+    """Average the points in each grid cell.
 
-    Its sphere hides as much of the cell as the spheres that it stands for, if these lie at random: a crown stays as
-    dense as it looks.
+    The sphere of a cell covers as much of it as the original spheres do on average at random positions, so that a crown
+    stays equally dense.
 
     Parameters
     ----------
-    loose : Loose
+    scattered : ScatteredPoints
     cell : float
-        Edge of the cells.
+        Edge length of the cells.
     groups : Groups, optional
-        The points of each cell. None: all points, in a grid that begins at their least coordinates.
+        The points of each cell. Default: all points, in a grid that starts at their least coordinates.
     categories : collection of str, optional
-        The attributes that have categories, see `attribute_averages`.
+        Names of the categorical attributes, see `attribute_averages`.
     """
-    points = loose.points
+    points = scattered.points
     if groups is None:
-        groups = groups_in_cells(points.positions, without_sides(len(points)), cell)
-    area = np.pi * groups.mean(loose.radii.astype(np.float32) ** 2) * np.diff(groups.starts)
+        groups = groups_in_cells(points.positions, uniform_normals(len(points)), cell)
+    area = np.pi * groups.mean(scattered.radii.astype(np.float32) ** 2) * np.diff(groups.starts)
     radii = np.sqrt(cell**2 * -np.expm1(-area / cell**2) / np.pi).astype(np.float32)
     colors = None
     if points.colors is not None:
@@ -75,21 +75,21 @@ def coarsen_scattered(
     attributes = attribute_averages(points.attributes, groups.order, groups.starts[:-1], categories=categories)
     positions = groups.mean(points.positions).astype(np.float32)
     directions = unit_vectors(groups.mean(np.asarray(points.normals)).astype(np.float32))
-    return Loose(Points.about(points.origin, positions, directions, colors, attributes, points.survey), radii)
+    return ScatteredPoints(Points.about(points.origin, positions, directions, colors, attributes, points.survey), radii)
 
 
-def joined(surface: Points | None, loose: Points | None) -> Points:
-    """Points of a surface and scattered ones, with the same origin and columns; one of both may be absent."""
-    if surface is None or loose is None:
-        return loose if surface is None else surface  # type: ignore[return-value]
+def joined(surface: Points | None, scattered: Points | None) -> Points:
+    """Concatenate surface and scattered points with the same origin and columns; either may be None."""
+    if surface is None or scattered is None:
+        return scattered if surface is None else surface  # type: ignore[return-value]
     colors = None
-    if surface.colors is not None and loose.colors is not None:
-        colors = np.concatenate([surface.colors, loose.colors])
+    if surface.colors is not None and scattered.colors is not None:
+        colors = np.concatenate([surface.colors, scattered.colors])
     return Points.about(
         surface.origin,
-        np.concatenate([surface.positions, loose.positions]),
-        np.concatenate([np.asarray(surface.normals), np.asarray(loose.normals)]),
+        np.concatenate([surface.positions, scattered.positions]),
+        np.concatenate([np.asarray(surface.normals), np.asarray(scattered.normals)]),
         colors,
-        {name: np.concatenate([values, loose.attributes[name]]) for name, values in surface.attributes.items()},
+        {name: np.concatenate([values, scattered.attributes[name]]) for name, values in surface.attributes.items()},
         surface.survey,
     )

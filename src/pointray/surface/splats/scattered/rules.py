@@ -1,8 +1,8 @@
-"""Is a point on a surface? Thresholds on the planes around it, at four scales, and votes among neighbours.
+"""Rules for surface points: thresholds on the planes around a point at four scales, and votes of neighbours.
 
-Every number is compared as its median over the point and its 8 nearest neighbours; only the distance from the planes
-is the point's own. Thicknesses and distances are in spacings, see `SPACING`. docs/scatter.md says how the thresholds
-were found, and what they get right and wrong.
+Each measurement is compared as its median over the point and its 8 nearest neighbours, except for the point's own
+distance from the planes. Thicknesses and distances are in spacings, see `SPACING`. docs/scatter.md describes how the
+thresholds were found and their error rates.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from ....engine.simd import F16, ONE, ZERO, Mask, gather16, load16, select, stor
 from ..local_planes import CHUNK, LANES, Xyz, difference, gather_triple, load_triple
 
 Floats = NDArray[np.float32]
-Four: TypeAlias = tuple[Array, Array, Array, Array]  # of the four scales
+Four: TypeAlias = tuple[Array, Array, Array, Array]  # one array per scale
 Nine: TypeAlias = tuple[F16, F16, F16, F16, F16, F16, F16, F16, F16]
 
 
 class Limits(NamedTuple):
-    """Limits of one scale within which a neighbourhood is a surface.
+    """Limits of one scale for the neighbourhood of a surface point.
 
-    bend : mean square of the sine between neighbouring planes; thickness, offset : in spacings; slimness : at least
+    bend : mean squared sine between neighbouring planes; thickness, offset : in spacings; slimness : lower limit
     """
 
     bend: float
@@ -37,24 +37,24 @@ class Limits(NamedTuple):
 
 AROUND = 9  # a point and its nearest neighbours, over which medians are taken
 VOTERS = 16  # neighbours that vote
-SPACING = f32(math.sqrt(math.pi / 8))  # spacing of an even surface, over the distance of the 8th neighbour
+SPACING = f32(math.sqrt(math.pi / 8))  # spacing of a regular surface over the distance of the 8th neighbour
 NEAR = Limits(0.22, 0.42, 0.7, 0.2)  # of the 8 nearest neighbours
 WIDE = Limits(0.15, 0.72, 1.0, 0.27)  # of the 16 nearest neighbours
 COARSE = Limits(0.2, 0.55, 1.2, 0.27)  # of every 4th point
 COARSEST = Limits(0.2, 0.52, 0.9, 0.27)  # of every 16th point
-LINE_COARSE, LINE_COARSEST = 0.2, 0.34  # thickness where the two fine scales are too slim: scan lines of a surface
-LINE_GAP = 1.9  # reach of every 4th point over that of all; of scan lines farther apart than that: wires
+LINE_COARSE, LINE_COARSEST = 0.2, 0.34  # limits of thickness where the fine scales are too slim: a surface's scan lines
+LINE_GAP = 1.9  # reach of every 4th point over that of 16 neighbours, above which lines are wires, not scan lines
 STRIP_GAP, STRIP_SLIMNESS, STRIP_COARSE, STRIP_COARSEST = 2.0, 0.42, 0.3, 0.5  # a few wires side by side
-ALONE, ALONE_OFF = 1.35, 0.42  # farther from others than these from each other, and off both planes, in spacings
-ALONE_BOTH = 1.2  # the excess of the first times the second
-KEEP, LOSE = 10, 7  # of 16 neighbours: so many surface points make a point one, fewer than that take it away
+ALONE, ALONE_OFF = 1.35, 0.42  # points that are alone: own spacing, and distance from both fine planes, in spacings
+ALONE_BOTH = 1.2  # least product of the first, less 1, and the second
+KEEP, LOSE = 10, 7  # of 16 neighbours: with at least KEEP surface points a point becomes surface, below LOSE scattered
 
 
 class Evidence(NamedTuple):
-    """Measurements of n points at the four scales in turn, (n,) float32 each: see `LocalPlanes`.
+    """Measurements of n points at the four scales, (n,) float32 each, see `LocalPlanes`.
 
-    The offset at the two coarse scales is from the plane of the point's own part of the kd order; normals are those
-    of these planes. reaches : of the 8 nearest, of the 16 nearest, and of every 4th point.
+    Offsets at the two coarse scales are from the plane of the point's own part of the kd order; `coarse` and `coarsest`
+    are the normals of these planes. reaches : of the 8 nearest, of the 16 nearest, and of every 4th point
     """
 
     bends: tuple[Floats, ...]
@@ -73,7 +73,7 @@ def _order(a: F16, b: F16) -> tuple[F16, F16]:
 
 @inline
 def _middle(v: Nine) -> F16:
-    """The median of nine numbers in each lane, by 19 exchanges (Paeth 1990)."""
+    """Return the median of nine numbers in each lane, with 19 exchanges (Paeth 1990)."""
     a, b, c, d, e, f, g, h, i = v
     (b, c), (e, f), (h, i) = _order(b, c), _order(e, f), _order(h, i)
     (a, b), (d, e), (g, h) = _order(a, b), _order(d, e), _order(g, h)
@@ -88,7 +88,7 @@ def _middle(v: Nine) -> F16:
 
 @inline
 def _median(values: Array, near: Array, start: int, width: int) -> F16:
-    """The median over sixteen points' first AROUND neighbours; near : flat."""
+    """Return the median over the first AROUND neighbours of each of 16 points. near : flat"""
     return _middle(
         (
             gather16(values, near, start, width),
@@ -106,14 +106,14 @@ def _median(values: Array, near: Array, start: int, width: int) -> F16:
 
 @inline
 def _off(xyz: Xyz, normals: Xyz, offsets: Array, own: Triple, near: Array, start: int, width: int) -> F16:
-    """Distance of sixteen points from the plane of one neighbour's part."""
+    """Return the distances of 16 points from the plane of one neighbour's part."""
     away = difference(own, gather_triple(xyz, near, start, width))
     return vabs(inner(away, gather_triple(normals, near, start, width)) + gather16(offsets, near, start, width))
 
 
 @inline
 def _median_off(xyz: Xyz, normals: Xyz, offsets: Array, at: int, near: Array, width: int) -> F16:
-    """Median distance of sixteen points from the planes of their first AROUND neighbours' parts."""
+    """Return the median distances of 16 points from the planes of their first AROUND neighbours' parts."""
     own, start = load_triple(xyz, at), at * width
     return _middle(
         (
@@ -132,7 +132,7 @@ def _median_off(xyz: Xyz, normals: Xyz, offsets: Array, at: int, near: Array, wi
 
 @inline
 def _within(limits: Limits, bend: F16, thickness: F16, offset: F16, spacing: F16) -> Mask:
-    """Return whether a neighbourhood is thin and smooth, and the point on its plane."""
+    """Return whether a neighbourhood is thin and smooth and the point is on its plane."""
     thin = thickness < limits.thickness * spacing
     return (bend < limits.bend) & thin & (offset < limits.offset * spacing)
 
@@ -148,7 +148,7 @@ def _judge(
     reaches: Xyz,
     out: tuple[Array, Array],
 ) -> int:
-    """Write whether each point is on a surface, and whether it is alone, 1 or 0; scales : as in `Evidence`."""
+    """Write whether each point is on a surface, and whether it is alone, 1 or 0. scales : see `Evidence`"""
     xyz, near, scales, normals, reaches = borrow(xyz), borrow(near), borrow(scales), borrow(normals), borrow(reaches)
     (bends, thicknesses, slimnesses, offsets), (surface, alone) = scales, borrow(out)
     tile = next_tile(work)
@@ -193,7 +193,7 @@ def _judge(
 def _vote(
     work: Array, before: Array, alone: Array, near: Array, width: int, limits: tuple[int, int], out: Array
 ) -> int:
-    """Let each point that is not alone follow its VOTERS neighbours; limits : surface points that make or lose one."""
+    """Reclassify points that are not alone by the votes of their VOTERS neighbours. limits : KEEP and LOSE"""
     before, alone, near, out = borrow(before), borrow(alone), borrow(near), borrow(out)
     keep, lose = f32(limits[0]), f32(limits[1])
     tile = next_tile(work)
@@ -210,7 +210,7 @@ def _vote(
 
 @kernel
 def _medians(work: Array, values: Array, near: Array, width: int, out: Array) -> int:
-    """Write the median of the values over each point's first AROUND neighbours; near : flat."""
+    """Write the median of the values over each point's first AROUND neighbours. near : flat"""
     values, near, out = borrow(values), borrow(near), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -242,7 +242,7 @@ def vote(
 
 
 def medians(values: Floats, near: NDArray[np.int32], threads: int | None = None) -> Floats:
-    """Return the median of some values over each point and its 8 nearest neighbours."""
+    """Return the median of values over each point and its 8 nearest neighbours."""
     out = np.empty(len(near), np.float32)
     run(_medians, -(-len(out) // CHUNK), values, near.reshape(-1), near.shape[1], out, threads=threads)
     return out

@@ -1,4 +1,4 @@
-"""Scattered points: how large their spheres are, and in which direction their neighbourhood lies open."""
+"""Radii of scattered points drawn as spheres or discs, and the directions in which their neighbourhoods are open."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from ...tree.build import Splats
 from ..gaps import largest_reach
 from ..local_planes import columns_of, fit_planes
 
-NEIGHBORS = 8  # whose distances give the local spacing
-AROUND = 24  # neighbours that the direction of a neighbourhood follows from
-SIZE = 0.35  # a radius, in local spacings
-CLOSEST = 0.75  # the most, in distances to the nearest other place: spheres overlap by up to a half
-LEAST = 0.5  # the least of a chosen radius that is left, however close the nearest place is: double points stay visible
-WIDEST = 1.5  # the most, in radii of the neighbours: isolated points are not drawn much larger than others
-LARGEST = 0.98  # share of all places whose radii limit those of the others: a few points far off are no balloons
-FLAT = 17  # points that a disc's normal is fitted to, where points have none
+NEIGHBORS = 8  # whose mean distance is the local spacing
+AROUND = 24  # neighbours that determine the direction of a neighbourhood
+SIZE = 0.35  # radius in local spacings
+CLOSEST = 0.75  # upper limit in distances to the nearest other position: spheres overlap by up to a half
+LEAST = 0.5  # lower limit, as a share of the chosen radius, for close positions: double points stay visible
+WIDEST = 1.5  # upper limit in median radii of the neighbours: isolated points are not drawn much larger than others
+LARGEST = 0.98  # quantile of the radii that limits all: a few remote points do not become balloons
+FLAT = 17  # points to which the normal of a disc is fitted if the points have no normals
 PIECE = 1 << 18  # rows whose neighbours are held at once
 
 Floats = NDArray[np.float32]
@@ -34,7 +34,7 @@ Floats = NDArray[np.float32]
 class Drawing(NamedTuple):
     """How scattered points are drawn.
 
-    scatter : "spheres", "discs", "surface" (as all others) or "none" (left out)
+    scatter : "spheres", "discs", "surface" (like all other points) or "none" (left out)
     size : factor for their radii
     """
 
@@ -43,19 +43,19 @@ class Drawing(NamedTuple):
 
     @property
     def is_apart(self) -> bool:
-        """Whether scattered points are sought, and drawn by themselves or left out."""
+        """Whether scattered points are detected and drawn separately or left out."""
         return self.scatter != AS_SURFACE
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What files say of it; nothing where points are drawn as a surface, as in files of earlier releases."""
+        """Entries in files; empty where points are drawn as a surface, as in files of earlier releases."""
         if self == ALL_SURFACE:
             return {}
         return {"scatter": self.scatter, "scatter_size": self.size}
 
     @property
     def kind(self) -> int:
-        """SPHERES or DISCS."""
+        """Kind of leaf: SPHERES or DISCS."""
         return DISCS if self.scatter == "discs" else SPHERES
 
 
@@ -63,7 +63,7 @@ ALL_SURFACE = Drawing(AS_SURFACE, 1.0)
 
 
 def check_drawing(scatter: str, scatter_size: float, sized: bool = False) -> Drawing:
-    """Check the parameters `scatter` and `scatter_size` of `Model`; sized : whether the points have radii."""
+    """Check the parameters `scatter` and `scatter_size` of `Model`. sized : whether the points have radii"""
     if check_choice(scatter, "scatter", (AUTO, *SCATTER)) == AUTO:
         scatter = AS_SURFACE if sized else AS_SPHERES
     return Drawing(scatter, check_positive(scatter_size, "scatter_size"))
@@ -75,7 +75,7 @@ def check_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_] | None:
         return None
     try:
         checked = np.asarray(mask)
-    except ValueError as error:  # of rows of several lengths
+    except ValueError as error:  # rows of different lengths
         raise ValueError(f"_scattered must be {count} bools: {error}") from None
     if checked.dtype != np.bool_ or checked.shape != (count,):
         raise ValueError(f"_scattered must be {count} bools, not {checked.dtype} of shape {checked.shape}")
@@ -85,20 +85,20 @@ def check_mask(mask: ArrayLike | None, count: int) -> NDArray[np.bool_] | None:
 def make_scattered(
     points: Points, mask: NDArray[np.bool_], rows: NDArray[np.int32], drawing: Drawing, given: Floats | None = None
 ) -> Splats:
-    """Return the scattered points among some points, with radii and directions, see `shapes_of`.
+    """Return the scattered points of a cloud as splats with radii and directions, see `shapes_of`.
 
     Parameters
     ----------
     points : Points
-        All points, finite, also those of the surface: they are neighbours too.
+        All points of the cloud, finite, including those of the surface, which count as neighbours.
     mask : (n,) bool
-        Which of them are scattered, at least one.
+        Mask of the scattered points, at least one.
     rows : (n,) int32
         The caller's row of each point.
     drawing : Drawing
         How they are drawn.
     given : (n,) float32, optional
-        Radii of all points. None: chosen.
+        Radii of all points. Default: chosen.
 
     Raises
     ------
@@ -106,8 +106,8 @@ def make_scattered(
         If all positions are equal and no radii are given.
     """
     some, along = np.flatnonzero(mask), along_path(points)
-    usual = CloudStatistics.of(len(along.positions))
-    radii, directions = shapes_of(points, along, drawing, given, usual, mask)
+    statistics = CloudStatistics.of(len(along.positions))
+    radii, directions = shapes_of(points, along, drawing, given, statistics, mask)
     colors = None if points.colors is None else points.colors[some]
     return Splats(points.positions[some], directions[some], radii[some], rows[some], colors)
 
@@ -117,42 +117,42 @@ def shapes_of(
     along: Path,
     drawing: Drawing,
     given: Floats | None,
-    usual: CloudStatistics,
+    statistics: CloudStatistics,
     mask: NDArray[np.bool_] | None = None,
 ) -> tuple[Floats, Floats]:
-    """Return the radii (n,) and directions (n, 3) that points have if they are drawn as spheres or discs.
+    """Return the radii (n,) and directions (n, 3) of points drawn as spheres or discs.
 
-    A sphere's direction is the mean one of its neighbourhood, from the middle of the neighbours outwards; a disc's is
-    its normal, or where points have none that of the plane through its neighbours, on the side of that direction.
+    The direction of a sphere is the mean direction of its neighbourhood, outwards from the centroid of the neighbours.
+    That of a disc is its normal; without normals, the normal of the plane through its neighbours, on the same side.
 
     Parameters
     ----------
     points : Points
         Finite.
     along : Path
-        The path through them.
+        Their kd order.
     given : (n,) float32, optional
-        Radii. None: 0.35 of the mean distance to the 8 nearest other places, limited by the neighbours, and by the
-        98th percentile of all (rounded up to 8 bits), and so that none covers 2% of a picture of the cloud.
-    usual : CloudStatistics
-        Knows that percentile, or finds it among the points.
+        Radii. Default: 0.35 times the mean distance to the 8 nearest other positions, limited by the neighbours' radii,
+        by the 98th percentile of all (rounded up to 8 bits), and to less than 2% of an image that the cloud fills.
+    statistics : CloudStatistics
+        Provides that percentile, or computes it from the points.
     mask : (n,) bool, optional
-        Which points are asked for; what is returned of others is not valid. None: all.
+        Points to compute; results for others are invalid. Default: all.
     """
     places = along.positions
     if len(places) > 1:
-        wanted, asked = np.ones(len(places), np.bool_), usual.rows_to_ask(len(places))
+        wanted, sampled = np.ones(len(places), np.bool_), statistics.rows_to_ask(len(places))
         if mask is not None:
             wanted[:] = False
             wanted[along.ids[mask]] = True
-            wanted[asked] = True
-        chosen, outwards = _at_places(places, np.flatnonzero(wanted), asked, usual)
+            wanted[sampled] = True
+        chosen, outwards = _at_places(places, np.flatnonzero(wanted), sampled, statistics)
         if drawing.kind == DISCS and points.normals is None:
             outwards = _across(places, outwards)
         radii, directions = chosen[along.ids] if given is None else given, outwards[along.ids]
     elif given is None:
         raise ValueError(
-            f"scatter: no radius can be chosen for {drawing.scatter}, as all points are at one place: give radii, or "
+            f"scatter: no radius can be chosen for {drawing.scatter}: all points have the same position; give radii or "
             "an attribute radius in the file"
         )
     else:
@@ -163,17 +163,17 @@ def shapes_of(
 
 
 def _at_places(
-    places: Floats, some: NDArray[np.int64], asked: NDArray[np.int64], usual: CloudStatistics
+    places: Floats, some: NDArray[np.int64], sampled: NDArray[np.int64], statistics: CloudStatistics
 ) -> tuple[Floats, Floats]:
-    """Radii (m,) and directions (m, 3) of spheres at some of different places in kd order, and 0 at the others.
+    """Return radii (m,) and directions (m, 3) of spheres at some of the distinct positions in kd order, 0 at others.
 
-    asked : which of these tell how large the largest are
+    sampled : rows that determine the largest radius
     """
     tree, count = NeighborTree(places, in_order=True), min(AROUND + 1, len(places))
     radii, outwards = np.zeros(len(places), np.float32), np.zeros_like(places)
     near = np.zeros((len(places), min(NEIGHBORS, len(places) - 1)), np.int32)
     inner = some
-    if len(some) < len(places):  # and those beside them
+    if len(some) < len(places):  # include their neighbours
         beside = np.zeros(len(places), np.bool_)
         beside[tree.rows_at(near.shape[1] + 1, places[some])] = True
         inner = np.flatnonzero(beside)
@@ -187,14 +187,16 @@ def _at_places(
         outwards[part] = unit_vectors(places[part] - places[found.indices].mean(axis=1))
     limited, directions, around = np.zeros_like(radii), np.zeros_like(outwards), near[some]
     limited[some] = np.minimum(radii[some], WIDEST * np.median(radii[around], axis=1))
-    most = min(usual.quantile_among("largest sphere", limited, asked, LARGEST), largest_reach(places, usual))
+    most = min(
+        statistics.quantile_among("largest sphere", limited, sampled, LARGEST), largest_reach(places, statistics)
+    )
     np.minimum(limited, np.float32(most), out=limited)
     directions[some] = unit_vectors(outwards[some] + outwards[around].sum(axis=1))
     return limited, directions
 
 
 def _across(places: Floats, outwards: Floats) -> Floats:
-    """Normals of the planes through the neighbours of places in kd order, on the side of their directions."""
+    """Return normals of the planes through the neighbours of positions in kd order, on the side of their directions."""
     if len(places) <= FLAT:
         return outwards
     planes = fit_planes(columns_of(places), NeighborTree(places, in_order=True).rows(FLAT), (0, FLAT))
@@ -203,7 +205,7 @@ def _across(places: Floats, outwards: Floats) -> Floats:
 
 
 def unit_vectors(vectors: Floats) -> Floats:
-    """Vectors of unit length; up where there is no direction."""
+    """Normalize vectors; zero vectors become (0, 0, 1)."""
     size = np.linalg.norm(vectors, axis=1, keepdims=True)
     known = size > 0
     out = np.divide(vectors, size, out=np.zeros_like(vectors), where=known)
