@@ -230,7 +230,7 @@ def test_a_file_of_light_of_a_scan_without_colors_fits_its_pictures(scan, capsys
 
 def test_no_light_gives_black_and_says_so(scan, capsys):
     status, _, err = run(capsys, "bake", scan, "-o", scan.with_name("a.ply"), *FEW, "--light", "sky:0,0,0", "--colors")
-    assert status == 0 and err == "pointray: note: the scene has no light: what is baked is black\n"
+    assert status == 0 and err == "pointray: note: the scene has no light: the baked light is black\n"
     vertex = PlyData.read(scan.with_name("a.ply"))["vertex"]
     assert not any(vertex[name].any() for name in ("red", "green", "blue"))
 
@@ -578,7 +578,7 @@ def test_an_empty_scene_is_told(scene, capsys):
     text = SCENE.partition("[models.scan]")[0] + "[camera]\neye = [0, 0, 1]\ntarget = [0, 0, 0]\n"
     scene.write_text(text)
     status, _, err = run(capsys, "render", scene, "-o", scene.with_name("a.png"), "--integrator", "baked")
-    assert status == 2 and err.endswith(f"\npointray: {scene}: the scene is empty: there is nothing to bake\n")
+    assert status == 2 and err.endswith(f"\npointray: {scene}: the scene is empty: nothing to bake\n")
 
 
 def test_the_points_of_a_scene_with_one_instance(scene, bakes, capsys):

@@ -76,7 +76,7 @@ def test_the_floor_below_a_body_has_the_light_beside_it():
     trusted = transport.trusted[floor.span]
     assert trusted[away > 1.05].all() and not trusted[away < 0.95].any()
     rim = (away > 0.85) & (away < 0.95)
-    light = transport.filled(np.where(transport.trusted, 1.0, 0.0).astype(np.float32)[:, None])[floor.span]
+    light = transport.fill_untrusted(np.where(transport.trusted, 1.0, 0.0).astype(np.float32)[:, None])[floor.span]
     assert rim.any() and (light[rim] == 1.0).mean() > 0.5
 
 

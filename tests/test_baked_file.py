@@ -75,8 +75,8 @@ def refused(path, scene=None):
     with pytest.raises(ValueError) as error:
         pr.Baked.load(path, scene or room())
     told = str(error.value)
-    assert "\n" not in told and told.startswith(f"{path}: ") and told.endswith(": bake it anew")
-    return told.removeprefix(f"{path}: ").removesuffix(": bake it anew")
+    assert "\n" not in told and told.startswith(f"{path}: ") and told.endswith(": bake again")
+    return told.removeprefix(f"{path}: ").removesuffix(": bake again")
 
 
 # ------------------------------------------------------------------------------------------------- what comes back
@@ -198,8 +198,8 @@ def swapped():
 @pytest.mark.parametrize(
     ("scene", "words"),
     [
-        (lambda: without_last(room()), "4 instances were baked, the scene has 3"),
-        (pr.Scene, "4 instances were baked, the scene has 0"),
+        (lambda: without_last(room()), "4 instances were baked, this scene has 3"),
+        (pr.Scene, "4 instances were baked, this scene has 0"),
         (lambda: room(ball(size=1.0001)), "instance 0 differs in its points"),
         (lambda: room(ball(normals=normals_up())), "instance 0 differs in its points"),
         (lambda: room(ball(radius_scale=1.01)), "instance 0 differs in its radii"),
@@ -214,7 +214,7 @@ def swapped():
     ],
 )
 def test_the_light_of_another_scene_is_refused_with_the_reason(saved, scene, words):
-    assert refused(saved[1], scene()) == f"the light is of another scene: {words}"
+    assert refused(saved[1], scene()) == f"the light belongs to another scene: {words}"
 
 
 def test_levels_of_detail_belong_to_the_scene(tmp_path, leveled):
@@ -359,11 +359,11 @@ DAMAGES = [
     ("settings", None, "settings"),
     ("settings", {"links": 0}, "links"),
     ("settings", {"a\nb": 0}, "settings"),
-    ("shapes", None, "which scene"),
-    ("shapes", [1, 2, 3, 4], "which scene"),
+    ("shapes", None, "keys of its scene"),
+    ("shapes", [1, 2, 3, 4], "keys of its scene"),
     ("shapes", [{}, {}, {}, {}], "instance 0 differs in its kind"),
     ("clips", None, "clip planes"),
-    ("light", None, "which scene"),
+    ("light", None, "keys of its scene"),
 ]
 
 

@@ -8,7 +8,7 @@ import pytest
 import pointray as pr
 from attack.model_files import copied, join, split
 from conftest import long
-from pointray.baking.levels import Shape, Wanted, choose_levels, deepest, in_fours, knots_at
+from pointray.baking.levels import LightCost, LitInstance, choose_levels, coarsest_level, knots_at, padded_count
 
 SKY, SUN = pr.EnvironmentLight((1, 0.9, 0.8)), pr.SunLight((1, -0.5, -2))
 SIZES = {"torus": (2000, 8000), "statue": (6000, 16_000)}  # points, and patches of a scene with them
@@ -121,7 +121,7 @@ def budget_of(full, level, name="torus"):
     for id in range(5):
         for sign in (1, -1):
             if (id, sign) in full._exchange.sides:
-                total += 16 * in_fours(len(knots_at(level, full._exchange.sides[id, sign].size)))
+                total += 16 * padded_count(len(knots_at(level, full._exchange.sides[id, sign].size)))
     return total + 32 * sum(len(model.tree.order) // 4 for model in (body(name), sheet()))
 
 
@@ -177,8 +177,8 @@ def test_levels_of_detail_share_the_records_of_coarser_light(tmp_path):
 def test_the_levels_fit_whatever_the_budget():
     """And are as fine as they may be: with more memory no instance is coarser, on the average."""
     rng = np.random.default_rng(4)
-    shapes = [Shape(4 * int(n), 32 * int(n), int(n)) for n in rng.integers(20, 50_000, 6)]
-    wanted = [Wanted(int(rng.integers(6)), int(rng.integers(1, 3))) for _ in range(40)]
+    shapes = [LightCost(4 * int(n), 32 * int(n), int(n)) for n in rng.integers(20, 50_000, 6)]
+    wanted = [LitInstance(int(rng.integers(6)), int(rng.integers(1, 3))) for _ in range(40)]
     least = choose_levels(shapes, wanted, 0)
     whole = sum(16 * item.sides * shapes[item.shape].records for item in wanted)
     assert isinstance(least, int) and isinstance(choose_levels(shapes, wanted, least - 1), int)
@@ -186,7 +186,9 @@ def test_the_levels_fit_whatever_the_budget():
     for budget in np.geomspace(least, whole - 1, 20).astype(int).tolist():
         levels = choose_levels(shapes, wanted, budget)
         assert bytes_of(shapes, wanted, levels) <= budget and max(levels) > 0
-        assert all(level <= deepest(shapes[item.shape].patches) for item, level in zip(wanted, levels, strict=True))
+        assert all(
+            level <= coarsest_level(shapes[item.shape].patches) for item, level in zip(wanted, levels, strict=True)
+        )
 
 
 def bytes_of(shapes, wanted, levels):
@@ -237,7 +239,7 @@ def test_a_damaged_file_of_coarser_light_is_refused(tmp_path, coarse_file, name,
     parts = copied(split(coarse_file))
     parts.arrays[name] = change(parts.arrays[name])
     (tmp_path / "a").write_bytes(join(parts))
-    with pytest.raises(ValueError, match="bake it anew"):
+    with pytest.raises(ValueError, match="bake again"):
         pr.Baked.load(tmp_path / "a", room())
 
 

@@ -1,12 +1,14 @@
-"""A scene -> the light that arrives at its splats and planes, after all bounces: global illumination that is kept.
+"""Baked global illumination: the light that arrives at the splats and planes of a scene after all bounces.
 
-surfaces : sides of instances, cut into patches (patches: of models, planes: of planes)
-transport, gather : links, what each patch receives light from; directions: of their rays; stretches: on a cluster
-solve, bounces : lights -> light at the patches; sky: texels that links lead to; smooth: noise
-store, pack : light at the patches -> the records that pictures read, see `shade/baked.py`; kept : all of a scene's
-keys : what tells that a scene has changed; file : baked light as a file
-levels, budget : coarser light, and which instances get it
+surfaces : the sides of instances, cut into patches (patches.py for models, planes.py for planes)
+transport, gather : links from each patch to what it receives light from; directions : directions of the link rays;
+    tile_ranges : link rays on the workers of a cluster
+solve, bounces : irradiance of the patches; sky : texels of the sky and its bright spots; smooth : noise reduction
+store, pack : irradiance of the patches -> records that rendering reads, see `shade/baked.py`; lookup_tables : all
+    records of a scene
+fingerprints : hashes that detect changes of a scene; file : baked light as a file
+levels, budget : coarser light, and the choice of its level for each instance
 exchange : the stages of a bake; baked : `bake`, `Baked`; settings : `BakeSettings`
 
-Begin with baked.
+Begin with baked.py.
 """

@@ -1,4 +1,4 @@
-"""Baked light: what `bake` returns. It is made in `exchange.py`."""
+"""Baked light, as `bake` returns it. The stages of a bake are in `exchange.py`."""
 
 from __future__ import annotations
 
@@ -18,27 +18,36 @@ from ..engine.kernels.records import World
 from ..model.model import Model
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
-from .budget import coarseness, levels_of
+from .budget import count_trees, describe_coarseness
 from .exchange import Exchange
-from .file import Stored, read_light, write_light
-from .fingerprints import keys_of, lacks_levels, lights_of, shape_of
-from .lookup_tables import Kept
+from .file import StoredLight, read_light, write_light
+from .fingerprints import geometry_key, lacks_levels, light_key, scene_keys
+from .lookup_tables import LightTables
 from .planes import Grid
 from .settings import BakeSettings
-from .store import AtSplats, at_points, dark, from_patches, from_records, make_records, seen_skies, unit_of
+from .store import (
+    SplatLight,
+    at_points,
+    choose_unit,
+    from_patches,
+    from_records,
+    make_records,
+    no_light,
+    sky_visibility,
+)
 from .transport import ALL_SIDES
 
-NO_LEVELS = "levels of detail were made after the bake: call update(), or bake again"
+NO_LEVELS = "levels of detail were added after the bake: call update(), or bake again"
 
 Floats = NDArray[np.float32]
 
 
 class StaleLightWarning(UserWarning):
-    """Baked light no longer fits its scene, see `Baked.stale`."""
+    """Warning that baked light no longer fits its scene, see `Baked.stale`."""
 
 
 class Baked:
-    """The light that arrives at every splat and plane of a scene; `bake` makes it.
+    """Light that arrives at every splat and plane of a scene, as computed by `bake`.
 
     Examples
     --------
@@ -51,54 +60,56 @@ class Baked:
         self._scene, self._settings = scene, settings
         if client is not None:
             scene = scene.copy()
-            scene.baked = None  # it is not sent
+            scene.baked = None  # not needed by the workers
         now, executor = snapshot_and_executor(scene, client)
         self._bake(now.without_camera_lights(), progress, executor)
 
     def _bake(self, snapshot: Snapshot, progress: Progress | None, executor: Executor | None = None) -> None:
         self._exchange = Exchange(snapshot.opened(), self._settings, progress, executor)
-        self._shape = shape_of(snapshot)
+        self._shape = geometry_key(snapshot)
         self._write(snapshot)
         tell(progress, 1.0)
 
     def _write(self, snapshot: Snapshot) -> None:
-        """Write the records of the light that arrives."""
+        """Write the records that rendering reads."""
         exchange, arrived = self._exchange, self._exchange.arrived
         if not arrived.direct.any() and not arrived.indirect.any():
-            warn("the scene has no light: what is baked is black", stacklevel=5)
-        unit, records = unit_of(arrived), {}
+            warn("the scene has no light: the baked light is black", stacklevel=5)
+        unit, records = choose_unit(arrived), {}
         for (number, sign), side in exchange.sides.items():
             spread = exchange.spreads.get(number)
-            for level in range(levels_of(side)) if spread is None else (0,):
+            for level in range(count_trees(side)) if spread is None else (0,):
                 of = level if spread is None else spread
                 records[number, sign, level] = make_records(side, of, arrived, unit, self._settings.threads)
         patches = {number: side.sheet.patches for (number, _), side in exchange.sides.items()}
         grids = {number: grid for number, grid in patches.items() if isinstance(grid, Grid)}
         blocks = {number: spread.blocks for number, spread in exchange.spreads.items()}
-        self._begin(snapshot, lights_of(snapshot), Kept(unit, records, grids, blocks, exchange.levels))
+        self._set_light(snapshot, light_key(snapshot), LightTables(unit, records, grids, blocks, exchange.levels))
 
-    def _begin(self, snapshot: Snapshot, lights: bytes, kept: Kept, stored: Stored | None = None) -> None:
-        """Keep light, the scene that it is of, and the file's contents if it is from one."""
-        self._baked_of, self._lights = snapshot._replace(baked=None), lights
+    def _set_light(
+        self, snapshot: Snapshot, lights: bytes, kept: LightTables, stored: StoredLight | None = None
+    ) -> None:
+        """Store the light, the scene it belongs to and, for light from a file, the contents of the file."""
+        self._baked_scene, self._lights = snapshot._replace(baked=None), lights
         self._kept, self._stored = kept, stored
-        self._checked: World | None = None  # of a snapshot, which may hold this light: that would be a cycle
+        self._checked: World | None = None  # not the snapshot, which may refer to this object: a cycle
         self._reason: str | None = None
         self._warned: str | None = None
 
     @property
     def stale(self) -> str | None:
-        """Why the light no longer fits the scene; None: it does."""
+        """Reason why the light no longer fits the scene, or None if it fits."""
         return self._stale(self._scene.snapshot())
 
     def _stale(self, snapshot: Snapshot) -> str | None:
         if snapshot.world is self._checked:
             return self._reason
         fixed, reason = snapshot.without_camera_lights(), None
-        shape = shape_of(fixed)
+        shape = geometry_key(fixed)
         fewer = lacks_levels(self._shape, shape)
         if shape != self._shape and not fewer:
             reason = "models, planes or clip planes have changed: bake again"
-        elif lights_of(fixed) != self._lights:
+        elif light_key(fixed) != self._lights:
             reason = "lights, materials or colours have changed: call update()"
         elif fewer:
             reason = NO_LEVELS
@@ -106,42 +117,47 @@ class Baked:
         return reason
 
     def fits(self, scene: Scene) -> bool:
-        """Whether the light is that of a scene, which may be a copy of its own."""
+        """Return whether the light fits a scene, which may be a copy of its own."""
         return self._stale(scene.snapshot()) is None
 
     def lacks_levels(self, scene: Scene) -> bool:
-        """Whether it is the light of a scene but for levels of detail, which were made later: they are dark."""
+        """Return whether the light fits a scene except for levels of detail added after the bake; they render black."""
         return self._stale(scene.snapshot()) == NO_LEVELS
 
     def update(self, progress: Progress | None = None) -> None:
-        """Bake anew, without new links, for other lights, another sky, other materials and colours, levels of detail.
+        """Bake again after a change of lights, sky, materials, colours or levels of detail, reusing the links.
 
-        Light from a file has no links: they are found anew, as in `bake`, which takes as long.
+        Light from a file has no links: they are found again, which takes as long as `bake`.
+
+        Parameters
+        ----------
+        progress : callable, optional
+            Called with the completed fraction, 0 to 1.
 
         Raises
         ------
         ValueError
-            If models, planes or clip planes have changed: links no longer fit.
+            If models, planes or clip planes have changed, so that the links no longer fit.
         """
         check_callback(progress)
         snapshot = self._scene.snapshot().without_camera_lights()
-        shape = shape_of(snapshot)
+        shape = geometry_key(snapshot)
         if shape != self._shape and not lacks_levels(self._shape, shape):
             raise ValueError("the light does not fit: models, planes or clip planes have changed: bake again")
         if self._stored is not None:
             self._bake(snapshot, progress)
             return
-        self._exchange.follow(snapshot.opened(), shape != self._shape, progress)
+        self._exchange.relight(snapshot.opened(), shape != self._shape, progress)
         self._shape = shape
         self._write(snapshot)
         tell(progress, 1.0)
 
     def relit(self, scene: Scene) -> Baked | None:
-        """The light of another scene with the same models, planes and clip planes; None if these differ.
+        """Return the light of another scene with the same models, planes and clip planes, or None if these differ.
 
-        This one stays as it is. Both share their links.
+        This object is not changed. Both share their links.
         """
-        shape = shape_of(scene.snapshot().without_camera_lights())
+        shape = geometry_key(scene.snapshot().without_camera_lights())
         if shape != self._shape and not lacks_levels(self._shape, shape):
             return None
         twin = copy.copy(self)
@@ -152,9 +168,9 @@ class Baked:
         return twin
 
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[Array, Array]:
-        """What kernels read, see `records.BAKED`. levels : (instances,), which level of its model each shows
+        """Return the tables that kernels read, see `records.BAKED`; warn once if the light is stale.
 
-        A warning tells once if the light is stale.
+        levels : (instances,), the level of detail that each instance shows
         """
         reason = self._stale(scene)
         if reason == NO_LEVELS and not levels.any():
@@ -164,40 +180,54 @@ class Baked:
         self._warned = reason
         return self._kept.tables(scene, levels)
 
-    def portable(self) -> Kept:
-        """What pictures read of it, which can be pickled; it does not know whether it is stale."""
+    def portable(self) -> LightTables:
+        """Return the part of the light that rendering reads. It can be pickled, and does not detect stale light."""
         return self._kept
 
     def irradiance(self, id: int, side: int = 1) -> Floats:
-        """All light that arrives at each point of an instance on one side, (n, 3), in W/m2 of the lights' units.
+        """Return the irradiance at each point of an instance, direct and indirect.
 
-        side : 1, the front, where normals point; -1, the back
-        NaN at points that have no splat. ValueError if `id` is no instance of a model.
+        Parameters
+        ----------
+        id : int
+            Number of an instance of a model, as returned by `Scene.add`.
+        side : {1, -1}
+            1 for the front, to which the normals point; -1 for the back.
+
+        Returns
+        -------
+        (n, 3) float32
+            In W/m2 of the lights' units; NaN at points without a splat.
+
+        Raises
+        ------
+        ValueError
+            If `id` is not an instance of a model, or `side` is neither 1 nor -1.
         """
         return self._at_points(id, side, lambda at: at.direct + at.indirect)
 
     def indirect(self, id: int, side: int = 1) -> Floats:
-        """The same without the direct light of lights: from the sky and from other surfaces."""
+        """Return the same as `irradiance` without the light of lights: only from the sky and from other surfaces."""
         return self._at_points(id, side, lambda at: at.indirect)
 
     def ambient_occlusion(self, id: int) -> Floats:
-        """The share of the sky that each point sees, weighted by the cosine, (n,): 1 where nothing is in the way."""
+        """Return the cosine-weighted fraction of the sky visible from each point, (n,) float32; 1 if unobstructed."""
         return self._at_points(id, 1, lambda at: at.sky)
 
-    def _at_points(self, id: int, sign: int, values_of: Callable[[AtSplats], Floats]) -> Floats:
-        """What arrives at the points of an instance's model, in the model's order; 0 on a dark back."""
+    def _at_points(self, id: int, sign: int, values_of: Callable[[SplatLight], Floats]) -> Floats:
+        """Return values at the points of an instance's model, in the model's order; 0 on a black back side."""
         if sign not in ALL_SIDES:
-            raise wrong("side", "1, the front, or -1, the back", sign)
+            raise wrong("side", "1 (front) or -1 (back)", sign)
         front = self._kept.records.get((id, 1, 0)) if isinstance(id, int | np.integer) else None
         model = self._scene.shapes.get(id)
         if isinstance(model, Model):
             model.check_whole()
         slots = self._kept.slots_of(id) if front is not None else 0
         if not isinstance(model, Model) or slots != len(model.tree.order):
-            raise ValueError(f"no light is baked for a model {id!r}: id is what `Scene.add` returned for one")
+            raise ValueError(f"no light is baked for id {id!r}: expected the id that `Scene.add` returned for a model")
         records = self._kept.records.get((id, sign, 0))
         if records is None:
-            at = dark(slots)
+            at = no_light(slots)
         elif self._stored is None:
             at = from_patches(self._exchange.sides[id, sign], self._exchange.arrived)
         else:
@@ -206,104 +236,112 @@ class Baked:
         return at_points(model, values_of(at))
 
     def save(self, path: str | os.PathLike[str], progress: Progress | None = None) -> None:
-        """Write the light to a file that `load` maps: what pictures and exports need, and not the links.
+        """Write the light to a file that `load` maps. It holds what rendering and exports need, without the links.
 
         Parameters
         ----------
         path : str or path
-            Usually ends in .bake; the file is replaced when all is written.
+            Usually ends in .bake. An existing file is replaced once the new one is complete.
         progress : callable, optional
-            Called with the share done.
+            Called with the completed fraction, 0 to 1.
 
         Raises
         ------
         OSError
             If the file cannot be written.
+        ValueError
+            If levels of detail were added after the bake.
         """
         check_path(path)
         check_callback(progress)
         write_light(path, self._stored or self._store(), progress or (lambda share: None))
 
-    def _store(self) -> Stored:
-        """What a file holds."""
-        if shape_of(self._baked_of) != self._shape:
-            raise ValueError("the light cannot be saved: levels of detail were made after the bake: bake again")
-        skies = seen_skies(self._exchange.sides, self._exchange.arrived, self._exchange.spreads)
-        return Stored(self._settings, keys_of(self._baked_of), self._kept, skies)
+    def _store(self) -> StoredLight:
+        """Return the contents of a file."""
+        if geometry_key(self._baked_scene) != self._shape:
+            raise ValueError("the light cannot be saved: levels of detail were added after the bake: bake again")
+        skies = sky_visibility(self._exchange.sides, self._exchange.arrived, self._exchange.spreads)
+        return StoredLight(self._settings, scene_keys(self._baked_scene), self._kept, skies)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], scene: Scene) -> Baked:
-        """The light that `save` has written, mapped into memory: it is ready at once, whatever its size.
+        """Map the light from a file written by `save`. Loading time does not depend on its size.
 
-        Pictures are those of the light that was saved, to the last bit; `irradiance` and `indirect` are as exact as
-        pictures: to a 256th of the brightest channel. If lights, sky, materials or colours are no longer those of the
-        bake, `stale` says so. The file must not change while the light is used.
+        Images are identical to those made with the light that was saved; `irradiance` and `indirect` are accurate to
+        1/256 of the brightest channel. If lights, sky, materials or colours differ from those of the bake, `stale`
+        says so. The file must not change while the light is used.
 
         Parameters
         ----------
         scene : Scene
-            Of the same models, planes and clip planes as when it was baked, instances in the same order.
+            Has the same models, planes and clip planes as the baked scene, with instances in the same order.
 
         Raises
         ------
         OSError
             If the file cannot be opened.
         ValueError
-            If it is no baked light, has another version, is damaged, or is of another scene.
+            If the file is not baked light, is from another version, is damaged, or belongs to another scene.
         """
         check_path(path)
         check_kind(scene, "scene", Scene, "a Scene")
         snapshot = scene.snapshot().without_camera_lights()
         stored = read_light(path, snapshot)
         baked = cls.__new__(cls)
-        baked._scene, baked._settings, baked._shape = scene, stored.settings, shape_of(snapshot)
-        lights = lights_of(snapshot) if stored.keys.light == keys_of(snapshot).light else b""
-        baked._begin(snapshot, lights, stored.kept, stored)
+        baked._scene, baked._settings, baked._shape = scene, stored.settings, geometry_key(snapshot)
+        lights = light_key(snapshot) if stored.keys.light == scene_keys(snapshot).light else b""
+        baked._set_light(snapshot, lights, stored.kept, stored)
         return baked
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the light that pictures read."""
+        """Size in bytes of the light that rendering reads."""
         return self._kept.nbytes
 
     @property
     def levels(self) -> dict[int, int]:
-        """How coarse the light of each instance of a model is: 0, a record for each splat; k, for 4^(k - 1) patches.
+        """Level of the light of each instance of a model: 0 is a record per splat, k is a record per 4^(k - 1) patches.
 
-        Light is coarser where that of all splats would not fit into `BakeSettings.memory`.
+        Coarser light is used where records for all splats would not fit into `BakeSettings.memory`.
         """
         return dict(self._kept.levels)
 
     @property
     def coarser(self) -> str:
-        """In words how coarse the light is; empty where each splat has its own, see `levels`."""
-        return coarseness(self._kept.levels)
+        """Description of how coarse the light is, see `levels`; empty if each splat has its own record."""
+        return describe_coarseness(self._kept.levels)
 
     def __repr__(self) -> str:
-        whence = "from a file" if self._stored is not None else f"{len(self._exchange.transport):,} patches"
+        source = "from a file" if self._stored is not None else f"{len(self._exchange.transport):,} patches"
         ending = f", {self.coarser}" if self.coarser else ""
-        return f"<Baked: {whence}, {self.nbytes / 2**20:.0f} MiB{ending}>"
+        return f"<Baked: {source}, {self.nbytes / 2**20:.0f} MiB{ending}>"
 
 
 def bake(
     scene: Scene, settings: BakeSettings | None = None, progress: Progress | None = None, client: Client = None
 ) -> Baked:
-    """Bake the light of a scene: for every instance and plane the light that arrives, after all bounces.
+    """Bake the light of a scene: the light that arrives at every instance and plane, after all bounces.
 
     Parameters
     ----------
+    scene : Scene
+    settings : BakeSettings, optional
     progress : callable, optional
-        Called with the share done.
+        Called with the completed fraction, 0 to 1.
     client : dask.distributed.Client, optional
-        The workers of a cluster send the rays (`pip install 'pointray[cluster]'`). The light is the same, on processors
-        of one kind to the last bit. `Baked.update` does without them. See docs/scale.md.
+        Sends the rays on the workers of a cluster (`pip install 'pointray[cluster]'`). The light is the same, to the
+        last bit if all processors are of one kind. `Baked.update` does not use the client. See docs/scale.md.
+
+    Returns
+    -------
+    Baked
 
     Notes
     -----
-    Patches, some of the splats, send rays into the hemisphere; what these hit are links, over which light bounces until
-    nothing changes (Goral et al. 1984, with links as in Hanrahan, Salzman and Aupperle 1991, found by rays). Mirrors
-    and glass are followed; other surfaces pass light on as if they were matt, of the same albedo. Light that follows
-    the camera is not baked. A back side that is nearly dark counts as black.
+    Patches, a subset of the splats, send rays into the hemisphere. What these hit are links, over which light bounces
+    until it converges (radiosity, Goral et al. 1984, with links as in Hanrahan, Salzman and Aupperle 1991, found by
+    ray tracing). Mirrors and glass are followed; other surfaces reflect light like Lambertian ones of the same albedo.
+    Lights attached to the camera are not baked. A back side that is nearly dark is treated as black.
 
     Raises
     ------
@@ -314,5 +352,5 @@ def bake(
     settings = BakeSettings() if settings is None else check_kind(settings, "settings", BakeSettings, "BakeSettings")
     check_callback(progress)
     if not scene.shapes:
-        raise ValueError("the scene is empty: there is nothing to bake")
+        raise ValueError("the scene is empty: nothing to bake")
     return Baked(scene, settings, progress, client)

@@ -1,7 +1,7 @@
-"""Light over links: every bounce is a pass of sums, irradiance = pi / links times the sum of what the links see.
+"""Propagation of light along links: each bounce computes irradiance as pi times the mean radiance of a patch's links.
 
-The light along the links of a patch is cosine-distributed, so its mean times pi is the irradiance, and its mean times
-pi times a spherical harmonic is that harmonic of the light times the cosine (see `shade/baked_code.py`).
+The links of a patch are cosine-distributed, so pi times the mean of their radiance is the irradiance. Pi times the mean
+of radiance times a spherical harmonic is that harmonic of radiance times the cosine (see `shade/baked_code.py`).
 """
 
 from __future__ import annotations
@@ -35,22 +35,22 @@ from ..shade.rgbe import unpack_rgbe
 from .directions import MOMENTS, link_cell, link_direction
 from .gather import PATCHES, SKY, Patches, normal_of
 
-PER_SOURCE = 4  # float32 of a source: RGB radiance, and one unused, so that it lies in one cache line
+PER_SOURCE = 4  # float32 of a source: RGB radiance, and one unused, so that a source does not straddle cache lines
 CHUNK = 1024
-FLAT = 1e-3  # cosine: the plane of a patch is not met at a smaller one
-# What is known of a patch besides irradiance: its moments less those of even light, 8 of luminance, 3 of red and 3 of
-# blue; which share of its links leads to the sky; the variance of its irradiance's luminance.
+FLAT = 1e-3  # smallest cosine at which the plane of a patch is intersected
+# Per-patch values besides irradiance: moments minus those of uniform light (8 of luminance, 3 of red, 3 of blue), the
+# fraction of links that lead to the sky, and the variance of the irradiance's luminance.
 GRAY, RED, BLUE, SEES_SKY, VARIANCE, FACTS = 0, 8, 11, 14, 15, 16
-# The sums of a patch: the moments of `directions.cell_moments` of luminance, the first three of red and of blue.
+# Sums of a patch: the moments of `directions.cell_moments` for luminance, the first three of them for red and for blue.
 RED_SUM, BLUE_SUM, SUMS = 9, 12, 15
 
 
 class Links(NamedTuple):
-    """The links of some patches.
+    """Links of some patches.
 
-    links, tints : see `gather.Found`; parts, seed : that their directions follow from
-    rows : (m,) int32, the patches; share : (m,) float32, share of these links among all that a patch has
-    hidden : (m * bytes_of(links),) uint8, a bit for each link that a lamp stands in the way of; or length 0: none does
+    links, tints : see `gather.Found`; parts, seed : determine the link directions
+    rows : (m,) int32, the patches; share : (m,) float32, these links as a fraction of all links of a patch
+    hidden : (m * bytes_of(links),) uint8, a bit for each link that a lamp blocks; length 0 if there are no lamps
     """
 
     links: Array
@@ -64,13 +64,13 @@ class Links(NamedTuple):
 
 @inline
 def bytes_of(links: int) -> int:
-    """Bytes for a bit of each link."""
+    """Return the number of bytes that hold one bit per link."""
     return (links + 7) // 8
 
 
 @inline
 def _is_hidden(links: Links, m: int, k: int) -> bool:
-    """Whether a lamp hides what link k of row m leads to."""
+    """Return whether a lamp blocks link k of row m."""
     if links.hidden.size == 0:
         return False
     at = m * bytes_of(links.parts[0] * links.parts[1]) + k // 8
@@ -79,23 +79,23 @@ def _is_hidden(links: Links, m: int, k: int) -> bool:
 
 @inline
 def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
-    """The radiance that comes along a link. lamps : (lights * 3,) float64"""
+    """Return the radiance that arrives along a link. lamps : (lights * 3,) float64"""
     link = i64(links.links[at])
     if link >= 0:
         k = PER_SOURCE * link
         light = f64(sources[k]), f64(sources[k + 1]), f64(sources[k + 2])
     elif 3 * ~link < lamps.size:
         light = lamps[3 * ~link], lamps[3 * ~link + 1], lamps[3 * ~link + 2]
-    else:  # the lamp is gone
+    else:  # the lamp was removed
         light = NO_LIGHT
     return multiply(light, unpack_rgbe(i64(links.tints[at]))) if links.tints.size > 0 else light
 
 
 @kernel
 def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, every: int, out: Array) -> int:
-    """Add to the patches' irradiance, (patches * 3,) float32, what comes along these links, or along some of them.
+    """Add the light of these links, or of a subset, to the irradiance of the patches, (patches * 3,) float32.
 
-    every : only so few of the links, one in `every`, are followed; neighbouring patches follow others
+    every : follow one link in `every`; neighbouring patches follow different ones
     """
     links, sources, lamps, out = borrow(links), borrow(sources), borrow(lamps), borrow(out)
     rows, columns = links.parts
@@ -121,11 +121,11 @@ def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, ever
 def reflect(
     work: Array, arriving: tuple[Array, Array], surface: tuple[Array, Array], sources: Array, changes: Array
 ) -> int:
-    """The radiance that patches send out, into `sources`.
+    """Write the radiance that patches emit and reflect to `sources`.
 
-    arriving : irradiance from the lights and along the links; surface : albedo and radiance that is emitted; all of
-    them (patches * 3,) float32
-    changes : (chunks * 2,) float64, of each chunk by how much its radiance has changed, and the radiance, summed up
+    arriving : irradiance from lights, and along links; surface : albedo, and emitted radiance; all (patches * 3,)
+        float32
+    changes : (chunks * 2,) float64, the change of radiance summed over each chunk, and the radiance itself
     """
     direct, indirect = borrow(arriving)
     albedo, emitted = borrow(surface)
@@ -147,7 +147,7 @@ def reflect(
 
 @inline
 def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
-    """Add light times the MOMENTS numbers at a place. sums : (SUMS,)"""
+    """Add light times MOMENTS numbers, which start at `at`, to `sums`, (SUMS,)."""
     gray = luminance(light)
     for b in range(MOMENTS):
         sums[b] += gray * moments[at + b]
@@ -158,7 +158,7 @@ def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
 
 @inline
 def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int) -> None:
-    """Add the harmonics of sums about a normal, times a factor, to what is known of a patch."""
+    """Add the spherical harmonics of `sums` in the frame of a normal, times a factor, to the values of a patch."""
     first, second = tangents(normal)
     frame = first, second, normal
     gray = band_1(turned(load3_flat(sums, 0), frame))
@@ -177,10 +177,10 @@ def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int
 def add_facts(
     work: Array, links: Links, patches: Patches, sources: Array, lamps: Array, moments: Array, out: Array
 ) -> int:
-    """Add to what is known of the patches, (patches * FACTS,) float32, what these links tell.
+    """Add what these links contribute to the per-patch values, (patches * FACTS,) float32.
 
-    The moments of even light are those that the links would see of it: so even light has no noise. They are summed up
-    about the normal, from a table: to make each direction anew took half of the time of all bounces.
+    The moments of uniform light are computed from the same links, so uniform light has no noise. All sums are taken in
+    the frame of the normal with tabulated moments: recomputing each direction took half of the time of all bounces.
 
     moments : flat float64, see `directions.cell_moments`
     """
@@ -202,7 +202,7 @@ def add_facts(
                     even[b] += moments[cell + b]
                 total, light = add(total, seen), luminance(seen)
                 sky += 1 if SKY <= links.links[m * count + k] < PATCHES else 0
-                # Neighbouring strata see nearly the same: their differences tell the noise that is left.
+                # Neighbouring strata see nearly the same, so their differences estimate the remaining noise.
                 if k % links.parts[1] > 0:
                     square += (light - before) ** 2
                 before = light
@@ -218,10 +218,10 @@ def add_facts(
 
 
 @inline
-def _is_in_the_way(world: World, patches: Patches, patch: int, d: Vec3, link: int) -> bool:
-    """Whether a lamp stands between a patch and what its link in direction d leads to."""
+def _is_blocked_by_lamp(world: World, patches: Patches, patch: int, d: Vec3, link: int) -> bool:
+    """Return whether a lamp blocks a patch's link in direction d."""
     x, end = load3_flat(patches.positions, 3 * patch), np.inf
-    if link >= PATCHES:  # the ray has met the plane of that patch, not its middle
+    if link >= PATCHES:  # the ray met the plane of that patch, not its centre
         normal = normal_of(patches, link - PATCHES)
         to_middle = sub(load3_flat(patches.positions, 3 * (link - PATCHES)), x)
         end = dot(to_middle, normal) / dot(d, normal) if dot(d, normal) < -FLAT else length(to_middle)
@@ -230,7 +230,7 @@ def _is_in_the_way(world: World, patches: Patches, patch: int, d: Vec3, link: in
 
 @kernel
 def hide_links(work: Array, world: World, links: Links, patches: Patches) -> int:
-    """Write the bits of `Links.hidden`: links that a lamp stands in the way of."""
+    """Write the bits of `Links.hidden`, for links that a lamp blocks."""
     world, links, patches = borrow(world), borrow(links), borrow(patches)
     count = links.parts[0] * links.parts[1]
     chunk = next_tile(work)
@@ -242,7 +242,7 @@ def hide_links(work: Array, world: World, links: Links, patches: Patches) -> int
                 links.hidden[at + k] = 0
             for k in range(count):
                 d = link_direction(normal, patch, k, links.parts, links.seed)
-                if _is_in_the_way(world, patches, patch, d, i64(links.links[m * count + k])):
+                if _is_blocked_by_lamp(world, patches, patch, d, i64(links.links[m * count + k])):
                     links.hidden[at + k // 8] |= 1 << (k % 8)
         chunk = next_tile(work)
     return 0

@@ -1,4 +1,4 @@
-"""Which light fits into its memory: how coarse the light of each instance of a scene is."""
+"""Fit of baked light into a memory budget: the level of the light of each instance."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from ..base.memory import available_memory
 from ..engine.kernels.records import INSTANCE, RECORD, SHAPE_ROW
 from ..engine.kernels.tree import Tree
 from ..scene.world import Snapshot
-from .levels import Spread, Wanted, choose_levels, make_spread, shape_of_trees
+from .levels import LitInstance, Spread, choose_levels, light_cost, make_spread
 from .patches import PatchSet
 from .planes import Grid
 from .transport import Side
 
-SHARE = 0.5  # of the memory that is available: what light may take where nothing is said
+SHARE = 0.5  # fraction of available memory that the light may take by default
 
 
 def spreads_within(
     scene: Snapshot, sides: Sequence[Side], memory: int | None
 ) -> tuple[dict[int, int], dict[int, Spread]]:
-    """How coarse the light of each instance of a model is, by its number; and the spreads of coarser ones.
+    """Return the light level of each instance of a model, by its number, and the spreads of instances above level 0.
 
-    sides : all that are lit; memory : bytes for the light; None: SHARE of what is available
+    sides : all lit sides; memory : bytes for the light, None for SHARE of the available memory
 
     Raises
     ------
@@ -33,14 +33,14 @@ def spreads_within(
     rows, patches, lit = _models_of(scene, sides)
     trees = {row: _trees_of(scene, row) for row in set(rows.values())}
     shapes = sorted(trees)
-    costs = [shape_of_trees(trees[row], len(patches[row].positions)) for row in shapes]
-    wanted = [Wanted(shapes.index(rows[instance]), lit[instance]) for instance in rows]
+    costs = [light_cost(trees[row], len(patches[row].positions)) for row in shapes]
+    wanted = [LitInstance(shapes.index(rows[instance]), lit[instance]) for instance in rows]
     budget = _budget(memory)
     levels = choose_levels(costs, wanted, budget - planes)
     if isinstance(levels, int) or planes > budget:
         least = planes + (levels if isinstance(levels, int) else 0)
-        given = f"memory={memory:,}" if memory is not None else f"the {budget:,} that it may take of what is available"
-        raise ValueError(f"the light takes at least {least:,} bytes, more than {given}")
+        given = f"memory={memory:,}" if memory is not None else f"the {budget:,} bytes it may take of available memory"
+        raise ValueError(f"the baked light needs at least {least:,} bytes, more than {given}")
     of = {int(scene.keys[instance]): level for instance, level in zip(rows, levels, strict=True)}
     made: dict[tuple[int, int], Spread] = {}
     spreads = {}
@@ -60,7 +60,7 @@ def _budget(memory: int | None) -> int:
 
 
 def _models_of(scene: Snapshot, sides: Sequence[Side]) -> tuple[dict[int, int], dict[int, PatchSet], Counter[int]]:
-    """The model of each instance, by its row; the patches of each model; how many sides of each instance are lit."""
+    """Return the model row of each instance, the patches of each model, and the number of lit sides per instance."""
     records = scene.world.instances.reshape(-1, INSTANCE)
     rows: dict[int, int] = {}
     patches: dict[int, PatchSet] = {}
@@ -75,19 +75,19 @@ def _models_of(scene: Snapshot, sides: Sequence[Side]) -> tuple[dict[int, int], 
 
 
 def _trees_of(scene: Snapshot, row: int) -> list[Tree]:
-    """The tree of a model, and those of its levels of detail."""
+    """Return the tree of a model and those of its levels of detail."""
     model = scene.models[row]
     return [model.tree, *(level.tree for level in model.levels)]
 
 
-def levels_of(side: Side) -> int:
-    """How many trees show a side: of its model, and of its levels of detail; 1 for a plane."""
+def count_trees(side: Side) -> int:
+    """Return the number of trees with records for a side: the model and its levels of detail, or 1 for a plane."""
     patches = side.sheet.patches
     return 1 if isinstance(patches, Grid) else len(patches.blends)
 
 
-def coarseness(levels: Mapping[int, int]) -> str:
-    """In words how coarse the light is; empty where each splat has its own. levels : see `Kept.levels`"""
+def describe_coarseness(levels: Mapping[int, int]) -> str:
+    """Describe how coarse the light is; empty if each splat has its own record. levels : see `LightTables.levels`"""
     counts = Counter(level for level in levels.values() if level > 0)
     if not counts:
         return ""

@@ -1,8 +1,9 @@
-"""The directions in which patches look for light, and the texels of the sky that links lead to.
+"""Directions of the link rays of patches, and the texels of the sky that links refer to.
 
-A patch's directions are stratified: its hemisphere is cut into parts of equal flux, and each link takes one of them.
-Within a part the patches in order take the points of an additive sequence (Roberts 2018: R2): the links of neighbours,
-which smoothing averages, complement each other. No direction is kept: it follows from the numbers of patch and link.
+Directions are stratified: the hemisphere of a patch is divided into parts of equal cosine-weighted size, with one link
+each. Within a part, successive patches take the points of an additive sequence (R2, Roberts 2018), so that the links of
+neighbours, which smoothing averages, complement each other. Directions are not stored: they follow from the numbers of
+patch and link.
 """
 
 from __future__ import annotations
@@ -18,16 +19,16 @@ from ..engine.jit import inline, uncompiled
 from ..engine.kernels.sampling import hash32, on_disc
 from ..engine.kernels.vec import Vec3, tangents, turned, unit
 
-SKY_EDGE = 64  # texels a side of the octahedral map of the sky
+SKY_EDGE = 64  # texels along each side of the octahedral map of the sky
 SKY_TEXELS = SKY_EDGE * SKY_EDGE
-CELLS, MOMENTS = 4, 9  # cells a side of a part of the hemisphere, and what is known of each
-FINE = 2  # samples a side of a cell
-PLASTIC = 0xC13FA9A9, 0x91E10DA5  # 2^32 times 1/p and 1/p^2, of p with p^3 = p + 1
+CELLS, MOMENTS = 4, 9  # cells along each side of a hemisphere part, and moments of each
+FINE = 2  # samples along each side of a cell
+PLASTIC = 0xC13FA9A9, 0x91E10DA5  # 2^32 / p and 2^32 / p^2, where p^3 = p + 1
 WORD, TO_ONE = 0xFFFFFFFF, 2.0**-32
 
 
 def strata(links: int) -> tuple[int, int]:
-    """(rows, columns) of the parts of a hemisphere: as nearly square as their number allows."""
+    """Return (rows, columns) of the parts of a hemisphere, as nearly square as the number of links allows."""
     rows = math.isqrt(links)
     while links % rows:
         rows -= 1
@@ -36,11 +37,11 @@ def strata(links: int) -> tuple[int, int]:
 
 @cache
 def cell_moments(parts: tuple[int, int]) -> NDArray[np.float64]:
-    """Means of x, y, z, xx, xy, xz, yy, yz, zz over CELLS x CELLS cells of each part of the hemisphere about z.
+    """Return the means of x, y, z, xx, xy, xz, yy, yz, zz over CELLS x CELLS cells of each hemisphere part about z.
 
     Returns
     -------
-    (rows * columns, CELLS * CELLS, MOMENTS)
+    (rows * columns, CELLS * CELLS, MOMENTS) float64
     """
     rows, columns = parts
     fine = CELLS * FINE
@@ -55,21 +56,21 @@ def cell_moments(parts: tuple[int, int]) -> NDArray[np.float64]:
 
 @inline
 def _in_part(patch: int, link: int, seed: int) -> tuple[int, int]:
-    """Where in its part a link lies, two words of 32 bits."""
+    """Return the position of a link within its part as two 32-bit words."""
     key = hash32((seed * 0x9E3779B9 + link * 0x85EBCA6B) & WORD)
     return (key + patch * PLASTIC[0]) & WORD, (hash32(key ^ 0x2C1B3C6D) + patch * PLASTIC[1]) & WORD
 
 
 @inline
 def link_cell(patch: int, link: int, seed: int) -> int:
-    """The row in `cell_moments` of all cells for a patch's link."""
+    """Return the row of `cell_moments`, flattened over parts and cells, for a link of a patch."""
     u, v = _in_part(patch, link, seed)
     return link * CELLS * CELLS + (u * CELLS >> 32) * CELLS + (v * CELLS >> 32)
 
 
 @inline
 def link_direction(normal: Vec3, patch: int, link: int, parts: tuple[int, int], seed: int) -> Vec3:
-    """The unit direction of a patch's link: cosine-distributed over all links.
+    """Return the unit direction of a link. The links of a patch are cosine-distributed.
 
     parts : see `strata`; link : below rows times columns
     """
@@ -83,13 +84,13 @@ def link_direction(normal: Vec3, patch: int, link: int, parts: tuple[int, int], 
 
 @inline
 def _fold(a: float, b: float) -> float:
-    """A coordinate of the lower half of an octahedron, turned outwards."""
+    """Return a coordinate of the lower half of an octahedron, folded outwards."""
     return (1.0 - abs(b)) * (1.0 if a >= 0.0 else -1.0)
 
 
 @inline
 def texel_of(d: Vec3) -> int:
-    """The texel of a direction (Cigolle et al. 2014: the octahedral map)."""
+    """Return the texel of a direction in the octahedral map (Cigolle et al. 2014)."""
     size = 1.0 / max(abs(d[0]) + abs(d[1]) + abs(d[2]), 1e-300)
     x, y = d[0] * size, d[1] * size
     if d[2] < 0.0:
@@ -101,7 +102,7 @@ def texel_of(d: Vec3) -> int:
 
 @inline
 def in_texel(texel: int, u: float, v: float) -> Vec3:
-    """The unit direction of a point of a texel, two numbers in 0..1."""
+    """Return the unit direction of the point (u, v), each 0 to 1, of a texel."""
     x = 2.0 * (texel % SKY_EDGE + u) / SKY_EDGE - 1.0
     y = 2.0 * (texel // SKY_EDGE + v) / SKY_EDGE - 1.0
     z = 1.0 - abs(x) - abs(y)
@@ -112,12 +113,12 @@ def in_texel(texel: int, u: float, v: float) -> Vec3:
 
 @cache
 def texel_size() -> NDArray[np.float64]:
-    """The solid angle of each texel, (SKY_TEXELS,): its area on the octahedron, seen from the middle."""
-    fine = 8  # points a side
+    """Return the solid angle of each texel, (SKY_TEXELS,): its area on the octahedron seen from the centre."""
+    fine = 8  # sample points along each side
     u = (np.arange(SKY_EDGE * fine) + 0.5) / (SKY_EDGE * fine) * 2.0 - 1.0
     x, y = np.meshgrid(u, u)
     z = 1.0 - np.abs(x) - np.abs(y)
-    folded = np.maximum(-z, 0.0)  # the lower half is that of the mirrored point
+    folded = np.maximum(-z, 0.0)  # points of the lower half are measured at their mirror image
     square = (np.abs(x) - folded) ** 2 + (np.abs(y) - folded) ** 2 + z * z
     size = square**-1.5 * (2.0 / (SKY_EDGE * fine)) ** 2
     cells = size.reshape(SKY_EDGE, fine, SKY_EDGE, fine).sum(axis=(1, 3)).reshape(-1)

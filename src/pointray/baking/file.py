@@ -1,8 +1,8 @@
-"""Baked light as a file: what pictures read, what points receive, and of which scene it is. See `array_file`.
+"""Files of baked light: records for rendering, sky visibility, and the keys of the scene. See `array_file`.
 
-The links are not kept: they are many times larger, and only other lights need them.
+Links are not stored: they are many times larger, and are needed only to change lights.
 
-A file is not trusted: all that a kernel follows, or multiplies light by, is checked before the first picture.
+Files are not trusted: all indices that kernels follow, and the unit of the light, are checked before the first image.
 """
 
 from __future__ import annotations
@@ -19,39 +19,39 @@ from ..engine.kernels.records import DIRECT, INDIRECT, INSTANCE, KIND, MODEL, MO
 from ..model.array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
 from ..model.model import Model
 from ..scene.world import Snapshot
-from .fingerprints import Keys, difference, keys_of
-from .levels import is_spread
-from .lookup_tables import Kept
+from .fingerprints import Keys, difference, scene_keys
+from .levels import is_valid_spread
+from .lookup_tables import LightTables
 from .patches import BLOCK_SPLATS
 from .planes import Grid
 from .settings import BakeSettings
 
 LAYOUT = [RECORD, INDIRECT, DIRECT, MOMENTS, SPREAD]
-# The version increases when the bits of a record get another meaning, or arrays are added.
+# Increase the version when the bits of a record change their meaning, or when arrays are added.
 FILE = Kind("pointray baked light", 2, LAYOUT, "a file of baked light", "saved by another version of pointray")
 LARGEST_UNIT = float(np.finfo(np.float32).max) / 2**16  # light then fits into float32
-FARTHEST, LEAST_HALF, MOST_EDGE = 1e30, 1e-9, 1 << 14  # of grids: no place of a plane in one overflows
-COARSEST = 32  # level: of any number of patches one is left
+FARTHEST, LEAST_HALF, MOST_EDGE = 1e30, 1e-9, 1 << 14  # limits of grids, within which no position overflows
+COARSEST = 32  # highest level: one patch is left, however many there were
 
 
-class Stored(NamedTuple):
-    """Baked light as a file holds it.
+class StoredLight(NamedTuple):
+    """Contents of a file of baked light.
 
     settings : of the bake
-    keys : of the scene when it was baked
-    kept : what pictures read
-    skies : (slots,) uint16, or (knots,) of coarser light, by the number of the instance, of models whose front is
-        baked: see `store.seen_skies`
+    keys : of the baked scene
+    kept : the records that rendering reads
+    skies : by instance number, for models whose front is baked: (slots,) uint16, or (knots,) for coarser light; see
+        `store.sky_visibility`
     """
 
     settings: BakeSettings
     keys: Keys
-    kept: Kept
+    kept: LightTables
     skies: dict[int, NDArray[np.uint16]]
 
 
-def write_light(path: str | os.PathLike[str], light: Stored, say: Say) -> None:
-    """Write a file that `read_light` reads; the file gets its name when all is written. say : told the share done"""
+def write_light(path: str | os.PathLike[str], light: StoredLight, report: Say) -> None:
+    """Write a file for `read_light`; it gets its name once complete. say : called with the completed fraction"""
     kept, row_of = light.kept, {number: row for row, number in enumerate(light.keys.shapes)}
     about = {
         "settings": {name: value for name, value in asdict(light.settings).items() if name != "threads"},
@@ -76,43 +76,43 @@ def write_light(path: str | os.PathLike[str], light: Stored, say: Say) -> None:
         "records": np.concatenate([*kept.records.values(), np.zeros((0, RECORD), np.int32)]),
         "skies": np.concatenate([*light.skies.values(), np.zeros(0, np.uint16)]),
     }
-    write_arrays(path, FILE, about, arrays, say)
+    write_arrays(path, FILE, about, arrays, report)
 
 
-def read_light(path: str | os.PathLike[str], scene: Snapshot) -> Stored:
-    """The light of a scene that a file holds, its arrays mapped.
+def read_light(path: str | os.PathLike[str], scene: Snapshot) -> StoredLight:
+    """Read the light of a scene from a file, with its arrays mapped.
 
     Raises
     ------
     OSError
         If the file cannot be opened.
     ValueError
-        If it is no baked light, has another version, is damaged, or is of another scene.
+        If the file is not baked light, is from another version, is damaged, or belongs to another scene.
     """
     try:
         about, found = read_arrays(path, FILE)
         return _take_light(about, found, scene, _check_scene(about, scene))
     except ValueError as error:
-        raise ValueError(f"{path}: {' '.join(str(error).split())}: bake it anew") from error
+        raise ValueError(f"{path}: {' '.join(str(error).split())}: bake again") from error
 
 
 def _check_scene(about: dict[str, Any], scene: Snapshot) -> Keys:
-    """The keys of the light; ValueError if its scene has another geometry."""
+    """Return the keys of the light; raise ValueError if its scene has another geometry."""
     shapes, clips, light = (about.get(name) for name in ("shapes", "clips", "light"))
     if not (isinstance(shapes, list) and all(isinstance(shape, dict) for shape in shapes) and isinstance(light, str)):
-        raise ValueError("the light is damaged: it does not say of which scene it is")
-    keys = keys_of(scene)
+        raise ValueError("the baked light is damaged: the keys of its scene are missing")
+    keys = scene_keys(scene)
     differs = difference(shapes, clips, keys)
     if differs:
-        raise ValueError(f"the light is of another scene: {differs}")
+        raise ValueError(f"the light belongs to another scene: {differs}")
     return keys._replace(light=light)
 
 
-def _take_light(about: dict[str, Any], found: Arrays, scene: Snapshot, keys: Keys) -> Stored:
-    """The light, checked."""
+def _take_light(about: dict[str, Any], found: Arrays, scene: Snapshot, keys: Keys) -> StoredLight:
+    """Return the light, checked."""
     settings, unit = _settings_of(about.get("settings")), about.get("unit")
     if not isinstance(unit, float) or not 0.0 < unit <= LARGEST_UNIT:  # also for NaN
-        raise ValueError(f"the light is damaged: its unit is {unit!r}")
+        raise ValueError(f"the baked light is damaged: invalid unit {unit!r}")
     models, numbers = _models_of(scene), list(keys.shapes)
     sides = _take_sides(found, len(models))
     planes = list(dict.fromkeys(row for row, _ in sides if models[row] is None))
@@ -132,91 +132,91 @@ def _take_light(about: dict[str, Any], found: Arrays, scene: Snapshot, keys: Key
             levels[number] = coarse[row].level if row in coarse else 0
     records = take_array(found, "records", np.int32, (sum(sizes.values()), RECORD))
     skies = take_array(found, "skies", np.uint16, (sum(slots.values()),))
-    kept = Kept(unit, dict(_parts(records, sizes)), grids, spreads, levels)
-    return Stored(settings, keys, kept, dict(_parts(skies, slots)))
+    kept = LightTables(unit, dict(_parts(records, sizes)), grids, spreads, levels)
+    return StoredLight(settings, keys, kept, dict(_parts(skies, slots)))
 
 
 def _settings_of(values: Any) -> BakeSettings:
     try:
         return BakeSettings(**values)
     except (ValueError, TypeError) as error:
-        raise ValueError(f"the light is damaged: its settings are unknown: {error}") from error
+        raise ValueError(f"the baked light is damaged: invalid settings: {error}") from error
 
 
 def _models_of(scene: Snapshot) -> list[Model | None]:
-    """The model of each instance; None: it is a plane."""
+    """Return the model of each instance, or None for a plane."""
     rows = scene.world.instances.reshape(-1, INSTANCE)
     return [scene.models[int(row[SHAPE_ROW])] if row[KIND] == MODEL else None for row in rows]
 
 
 def _take_sides(found: Arrays, instances: int) -> list[tuple[int, int]]:
-    """Row of the instance and sign of each side that is baked: increasing, fronts first."""
+    """Return (row of the instance, sign) of each baked side, in increasing order of rows, fronts first."""
     sides = take_array(found, "sides", np.int32, (-1, 2))
     rows, signs = sides.astype(np.int64).T
     known = (rows >= 0) & (rows < instances) & (np.abs(signs) == 1)
     if not (known.all() and (np.diff(2 * rows - signs // 2) > 0).all()):
-        raise ValueError("the light is damaged: a side is that of no instance")
+        raise ValueError("the baked light is damaged: a side belongs to no instance")
     return [(row, sign) for row, sign in sides.tolist()]
 
 
 def _take_grids(found: Arrays, count: int) -> list[Grid]:
-    """The grids of planes, checked."""
+    """Return the grids of planes, checked."""
     table = take_array(found, "grids", np.float64, (count, 4))
     half, edge = table[:, 2], table[:, 3]
     good = (np.abs(table) <= FARTHEST).all(axis=1) & (half >= LEAST_HALF)  # false for NaN
     if not (good & (edge >= 2) & (edge <= MOST_EDGE) & (edge == 2 * np.floor(edge / 2))).all():
-        raise ValueError("the light is damaged: the grid of a plane is none")
+        raise ValueError("the baked light is damaged: invalid grid of a plane")
     return [Grid(int(edge), (u, v), half) for u, v, half, edge in table.tolist()]
 
 
-class Coarse(NamedTuple):
-    """Coarser light of an instance. level : see `levels`; spread : which one; records : of a side"""
+class CoarseLight(NamedTuple):
+    """Coarser light of an instance. level : see `levels`; spread : its number; records : their number for one side"""
 
     level: int
     spread: int
     records: int
 
 
-def _take_coarse(found: Arrays, sides: list[tuple[int, int]], models: list[Model | None]) -> dict[int, Coarse]:
-    """Which instances have coarser light, by their rows."""
+def _take_coarse(found: Arrays, sides: list[tuple[int, int]], models: list[Model | None]) -> dict[int, CoarseLight]:
+    """Return the coarser light of instances, by their rows."""
     table = take_array(found, "coarse", np.int32, (-1, 4)).astype(np.int64)
     fronts = [row for row, sign in sides if sign > 0 and models[row] is not None]
     rows, levels, spreads, records = table.T
-    new = np.maximum.accumulate(np.concatenate([[-1], spreads]))[:-1] + 1  # the number of a spread that is met first
+    new = np.maximum.accumulate(np.concatenate([[-1], spreads]))[:-1] + 1  # number of the next spread not yet used
     good = np.isin(rows, fronts) & (levels >= 1) & (levels <= COARSEST) & (spreads >= 0) & (spreads <= new)
     if not (good & (records >= 1)).all() or (np.diff(rows) <= 0).any():
-        raise ValueError("the light is damaged: coarser light is that of no instance")
-    return {row: Coarse(*rest) for row, *rest in table.tolist()}
+        raise ValueError("the baked light is damaged: coarser light belongs to no instance")
+    return {row: CoarseLight(*rest) for row, *rest in table.tolist()}
 
 
 def _take_spreads(
-    found: Arrays, coarse: dict[int, Coarse], models: list[Model | None]
+    found: Arrays, coarse: dict[int, CoarseLight], models: list[Model | None]
 ) -> dict[int, tuple[NDArray[np.int32], ...]]:
-    """What spreads coarser light, checked, by the rows of instances."""
+    """Return the spreads of coarser light, checked, by the rows of instances."""
     users: dict[int, tuple[Model, int]] = {}
     for row, item in coarse.items():
         model = models[row]
         if model is None or users.setdefault(item.spread, (model, item.records)) != (model, item.records):
-            raise ValueError("the light is damaged: coarser light is that of another model")
+            raise ValueError("the baked light is damaged: coarser light belongs to another model")
     sizes = {
         (k, level): slots // BLOCK_SPLATS * SPREAD
         for k, (model, _) in users.items()
         for level, slots in enumerate(_slots_of(model))
     }
     blocks = dict(_parts(take_array(found, "spreads", np.int32, (sum(sizes.values()),)), sizes))
-    if not all(is_spread(part, users[k][1]) for (k, _), part in blocks.items()):
-        raise ValueError("the light is damaged: coarser light is spread from records that are not there")
+    if not all(is_valid_spread(part, users[k][1]) for (k, _), part in blocks.items()):
+        raise ValueError("the baked light is damaged: coarser light refers to missing records")
     spreads = {k: tuple(part for (of, _), part in blocks.items() if of == k) for k in users}
     return {row: spreads[item.spread] for row, item in coarse.items()}
 
 
 def _slots_of(model: Model) -> list[int]:
-    """The slots of a model's tree, and of those of its levels of detail."""
+    """Return the number of slots of a model's tree, and of the trees of its levels of detail."""
     return [tree.order.size for tree in (model.tree, *(level.tree for level in model.levels))]
 
 
 def _parts(array: NDArray[Any], sizes: Mapping[Any, int]) -> Iterator[tuple[Any, NDArray[Any]]]:
-    """The parts of an array, with their names."""
+    """Split an array into parts of the given sizes, with their names."""
     begin = 0
     for name, size in sizes.items():
         yield name, array[begin : begin + size]

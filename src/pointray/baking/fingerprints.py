@@ -1,4 +1,4 @@
-"""What baked light depends on, as hashes: they tell what has changed in a scene, and whether a file is of another."""
+"""Hashes of what baked light depends on. They detect changes of a scene, and files that belong to another scene."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from ..model.model import Model
 from ..scene.world import Snapshot
 
 KINDS = {MODEL: "model", PLANE: "plane", CATCHER: "shadow catcher"}
-COLORED = slice(PLANE_COLOR, PLANE_CHECKER + 1)  # of a plane's record
+COLORED = slice(PLANE_COLOR, PLANE_CHECKER + 1)  # colours within a plane's record
 
-_KNOWN: WeakKeyDictionary[Model, dict[str, str]] = WeakKeyDictionary()  # for a million points they take 0.1 s
+_MODEL_KEYS: WeakKeyDictionary[Model, dict[str, str]] = WeakKeyDictionary()  # hashing a million points takes 0.1 s
 
 
 class Keys(NamedTuple):
-    """Of which scene light is baked, the same in every process, and for models that were saved and loaded.
+    """Hashes that identify a baked scene, equal in every process, and for models that were saved and loaded.
 
-    shapes : of each instance, by its number, in the scene's order: hashes by what they are of, such as "points"
+    shapes : by instance number, in the scene's order: hashes by the name of what they cover, such as "points"
     clips : hash of the clip planes
     light : hash of lights, sky, materials and colours
     """
@@ -48,42 +48,48 @@ class Keys(NamedTuple):
     light: str
 
 
-def keys_of(scene: Snapshot) -> Keys:
-    """The keys of a scene."""
+def scene_keys(scene: Snapshot) -> Keys:
+    """Return the keys of a scene."""
     world = scene.world
-    models, planes = [_keys_of(model) for model in scene.models], _places(scene)
+    models, planes = [_model_keys(model) for model in scene.models], _plane_keys(scene)
     shapes = {}
     for number, record in zip(scene.keys[:-1].tolist(), world.instances.reshape(-1, INSTANCE), strict=True):
         kind, shape = int(record[KIND]), int(record[SHAPE_ROW])
-        found = {**models[shape], "transform": _text(record[TO_MODEL:])} if kind == MODEL else {"place": planes[shape]}
+        found = (
+            {**models[shape], "transform": _hex_digest(record[TO_MODEL:])}
+            if kind == MODEL
+            else {"place": planes[shape]}
+        )
         shapes[number] = {"kind": KINDS[kind], **found}
-    return Keys(shapes, _text(world.clips), _text(lights_of(scene), *(model.tree.colors for model in scene.models)))
+    return Keys(
+        shapes, _hex_digest(world.clips), _hex_digest(light_key(scene), *(model.tree.colors for model in scene.models))
+    )
 
 
-def _keys_of(model: Model) -> dict[str, str]:
-    """The hashes of a model: what its light depends on, and the order in which its splats are kept."""
-    if model not in _KNOWN:
+def _model_keys(model: Model) -> dict[str, str]:
+    """Return the hashes of a model: what its light depends on, and the order in which its splats are stored."""
+    if model not in _MODEL_KEYS:
         points, tree = model.points, model.tree
         normals = np.zeros(0) if points.normals is None else points.normals
-        _KNOWN[model] = {
-            "points": _text(points.positions, normals, points.origin),
-            "radii": _text(model.radii),
-            "surface": _text(repr(model.settings).encode(), tree.blocks, tree.order),
+        _MODEL_KEYS[model] = {
+            "points": _hex_digest(points.positions, normals, points.origin),
+            "radii": _hex_digest(model.radii),
+            "surface": _hex_digest(repr(model.settings).encode(), tree.blocks, tree.order),
         }
-    levels = [key for level in model.levels for key in _keys_of(level).values()]
-    return {**_KNOWN[model], "levels of detail": _text(*(key.encode() for key in levels))}
+    levels = [key for level in model.levels for key in _model_keys(level).values()]
+    return {**_MODEL_KEYS[model], "levels of detail": _hex_digest(*(key.encode() for key in levels))}
 
 
-def _places(scene: Snapshot) -> list[str]:
-    """The hash of where each plane is."""
+def _plane_keys(scene: Snapshot) -> list[str]:
+    """Return the hash of the position of each plane."""
     planes = np.delete(scene.world.planes.reshape(-1, PLANE_SIZE), COLORED, axis=1)
-    return [_text(plane) for plane in planes]
+    return [_hex_digest(plane) for plane in planes]
 
 
 def difference(baked: list[dict[str, Any]], clips: Any, scene: Keys) -> str | None:
-    """How a scene's geometry differs from that of keys, in words; None: it does not."""
+    """Describe how the geometry of a scene differs from that of a bake; None if it does not."""
     if len(baked) != len(scene.shapes):
-        return f"{len(baked)} instances were baked, the scene has {len(scene.shapes)}"
+        return f"{len(baked)} instances were baked, this scene has {len(scene.shapes)}"
     for before, (number, now) in zip(baked, scene.shapes.items(), strict=True):
         for name, key in now.items():
             if before.get(name) != key:
@@ -91,8 +97,8 @@ def difference(baked: list[dict[str, Any]], clips: Any, scene: Keys) -> str | No
     return None if clips == scene.clips else "its clip planes differ"
 
 
-def shape_of(scene: Snapshot) -> tuple[Any, ...]:
-    """What links depend on, within this process: the geometry, and which surfaces are mirrors or glass."""
+def geometry_key(scene: Snapshot) -> tuple[Any, ...]:
+    """Return what links depend on, within this process: geometry, and which surfaces are mirrors or glass."""
     world = scene.world
     records = world.instances.reshape(-1, INSTANCE).copy()
     kinds = world.materials[MATERIAL_KIND::MATERIAL_SIZE][records[:, MATERIAL].astype(int)]
@@ -104,31 +110,31 @@ def shape_of(scene: Snapshot) -> tuple[Any, ...]:
 
 
 def lacks_levels(before: tuple[Any, ...], now: tuple[Any, ...]) -> bool:
-    """Whether two shapes, see `shape_of`, differ in levels of detail only."""
+    """Return whether two results of `geometry_key` differ in levels of detail only."""
     return before != now and (before[0], before[2]) == (now[0], now[2])
 
 
-def lights_of(scene: Snapshot) -> bytes:
-    """What the light depends on besides."""
+def light_key(scene: Snapshot) -> bytes:
+    """Return a hash of what the light depends on besides `geometry_key`: lights, sky and materials."""
     world = scene.world
-    return _digest(world.lights, world.sky, world.sky_colors, materials_of(scene))
+    return _digest(world.lights, world.sky, world.sky_colors, material_key(scene))
 
 
-def materials_of(scene: Snapshot) -> bytes:
-    """What the surfaces reflect and emit."""
+def material_key(scene: Snapshot) -> bytes:
+    """Return a hash of the materials and colours of all surfaces."""
     world = scene.world
     colors = world.planes.reshape(-1, PLANE_SIZE)[:, COLORED]
     used = world.instances.reshape(-1, INSTANCE)[:, MATERIAL : MATERIAL + 2]
     return _digest(world.materials, used, colors, world.paints, world.map_positions, world.map_colors)
 
 
-def _text(*parts: NDArray[Any] | bytes) -> str:
-    """A hash in hexadecimal digits."""
+def _hex_digest(*parts: NDArray[Any] | bytes) -> str:
+    """Return a hash as hexadecimal digits."""
     return _digest(*parts).hex()
 
 
 def _digest(*parts: NDArray[Any] | bytes) -> bytes:
-    """A hash of arrays, with their shapes, and bytes."""
+    """Return a hash of bytes and of arrays, including their shapes and dtypes."""
     digest = hashlib.blake2b(digest_size=16)
     for part in parts:
         array = np.frombuffer(part, np.uint8) if isinstance(part, bytes) else part

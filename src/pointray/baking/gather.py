@@ -1,8 +1,8 @@
-"""The rays of a bake: links, which find what each patch receives light from, and shadow rays to the lights.
+"""The rays of a bake: link rays, which find where each patch receives light from, and shadow rays to the lights.
 
-A link is a number: BLACK; INSIDE, the side of a surface that is dark; a texel of the sky; from PATCHES on a patch; or
-below zero ~(number of a light), which is met in a mirror or through glass only: the light of lamps that patches see
-themselves is found by shadow rays.
+A link is a number: BLACK; INSIDE, the dark side of a surface; a texel of the sky, from SKY; a patch, from PATCHES; or
+~(number of a light), negative, for a light seen in a mirror or through glass. Light that patches receive directly from
+lights is found by shadow rays instead.
 """
 
 from __future__ import annotations
@@ -55,19 +55,19 @@ BLACK, INSIDE, SKY = 0, 1, 2
 PATCHES = SKY + SKY_TEXELS
 
 FIND_LINKS, FIND_DIRECT, FIND_SUNS = range(3)
-MOST_MIRRORS = 16  # mirrors and panes one behind the other
-FEW_LIGHTS = 16  # up to this number each light gets its own shadow rays
-MANY = 64  # shadow rays of a patch to more lights than that
-SOFT = 4  # shadow rays to a sun that is a disk
+MOST_MIRRORS = 16  # longest chain of mirrors and glass surfaces
+FEW_LIGHTS = 16  # up to this number, each light gets its own shadow rays
+MANY_LIGHT_SAMPLES = 64  # shadow rays of a patch in scenes with more lights
+SUN_SAMPLES = 4  # shadow rays to a sun with a radius
 
-TARGET = 3  # int64 of an instance: its first patch on the front and on the back, or -1; where its patch_of begins
-ONE_TILE = 3  # int64 of a tile: its first row, the number of its rows, its side: 1 or -1
+TARGET = 3  # int64 per instance: its first patch on the front and on the back, or -1; the start of its patch_of
+ONE_TILE = 3  # int64 per tile: its first row, its number of rows, its side (1 or -1)
 
 
 class Patches(NamedTuple):
-    """The patches of all surfaces, by their numbers; and rows, those that are asked for.
+    """The patches of all surfaces, and the rows of those to process.
 
-    positions : (n * 3,) float64, world; normals : (n * 3,) float32, world, unit, to the patch's own side
+    positions : (n * 3,) float64, world; normals : (n * 3,) float32, world, unit, pointing to the patch's side
     rows : (m,) int32; tiles : (tiles * ONE_TILE,) int64
     """
 
@@ -78,9 +78,9 @@ class Patches(NamedTuple):
 
 
 class Targets(NamedTuple):
-    """What finds the patch at a hit.
+    """Tables that map a hit to a patch.
 
-    rows : (instances * TARGET,) int64; patch_of : int32, of each slot of each model, see `patches.Blend`
+    rows : (instances * TARGET,) int64; patch_of : int32, for each slot of each model, see `patches.Blend`
     frames : (instances * BAKED_FRAME,) float64, the grids of planes
     """
 
@@ -90,10 +90,10 @@ class Targets(NamedTuple):
 
 
 class Rays(NamedTuple):
-    """Which rays are asked for.
+    """Parameters of the rays to send.
 
-    stage : FIND_LINKS, FIND_DIRECT or FIND_SUNS; parts : strata of the links; seed : of all that is left to chance
-    samples : shadow rays to each light with a size; tinted : whether links have colours
+    stage : FIND_LINKS, FIND_DIRECT or FIND_SUNS; parts : strata of the links; seed : of the random numbers
+    samples : shadow rays to each area light; tinted : whether links have colours
     suns : (n * 3,) float64, directions to bright spots of the sky
     """
 
@@ -106,12 +106,12 @@ class Rays(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What the rays find; arrays of the other stage are empty.
+    """Results of the rays; arrays that a stage does not fill are empty.
 
-    links : (m * links,) int32; tints : the same, RGB9E5, of links through mirrors and glass, if these have colours
-    nearness : (m,) float32, sum over the links of the inverse distance of what they hit
-    direct : (m * 3,) float32, irradiance from lights that are neither sky nor surface; or (m * suns,), the cosine to
-        each bright spot of the sky, 0 where something is in the way
+    links : (m * links,) int32; tints : RGB9E5, same shape, the colour of links through mirrors and glass, if tinted
+    nearness : (m,) float32, sum over the links of the inverse distance of their hits
+    direct : (m * 3,) float32, irradiance from lights other than sky and emissive surfaces; or (m * suns,), the cosine
+        to each bright spot of the sky, 0 where it is occluded
     """
 
     links: Array
@@ -122,7 +122,7 @@ class Found(NamedTuple):
 
 @inline
 def _patch_at(world: World, targets: Targets, hit: WorldHit, ray: tuple[Vec3, Vec3]) -> int:
-    """The link to what a ray (o, d) has hit: the patch on the side that it came from."""
+    """Return the link to the patch that a ray (o, d) hit, on the side that the ray came from."""
     row = hit.instance * TARGET
     first = targets.rows[row] if dot(hit.normal, ray[1]) < 0.0 else targets.rows[row + 1]
     if first < 0:
@@ -135,8 +135,8 @@ def _patch_at(world: World, targets: Targets, hit: WorldHit, ray: tuple[Vec3, Ve
 
 
 @inline
-def _go_on(world: World, i: int, key: int, depth: int, scratch: Scratch) -> bool:
-    """Send ray i on from the mirror or the glass that it has hit; returns whether anything is left of it."""
+def _continue_ray(world: World, i: int, key: int, depth: int, scratch: Scratch) -> bool:
+    """Continue ray i after it hit a mirror or glass; return whether any throughput is left."""
     points = scratch.shading_points
     material, point = shading_point(world, scratch, i)
     which, _ = sample_pair(key, depth, WHICH)
@@ -149,7 +149,7 @@ def _go_on(world: World, i: int, key: int, depth: int, scratch: Scratch) -> bool
 
 @inline
 def _resolve(world: World, targets: Targets, i: int, depth: int, key: int, scratch: Scratch) -> tuple[int, bool]:
-    """(the link to what ray i has met, whether it goes on instead)."""
+    """Return (the link of ray i, whether the ray continues instead)."""
     ray, hit = (load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
     if depth > 0:
         light = nearest_lamp(world, ray, hit.t)[1]
@@ -158,15 +158,15 @@ def _resolve(world: World, targets: Targets, i: int, depth: int, key: int, scrat
     if hit.instance < 0:
         return i64(SKY + texel_of(ray[1])), False
     if is_specular(world, material_at(world, hit.instance)):
-        return i64(BLACK), depth < MOST_MIRRORS and _go_on(world, i, key, depth, scratch)
+        return i64(BLACK), depth < MOST_MIRRORS and _continue_ray(world, i, key, depth, scratch)
     return _patch_at(world, targets, hit, ray), False
 
 
 @inline
-def _follow(
+def _trace_links(
     world: World, targets: Targets, tile: tuple[int, int, int], rays: Rays, k: int, found: Found, scratch: Scratch
 ) -> None:
-    """Trace the tile's rays, link k of each patch, through mirrors and glass to what they link to."""
+    """Trace the tile's rays, link k of each patch, through mirrors and glass."""
     count = rays.parts[0] * rays.parts[1]
     for i in range(TILE):
         store3(scratch.shading_points, THROUGHPUT + i, WHITE)
@@ -204,7 +204,7 @@ def _find_links(
     found: Found,
     scratch: Scratch,
 ) -> None:
-    """The links of the tile's patches."""
+    """Find the links of the tile's patches."""
     for k in range(rays.parts[0] * rays.parts[1]):
         for i in range(TILE):
             set_ray(scratch, i, NO_RAY)
@@ -213,22 +213,22 @@ def _find_links(
             d = link_direction(normal_of(patches, patch), patch, k, rays.parts, rays.seed)
             ray = load3_flat(patches.positions, 3 * patch), d, 0.0, np.inf
             set_ray_from(scratch, i, ray, f64(tile[2]))
-        _follow(world, targets, tile, rays, k, found, scratch)
+        _trace_links(world, targets, tile, rays, k, found, scratch)
 
 
 @inline
 def normal_of(patches: Patches, patch: int) -> Vec3:
-    """The normal of a patch, float64."""
+    """Return the normal of a patch as float64."""
     n = load3_flat(patches.normals, 3 * patch)
     return f64(n[0]), f64(n[1]), f64(n[2])
 
 
 @inline
 def _samples_to(world: World, light: int, rays: Rays) -> int:
-    """How many shadow rays a patch sends to a light."""
+    """Return the number of shadow rays that a patch sends to a light."""
     if world.lights[light + LIGHT_AREA] > 0.0:
         return rays.samples
-    return SOFT if world.lights[light + LIGHT_RADIUS] > 0.0 else 1
+    return SUN_SAMPLES if world.lights[light + LIGHT_RADIUS] > 0.0 else 1
 
 
 @inline
@@ -237,7 +237,7 @@ def _add_light(
 ) -> None:
     """Add one sample of a light to the tile's patches.
 
-    which : the light, or -1: one is chosen; number of the sample; number of all samples
+    which : the light, or -1 to choose one at random; index of the sample; number of samples
     """
     points, lit = scratch.shading_points, False
     for i in range(TILE):
@@ -249,7 +249,7 @@ def _add_light(
         key, light, chance = hash32((seed + patch) & 0xFFFFFFFF), which[0], 1.0
         if light < 0:
             light, chance = choose_light(world, sample_pair(key, which[1], WHICH)[0])
-            if chance == 0.0 or light * LIGHT >= world.lights.size:  # the sky is found by links
+            if chance == 0.0 or light * LIGHT >= world.lights.size:  # the sky is sampled by links
                 continue
         u, v = sample_pair((key + light) & 0xFFFFFFFF, which[1], ON_LIGHT)
         arriving = sample_light(world, light * LIGHT, x, u, v)
@@ -270,14 +270,14 @@ def _add_light(
 def _find_direct(
     world: World, patches: Patches, tile: tuple[int, int, int], rays: Rays, found: Found, scratch: Scratch
 ) -> None:
-    """Irradiance of the tile's patches from lights that are neither sky nor surface."""
+    """Compute the irradiance of the tile's patches from lights other than sky and emissive surfaces."""
     points = scratch.shading_points
     for i in range(TILE):
         store3(points, RADIANCE + i, NO_LIGHT)
     lights = world.lights.size // LIGHT
     if lights > FEW_LIGHTS:
-        for sample in range(MANY):
-            _add_light(world, patches, tile, (-1, sample, MANY), rays.seed, scratch)
+        for sample in range(MANY_LIGHT_SAMPLES):
+            _add_light(world, patches, tile, (-1, sample, MANY_LIGHT_SAMPLES), rays.seed, scratch)
     else:
         for light in range(lights):
             samples = _samples_to(world, light * LIGHT, rays)
@@ -293,7 +293,7 @@ def _find_direct(
 def _find_suns(
     world: World, patches: Patches, tile: tuple[int, int, int], rays: Rays, found: Found, scratch: Scratch
 ) -> None:
-    """Which bright spots of the sky the tile's patches see."""
+    """Find which bright spots of the sky the tile's patches see."""
     count = rays.suns.size // 3
     for sun in range(count):
         d, lit = load3_flat(rays.suns, 3 * sun), False
@@ -315,7 +315,7 @@ def _find_suns(
 
 @kernel
 def send_rays(work: Array, world: World, patches: Patches, targets: Targets, rays: Rays, found: Found) -> int:
-    """Links or direct light of the patches that are asked for, tile by tile."""
+    """Find links or direct light of the selected patches, tile by tile."""
     patches, targets, found = borrow(patches), borrow(targets), borrow(found)
     memory = new_scratch(world.longest)
     scratch, world = borrow(memory), borrow(world)

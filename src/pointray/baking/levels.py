@@ -1,8 +1,8 @@
-"""Coarser light for scenes whose light would not fit into its memory: one record serves a group of a model's patches.
+"""Coarser light, for scenes whose light would not fit into memory: one record serves a group of a model's patches.
 
-Records of a coarser level stand at knots: every patch, or every 4th, 16th and so on. A model has one spread a level,
-which its instances share: it tells from which four knots the light of each splat is blended, see `records.SPREAD`. So
-what a splat costs is paid once a model, and each instance costs as little as its knots.
+Records of a coarser level are stored at knots: every patch, or every 4th, 16th and so on. Each level of a model has one
+spread, shared by its instances, with the four knots from which the light of each splat is blended (see
+`records.SPREAD`). The cost per splat is therefore paid once per model, and each instance costs only its knots.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from ..engine.kernels.records import RECORD, SPREAD, SPREAD_RECORDS, SPREAD_SHAR
 from ..engine.kernels.tree import EMPTY, Tree
 from .patches import BLOCK_SPLATS, PatchSet, blend_for, nearest_blend, splats_of
 
-STEP = 4  # patches of a level for one of the next
-LEAST_KNOTS = 64  # there is no level with fewer, but the first
-KNOTS = 4  # from which the light of a splat is blended
-WHOLE = 255  # the sum of a splat's shares
+STEP = 4  # patches of a level per patch of the next one
+LEAST_KNOTS = 64  # minimum for levels above 1
+KNOTS = 4  # blended for each splat
+WHOLE = 255  # sum of a splat's blend weights
 
 Ints = NDArray[np.int32]
 
 
 class Spread(NamedTuple):
-    """A level of a model's light.
+    """One level of a model's light.
 
     blocks : of the model, then of its levels of detail: (blocks * SPREAD,) int32, see `records.SPREAD`
-    knot_of : (patches,) int32, the knot whose light each patch has a part in
-    knots : how many
+    knot_of : (patches,) int32, the knot to which each patch contributes
+    knots : their number
     """
 
     blocks: tuple[Ints, ...]
@@ -40,83 +40,85 @@ class Spread(NamedTuple):
     knots: int
 
 
-class Shape(NamedTuple):
-    """What the levels of a model's light cost. records : of the full light; spread : bytes of one spread"""
+class LightCost(NamedTuple):
+    """Cost of a model's light. records : of light at level 0; spread : bytes of one spread"""
 
     records: int
     spread: int
     patches: int
 
 
-class Wanted(NamedTuple):
-    """What an instance of a model wants to keep. shape : which model; sides : that are lit"""
+class LitInstance(NamedTuple):
+    """Instance of a model whose light is stored. shape : index of the model; sides : number of lit sides"""
 
     shape: int
     sides: int
 
 
 def knots_at(level: int, patches: int) -> NDArray[np.int64]:
-    """The patches that are knots of a level from 1 on, increasing."""
+    """Return the patches that are the knots of a level >= 1, in increasing order."""
     step = STEP ** (level - 1)
     return np.arange(patches)[step // 2 :: step]
 
 
-def deepest(patches: int) -> int:
-    """The coarsest level of a model with so many patches."""
+def coarsest_level(patches: int) -> int:
+    """Return the coarsest level of a model with this number of patches."""
     level = 1
     while len(knots_at(level + 1, patches)) >= LEAST_KNOTS:
         level += 1
     return level
 
 
-def in_fours(count: int) -> int:
-    """The number of records for so many knots: they are read four at a time."""
+def padded_count(count: int) -> int:
+    """Return the number of records stored for `count` knots, a multiple of 4 because they are read four at a time."""
     return count + -count % 4
 
 
-def shape_of_trees(trees: Sequence[Tree], patches: int) -> Shape:
-    """What the light of a model costs. trees : its own, and those of its levels of detail"""
+def light_cost(trees: Sequence[Tree], patches: int) -> LightCost:
+    """Return the cost of a model's light. trees : of the model, and of its levels of detail"""
     slots = sum(tree.order.size for tree in trees)
-    return Shape(slots, 4 * SPREAD * (slots // BLOCK_SPLATS), patches)
+    return LightCost(slots, 4 * SPREAD * (slots // BLOCK_SPLATS), patches)
 
 
-def _bytes_at(shape: Shape, level: int) -> int:
-    """Bytes of one side at a level, without the spread."""
-    return 4 * RECORD * (shape.records if level == 0 else in_fours(len(knots_at(level, shape.patches))))
+def _bytes_at(shape: LightCost, level: int) -> int:
+    """Return the bytes of one side at a level, without the spread."""
+    return 4 * RECORD * (shape.records if level == 0 else padded_count(len(knots_at(level, shape.patches))))
 
 
-def _total(shapes: Sequence[Shape], wanted: Sequence[Wanted], levels: Sequence[int]) -> int:
-    """Bytes of all instances at these levels."""
+def _total(shapes: Sequence[LightCost], wanted: Sequence[LitInstance], levels: Sequence[int]) -> int:
+    """Return the bytes of all instances at the given levels."""
     spreads = {(item.shape, level) for item, level in zip(wanted, levels, strict=True) if level > 0}
     own = sum(item.sides * _bytes_at(shapes[item.shape], level) for item, level in zip(wanted, levels, strict=True))
     return own + sum(shapes[shape].spread for shape, _ in spreads)
 
 
-def choose_levels(shapes: Sequence[Shape], wanted: Sequence[Wanted], budget: int) -> list[int] | int:
-    """The level of each instance, so that all fit into a budget in bytes; or the least budget, if none do.
+def choose_levels(shapes: Sequence[LightCost], wanted: Sequence[LitInstance], budget: int) -> list[int] | int:
+    """Choose the level of each instance so that all fit into a budget in bytes; if none fit, return the least budget.
 
-    Levels grow coarser for all alike; then those of the smallest instances grow finer again while there is room.
+    All levels are coarsened together; then those of the smallest instances are refined while there is room.
     """
     sides = Counter[int]()
     for item in wanted:
         sides[item.shape] += item.sides
-    limits = [deepest(shape.patches) for shape in shapes]
+    limits = [coarsest_level(shape.patches) for shape in shapes]
     levels: list[int] = []
     for bound in range(max(limits, default=0) + 1):
-        best = [_cheapest(shape, sides[k], min(bound, limits[k])) for k, shape in enumerate(shapes)]
+        best = [_cheapest_level(shape, sides[k], min(bound, limits[k])) for k, shape in enumerate(shapes)]
         levels = [best[item.shape] for item in wanted]
         if _total(shapes, wanted, levels) <= budget:
-            return _finer(shapes, wanted, levels, budget)
+            return _refine_levels(shapes, wanted, levels, budget)
     return _total(shapes, wanted, levels)
 
 
-def _cheapest(shape: Shape, sides: int, most: int) -> int:
-    """The level up to `most` at which all instances of a model take the least; the finest of several."""
+def _cheapest_level(shape: LightCost, sides: int, most: int) -> int:
+    """Return the level up to `most` at which the instances of a model take the least memory; the finest on a tie."""
     return min(range(most + 1), key=lambda level: sides * _bytes_at(shape, level) + (shape.spread if level else 0))
 
 
-def _finer(shapes: Sequence[Shape], wanted: Sequence[Wanted], levels: list[int], budget: int) -> list[int]:
-    """Levels that are finer where there is room, level by level, the smallest instances first."""
+def _refine_levels(
+    shapes: Sequence[LightCost], wanted: Sequence[LitInstance], levels: list[int], budget: int
+) -> list[int]:
+    """Refine levels where there is room, level by level, the smallest instances first."""
     used = Counter((item.shape, level) for item, level in zip(wanted, levels, strict=True))
     total = _total(shapes, wanted, levels)
     order = sorted(range(len(wanted)), key=lambda k: (wanted[k].sides * _bytes_at(shapes[wanted[k].shape], 0), k))
@@ -136,7 +138,7 @@ def _finer(shapes: Sequence[Shape], wanted: Sequence[Wanted], levels: list[int],
 
 
 def make_spread(trees: Sequence[Tree], patches: PatchSet, level: int) -> Spread:
-    """The spread of a model at a level from 1 on."""
+    """Build the spread of a model at a level >= 1."""
     rows = knots_at(level, len(patches.positions))
     positions, normals = patches.positions[rows], patches.normals[rows]
     finder = NeighborTree(positions)
@@ -148,7 +150,7 @@ def make_spread(trees: Sequence[Tree], patches: PatchSet, level: int) -> Spread:
     x = np.concatenate([patches.positions, np.full((empty, 3), EMPTY, np.float32)])
     n = np.concatenate([patches.normals, np.zeros((empty, 3), np.float32)])
     knot_of = blend_for(x, n, finder, positions, normals).patch_of[:count]
-    knot_of[rows] = np.arange(len(rows))  # so that none is without a patch
+    knot_of[rows] = np.arange(len(rows))  # every knot has at least its own patch
     return Spread(blocks, knot_of, len(rows))
 
 
@@ -159,7 +161,7 @@ def _spread_over(
     positions: NDArray[np.float32],
     normals: NDArray[np.float32],
 ) -> Ints:
-    """How light at knots is spread over splats at x with normals n, (blocks * SPREAD,)."""
+    """Return the knots and weights of splats at x with normals n, (blocks * SPREAD,)."""
     blend = blend_for(x, n, finder, positions, normals)
     knots, weights = nearest_blend(x, n, blend, (positions, normals), KNOTS)
     total = weights.sum(axis=1, keepdims=True, dtype=np.int64)
@@ -172,15 +174,15 @@ def _spread_over(
     return out.reshape(-1)
 
 
-def at_knots(spread: Spread, values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The light of knots, (count, k): the mean of that of their patches, (patches, k); the count is a multiple of 4."""
-    parts, count = np.bincount(spread.knot_of, minlength=spread.knots), in_fours(spread.knots)
+def average_at_knots(spread: Spread, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the mean light, (count, k), of each knot's patches, (patches, k); count is a multiple of 4."""
+    parts, count = np.bincount(spread.knot_of, minlength=spread.knots), padded_count(spread.knots)
     sums = [np.bincount(spread.knot_of, column, count) for column in values.T]
     return (np.stack(sums, axis=1) / np.append(parts, np.ones(count - spread.knots))[:, None]).astype(np.float32)
 
 
-def over_splats(blocks: Ints, values: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The light of a tree's slots, (n, k), from that of knots, as pictures blend it."""
+def blend_over_splats(blocks: Ints, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Blend the light of knots at the slots of a tree, (n, k), as rendering does."""
     table = blocks.reshape(-1, SPREAD)
     knots = np.repeat(table[:, SPREAD_RECORDS : SPREAD_RECORDS + KNOTS], BLOCK_SPLATS, axis=0)
     shares = np.ascontiguousarray(table[:, SPREAD_SHARES:]).reshape(-1, 1).view(np.uint8).astype(np.float32)
@@ -188,8 +190,8 @@ def over_splats(blocks: Ints, values: NDArray[np.float32]) -> NDArray[np.float32
     return np.asarray(total / np.float32(WHOLE), np.float32)
 
 
-def is_spread(blocks: Ints, count: int) -> bool:
-    """Whether kernels may read these blocks, for so many records."""
+def is_valid_spread(blocks: Ints, count: int) -> bool:
+    """Return whether blocks are valid for kernels, given the number of records."""
     table = blocks.reshape(-1, SPREAD)
     knots = table[:, SPREAD_RECORDS : SPREAD_RECORDS + KNOTS]
     shares = np.ascontiguousarray(table[:, SPREAD_SHARES:]).view(np.uint8).reshape(-1, KNOTS)

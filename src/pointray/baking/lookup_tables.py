@@ -1,4 +1,4 @@
-"""The light that pictures read of a bake, in the form in which kernels read it."""
+"""Tables through which kernels read baked light."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ COLUMNS = {1: BAKED_FRONT, -1: BAKED_BACK}  # by the sign of a side
 
 
 class _Addresses(bytearray):
-    """The memory of a table of addresses, with what they point to: as long as the one is there, so is the other."""
+    """Memory of a table of addresses, which keeps the arrays they point to alive."""
 
     kept: list[NDArray[np.int32]]
 
 
-class Kept(NamedTuple):
-    """The light of all sides of instances, which go by their numbers. Sides are in the order of the instances.
+class LightTables(NamedTuple):
+    """Light of all sides of instances, by instance number. Sides are in the order of the instances.
 
-    unit : W/m2 of the records' 1.0
-    records : (n, RECORD) int32, by number, sign and level of detail (0: the model itself, or a plane): of each slot of
-        the tree, or of each cell of a plane's grid; of coarser light those of its knots, whatever the level of detail
+    unit : W/m2 per 1.0 of the records
+    records : (n, RECORD) int32 by instance number, sign and level of detail (0 for the model itself, or for a plane):
+        of each slot of the tree, or of each cell of a plane's grid; for coarser light, of its knots
     grids : of planes
     spreads : of instances with coarser light, see `levels.Spread.blocks`; instances of a model share them
-    levels : how coarse the light of each instance of a model is, see `levels`; 0: a record for each splat
+    levels : level of the light of each instance of a model, see `levels`; 0 is a record per splat
     """
 
     unit: float
@@ -57,9 +57,11 @@ class Kept(NamedTuple):
     levels: dict[int, int]
 
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[Array, Array]:
-        """What kernels read, see `records.BAKED`. levels : (instances,), which level of its model each shows
+        """Return the tables that kernels read, see `records.BAKED`.
 
-        Where a model is no longer the one that was baked it is dark: its splats have no records.
+        levels : (instances,), the level of detail that each instance shows
+
+        A model that is not the one that was baked renders black: its splats have no records.
         """
         rows, frames = np.zeros((len(levels), BAKED), np.int64), np.zeros((len(levels), BAKED_FRAME))
         memory = _Addresses(rows.nbytes)
@@ -86,24 +88,24 @@ class Kept(NamedTuple):
         memory[:] = rows.tobytes()
         return np.frombuffer(memory, np.int64), frames.reshape(-1)
 
-    def portable(self) -> Kept:
-        """This."""
+    def portable(self) -> LightTables:
+        """Return this object."""
         return self
 
     def slots_of(self, number: int) -> int:
-        """The slots of the model of an instance; or the cells of a plane."""
+        """Return the number of slots of an instance's model, or of cells of a plane."""
         spread = self.spreads.get(number)
         return len(self.records[number, 1, 0]) if spread is None else spread[0].size // SPREAD * BLOCK_SPLATS
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the records, and of what spreads them."""
+        """Size in bytes of the records and spreads."""
         spreads = {id(spread): sum(blocks.nbytes for blocks in spread) for spread in self.spreads.values()}
         return sum(records.nbytes for records in self.records.values()) + sum(spreads.values())
 
 
 def _slots(scene: Snapshot, levels: NDArray[np.int64]) -> list[int]:
-    """The slots of the tree that each instance shows; 0 for planes."""
+    """Return the number of slots of the tree that each instance shows; 0 for planes."""
     families = [(model, *model.levels) for model in scene.models]
     kinds, shapes = scene.world.instances.reshape(-1, INSTANCE)[:, [KIND, SHAPE_ROW]].astype(int).T
     return [

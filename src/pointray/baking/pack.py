@@ -1,4 +1,4 @@
-"""Records of baked light, 16 bytes: irradiance, and the code of `shade/baked_code.py`; blended from patches."""
+"""Records of baked light, 16 bytes each: irradiance, and the moments of `shade/baked_code.py`, blended from patches."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from ..shade.baked_code import COLORS, MOMENTS_OF_GRAY, pack_moments
 from ..shade.rgbe import pack_rgbe, signed
 from .patches import AROUND, BLOCK_SPLATS
 
-# Numbers of a patch that are blended: irradiance, that of lights, and the moments (`baked_code.pack_moments`).
+# Values of a patch that are blended: irradiance, irradiance from lights, and moments (`baked_code.pack_moments`).
 LIGHT, LIGHT_OF_LAMPS, MOMENTS_AT, PER_PATCH = 0, 3, 6, 6 + MOMENTS_OF_GRAY + 2 * COLORS
 CHUNK = 4096
 
 
 @inline
 def write_record(values: Array, scale: float, out: Array, at: int) -> None:
-    """Write out[at : at + RECORD]. values : PER_PATCH numbers; scale : what light is multiplied by"""
+    """Write out[at : at + RECORD]. values : PER_PATCH numbers; scale : factor for light"""
     light = values[LIGHT] * 1.0, values[LIGHT + 1] * 1.0, values[LIGHT + 2] * 1.0
     lamps = values[LIGHT_OF_LAMPS] * scale, values[LIGHT_OF_LAMPS + 1] * scale, values[LIGHT_OF_LAMPS + 2] * scale
     first, second = pack_moments(values, MOMENTS_AT, light)
@@ -28,7 +28,7 @@ def write_record(values: Array, scale: float, out: Array, at: int) -> None:
 
 @inline
 def blend(around: Array, weights: Array, values: Array, size: int, i: int, out: Array) -> None:
-    """Blend the values, `size` numbers each, of the patches around splat i."""
+    """Blend the values, `size` per patch, of the patches around splat i."""
     total = f32(0.0)
     for c in range(size):
         out[c] = f32(0.0)
@@ -47,8 +47,8 @@ def blend(around: Array, weights: Array, values: Array, size: int, i: int, out: 
 def pack(work: Array, around: Array, weights: Array, values: Array, scale: float, out: Array) -> int:
     """Blend the values of patches and write records.
 
-    around, weights : see `patches.Blend`; or length 0: each record is that of its own patch
-    values : (patches * PER_PATCH,) float32; scale : what light is multiplied by; out : (n * RECORD,) int32
+    around, weights : see `patches.Blend`; if empty, each record is that of its own patch
+    values : (patches * PER_PATCH,) float32; scale : factor for light; out : (n * RECORD,) int32
     """
     around, weights, values, out = borrow(around), borrow(weights), borrow(values), borrow(out)
     blended = np.zeros(PER_PATCH, np.float32)

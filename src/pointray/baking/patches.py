@@ -1,4 +1,4 @@
-"""Patches: the splats of a model that exchange light, and how the light of all splats follows from theirs."""
+"""Patches: the splats of a model that exchange light, and interpolation of their light to all splats."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from ..engine.jit import Array, borrow, f32, i32, inline, kernel, next_tile, run
 from ..engine.kernels.tree import BLOCK, FAR, INV_R2, NX, PX, Tree, first_scattered
 from ..engine.kernels.vec import Vec3
 
-NEAR = 16  # neighbours of a patch, which its light is smoothed with
-AROUND = 8  # patches whose light a splat's is blended from
+NEAR = 16  # neighbours of a patch used in smoothing
+AROUND = 8  # patches blended for a splat
 BLOCK_SPLATS = 4  # splats side by side in a tree
-FARTHER = 64  # patches among which those are found that face a splat, where the nearest do not
+FARTHER = 64  # nearest patches searched for ones that face a splat, if none of the first AROUND does
 CHUNK = 1024  # blocks
-PIECE = 1 << 16  # patches, or blocks, whose neighbours are asked for at a time: it bounds the memory in between
-# Of a blend: how fast a patch's weight falls with its distance from the splat's plane, in distances of the patches.
+PIECE = 1 << 16  # patches or blocks per neighbour query, which bounds temporary memory
+# Falloff of a patch's weight with its distance from the splat's plane, relative to the distance of the patches.
 OFF_PLANE = f32(4.0)
-NEAREST = f32(0.05)  # of a squared distance, in squared distances of the patches: below it a patch counts no more
-GOLDEN = 0.6180339887498949  # its multiples, without the whole part, are spread evenly
-RIDGE = 0.01  # share of the trace of a matrix that keeps it from being singular
+NEAREST = f32(0.05)  # added to the squared relative distance, so that weights stay bounded near a patch
+GOLDEN = 0.6180339887498949  # the fractional parts of its multiples are evenly distributed
+RIDGE = 0.01  # regularization, as a fraction of a matrix's trace
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int32]
 
 
 class Blend(NamedTuple):
-    """How the light of a tree's splats, in its order, follows from that of patches.
+    """Interpolation of the light of patches to the splats of a tree, in its order.
 
-    patch_of : (slots,) int32, the patch that stands for each splat; 0 in an empty slot
-    around : (slots / BLOCK_SPLATS, AROUND) int32, the patches that the light of a block's splats is blended from
-    weights : (slots, AROUND) uint8, what each of them counts for a splat; their sum is not 0
+    patch_of : (slots,) int32, the patch that represents each splat; 0 in an empty slot
+    around : (slots / BLOCK_SPLATS, AROUND) int32, the patches blended for the splats of a block
+    weights : (slots, AROUND) uint8, their weights for each splat; the sum is not 0
     """
 
     patch_of: Rows
@@ -43,11 +43,11 @@ class Blend(NamedTuple):
 
 
 class PatchSet(NamedTuple):
-    """The patches of one model, in its own space about the points' origin.
+    """Patches of one model, in model space relative to the points' origin.
 
-    positions, normals : (m, 3) float32; radii : (m,) float32, support radii: of the splats that are patches, and
-        diameters of scattered points: where their normals leave them is found by a ray that starts outside
-    near : (m, NEAR) int32, neighbours of each patch; -1: fewer
+    positions, normals : (m, 3) float32; radii : (m,) float32, support radii of the splats that are patches, or
+        diameters of scattered points: they set where the rays that search for the surface start
+    near : (m, NEAR) int32, neighbours of each patch, padded with -1
     blends : of the model, then of its levels of detail
     """
 
@@ -59,7 +59,7 @@ class PatchSet(NamedTuple):
 
 
 def splats_of(tree: Tree) -> tuple[Floats, Floats, Floats]:
-    """Positions (n, 3), normals (n, 3) and radii (n,) of a tree's slots; empty slots lie beyond FAR."""
+    """Return positions (n, 3), normals (n, 3) and radii (n,) of a tree's slots; empty slots lie beyond FAR."""
     rows = tree.blocks.reshape(-1, BLOCK // 4, 4)
     first = {PX: 0, NX: 3}
     x, n = (rows[:, first[k] : first[k] + 3].transpose(0, 2, 1).reshape(-1, 3) for k in (PX, NX))
@@ -67,12 +67,12 @@ def splats_of(tree: Tree) -> tuple[Floats, Floats, Floats]:
 
 
 def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
-    """At most `most` patches of a model, evenly in the order of its tree, in which neighbours stand together.
+    """Choose at most `most` patches of a model, evenly spaced in the order of its tree, in which neighbours are close.
 
-    So there are as many patches as splats where the scan is dense, in proportion. In each stretch of the order another
-    place is taken: the sides of a wall alternate in it, and one of them could go without patches.
+    The density of patches is proportional to that of the splats. The offset varies along the order: the sides of a
+    thin wall alternate in it, and with a constant offset one side could get no patches.
 
-    trees : its own, and its levels'
+    trees : of the model, and of its levels of detail
     """
     x, n, radii = splats_of(trees[0])
     radii[BLOCK_SPLATS * first_scattered(trees[0]) :] *= np.float32(2.0)
@@ -90,10 +90,10 @@ def choose_patches(trees: Sequence[Tree], most: int) -> PatchSet:
 
 
 def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, normals: Floats) -> Blend:
-    """How the light of splats at x with normals n, in blocks, follows from that of patches at positions.
+    """Return the interpolation of light from patches at `positions` to splats at x with normals n, in blocks.
 
-    The patches are found once for the four splats of a block: a quarter of the time and of the memory. Where none of
-    these faces a splat, as in a thin wall, the nearest that do are found for each.
+    Patches are searched once for the four splats of a block, which takes a quarter of the time and memory. If none of
+    them faces a splat, as in a thin wall, the nearest patches that face the block's splats are used instead.
     """
     blocks, count = x.reshape(-1, BLOCK_SPLATS, 3), min(AROUND, len(positions))
     around = np.zeros((len(blocks), AROUND), np.int32)
@@ -122,9 +122,9 @@ def blend_for(x: Floats, n: Floats, finder: NeighborTree, positions: Floats, nor
 def nearest_blend(
     x: Floats, n: Floats, blend: Blend, patches: tuple[Floats, Floats], count: int
 ) -> tuple[Rows, NDArray[np.uint8]]:
-    """A blend from fewer patches, those that count most: (blocks, count) int32, and weights (slots, count).
+    """Reduce a blend to its `count` most important patches: (blocks, count) int32, and weights (slots, count) uint8.
 
-    The one that counts most for each splat is among them. patches : their positions and normals
+    They include the most important one of each splat. patches : positions and normals
     """
     weights = blend.weights.astype(np.float32)
     weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1.0)
@@ -139,7 +139,7 @@ def nearest_blend(
 
 
 def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray[np.int64], normals: Floats) -> Rows:
-    """For each of these blocks the nearest patches that face its splats, as many of each splat, (m, AROUND)."""
+    """Return the nearest patches that face the splats of each block, the same number for each splat, (m, AROUND)."""
     x, n = splats
     slots = blocks[:, None] * BLOCK_SPLATS + np.arange(BLOCK_SPLATS)
     slots = np.where(x[slots, 0] < FAR, slots, slots[:, :1]).reshape(-1)
@@ -154,21 +154,21 @@ def _facing(splats: tuple[Floats, Floats], finder: NeighborTree, blocks: NDArray
 
 
 def _neighbors_within(finder: NeighborTree, positions: Floats) -> Rows:
-    """(m, NEAR) neighbours of each patch, without itself; -1 where there are fewer."""
+    """Return the neighbours of each patch, (m, NEAR), without the patch itself; padded with -1."""
     out = np.full((len(positions), NEAR), -1, np.int32)
     for first in range(0, len(positions), PIECE):
         _, near = finder.query(NEAR + 1, positions[first : first + PIECE])
         others = near != np.arange(first, first + len(near))[:, None]
-        others[others.all(axis=1), -1] = False  # a patch that has many duplicates is not among its nearest
+        others[others.all(axis=1), -1] = False  # a patch with many duplicates may be missing from its own neighbours
         out[first : first + PIECE, : near.shape[1] - 1] = near[others].reshape(len(near), -1)
     return out
 
 
 @inline
-def likeness(x: Array, n: Array, i: int, y: Array, m: Array, j: int, width: float) -> float:
-    """The weight of patch j for a place i: less where it lies off its plane, none where it faces elsewhere.
+def patch_weight(x: Array, n: Array, i: int, y: Array, m: Array, j: int, width: float) -> float:
+    """Return the weight of patch j at splat i: smaller off the splat's plane, 0 if it faces the opposite way.
 
-    width : the length beyond which a patch counts little
+    width : length scale of the falloff
     """
     cosine = square = off = f32(0.0)
     for c in range(3):
@@ -186,7 +186,7 @@ def likeness(x: Array, n: Array, i: int, y: Array, m: Array, j: int, width: floa
 
 @inline
 def _solve3(m: Array, b: Vec3) -> Vec3:
-    """x with M x = b for a symmetric matrix, given as xx xy xz yy yz zz, which is not singular."""
+    """Solve M x = b for a nonsingular symmetric matrix given as xx xy xz yy yz zz."""
     xx, xy, xz, yy, yz, zz = m[0], m[1], m[2], m[3], m[4], m[5]
     first = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     second = xx * zz - xz * xz, xy * xz - xx * yz
@@ -200,11 +200,11 @@ def _solve3(m: Array, b: Vec3) -> Vec3:
 
 
 @inline
-def _balance(x: Array, i: int, y: Array, around: Array, span: tuple[int, int], found: Array, m: Array) -> None:
-    """Change the weights in `found` so that the weighted mean of the patches' positions is the splat's.
+def _reproduce_linear(x: Array, i: int, y: Array, around: Array, span: tuple[int, int], found: Array, m: Array) -> None:
+    """Adjust the weights in `found` so that the weighted mean of the patches' positions is the splat's position.
 
-    Light that changes evenly across the surface is then blended without error (moving least squares, Lancaster and
-    Salkauskas 1981). span : where the patches stand in `around`, and their number; m : 6 numbers of working memory
+    Light that varies linearly across the surface is then interpolated exactly (moving least squares, Lancaster and
+    Salkauskas 1981). span : start in `around`, and number, of the patches; m : scratch memory for 6 numbers
     """
     bx = by = bz = total = 0.0
     m[:] = 0.0
@@ -227,7 +227,7 @@ def _balance(x: Array, i: int, y: Array, around: Array, span: tuple[int, int], f
 
 @inline
 def _width(x: Array, i: int, y: Array, around: Array, span: tuple[int, int]) -> float:
-    """The distance of the farthest of a block's patches from a splat. span : see `_balance`"""
+    """Return the distance from a splat to the farthest of its block's patches. span : see `_reproduce_linear`"""
     most = f32(1e-30)
     for k in range(span[1]):
         j, square = 3 * around[span[0] + k], f32(0.0)
@@ -247,11 +247,11 @@ def _blend(
     weights: Array,
     patch_of: Array,
 ) -> int:
-    """Weigh the patches around each splat of some blocks.
+    """Compute the weights of the patches around each splat of some blocks.
 
     tables : positions and normals of splats, then of patches; flat
     rows : (m,) int64, the blocks
-    patch_of : gets ~ of the patch in the middle where none faces the splat
+    patch_of : set to ~patch, with the patch nearest to the block, if no patch faces the splat
     """
     x, n, y, m = borrow(tables)
     rows, around, weights, patch_of = borrow(rows), borrow(around), borrow(weights), borrow(patch_of)
@@ -264,10 +264,10 @@ def _blend(
             i, span = block * BLOCK_SPLATS + slot % BLOCK_SPLATS, (block * AROUND, count)
             width, best = _width(x, i, y, around, span), 0
             for k in range(count):
-                found[k] = likeness(x, n, i, y, m, around[span[0] + k], width)
+                found[k] = patch_weight(x, n, i, y, m, around[span[0] + k], width)
                 if found[k] > found[best]:
                     best = k
-            _balance(x, i, y, around, span, found, memory)
+            _reproduce_linear(x, i, y, around, span, found, memory)
             most = f32(0.0)
             for k in range(count):
                 most = max(most, found[k])

@@ -1,4 +1,4 @@
-"""The patches of a plane: the cells of its grid, see `shade/grid.py`."""
+"""Patches of a plane: the cells of its grid, see `shade/grid.py`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from ..engine.kernels.records import PLANE_CHECKER, PLANE_COLOR, PLANE_NORMAL, PLANE_POINT, PLANE_U, PLANE_V
 
-FINE = 4  # samples a side of the colour of a cell
+FINE = 4  # colour samples along each side of a cell
 
 
 class Grid(NamedTuple):
-    """A plane's grid: edge cells a side, even; middle (u, v) in the plane's axes; half width of its even part."""
+    """Grid of a plane: cells a side, even; centre (u, v) in the plane's axes; half width of its uniform part."""
 
     edge: int
     middle: tuple[float, float]
@@ -21,12 +21,12 @@ class Grid(NamedTuple):
 
 
 def from_grid(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of `shade.grid.to_grid`."""
+    """Apply the inverse of `shade.grid.to_grid`."""
     return np.asarray(u / (1.0 - np.abs(u)))
 
 
 def fit_grid(record: NDArray[np.float64], bounds: NDArray[np.float64], edge: int) -> Grid:
-    """The grid of a plane whose even part is around what is in the scene. record : see `records.PLANE_SIZE`"""
+    """Return the grid of a plane, with its uniform part around the scene. record : see `records.PLANE_SIZE`"""
     corners = np.stack(np.meshgrid(*bounds.T), axis=-1).reshape(-1, 3) - record[PLANE_POINT : PLANE_POINT + 3]
     axes = np.stack([record[PLANE_U : PLANE_U + 3], record[PLANE_V : PLANE_V + 3]])
     places = corners @ axes.T
@@ -36,7 +36,7 @@ def fit_grid(record: NDArray[np.float64], bounds: NDArray[np.float64], edge: int
 
 
 def grid_positions(record: NDArray[np.float64], grid: Grid, fine: int = 1) -> NDArray[np.float64]:
-    """World positions of the middles of the cells, (edge * edge, 3), or of fine x fine points of each, one by one."""
+    """Return world positions of the cell centres, (edge * edge, 3), or of a raster with fine x fine points per cell."""
     steps = from_grid((np.arange(grid.edge * fine) + 0.5) / (grid.edge * fine) * 2.0 - 1.0) * grid.half
     u, v = record[PLANE_U : PLANE_U + 3], record[PLANE_V : PLANE_V + 3]
     along = (steps + grid.middle[0])[None, :, None] * u + (steps + grid.middle[1])[:, None, None] * v
@@ -44,7 +44,7 @@ def grid_positions(record: NDArray[np.float64], grid: Grid, fine: int = 1) -> ND
 
 
 def grid_colors(record: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
-    """Mean colour of each cell, (edge * edge, 3)."""
+    """Return the mean colour of each cell, (edge * edge, 3)."""
     color = record[PLANE_COLOR : PLANE_COLOR + 3]
     if record[PLANE_CHECKER] <= 0.0:
         return np.broadcast_to(color, (grid.edge**2, 3)).copy()
@@ -58,9 +58,9 @@ def grid_colors(record: NDArray[np.float64], grid: Grid) -> NDArray[np.float64]:
 def grid_neighbors(
     grid: Grid, count: int, middles: NDArray[np.float64], walls: list[NDArray[np.float64]]
 ) -> NDArray[np.int32]:
-    """The nearest cells of each, only whole rings of equal distance, (edge * edge, count); -1 where there is none.
+    """Return the nearest cells of each cell, in whole rings of equal distance, (edge * edge, count), padded with -1.
 
-    middles : (edge * edge, 3), of the cells; walls : records of other planes, behind which no cell is a neighbour
+    middles : (edge * edge, 3), cell centres; walls : records of other planes, across which cells are not neighbours
     """
     edge = grid.edge
     reach = range(-3, 4)
@@ -78,5 +78,5 @@ def grid_neighbors(
 
 
 def grid_normal(record: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The unit normal of a plane."""
+    """Return the unit normal of a plane."""
     return record[PLANE_NORMAL : PLANE_NORMAL + 3]

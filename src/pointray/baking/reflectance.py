@@ -1,4 +1,4 @@
-"""What materials reflect of even light: light on its way from patch to patch meets surfaces as if they were matt."""
+"""Albedo of materials in uniform light. Light that travels between patches treats all surfaces as Lambertian."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ALBEDO_SAMPLES = 4096
 
 @inline
 def _reflected(world: World, material: int, color: Vec3) -> Vec3:
-    """The share of even light that a material reflects, from a sum over directions."""
+    """Return the fraction of uniform light that a material reflects, as a Monte Carlo sum over directions."""
     total, normal = (0.0, 0.0, 0.0), (0.0, 0.0, 1.0)
     if is_specular(world, material):
         return total
@@ -29,7 +29,7 @@ def _reflected(world: World, material: int, color: Vec3) -> Vec3:
 
 @kernel
 def find_reflectances(work: Array, world: World, out: Array) -> int:
-    """(materials * 2,) float64: what each material reflects where its colour is black, and how much more at white."""
+    """Write the albedo of each material for black colour, and its increase for white, (materials * 2,) float64."""
     world = borrow(world)
     material = next_tile(work)
     while material >= 0:

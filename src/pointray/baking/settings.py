@@ -1,4 +1,4 @@
-"""How light is baked: everything that is not the scene."""
+"""Settings of a bake."""
 
 from __future__ import annotations
 
@@ -7,38 +7,39 @@ from dataclasses import dataclass
 from ..base.arguments import check_positive, check_whole
 
 MOST_LINKS = 4096
-DEEPEST = 1000  # bounces without a limit
+UNLIMITED_DEPTH = 1000  # bounces if there is no limit
 
 
 @dataclass(frozen=True)
 class BakeSettings:
-    """How light is baked.
+    """Settings of a bake.
 
     Parameters
     ----------
     links : int
-        Rays that each patch sends to find from where light arrives, 1 to 4096. Where they are too few for `noise`,
-        more are sent.
+        Rays that each patch sends to find where light arrives from, 1 to 4096. Where these are too few to reach
+        `noise`, up to three times as many more are sent.
     max_depth : int, optional
-        Scatterings along a path of light, as in `Settings`: 1 keeps the light of the sky only, None: no limit.
+        Maximum number of scattering events along a light path, as in `Settings`: 1 omits light reflected by
+        surfaces. None for no limit.
     noise : float
-        The standard error of the irradiance that is aimed at, as a share of it.
+        Target standard error of the irradiance, relative to it.
     patches : int, optional
-        At most so many surface elements of all instances together exchange light, and half as many of planes; those
-        whose back is lit count twice. The light of splats between them is interpolated. None: a
-        half of the splats, at least 32,768 and at most 1,048,576.
+        Approximate number of patches on all instances of models together; planes get half as many more, and surfaces
+        lit from behind count twice. Light is interpolated between patches. Default: half the number of splats, at
+        least 32,768 and at most 1,048,576.
     memory : int, optional
-        Bytes that the light may take, 16 for each splat and lit side of every instance, levels of detail included.
-        Where that is too much the light of some instances is coarser: it takes 16 bytes for each patch, or for each
-        4th, 16th and so on, and 8 for each splat of the model, however many instances it has; see `Baked.levels`.
-        None: half of what is available.
+        Maximum size of the light in bytes. Full light takes 16 bytes per splat and lit side of every instance, also
+        for levels of detail. If that is too much, the light of some instances is coarser: 16 bytes for each patch, or
+        for each 4th, 16th and so on, and 8 bytes per splat of the model, however many instances it has; see
+        `Baked.levels`. Default: half of the available memory.
     albedo_scale : float
-        Factor for the colours of points, 0 to 1, as light meets them on its way: colours of photographs hold light
-        already. Pictures show colours as they are.
+        Factor for the colours of points in light transport, above 0 and at most 1, because colours from photographs
+        already contain shading. Images show colours unscaled.
     seed : int
-        Of all that is left to chance.
+        Seed of the random numbers.
     threads : int, optional
-        None: `POINTRAY_THREADS`, else all. The light does not depend on it.
+        Default: `POINTRAY_THREADS`, or else all. The light does not depend on it.
     """
 
     links: int = 48
@@ -61,12 +62,12 @@ class BakeSettings:
             raise ValueError(f"albedo_scale must be at most 1, not {self.albedo_scale}")
         for name, least in (("max_depth", 0), ("patches", 64), ("memory", 1), ("threads", 1)):
             if getattr(self, name) is not None:
-                most = DEEPEST if name == "max_depth" else None
+                most = UNLIMITED_DEPTH if name == "max_depth" else None
                 checked[name] = check_whole(getattr(self, name), name, least, most, or_none=True)
-        for name, value in checked.items():  # Python's own types: another one would compile a kernel anew
+        for name, value in checked.items():  # plain Python types: others would compile kernels again
             object.__setattr__(self, name, value)
 
     @property
     def depth(self) -> int:
-        """Scatterings at most."""
-        return DEEPEST if self.max_depth is None else self.max_depth
+        """Maximum number of scattering events."""
+        return UNLIMITED_DEPTH if self.max_depth is None else self.max_depth

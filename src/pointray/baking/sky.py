@@ -1,7 +1,7 @@
-"""The sky as a bake sees it: texels that links lead to, and its brightest spots, which shadow rays are sent to.
+"""Sky of a bake: texels that links refer to, and its brightest spots, to which shadow rays are sent.
 
-Links meet a small sun in a picture of the sky by chance only, and it would leave speckles. So what is far brighter than
-the rest is taken out of the texels: it shines from one direction for each texel.
+Random links rarely hit a small sun in an environment map, which would leave speckles. Radiance far above the mean is
+therefore removed from the texels and treated as directional light, one direction per texel.
 """
 
 from __future__ import annotations
@@ -17,15 +17,17 @@ from ..engine.kernels.vec import LUMINANCE, add, luminance, scale
 from ..shade.sky import sky_radiance
 from .directions import SKY_EDGE, SKY_TEXELS, in_texel, texel_size
 
-LEAST_SAMPLES, MOST_SAMPLES = 4, 64  # a side of a texel
-BRIGHT = 16.0  # times the sky's mean: what a texel has beyond it shines from one direction
+LEAST_SAMPLES, MOST_SAMPLES = 4, 64  # along each side of a texel
+BRIGHT = 16.0  # multiple of the sky's mean above which a texel's radiance becomes directional light
 MOST_SUNS = 32
 PER_TEXEL = 6  # float32: mean radiance (RGB), and mean of direction times luminance
 
 
 class Sky(NamedTuple):
-    """texels : (SKY_TEXELS, 3) float32, radiance; suns : (n, 3) float64, unit directions to bright spots, and
-    irradiances : (n, 3) float32, of a surface that faces each of them
+    """Sky of a bake.
+
+    texels : (SKY_TEXELS, 3) float32, radiance; suns : (n, 3) float64, unit directions to bright spots
+    irradiances : (n, 3) float32, of surfaces that face each bright spot
     """
 
     texels: NDArray[np.float32]
@@ -35,7 +37,7 @@ class Sky(NamedTuple):
 
 @kernel
 def _average(work: Array, world: World, samples: int, out: Array) -> int:
-    """The numbers of each texel, (texels * PER_TEXEL,) float32, from samples x samples points of it."""
+    """Average each texel, (texels * PER_TEXEL,) float32, over samples x samples points."""
     world = borrow(world)
     texel = next_tile(work)
     while texel >= 0:
@@ -52,11 +54,11 @@ def _average(work: Array, world: World, samples: int, out: Array) -> int:
     return 0
 
 
-def look_at_sky(world: World) -> Sky:
-    """The sky of a world; black where there is none."""
+def sample_sky(world: World) -> Sky:
+    """Return the sky of a world, black if it has none."""
     numbers = np.zeros((SKY_TEXELS, PER_TEXEL), np.float32)
     if world.sky[SKY_KIND] != NO_SKY:
-        fine = int(np.ceil(2.0 * world.sky[SKY_WIDTH] / SKY_EDGE))  # two for each pixel of a picture
+        fine = int(np.ceil(2.0 * world.sky[SKY_WIDTH] / SKY_EDGE))  # about two samples per pixel of an environment map
         run(_average, SKY_TEXELS, world, min(max(fine, LEAST_SAMPLES), MOST_SAMPLES), numbers.reshape(-1))
     texels, middles = numbers[:, :3].copy(), numbers[:, 3:].astype(np.float64)
     light, size = texels @ np.array(LUMINANCE, np.float32), texel_size()

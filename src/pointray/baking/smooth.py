@@ -1,8 +1,8 @@
-"""Smoothing: the light of a patch is averaged with that of neighbours which see nearly the same.
+"""Noise reduction: the light of a patch is averaged with that of neighbours with similar surroundings.
 
-How different the light of two places may be follows from how far the surfaces around are (Ward, Rubinstein and Clear
-1988): it changes with their distance over the harmonic mean of the distances of what they see, and with the angle
-between their normals. Neighbours across an edge or behind a thin wall are off the plane and do not count.
+The expected difference between two patches follows Ward, Rubinstein and Clear (1988): it grows with their distance over
+the harmonic mean distance of the surfaces they see, and with the angle between their normals. Neighbours across an edge
+or behind a thin wall lie off the plane and are excluded.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ import math
 
 from ..engine.jit import Array, borrow, f32, inline, kernel, next_tile
 
-ALLOWED = f32(0.35)  # the difference at which a neighbour counts nothing
-OFF_PLANE = f32(0.25)  # distance from the plane, in distances of the neighbours, at which it counts nothing
-# Close to a contact all neighbours would differ too much; the nearest then still count, at the distance of the farthest
-# of them with this difference.
+ALLOWED = f32(0.35)  # expected difference at which a neighbour's weight reaches 0
+OFF_PLANE = f32(0.25)  # distance from the plane, relative to the neighbours' distance, at which the weight reaches 0
+# Near a contact all neighbours would differ too much. The expected difference due to distance is therefore limited so
+# that the farthest neighbour has this value, and the nearest ones keep some weight.
 CLOSEST = 0.4
 CHUNK = 1024
 
 
 @inline
 def _weight(positions: Array, normals: Array, i: int, j: int, bounds: tuple[float, float]) -> float:
-    """What patch j counts for patch i. bounds : mean inverse distance of what i sees; distance of its neighbours"""
+    """Return the weight of patch j for patch i. bounds : mean inverse hit distance of i; distance of its neighbours"""
     square = off = cosine = 0.0
     for c in range(3):
         d = positions[3 * j + c] - positions[3 * i + c]
@@ -45,12 +45,12 @@ def smooth(
     out: Array,
     count_of: Array,
 ) -> int:
-    """Average the values of the patches of one side with their neighbours'.
+    """Average the values of the patches of one side with those of their neighbours.
 
-    places : positions, normals, mean inverse distances, and trust (patches,) float32: 0 where a patch has no values
-    near : (count * each,) int32, neighbours within the side, -1 for none
-    span : first patch of the side, their count, neighbours of each, numbers a patch has in values and out
-    count_of : (patches,) float32, how many patches with equal weights would have as little noise
+    places : positions, normals, mean inverse distances, and trust, (patches,) float32, 0 for patches without values
+    near : (count * each,) int32, neighbours within the side, padded with -1
+    span : first patch of the side, number of patches, neighbours per patch, values per patch
+    count_of : (patches,) float32, the effective number of patches averaged
     """
     positions, normals, nearness, trust = borrow(places)
     near, values, out, count_of = borrow(near), borrow(values), borrow(out), borrow(count_of)

@@ -1,4 +1,4 @@
-"""From links and lights to the light that arrives at every patch."""
+"""Solution of light transport: from links and lights to the light that arrives at every patch."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from .smooth import CHUNK as SMOOTHED
 from .smooth import smooth
 from .transport import Transport
 
-# Bounces but the last go along one link in so many: their noise is averaged by the last, which goes along all.
+# All bounces but the last follow one link in FEW; the last follows all links and averages their noise.
 FEW = 2
-EXACT = 1e-3  # share of the light that bounces which are left out may have
+EXACT = 1e-3  # fraction of the light that omitted bounces may hold
 
 Floats = NDArray[np.float32]
 
 
-class Arrived(NamedTuple):
-    """The light that arrives at the patches.
+class ArrivingLight(NamedTuple):
+    """Light that arrives at the patches.
 
     direct, indirect : (n, 3) float32, irradiance from lights; from surfaces and the sky
     facts : (n, FACTS) float32, see `bounces.FACTS`
@@ -48,17 +48,17 @@ class Arrived(NamedTuple):
 
 
 def lamp_radiances(world: World) -> NDArray[np.float64]:
-    """Radiance of each light that rays can meet, (lights, 3); black for others."""
+    """Return the radiance of each light that rays can hit, (lights, 3); black for other lights."""
     records = world.lights.reshape(-1, LIGHT)
     seen = np.isin(records[:, LIGHT_KIND], (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT))
     return np.where(seen[:, None], records[:, LIGHT_POWER : LIGHT_POWER + 3], 0.0)
 
 
 class Lights(NamedTuple):
-    """What arrives at the patches before any bounce.
+    """Light that arrives at the patches before any bounce.
 
-    direct : (n, 3) float32, irradiance from lights that are neither sky nor surface
-    sky : texels and suns; cosines : (n, suns) float32, of the patches to the suns, 0 where they do not see them
+    direct : (n, 3) float32, irradiance from lights other than sky and emissive surfaces
+    sky : texels and bright spots; cosines : (n, suns) float32, of patches to bright spots, 0 if occluded
     """
 
     direct: Floats
@@ -67,16 +67,16 @@ class Lights(NamedTuple):
 
 
 def find_lights(world: World, sky: Sky, transport: Transport) -> Lights:
-    """What the patches see of the lights of this world; the links that lamps stand in the way of."""
-    transport.meet(world)
+    """Find the light that patches receive from the lights of this world, and the links that lamps block."""
+    transport.find_hidden_links(world)
     return Lights(transport.find_direct(world), sky, transport.find_suns(world, sky.suns))
 
 
-def solve(world: World, transport: Transport, settings: BakeSettings, seen: Lights) -> Arrived:
-    """The light after all bounces, from the lights of this world."""
+def solve(world: World, transport: Transport, settings: BakeSettings, seen: Lights) -> ArrivingLight:
+    """Return the light of this world's lights after all bounces."""
     n, threads, (lights, sky, cosines) = len(transport), settings.threads, seen
     suns = cosines @ sky.irradiances
-    direct = transport.filled(lights + suns)
+    direct = transport.fill_untrusted(lights + suns)
     lamps = lamp_radiances(world).reshape(-1)
     sources = np.zeros((PATCHES + n, PER_SOURCE), np.float32)
     sources[SKY:PATCHES, :3] = sky.texels
@@ -86,7 +86,7 @@ def solve(world: World, transport: Transport, settings: BakeSettings, seen: Ligh
     surface = transport.albedo.reshape(-1), transport.emitted.reshape(-1)
     before = 0.0
     for depth in range(settings.depth):
-        if depth > 0 or settings.max_depth is None:  # without a limit the first pass brings direct light already
+        if depth > 0 or settings.max_depth is None:  # without a limit the first pass already includes direct light
             arriving = direct.reshape(-1), indirect.reshape(-1)
             run(reflect, len(changes), arriving, surface, light, changes.reshape(-1), threads=threads)
             change, total = changes.sum(axis=0).tolist()
@@ -94,7 +94,7 @@ def solve(world: World, transport: Transport, settings: BakeSettings, seen: Ligh
                 break
             before = change
         _gather_light(transport, light, lamps, FEW, indirect, threads)
-        transport.filled(indirect)
+        transport.fill_untrusted(indirect)
     if settings.depth > 0:
         _gather_light(transport, light, lamps, 1, indirect, threads)
     indirect += suns
@@ -104,13 +104,13 @@ def solve(world: World, transport: Transport, settings: BakeSettings, seen: Ligh
         run(add_facts, -(-len(part.rows) // CHUNK), *args, threads=threads)
     if len(sky.suns):
         facts[:, :SEES_SKY] += _moments_of(cosines, sky, _bands(transport.normals))
-    return Arrived(lights, indirect, facts)
+    return ArrivingLight(lights, indirect, facts)
 
 
 def _moments_of(cosines: Floats, sky: Sky, even: Floats) -> Floats:
-    """The moments of the bright spots of the sky, see `bounces.FACTS`. even : (n, 8), harmonics of the normals"""
+    """Return the moments of the bright spots of the sky, see `bounces.FACTS`. even : (n, 8), harmonics of normals"""
     out = np.zeros((len(cosines), SEES_SKY), np.float32)
-    even = even * np.repeat(np.array([2 / 3, 1 / 4], np.float32), [3, 5])  # those of even light times the cosine
+    even = even * np.repeat(np.array([2 / 3, 1 / 4], np.float32), [3, 5])  # moments of uniform light times the cosine
     for k, (light, suns) in enumerate(zip(sky.irradiances, _bands(sky.suns), strict=True)):
         more = cosines[:, k, None] * (suns - even)
         out[:, :RED] += more * float(light @ np.array(LUMINANCE))
@@ -120,14 +120,14 @@ def _moments_of(cosines: Floats, sky: Sky, even: Floats) -> Floats:
 
 
 def _bands(directions: NDArray[Any]) -> Floats:
-    """The spherical harmonics of bands 1 and 2 of unit directions, (n, 8)."""
+    """Return the spherical harmonics of bands 1 and 2 for unit directions, (n, 8)."""
     return np.asarray(harmonics(directions.astype(np.float32))[1:].T)
 
 
 def _gather_light(
     transport: Transport, light: Floats, lamps: NDArray[np.float64], every: int, indirect: Floats, threads: int | None
 ) -> None:
-    """Irradiance along the links of all patches, or along one in `every` of them."""
+    """Compute the irradiance of all patches from their links, or from one link in `every`."""
     indirect[:] = 0.0
     for part in transport.links:
         few = every if part.parts[1] % every == 0 else 1
@@ -136,15 +136,15 @@ def _gather_light(
 
 
 def _is_settled(change: float, before: float, total: float) -> bool:
-    """Whether all bounces that are left out, a geometric series, hold less than a share EXACT of the light."""
+    """Return whether the omitted bounces, a geometric series, hold less than EXACT of the light."""
     if change == 0.0:
         return True
     ratio = change / before if before > 0.0 else 1.0
     return ratio < 1.0 and change * ratio / (1.0 - ratio) < EXACT * total
 
 
-def smoothed(transport: Transport, arrived: Arrived, threads: int | None) -> tuple[Arrived, Floats]:
-    """The light with less noise; and for each patch how many that are averaged evenly would have as little."""
+def smoothed(transport: Transport, arrived: ArrivingLight, threads: int | None) -> tuple[ArrivingLight, Floats]:
+    """Return the light with less noise, and the effective number of patches averaged for each patch."""
     values = np.concatenate([arrived.indirect, arrived.facts], axis=1)
     trust = transport.trusted.astype(np.float32)
     places = transport.positions.reshape(-1), transport.normals.reshape(-1), transport.nearness, trust
@@ -154,4 +154,4 @@ def smoothed(transport: Transport, arrived: Arrived, threads: int | None) -> tup
         near = side.near
         span = side.first, side.size, near.shape[1], values.shape[1]
         run(smooth, -(-side.size // SMOOTHED), places, near.reshape(-1), span, *flat, threads=threads)
-    return Arrived(arrived.direct, out[:, :3], out[:, 3:]), count
+    return ArrivingLight(arrived.direct, out[:, :3], out[:, 3:]), count

@@ -1,6 +1,6 @@
-"""From the light of patches to the records that pictures read: 16 bytes a splat or cell, see `shade/baked.py`.
+"""Conversion of patch light to the records that rendering reads, 16 bytes per splat or cell, see `shade/baked.py`.
 
-And to what arrives at a model's splats: from patches, or from what a file keeps, the records.
+Also returns the light at a model's splats, from patches or from the records in a file.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from ..engine.kernels.records import DIRECT, INDIRECT, RECORD
 from ..model.model import Model
 from ..shade.rgbe import unpack_rgbe
 from .bounces import GRAY, SEES_SKY
-from .levels import Spread, at_knots, over_splats
+from .levels import Spread, average_at_knots, blend_over_splats
 from .pack import CHUNK, pack
 from .patches import AROUND, BLOCK_SPLATS
 from .planes import Grid
-from .solve import Arrived
+from .solve import ArrivingLight
 from .transport import Side
 
-BRIGHTEST = 32768.0  # in the records' unit: the light that is brightest
-SKY_STEPS = 65535  # of a share of the sky: what a file counts it in
+BRIGHTEST = 32768.0  # the brightest light, in the unit of the records
+SKY_STEPS = 65535  # steps of a sky fraction in a file
 
-EVERY = np.zeros(0, np.int32)
+NO_BLEND = np.zeros(0, np.int32)
 
 Floats = NDArray[np.float32]
 
 
-class AtSplats(NamedTuple):
-    """What arrives at one side of a model's splats, in the order of its tree.
+class SplatLight(NamedTuple):
+    """Light that arrives at one side of a model's splats, in the order of its tree.
 
-    direct, indirect : (n, 3) float32, W/m2; sky : (n,) float32, the share of the sky that the front sees
+    direct, indirect : (n, 3) float32, W/m2; sky : (n,) float32, fraction of the sky visible from the front
     """
 
     direct: Floats
@@ -42,26 +42,26 @@ class AtSplats(NamedTuple):
 
 
 def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.uint8], int]:
-    """What the light of a side's records is blended from, for a level of detail (0: the model), and their number."""
+    """Return patches and weights that a side's records are blended from at a level of detail, and their number."""
     patches = side.sheet.patches
     if isinstance(patches, Grid):
-        return EVERY, EVERY.view(np.uint8), side.size
+        return NO_BLEND, NO_BLEND.view(np.uint8), side.size
     blend = patches.blends[level]
     return blend.around.reshape(-1), blend.weights.reshape(-1), len(blend.weights)
 
 
 def make_records(
-    side: Side, level: int | Spread, arrived: Arrived, unit: float, threads: int | None
+    side: Side, level: int | Spread, arrived: ArrivingLight, unit: float, threads: int | None
 ) -> NDArray[np.int32]:
-    """The records of a side, (n, RECORD): of each slot of its model's level of detail, or of each cell of its plane.
+    """Return the records of a side, (n, RECORD): for each slot of its model's tree, or for each cell of its plane.
 
-    level : of detail; or the spread of coarser light, of whose knots the records are
+    level : level of detail, 0 for the model; or the spread of coarser light, for records of its knots
     """
     moments = arrived.facts[side.span, GRAY:SEES_SKY]
     values = np.concatenate([arrived.indirect[side.span], arrived.direct[side.span], moments], axis=1)
     if isinstance(level, Spread):
-        values = at_knots(level, values)
-        around, weights, n = EVERY, EVERY.view(np.uint8), len(values)
+        values = average_at_knots(level, values)
+        around, weights, n = NO_BLEND, NO_BLEND.view(np.uint8), len(values)
     else:
         around, weights, n = blend_of(side, level)
     out = np.zeros((n, RECORD), np.int32)
@@ -70,7 +70,7 @@ def make_records(
 
 
 def at_splats(side: Side, values: Floats) -> Floats:
-    """Values of a side's patches, (count, k), at the slots of its model, (n, k)."""
+    """Interpolate values of a side's patches, (count, k), to the slots of its model, (n, k)."""
     around, weights, n = blend_of(side, 0)
     around = np.repeat(around.reshape(-1, AROUND), BLOCK_SPLATS, axis=0)
     shares = weights.reshape(n, AROUND).astype(np.float32)
@@ -78,47 +78,47 @@ def at_splats(side: Side, values: Floats) -> Floats:
     return np.asarray(total / np.maximum(shares.sum(axis=1, keepdims=True), 1.0), np.float32)
 
 
-def dark(n: int) -> AtSplats:
-    """What arrives at a back that is kept as black."""
-    return AtSplats(np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32), np.zeros(n, np.float32))
+def no_light(n: int) -> SplatLight:
+    """Return the light of a back side that is black."""
+    return SplatLight(np.zeros((n, 3), np.float32), np.zeros((n, 3), np.float32), np.zeros(n, np.float32))
 
 
-def from_patches(side: Side, arrived: Arrived) -> AtSplats:
-    """What arrives at the splats of a side's model."""
+def from_patches(side: Side, arrived: ArrivingLight) -> SplatLight:
+    """Return the light that arrives at the splats of a side's model."""
     sky = arrived.facts[side.span, SEES_SKY : SEES_SKY + 1]
     out = at_splats(side, np.concatenate([arrived.direct[side.span], arrived.indirect[side.span], sky], axis=1))
-    return AtSplats(out[:, :3], out[:, 3:6], out[:, 6])
+    return SplatLight(out[:, :3], out[:, 3:6], out[:, 6])
 
 
 def from_records(
     records: NDArray[np.int32], unit: float, sky: NDArray[np.uint16], blocks: NDArray[np.int32] | None
-) -> AtSplats:
-    """The same from a model's records, to a 256th of the brightest channel.
+) -> SplatLight:
+    """Return the light at a model's splats from its records, accurate to 1/256 of the brightest channel.
 
-    sky : see `seen_skies`; blocks : what spreads coarser light over the splats
+    sky : see `sky_visibility`; blocks : the spread of coarser light, or None
     """
     unpack = cast(Any, uncompiled(unpack_rgbe))
     codes = [np.stack(unpack(records[:, k]), axis=1) for k in (DIRECT, INDIRECT)]
     direct, indirect = (np.multiply(code, unit, dtype=np.float64).astype(np.float32) for code in codes)
     seen = sky.astype(np.float32) / np.float32(SKY_STEPS)
     if blocks is not None:
-        parts = over_splats(blocks, np.concatenate([direct, indirect, seen[:, None]], axis=1))
+        parts = blend_over_splats(blocks, np.concatenate([direct, indirect, seen[:, None]], axis=1))
         direct, indirect, seen = parts[:, :3], parts[:, 3:6], parts[:, 6]
-    return AtSplats(direct, indirect, seen)
+    return SplatLight(direct, indirect, seen)
 
 
-def seen_skies(
-    sides: dict[tuple[int, int], Side], arrived: Arrived, spreads: dict[int, Spread]
+def sky_visibility(
+    sides: dict[tuple[int, int], Side], arrived: ArrivingLight, spreads: dict[int, Spread]
 ) -> dict[int, NDArray[np.uint16]]:
-    """The share of the sky that the splats, or knots, of each model see on its front, by the number of the instance.
+    """Return the fraction of the sky visible from the front of each model's splats, or knots, by instance number.
 
-    It is counted in SKY_STEPS, as a file keeps it. sides : by the numbers of instances and their signs
+    Fractions are in units of 1 / SKY_STEPS, as in a file. sides : by instance number and sign
     """
 
     def seen(side: Side, spread: Spread | None) -> Floats:
         if spread is None:
             return from_patches(side, arrived).sky
-        return at_knots(spread, arrived.facts[side.span, SEES_SKY : SEES_SKY + 1])[:, 0]
+        return average_at_knots(spread, arrived.facts[side.span, SEES_SKY : SEES_SKY + 1])[:, 0]
 
     shares = {
         number: seen(side, spreads.get(number))
@@ -129,14 +129,14 @@ def seen_skies(
 
 
 def at_points(model: Model, values: Floats) -> Floats:
-    """Values at the slots of a model at its points; NaN at points that have no splat."""
+    """Return values at the points of a model, given those at its slots; NaN at points without a splat."""
     used = model.tree.order >= 0
     out = np.full((len(model.points), *values.shape[1:]), np.nan, np.float32)
     out[model.tree.order[used]] = values[used]
     return out
 
 
-def unit_of(arrived: Arrived) -> float:
-    """W/m2 of the records' 1.0: the brightest light is then BRIGHTEST."""
+def choose_unit(arrived: ArrivingLight) -> float:
+    """Return W/m2 per 1.0 of the records, so that the brightest light is BRIGHTEST."""
     most = max(float(arrived.indirect.max(initial=0.0)), float(arrived.direct.max(initial=0.0)))
     return most / BRIGHTEST if most > 0.0 else 1.0

@@ -1,4 +1,4 @@
-"""The surfaces of a scene as a bake sees them: each side of an instance that may be lit, cut into patches."""
+"""Surfaces of a scene, divided into patches that exchange light."""
 
 from __future__ import annotations
 
@@ -38,25 +38,25 @@ from .patches import NEAR, PIECE, PatchSet, choose_patches
 from .planes import Grid, fit_grid, grid_colors, grid_positions
 from .reflectance import find_reflectances
 
-PLANES_SHARE = 0.5  # share of the patches of models that planes get besides
-LEAST_EDGE, MOST_EDGE = 32, 256  # cells a side of a plane's grid
-LEAST_PATCHES = 256  # of an instance, unless there are so many that these would be too many
-BRIGHTEST = 0.9  # of points' own colours: photographs hold light already, and white walls would never grow dark
-# Radii: how far from a splat the ray begins that finds the surface. The later ones are for splats with something else
-# close by, as where a ball touches the ground.
+PLANES_SHARE = 0.5  # patches of planes, as a fraction of the number of patches of models
+LEAST_EDGE, MOST_EDGE = 32, 256  # cells along each side of a plane's grid
+LEAST_PATCHES = 256  # of an instance, unless there are too many instances
+BRIGHTEST = 0.9  # limit for points' colours: photographs contain shading, and white walls would never get dark
+# Distances, in radii, from a splat to the start of the ray that finds the surface. The smaller ones are tried for
+# splats with another surface close by, such as where a ball touches the ground.
 LIFTS = (0.75, 0.2, 0.05)
-TURNED = 0.3  # cosine: a surface that is turned farther from its splat is another one
+TURNED = 0.3  # smallest cosine between a splat's normal and its surface; below it another surface was hit
 
 Floats = NDArray[np.float64]
 
 
 class Sheet(NamedTuple):
-    """The patches of an instance, whatever their side.
+    """Patches of one instance, shared by its front and back.
 
     instance : row of the instance; patches : `PatchSet` or `Grid`
-    positions : (m, 3) float64, on the surface; normals : (m, 3) float32, of its front, unit; world
-    albedo, emitted : (m, 3) float32; lost : (m,) bool, where no surface was found
-    margins : (m,) float32, how far off the surface its rays begin, in the world: as far as noise was smoothed away
+    positions : (m, 3) float64, on the surface, world; normals : (m, 3) float32, unit, of the front, world
+    albedo, emitted : (m, 3) float32; lost : (m,) bool, True where no surface was found
+    margins : (m,) float32, distance from the surface at which rays start, in the world: the noise smoothed away
     """
 
     instance: int
@@ -70,7 +70,7 @@ class Sheet(NamedTuple):
 
 
 def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progress | None = None) -> list[Sheet]:
-    """The sheets of all instances, which have about `most` patches together."""
+    """Divide all instances into about `most` patches in total, and return their sheets."""
     world = scene.world
     records = world.instances.reshape(-1, INSTANCE)
     counts, edge = _shares(scene, most)
@@ -84,7 +84,7 @@ def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progr
             found = sets[int(record[SHAPE_ROW])]
             patches: PatchSet | Grid = found
             positions, normals, own, lost = _all_on_surface(world, k, found)
-            margins = _margins(scene.models[int(record[SHAPE_ROW])].tree.noise, found) / _shrinking(record, normals)
+            margins = _margins(scene.models[int(record[SHAPE_ROW])].tree.noise, found) / _model_scale(record, normals)
         else:
             plane = _plane_of(world, record)
             patches = fit_grid(plane, bounds, edge)
@@ -98,21 +98,21 @@ def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progr
 
 
 def _margins(noise: NDArray[np.float32], patches: PatchSet) -> NDArray[np.float32]:
-    """The noise that was smoothed away at patches, in the model, (m,)."""
+    """Return the noise that was smoothed away at patches, in model units, (m,)."""
     out = np.zeros(len(patches.positions), np.float32)
     if noise.size:
         out[patches.blends[0].patch_of] = np.repeat(noise, 4)
     return out
 
 
-def _shrinking(record: Floats, normals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Lengths in an instance's model over those in the world, along normals, (m,)."""
+def _model_scale(record: Floats, normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the scale from world lengths to lengths in an instance's model, along normals, (m,)."""
     to_model = record[TO_MODEL:][:12].reshape(3, 4)[:, :3]
     return np.maximum(np.linalg.norm(normals @ to_model.T, axis=1), 1e-30).astype(np.float32)
 
 
-def recolored(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[Sheet]:
-    """The same sheets with the materials and colours that the scene has now."""
+def with_materials(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[Sheet]:
+    """Return the same sheets with the current materials and colours of the scene."""
     records = scene.world.instances.reshape(-1, INSTANCE)
     out = []
     for sheet in sheets:
@@ -124,13 +124,13 @@ def recolored(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list
     return _shaded(scene, out, albedo_scale)
 
 
-def leveled(scene: Snapshot, sheets: list[Sheet]) -> list[Sheet]:
-    """The same sheets, whose light the levels of detail that models have now get too."""
+def with_levels(scene: Snapshot, sheets: list[Sheet]) -> list[Sheet]:
+    """Return the same sheets with interpolation for the current levels of detail of their models."""
     records, sets, out = scene.world.instances.reshape(-1, INSTANCE), {}, []
     for sheet in sheets:
         if not isinstance(sheet.patches, Grid):
             row, count = int(records[sheet.instance, SHAPE_ROW]), len(sheet.positions)
-            if row not in sets:  # the same patches: their choice depends on the model's tree and their number only
+            if row not in sets:  # gives the same patches: they depend only on the model's tree and their number
                 model = scene.models[row]
                 sets[row] = choose_patches([model.tree, *(level.tree for level in model.levels)], count)
             sheet = sheet._replace(patches=sets[row])
@@ -143,7 +143,7 @@ def _plane_of(world: World, record: Floats) -> Floats:
 
 
 def _shaded(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[Sheet]:
-    """Sheets with albedo and emission, given sheets whose `albedo` holds the surface's own colours."""
+    """Return sheets with albedo and emission, given sheets whose `albedo` holds the surface's own colours."""
     world = scene.world
     records = world.instances.reshape(-1, INSTANCE)
     reflectances = np.zeros(world.materials.size // MATERIAL_SIZE * 2)
@@ -164,7 +164,7 @@ def _shaded(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[S
 
 
 def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
-    """How many patches each model gets, and the cells a side of each plane's grid."""
+    """Return the number of patches of each model, and the number of cells along each side of planes' grids."""
     records = scene.world.instances.reshape(-1, INSTANCE)
     planes = int((records[:, KIND] != MODEL).sum())
     edge = int(np.clip(np.sqrt(most * PLANES_SHARE / max(planes, 1)), LEAST_EDGE, MOST_EDGE))
@@ -177,7 +177,7 @@ def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
 
 
 def coarser(sheets: list[Sheet], most: int) -> list[Sheet]:
-    """The same sheets with at most so many patches each: every k-th of them; those of models have no neighbours."""
+    """Reduce each sheet to at most `most` patches, every k-th of them; patches of models have no neighbours then."""
     out = []
     for sheet in sheets:
         if isinstance(sheet.patches, Grid):
@@ -197,13 +197,13 @@ def coarser(sheets: list[Sheet], most: int) -> list[Sheet]:
 
 
 def _selected(sheet: Sheet, rows: NDArray[np.int64], patches: PatchSet | Grid) -> Sheet:
-    """Some patches of a sheet."""
+    """Return a sheet with some of its patches."""
     arrays = [getattr(sheet, name)[rows] for name in ("positions", "normals", "albedo", "emitted", "lost", "margins")]
     return Sheet(sheet.instance, patches, *arrays)
 
 
 def around(scene: Snapshot) -> Floats:
-    """Bounds of what is in the scene, (2, 3): models, and lights that have a position; of planes alone 1 about zero."""
+    """Return bounds of models and positioned lights, (2, 3); -1 to 1 if there are only planes."""
     world = scene.world
     boxes = scene.boxes[world.instances.reshape(-1, INSTANCE)[:, KIND] == MODEL].reshape(-1, 2, 3)
     lights = world.lights.reshape(-1, LIGHT)
@@ -216,7 +216,7 @@ def around(scene: Snapshot) -> Floats:
 def _all_on_surface(
     world: World, row: int, patches: PatchSet
 ) -> tuple[Floats, NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """Like `_on_surface`, piece by piece, as the rays to the surface take much memory."""
+    """Call `_on_surface` on PIECE patches at a time, to limit the memory of its rays."""
     m = len(patches.positions)
     out = np.empty((m, 3)), np.empty((m, 3), np.float32), np.empty((m, 3), np.float32), np.empty(m, np.bool_)
     for first in range(0, m, PIECE):
@@ -231,7 +231,7 @@ def _all_on_surface(
 def _on_surface(
     world: World, row: int, patches: PatchSet
 ) -> tuple[Floats, NDArray[np.float32], Floats, NDArray[np.bool_]]:
-    """Where patches of an instance lie: positions on the surface, its normals there, its colours; where none is."""
+    """Find patches of an instance on its surface: positions, normals and colours there; and where there is none."""
     to_model = world.instances[row * INSTANCE + TO_MODEL :][:12].reshape(3, 4)
     to_world = np.linalg.inv(to_model[:, :3])
     splats = (patches.positions - to_model[:, 3]) @ to_world.T
@@ -252,7 +252,7 @@ def _on_surface(
 
 
 def find_targets(scene: Snapshot, sheets: list[Sheet], firsts: dict[tuple[int, int], int]) -> Targets:
-    """What finds the patch at a hit. firsts : the first patch of (row of an instance, side); others are dark"""
+    """Return the tables that map a hit to a patch. firsts : first patch by (row of instance, sign); others are dark"""
     rows = np.zeros((len(sheets), TARGET), np.int64)
     frames = np.zeros((len(sheets), BAKED_FRAME))
     tables: list[NDArray[np.int32]] = []

@@ -1,4 +1,4 @@
-"""How light passes from patch to patch, whatever the lights are: the patches of a scene, and their links."""
+"""Light transport between patches, independent of the lights: the patches of a scene, and their links."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ from .gather import FIND_DIRECT, FIND_LINKS, FIND_SUNS, INSIDE, ONE_TILE, Found,
 from .patches import NEAR, PIECE
 from .planes import Grid, grid_neighbors
 from .surfaces import Sheet, find_targets
-from .tile_ranges import cut, ground_of, send_on
+from .tile_ranges import cut, send_ranges, share_patches
 
 NO_FLOATS, NO_INTS, NO_BITS = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.uint8)
 NO_SUNS = np.zeros(0)
-BURIED = 0.5  # share of links that lead to the inside of a body, from which a patch is not trusted
-AREA_SAMPLES = 16  # shadow rays of a patch to a light with a size
+BURIED = 0.5  # fraction of links that lead to a dark inside, from which on a patch is not trusted
+AREA_SAMPLES = 16  # shadow rays of a patch to an area light
 ALL_SIDES = (1, -1)
 
 Floats = NDArray[np.float32]
 
 
 class Side(NamedTuple):
-    """One side of a sheet, the patches first to first + size.
+    """One side of a sheet: the patches first to first + size.
 
-    sign : 1 where normals point, or -1; near : (size, NEAR) int32, neighbours of its patches, within it; -1: fewer
+    sign : 1 for the side of the normals, or -1; near : (size, NEAR) int32, neighbours within the side, padded with -1
     """
 
     sheet: Sheet
@@ -54,30 +54,30 @@ class Side(NamedTuple):
 
     @property
     def span(self) -> slice:
-        """Its patches."""
+        """Slice of its patches."""
         return slice(self.first, self.first + self.size)
 
 
 class Transport:
-    """All patches of the sides that may be lit, one side after the other, and what they receive light from.
+    """All patches of the sides that may be lit, one side after the other, and their links.
 
     Parameters
     ----------
     lit : list of (int, int)
-        The number of a sheet and a sign, for each side.
+        Index of a sheet, and sign, for each side.
     seed, threads : see `BakeSettings`
-    executor : who sends its rays; None: this process
+    executor : sends the rays; None for this process
 
     Attributes
     ----------
     sides : list of Side
-    positions : (n, 3) float64; normals : (n, 3) float32, to the patch's own side; world
+    positions : (n, 3) float64, world; normals : (n, 3) float32, world, pointing to the patch's side
     albedo, emitted : (n, 3) float32
     trusted : (n,) bool
-        Where a surface was found that is not buried: what other patches receive follows from their neighbours.
+        Patches with a surface that is not buried. Light of the others is taken from neighbours.
     links : list of Links
     nearness : (n,) float32
-        The mean inverse distance of what the links hit.
+        Mean inverse distance of the links' hits.
     """
 
     def __init__(
@@ -95,16 +95,16 @@ class Transport:
             near = _neighbors_of(scene.world, sheets[k])
             self.sides.append(Side(sheets[k], sign, first, len(near), near))
             first += len(near)
-        self.positions: NDArray[np.float64] = self._joined("positions", np.float64)
-        self.albedo: Floats = self._joined("albedo", np.float32)
-        self.emitted: Floats = self._joined("emitted", np.float32)
-        self._lost: NDArray[np.bool_] = self._joined("lost", np.bool_)
-        self._margins: Floats = self._joined("margins", np.float32)
+        self.positions: NDArray[np.float64] = self._concatenate_column("positions", np.float64)
+        self.albedo: Floats = self._concatenate_column("albedo", np.float32)
+        self.emitted: Floats = self._concatenate_column("emitted", np.float32)
+        self._lost: NDArray[np.bool_] = self._concatenate_column("lost", np.bool_)
+        self._margins: Floats = self._concatenate_column("margins", np.float32)
         signs = np.repeat([side.sign for side in self.sides], [side.size for side in self.sides])
-        self.normals: Floats = self._joined("normals", np.float32) * signs[:, None].astype(np.float32)
+        self.normals: Floats = self._concatenate_column("normals", np.float32) * signs[:, None].astype(np.float32)
         self._targets = find_targets(scene, sheets, {(s.sheet.instance, s.sign): s.first for s in self.sides})
         self._world, self._seed, self._threads, self._executor = scene.world, seed, threads, executor
-        self._ground: SharedValue | None = None  # of the executor
+        self._shared_patches: SharedValue | None = None  # of the executor
         self.links: list[Links] = []
         self.nearness, self._inside = np.zeros((2, len(self.positions)), np.float32)
         self._set_trust()
@@ -112,17 +112,17 @@ class Transport:
     def __len__(self) -> int:
         return len(self.positions)
 
-    def dismiss(self) -> None:
-        """From now on this process sends the rays."""
-        self._executor = self._ground = None
+    def release_executor(self) -> None:
+        """Send later rays in this process."""
+        self._executor = self._shared_patches = None
 
-    def _joined(self, name: str, dtype: type) -> NDArray[Any]:
-        """A column of all sheets, one after the other."""
+    def _concatenate_column(self, name: str, dtype: type) -> NDArray[Any]:
+        """Concatenate a column of all sheets."""
         parts = [getattr(side.sheet, name) for side in self.sides]
         return np.concatenate(parts).astype(dtype, copy=False)
 
     def shared_sheets(self) -> list[Sheet]:
-        """The sheets, whose arrays are parts of those here: there are no two of each. All fronts must be lit."""
+        """Return the sheets as views of these arrays, which avoids a second copy. All fronts must be lit."""
         out = []
         for k, side in enumerate(self.sides):
             arrays = {name: getattr(self, name)[side.span] for name in ("positions", "albedo", "emitted")}
@@ -137,10 +137,13 @@ class Transport:
         """Take albedo and emission from the same sheets with other materials."""
         of = {sheet.instance: sheet for sheet in sheets}
         self.sides = [side._replace(sheet=of[side.sheet.instance]) for side in self.sides]
-        self.albedo, self.emitted = self._joined("albedo", np.float32), self._joined("emitted", np.float32)
+        self.albedo, self.emitted = (
+            self._concatenate_column("albedo", np.float32),
+            self._concatenate_column("emitted", np.float32),
+        )
 
     def patches(self, rows: NDArray[np.int32] = NO_INTS) -> Patches:
-        """What kernels read of the patches, and increasing rows that are asked for: no tile has those of two sides."""
+        """Return the patches for kernels, with increasing rows to process; no tile has rows of two sides."""
         of = np.searchsorted([side.first for side in self.sides], rows, side="right") - 1
         begins = np.flatnonzero(np.diff(of, prepend=-1))
         counts = np.diff(np.append(begins, len(rows)))
@@ -157,7 +160,7 @@ class Transport:
         return Patches(starts.reshape(-1), self.normals.reshape(-1), rows, table.reshape(-1))
 
     def send(self, rows: NDArray[np.int32], links: int, progress: Progress | None = None) -> None:
-        """Find so many more links of some patches; the light of all links of a patch counts equally."""
+        """Find `links` more links for some patches; all links of a patch have equal weight."""
         kinds = self._world.materials[MATERIAL_KIND::MATERIAL_SIZE]
         tinted = bool(np.isin(kinds, (MIRROR, DIELECTRIC)).any())
         found = Found(
@@ -184,25 +187,25 @@ class Transport:
             part.share[:] = part.parts[0] * part.parts[1] / sent[part.rows]
 
     def _set_trust(self) -> None:
-        """Find which patches are trusted, and the nearest of these for each of the others."""
+        """Find the trusted patches, and the nearest trusted neighbour of each other one."""
         self.trusted = ~self._lost & (self._inside < BURIED)
-        self._filled, self._fillers = NO_INTS, NO_INTS
+        self._untrusted_rows, self._substitute_rows = NO_INTS, NO_INTS
         for side in self.sides:
             trusted = self.trusted[side.span]
             rows = np.flatnonzero(~trusted)
             usable = (side.near[rows] >= 0) & trusted[side.near[rows]]
             nearest = side.near[rows, usable.argmax(axis=1)]
             some = usable.any(axis=1)
-            self._filled = np.concatenate([self._filled, rows[some] + side.first])
-            self._fillers = np.concatenate([self._fillers, nearest[some] + side.first])
+            self._untrusted_rows = np.concatenate([self._untrusted_rows, rows[some] + side.first])
+            self._substitute_rows = np.concatenate([self._substitute_rows, nearest[some] + side.first])
 
-    def filled(self, light: Floats) -> Floats:
-        """Light of the patches, (n, k), changed: where they are not trusted, that of their nearest neighbour."""
-        light[self._filled] = light[self._fillers]
+    def fill_untrusted(self, light: Floats) -> Floats:
+        """Replace the light, (n, k), of patches that are not trusted by that of their nearest trusted neighbour."""
+        light[self._untrusted_rows] = light[self._substitute_rows]
         return light
 
-    def meet(self, world: World) -> None:
-        """Find the links that lamps of this world stand in the way of, whose light they hide."""
+    def find_hidden_links(self, world: World) -> None:
+        """Find the links that lamps of this world block."""
         patches, lamps = self.patches(), world.lamps.lights.size > 0
         for k, part in enumerate(self.links):
             count = uncompiled(bytes_of)(part.parts[0] * part.parts[1])
@@ -212,14 +215,14 @@ class Transport:
             self.links[k] = part
 
     def find_direct(self, world: World, progress: Progress | None = None) -> Floats:
-        """Irradiance of all patches from lights of this world that are neither sky nor surface, (n, 3)."""
+        """Return the irradiance of all patches from lights other than sky and emissive surfaces, (n, 3)."""
         rows, direct = np.arange(len(self), dtype=np.int32), np.zeros((len(self), 3), np.float32)
         rays = Rays(FIND_DIRECT, (1, 1), self._seed, AREA_SAMPLES, False, NO_SUNS)
         self._run(rows, world, rays, Found(NO_INTS, NO_INTS, NO_FLOATS, direct.reshape(-1)), progress)
         return direct
 
     def find_suns(self, world: World, suns: NDArray[np.float64]) -> Floats:
-        """The cosine of all patches to bright spots of the sky, (n, suns); 0 where something is in the way."""
+        """Return the cosine of all patches to bright spots of the sky, (n, suns); 0 where occluded."""
         rows, seen = np.arange(len(self), dtype=np.int32), np.zeros((len(self), len(suns)), np.float32)
         if len(suns):
             rays = Rays(FIND_SUNS, (1, 1), self._seed, AREA_SAMPLES, False, suns.reshape(-1))
@@ -229,8 +232,10 @@ class Transport:
     def _run(self, rows: NDArray[np.int32], world: World, rays: Rays, found: Found, progress: Progress | None) -> None:
         patches = self.patches(rows)
         if self._executor is not None:
-            self._ground = self._ground or ground_of(patches, self._targets)
-            send_on(self._executor, self._ground, cut(patches, rays, found, self._executor.workers), found, progress)
+            self._shared_patches = self._shared_patches or share_patches(patches, self._targets)
+            send_ranges(
+                self._executor, self._shared_patches, cut(patches, rays, found, self._executor.workers), found, progress
+            )
             return
         tiles = len(patches.tiles) // ONE_TILE
         args = world, patches, self._targets, rays, found
@@ -238,7 +243,7 @@ class Transport:
 
 
 def _count_inside(links: NDArray[np.int32], each: int) -> NDArray[np.int32]:
-    """How many links of each patch lead to the inside of a body."""
+    """Return the number of links of each patch that lead to a dark inside."""
     out = np.empty(len(links) // each, np.int32)
     for first in range(0, len(out), PIECE):
         part = links[first * each : (first + PIECE) * each].reshape(-1, each)
@@ -247,7 +252,7 @@ def _count_inside(links: NDArray[np.int32], each: int) -> NDArray[np.int32]:
 
 
 def _neighbors_of(world: World, sheet: Sheet) -> NDArray[np.int32]:
-    """Neighbours of a sheet's patches, (count, NEAR)."""
+    """Return the neighbours of a sheet's patches, (count, NEAR)."""
     if not isinstance(sheet.patches, Grid):
         return sheet.patches.near
     planes = world.planes.reshape(-1, PLANE_SIZE)
