@@ -87,7 +87,7 @@ class Scan:
 
     @property
     def found(self) -> str:
-        """Automatic choices in one line, with the options that change them; empty if there are none."""
+        """Automatic choices in one line, with the options that change them; empty if the user chose everything."""
         up = self.found_up
         view = f"view: {self.natural_outlook.kind}" if self._is_found else ""
         parts = [view, f"up {up.axis if up.axis.startswith('-') else f'+{up.axis}'} ({up.why})" if up else ""]
