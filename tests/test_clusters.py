@@ -75,7 +75,7 @@ def test_the_largest_group_is_framed_where_all_would_be_dots(rng):
     """Bodies so small and far apart that their picture would be blank."""
     bodies = [ball(rng, n, 0.001, center) for n, center in zip((300, 200, 250), rng.normal(size=(3, 3)), strict=True)]
     points = pr.Points(np.concatenate(bodies))
-    with pytest.warns(UserWarning, match=r"would cover 0\.\d% of the picture: it shows the largest of their groups"):
+    with pytest.warns(UserWarning, match=r"would cover only 0\.\d% of the image: the largest cluster is framed"):
         camera = pr.frame(points)
     np.testing.assert_allclose(camera.target, bodies[0].mean(axis=0), atol=2e-3)
     assert coverage(points.world, camera) > 0.05
@@ -88,7 +88,7 @@ def test_a_sky_of_far_points_is_not_framed(rng, share):
     sky = rng.normal(size=(round(20_000 * share), 3))
     sky *= 500 / np.linalg.norm(sky, axis=1, keepdims=True)
     points = pr.Points(np.concatenate([ball(rng, 20_000), sky]))
-    with pytest.warns(UserWarning, match="it shows the largest of their groups"):
+    with pytest.warns(UserWarning, match="the largest cluster is framed"):
         camera = pr.frame(points)
     assert np.linalg.norm(camera.target) < 0.2 and np.linalg.norm(camera.eye) < 10
 

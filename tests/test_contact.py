@@ -54,7 +54,7 @@ def test_the_grid_is_that_of_a_sphere_by_formula(shadow):
     np.testing.assert_allclose(np.linalg.norm(directions, axis=-1), 1)
     center = found.axes @ ([3, 1, 2] - found.middle)
     blocked = blocked_by_sphere(ground[:, :, None], directions, center, contact.LENGTH * 2)
-    expected = contact._finished((blocked * weights).sum(axis=-1), ground / found.half)
+    expected = contact._smooth_and_fade((blocked * weights).sum(axis=-1), ground / found.half)
     assert expected.max() > 0.5
     np.testing.assert_allclose(found.shadow, expected, atol=0.05)
     assert np.abs(found.shadow - expected).mean() < 2e-3
@@ -73,7 +73,7 @@ def test_the_shadow_is_dark_below_and_ends_before_the_edge(shadow):
 def test_a_picture_shows_it_where_rays_meet_the_ground(shadow, projection):
     found = shadow[0]
     camera = pr.Camera.look_at((7, -4, 4), (3, 1, 1.5), fov=50, size=(24, 18), projection=projection)
-    alpha = found.seen_by(camera)
+    alpha = found.for_camera(camera)
     origins, directions = camera.rays()
     for y in range(18):
         for x in range(24):
@@ -96,7 +96,7 @@ def test_it_is_not_seen_from_below_or_in_a_panorama(shadow):
     assert panorama.record()[PROJECTION] != below.record()[PROJECTION]
     image = np.zeros((panorama.size[1], panorama.size[0], 4), np.float32)
     for camera in (below, panorama):
-        assert shadow[0].seen_by(camera) is None and shadow[0].put_under(image, camera) is image
+        assert shadow[0].for_camera(camera) is None and shadow[0].put_under(image, camera) is image
 
 
 def test_it_lies_under_the_picture(shadow, rng):
@@ -107,7 +107,7 @@ def test_it_lies_under_the_picture(shadow, rng):
     np.testing.assert_array_equal(image, before)
     np.testing.assert_array_equal(out[..., :3], image[..., :3])
     np.testing.assert_array_equal(out[:8], image[:8])
-    share = 1 - (1 - image[..., 3]) * (1 - shadow[0].seen_by(camera))
+    share = 1 - (1 - image[..., 3]) * (1 - shadow[0].for_camera(camera))
     np.testing.assert_allclose(out[..., 3], share, atol=1e-6)
 
 

@@ -24,7 +24,7 @@ from pointray.surface.trace.world import occlude_tile, trace_tile
 
 def by_waves(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings, holders: int) -> tuple[Any, list[int]]:
     """A picture of models that so many hold, all in this process; and how many rays each was asked."""
-    now = scene.snapshot().seen_by(camera.record())
+    now = scene.snapshot().for_camera(camera.record())
     world, job = plan(now, camera, settings, held=NOTHING)
     names = [str(k) for k in range(holders)]
     shares = Shares(now, names)

@@ -1,15 +1,14 @@
-"""The first picture of a scan without any instructions: which way is up, where the camera stands, what lights it.
+"""Automatic view of a scan: up direction, camera and lights for a render without options.
 
-sample: some of a scene's points, in the world; fitted: normals of a model for them
-upright: which way is up, from all evidence; evidence: that of the shape; stance, planes: what it is computed from
-camera_frame: whether a scan is a frame of a depth camera
-direction: the view direction; framing: the distance; studio: the lights
-first_view: all of these together, as `pointray.frame`
-
-Begin with first_view.
+sample: evenly drawn points of a scene in world coordinates; fitted: their normals, from a model's tree
+upright: up direction from weighted evidence; evidence: scores from the shape; stability, planes: their inputs
+camera_frame: detection of depth camera frames
+direction: view direction; framing: camera distance; coverage: share of the image that points cover
+studio: lights; contact: contact shadow of a standing object; fronts: test for visible back faces
+first_view: all of these together, as `pointray.frame`. Begin here.
 """
 
 from __future__ import annotations
 
 STUDIO, HEADLIGHT = "studio", "headlight"
-LOOKS = {STUDIO: "a studio: key light and sky", HEADLIGHT: "a headlight"}  # all the light of a scan, by one word
+LOOKS = {STUDIO: "a studio: key light and sky", HEADLIGHT: "a headlight"}  # lighting presets

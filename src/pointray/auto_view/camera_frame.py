@@ -1,6 +1,6 @@
-"""Frames of depth cameras: every point lies before a camera at the origin, and no two in the same direction.
+"""Detection of depth camera frames: all points lie in front of a camera at the origin, each in another direction.
 
-The camera looks along z with y down, or against z with y up. Normals are not needed.
+The camera looks along +z with y down, or along -z with y up. Normals are not needed.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-STRAY = 0.002  # share of the points that may lie elsewhere
-SIGHT = 1.2  # tangent of half the angle that a depth camera sees, at most
-PLACES = 250  # pixels whose neighbours are looked at
+STRAY = 0.002  # share of the points that may lie outside the frame
+SIGHT = 1.2  # largest tangent of half the field of view
+PLACES = 250  # pixels whose neighbours are examined
 FEWEST = 50  # points of a frame
-JUMPS = 0.2, 0.4  # largest share of neighbouring pixels that lie far apart: of any, and on an even grid
-STEEP, QUANTUM = 12.0, 0.02  # depth per distance in the picture, and share of the depth: more is a jump
-EVEN = 0.62  # distance of the nearest pixel, as a share of the fourth: 1 and 0.7 on a grid, below 0.5 at random
-BESIDE = 0.2  # a frame's middle is at most so far from the view axis, as a share of its size
-WIDE, ASPECT = 0.25, (1.0, 2.2)  # tangent of half of a whole frame's angle, at least; its width per height
-THINNED = 0.6  # certainty of a frame that has lost its grid of pixels
+JUMPS = 0.2, 0.4  # largest share of neighbouring pixels with a depth jump: in general, and on a regular pixel grid
+STEEP, QUANTUM = 12.0, 0.02  # jump: more than this depth per image distance plus this share of the depth
+EVEN = 0.62  # distance to the nearest pixel over that to the fourth: 0.7 to 1 on a grid, below 0.5 at random
+BESIDE = 0.2  # largest offset of the frame's centre from the optical axis, as a share of its half size
+WIDE, ASPECT = 0.25, (1.0, 2.2)  # smallest tangent of half the field of view; range of aspect ratios
+THINNED = 0.6  # certainty of a frame without a regular pixel grid
 
 
 class Frame(NamedTuple):
-    """A frame of a depth camera.
+    """Camera convention of a depth camera frame.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Frame(NamedTuple):
 
 
 def find_camera_frame(positions: Floats) -> Frame | None:
-    """Return the frame that points (n, 3), world, are; None for other scans."""
+    """Return the frame that the points form, or None. positions : (n, 3), world"""
     x, y, z = positions.T
     ahead = 1.0 if np.median(z) > 0 else -1.0
     depth = ahead * z
@@ -59,7 +59,7 @@ def find_camera_frame(positions: Floats) -> Frame | None:
 
 
 def _fills_picture(pixels: Floats) -> bool:
-    """Whether positions in a picture lie about its middle, in a rectangle as cameras have it."""
+    """Return whether image positions fill a centred rectangle with the aspect ratio of a camera."""
     low, high = np.quantile(pixels, [STRAY, 1 - STRAY], axis=0)
     half, middle = (high - low) / 2, (high + low) / 2
     is_centred = bool((np.abs(middle) <= BESIDE * half).all())
@@ -67,7 +67,7 @@ def _fills_picture(pixels: Floats) -> bool:
 
 
 def _nearest_pixels(pixels: Floats, rows: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
-    """Distances in the picture from some points to their four nearest others, (m, 4), and the rows of the nearest."""
+    """Return the image distances to the four nearest other pixels, (m, 4), and the row of the nearest, (m,)."""
     order = np.argsort(pixels[:, 0])
     reach = min(int(4.0 * np.sqrt(len(pixels))), len(pixels) // 2)
     middle = np.searchsorted(pixels[order, 0], pixels[rows, 0])

@@ -1,4 +1,4 @@
-"""Which points of a sample a picture frames: without distant clusters, small islands and repeated places."""
+"""Clusters of a sample: the points to frame, without distant clusters, small islands and duplicate positions."""
 
 from __future__ import annotations
 
@@ -8,37 +8,37 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-STRAY = 0.0005  # share of the points at either end of an axis that counts as strays
-CELLS = 32  # along the longest side of the others: points in neighbouring cells are connected
-ISLAND = 0.0025  # share of the points: a smaller connected group is apart from the scan, however near it is
-APART = 0.02  # share of the points: where more lie apart, the scan consists of several bodies
-SHRUNK = 8  # times smaller than what surrounds it: a cluster is a body by itself
-ROUNDS = 12  # each finds clusters at the scale of the last round's main cluster
+STRAY = 0.0005  # share of the points at either end of an axis that counts as outliers
+CELLS = 32  # along the longest side without outliers: points in neighbouring cells are connected
+ISLAND = 0.0025  # share of the points: a smaller connected group is not framed, even if it is near
+APART = 0.02  # share of the points: if more are separate, the scan consists of several objects
+SHRUNK = 8  # a cluster this many times smaller than its surroundings is an object of its own
+ROUNDS = 12  # each finds clusters at the scale of the previous round's main cluster
 
 
-FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # of hashes
-# Half of the neighbours of a cell: the others have it among theirs.
+FACTORS = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)  # hash multipliers
+# Offsets to half of a cell's 26 neighbours; symmetry covers the other half.
 ASIDE = np.array([o for o in np.ndindex(3, 3, 3) if o > (1, 1, 1)]) - 1
 
 
 def places(positions: Floats) -> NDArray[np.int64]:
-    """Return the first row of each place, sorted: scanners and programs repeat a place for rows without a return."""
+    """Return the first row of each distinct position, sorted. Scanners repeat a position for rows without a return."""
     bits = np.ascontiguousarray(positions + 0.0).view(np.uint64).reshape(-1, 3)  # -0 is 0
     _, first = np.unique(_hash(bits), return_index=True)
     return np.sort(first)
 
 
 def find_main(positions: Floats) -> tuple[Flags, Flags]:
-    """Find the points to frame, and among the others those that lie far away.
+    """Find the points to frame, and the distant points among the others.
 
-    A cluster is distant if its distance from the main cluster exceeds the size of that; up to 2% of the points may be
-    distant. Clusters are connected cells of a grid, which is refined to the main cluster until nothing is left out.
-    Smaller groups than `ISLAND` are left out too, however near they are, if they are few.
+    A cluster is distant if its distance from the main cluster exceeds the size of that cluster. At most 2% of the
+    points may be distant. Clusters are connected cells of a grid, which is refined to the main cluster until no
+    cluster is distant. Groups smaller than `ISLAND` are not framed either if they have at most 2% of the points.
 
     Parameters
     ----------
     positions : (n, 3) float64
-        Different places.
+        Distinct positions.
 
     Returns
     -------
@@ -70,7 +70,7 @@ def find_main(positions: Floats) -> tuple[Flags, Flags]:
 
 
 def largest_cluster(positions: Floats) -> NDArray[np.int64]:
-    """Return the rows of the largest cluster: of the largest cluster's points again, while that is much smaller."""
+    """Return the rows of the largest cluster, found again within itself while it is much smaller than before."""
     rows = np.arange(len(positions))
     size = float(np.ptp(positions, axis=0).max())
     while size > 0:
@@ -84,14 +84,14 @@ def largest_cluster(positions: Floats) -> NDArray[np.int64]:
 
 
 def clusters(positions: Floats, low: Floats, cell: float) -> NDArray[np.int64]:
-    """Return the number of each point's cluster: connected cells of a grid, also across edges and corners.
+    """Return the cluster number of each point. Clusters are cells of a grid connected by faces, edges or corners.
 
     Parameters
     ----------
     low : (3,) float64
-        A corner of a cell.
+        Minimum corner of a cell.
     cell : float
-        The side of a cell.
+        Side length of a cell.
     """
     at = np.clip(np.floor((positions - low) / cell), -(2.0**60), 2.0**60).astype(np.int64)
     keys, of = np.unique(_hash(at.view(np.uint64)), return_inverse=True)
@@ -114,12 +114,12 @@ def clusters(positions: Floats, low: Floats, cell: float) -> NDArray[np.int64]:
 
 
 def _hash(rows: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """A number for each row, (n, 3): linear, so that neighbouring cells differ by the same number everywhere."""
+    """Return a hash of each row, (n, 3). It is linear, so a neighbour's hash differs by a constant."""
     return np.asarray((rows * FACTORS).sum(axis=1, dtype=np.uint64), np.uint64)
 
 
 def _gaps(positions: Floats, group: NDArray[np.int64], low: Floats, high: Floats) -> Floats:
-    """The distance of each group from a box, by the axis along which it is largest."""
+    """Return the Chebyshev distance of each group from a box."""
     gap = np.maximum(low - positions, positions - high).max(axis=1)
     out = np.full(int(group.max()) + 1, np.inf)
     np.minimum.at(out, group, gap)

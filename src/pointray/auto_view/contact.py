@@ -1,11 +1,11 @@
-"""The contact shadow of an object that stands: on an invisible ground, composited behind the picture.
+"""Contact shadow of a standing object on an invisible ground plane, composited behind the image.
 
 Rays from a grid of points on the ground find how much of the sky and of a wide key light the object blocks. The grid is
-smoothed and looked up where the camera's rays meet the ground, so that a picture needs no more samples, and frames of a
-film or of the viewer share one grid.
+smoothed and sampled where camera rays meet the ground, so it needs no extra samples per pixel, and all frames of an
+animation or of the viewer share one grid.
 
-A ground in the scene (`Plane(shadow_catcher=True)`) would cost shadow rays for each sample of each pixel, and hide the
-object from below.
+A shadow catcher in the scene (`Plane(shadow_catcher=True)`) would cost shadow rays for every sample of every pixel,
+and would hide the object from below.
 """
 
 from __future__ import annotations
@@ -22,31 +22,31 @@ from .direction import axes_of
 
 Floats = NDArray[np.float64]
 
-CELLS = 72  # of the grid, a side
-SKY_RAYS, KEY_RAYS = 16, 8  # from each cell
-KEY_SHARE = 0.35  # of the light, the rest is the sky's: less than the studio's, so that the shadow stays soft
-KEY_CONE = 14.0  # degrees: half the angle of the key light
-MARGIN = 0.8  # width of the ground beyond the object's box, as a share of its largest side
-LENGTH = 1.25  # of rays, as a share of the same: from below the base they reach the other side of the object
-STRENGTH = 0.8  # most that a shadow takes off the background
-FADE = 0.6  # share of the ground's half width from which shadows fade out towards its edge
+CELLS = 72  # grid cells per side
+SKY_RAYS, KEY_RAYS = 16, 8  # per cell
+KEY_SHARE = 0.35  # of the light, the rest comes from the sky; less than in the studio, for a softer shadow
+KEY_CONE = 14.0  # degrees: half angle of the key light
+MARGIN = 0.8  # of the grid around the object's bounding box, as a share of its longest side
+LENGTH = 1.25  # of rays, as a share of the same: enough to cross the object from below its base
+STRENGTH = 0.8  # largest alpha of the shadow
+FADE = 0.6  # share of the grid's half width at which the shadow begins to fade out
 LEVEL = 0.001  # share of the points that may lie below the ground
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
 class ContactShadow(NamedTuple):
-    """The shadow of a standing object on the ground.
+    """Shadow of a standing object on the ground plane.
 
     Attributes
     ----------
     middle : (3,) float64
-        World, on the ground.
+        Centre of the grid, world.
     axes : (3, 3) float64
         Unit rows: two along the ground, and up.
     half : float
         Half the width of the grid.
     shadow : (CELLS, CELLS) float32
-        The share of light that is missing, at the middles of the cells; first along the first axis.
+        Share of light blocked at the cell centres; the first index runs along the first axis.
     """
 
     middle: Floats
@@ -54,8 +54,8 @@ class ContactShadow(NamedTuple):
     half: float
     shadow: NDArray[np.float32]
 
-    def seen_by(self, camera: Camera) -> NDArray[np.float32] | None:
-        """The alpha of the shadow in a camera's picture, (h, w); None if the ground is not seen from above."""
+    def for_camera(self, camera: Camera) -> NDArray[np.float32] | None:
+        """Return the shadow's alpha in a camera's image, (h, w), or None for panoramas and cameras below the ground."""
         record, (width, height) = camera.record(), camera.size
         axes = self.axes @ np.stack([record[k : k + 3] for k in (FORWARD, ACROSS, UPWARD)]).T  # each axis: f, r, u
         eye = self.axes @ (record[EYE : EYE + 3] - self.middle)
@@ -75,7 +75,7 @@ class ContactShadow(NamedTuple):
         return self._look_up(place[0], place[1], t)
 
     def _look_up(self, x: Floats, y: Floats, t: Floats) -> NDArray[np.float32]:
-        """The shadow at places on the ground, bilinear; 0 beyond the grid, and where t is not in front."""
+        """Interpolate the shadow bilinearly at ground positions; 0 outside the grid and behind the camera."""
         out = np.zeros(t.shape, np.float32)
         inside = (t > 0) & (np.abs(x) < self.half) & (np.abs(y) < self.half)
         at = (np.stack([x[inside], y[inside]]) / self.half + 1) * (CELLS / 2) - 0.5
@@ -88,11 +88,11 @@ class ContactShadow(NamedTuple):
         return out
 
     def put_under(self, image: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
-        """A picture with the shadow under it: black, premultiplied, where the picture is transparent.
+        """Composite an image over the shadow, which is black with premultiplied alpha.
 
         image : (h, w, 4) float32, premultiplied
         """
-        alpha = self.seen_by(camera)
+        alpha = self.for_camera(camera)
         if alpha is None:
             return image
         out = image.copy()
@@ -106,10 +106,10 @@ def contact_shadow(scene: Scene, positions: Floats, up: ArrayLike, key: ArrayLik
     Parameters
     ----------
     positions : (n, 3) float64
-        World: points of the object that stands.
+        Points of the standing object, world.
     up : (3,) array_like
     key : (3,) array_like, optional
-        The direction in which the key light travels, world.
+        Direction in which the key light travels, world.
     """
     axes = axes_of(up)
     local = positions @ axes.T
@@ -123,15 +123,16 @@ def contact_shadow(scene: Scene, positions: Floats, up: ArrayLike, key: ArrayLik
     side = ((np.arange(CELLS) + 0.5) / CELLS * 2 - 1) * half
     ground = np.stack([*np.meshgrid(side, side, indexing="ij"), np.zeros((CELLS, CELLS))], axis=-1)
     origins = np.broadcast_to((middle + ground @ axes)[:, :, None], directions.shape)
-    # Not `occluded`: this kernel is compiled already, and most rays meet nothing.
+    # `intersect` rather than `occluded`: its kernel is compiled already, and most rays miss.
     blocked = np.isfinite(scene.intersect(origins, directions @ axes, 0.0, LENGTH * size).t)
-    return ContactShadow(middle, axes, half, _finished((blocked * weights).sum(axis=-1), ground / half))
+    return ContactShadow(middle, axes, half, _smooth_and_fade((blocked * weights).sum(axis=-1), ground / half))
 
 
 def _directions(key: Floats | None) -> tuple[Floats, Floats]:
-    """Directions from each cell to the light, (CELLS, CELLS, k, 3), in the ground's axes, and their weights, (k,).
+    """Return light directions for each cell in ground axes, (CELLS, CELLS, k, 3), and their weights, (k,).
 
-    The same in all cells but for a turn, which a smoothing over neighbours averages: the sky's by the cosine.
+    All cells share one pattern under different rotations, which smoothing averages. Sky directions are
+    cosine-distributed.
     """
     k = np.arange(CELLS)
     turn = (k[:, None] * GOLDEN + k[None, :] * GOLDEN**2)[..., None] % 1.0
@@ -150,14 +151,14 @@ def _directions(key: Floats | None) -> tuple[Floats, Floats]:
 
 
 def _disc(count: int, turn: Floats) -> Floats:
-    """Points of the unit disc, (..., count, 2): a sunflower, turned by a share of a full turn in each cell."""
+    """Return points of the unit disc in a sunflower pattern, (..., count, 2). turn : rotation, in full turns"""
     k = np.arange(count)
     radius, angle = np.sqrt((k + 0.5) / count), 2 * np.pi * (k * GOLDEN + turn)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
 
 
-def _finished(shadow: Floats, place: Floats) -> NDArray[np.float32]:
-    """A grid of shares of blocked light, smoothed, and faded out towards the edge."""
+def _smooth_and_fade(shadow: Floats, place: Floats) -> NDArray[np.float32]:
+    """Smooth a grid of blocked light and fade it out towards the edge."""
     for axis in (0, 1):
         padded = np.pad(shadow, [(2, 2) if k == axis else (0, 0) for k in (0, 1)], mode="edge")
         rows = [np.take(padded, np.arange(CELLS) + k, axis=axis) for k in range(5)]

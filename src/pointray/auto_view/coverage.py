@@ -1,4 +1,4 @@
-"""How much of a picture points cover."""
+"""Share of the image that points cover."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from .sample import Sample
 
 Floats = NDArray[np.float64]
 
-LEAST = 0.005  # share of a picture that is all but empty
+LEAST = 0.005  # image coverage below which the view is considered empty
 COUNTED = 0.75  # share of the points whose cells count
-CELLS = 160  # most cells across a picture; fewer for few points, whose splats are larger
+CELLS = 160  # largest number of cells across the image; fewer for few points, whose splats are larger
 
 
 def coverage(positions: Floats, camera: Camera) -> float:
-    """Return the share of a picture's cells that contain points, in front of the camera.
+    """Return the share of the image's cells that contain points in front of the camera.
 
-    Only the fullest cells count, which have three quarters of the points: a sky of single points fills no picture.
+    Only the fullest cells, with 75% of the points, count, so isolated points do not raise the coverage.
 
     Parameters
     ----------
@@ -46,6 +46,6 @@ def coverage(positions: Floats, camera: Camera) -> float:
 
 
 def of_largest_cluster(sample: Sample) -> Sample:
-    """Return the points of the largest cluster, at the finest scale at which it has most of the points around it."""
+    """Return the points of the largest cluster, see `largest_cluster`."""
     rows = largest_cluster(sample.positions)
     return sample._replace(positions=sample.positions[rows], normals=sample.normals[rows])

@@ -1,6 +1,6 @@
-"""Evidence of which way is up in a scan's shape: a score of each of six axes from each source.
+"""Evidence for the up direction in a scan's shape: each source scores six axes.
 
-Scores lie between -1 and 1; 0 says nothing. `WEIGHTS` in upright.py are what they are multiplied with.
+Scores lie between -1 and 1; 0 is neutral. `WEIGHTS` in upright.py scale them.
 """
 
 from __future__ import annotations
@@ -16,33 +16,33 @@ from .stability import Ends
 Floats = NDArray[np.float64]
 
 AXES = ("x", "-x", "y", "-y", "z", "-z")
-LEVEL, PLUMB = 0.95, 0.1  # |cosine| between an axis and the normals of level planes, at least, and of walls, at most
-SLABS, SLAB = 40, 2  # layers across the height; how many neighbouring ones a ground may take up
-THINNEST = 0.015  # thickness of a layer, at least, as a share of the width
-TWO_SIDED = 2.0  # how much a sheet on the other side counts against a ground
-BANDS, WALL = 8, 0.5  # of the height; a column in which this share of them is taken is a wall
-COLUMNS = 12  # across the view from above
-BELOW = 5.0  # how much planes below a ground count against it
+LEVEL, PLUMB = 0.95, 0.1  # |cosine| between axis and normal: smallest of horizontal planes, largest of walls
+SLABS, SLAB = 40, 2  # layers over the height; neighbouring layers that one ground may occupy
+THINNEST = 0.015  # smallest layer thickness, as a share of the width
+TWO_SIDED = 2.0  # penalty for a sheet at the opposite end
+BANDS, WALL = 8, 0.5  # bands over the height; a column with a larger share of occupied bands is a wall
+COLUMNS = 12  # across the view along the axis
+BELOW = 5.0  # penalty for planes below the ground
 SLICES = 20  # of the height, in which the width is measured
-THIN = 0.4  # width of a trunk, as a share of the greatest width
-CENTRED = 0.4  # distance of a trunk from the middle, as a share of the greatest width
-CROWN = 3  # slices that are about as wide as the widest, at least
-LONG = 0.25  # length of a trunk, as a share of the height
+THIN = 0.4  # largest width of a trunk, as a share of the greatest width
+CENTRED = 0.4  # largest distance of a trunk from the centre, as a share of the greatest width
+CROWN = 3  # smallest number of slices about as wide as the widest
+LONG = 0.25  # smallest length of a trunk, as a share of the height
 FEW = 5  # points in a slice that are too few to judge
 AROUND = 16  # sectors about a scanner
-BELT = 75.0  # degrees: a scanner that turns sees no more between its lowest and its highest ray
+BELT = 75.0  # degrees: largest range of elevation that a rotating scanner sees
 
 
 class Shape(NamedTuple):
-    """What evidence is taken from.
+    """Shape of a scan, the input of all sources.
 
     Attributes
     ----------
     positions, normals : (n, 3) float64
-        Without strays; normals are zero where they are unknown.
+        Without outliers; unknown normals are zero.
     planes : Planes
     eye : (3,) float64
-        Where a scanner may have stood.
+        Possible scanner position.
     stations : (k, 3) float64
     """
 
@@ -61,44 +61,45 @@ Scores = NDArray[np.float64]  # (6,), of `AXES`
 
 
 def both_ways(scores: list[float]) -> Scores:
-    """Scores of x, y and z as scores of six axes."""
+    """Expand scores of x, y and z to the six axes, the same in both directions."""
     return np.repeat(np.array(scores, np.float64), 2)
 
 
 def opposed(scores: list[float]) -> Scores:
-    """The same, with the opposite score for the opposite axis."""
+    """Expand scores of x, y and z to the six axes, with opposite signs in opposite directions."""
     return both_ways(scores) * np.array([1, -1] * 3)
 
 
 def stands(shape: Shape) -> tuple[Scores, Scores, Scores]:
-    """The axes along which a body has a broad base under its middle, and a small top; feet; and a flat lower end."""
+    """Score axes by a stable stance (broad base below the centre, small top), by feet, and by a flat lower end."""
     ends = [Ends.of(shape.positions, axis) for axis in range(3)]
     stances = np.concatenate([end.stances() for end in ends])
     return stances, opposed([end.feet() for end in ends]), opposed([end.flatness() for end in ends])
 
 
 def faces(shape: Shape) -> Scores:
-    """The axis to which normals are turned: what scanners see of most things are their upper sides."""
+    """Score axes by the mean normal: scanners mostly see upper sides."""
     known = shape.normals.any(axis=1)
     return opposed(list(shape.normals[known].mean(axis=0))) if known.any() else np.zeros(6)
 
 
 def walls(shape: Shape) -> Scores:
-    """The axis along which walls stand that face several ways: on terrain they all face one way or the other."""
+    """Score axes by vertical walls that face several directions. On terrain, steep planes share one direction."""
     scores = []
     for axis in range(3):
         upright = shape.planes.flat & (np.abs(shape.planes.normals[:, axis]) < PLUMB)
         if not upright.any():
             scores.append(0.0)
             continue
-        angle = 2.0 * np.arctan2(*np.delete(shape.planes.normals[upright], axis, axis=1).T)  # opposite ways are one
+        # doubled angle: opposite directions count as one
+        angle = 2.0 * np.arctan2(*np.delete(shape.planes.normals[upright], axis, axis=1).T)
         one_way = float(np.hypot(np.cos(angle).mean(), np.sin(angle).mean()))
         scores.append(float(upright.mean()) * (1.0 - one_way))
     return both_ways(scores)
 
 
 def ground(shape: Shape) -> tuple[Scores, Scores]:
-    """A level sheet under everything; and things that lie on it, below the middle of the height."""
+    """Score axes by a horizontal sheet below everything, and by objects on it, below half of the height."""
     sheets, things = [], []
     for axis in range(3):
         layers = Layers.of(shape.planes, axis)
@@ -109,12 +110,12 @@ def ground(shape: Shape) -> tuple[Scores, Scores]:
 
 
 class Layers(NamedTuple):
-    """Planes of a scan in layers along an axis, as counts in columns.
+    """Counts of a scan's planes in layers along an axis and in columns across it.
 
     Attributes
     ----------
     planes, level : (layers, COLUMNS, COLUMNS) int64
-        All planes, and those that are level.
+        All planes, and the horizontal ones.
     """
 
     planes: NDArray[np.int64]
@@ -139,7 +140,7 @@ class Layers(NamedTuple):
         return Layers(self.planes[::-1], self.level[::-1])
 
     def sheet(self) -> float:
-        """How much of the view along the axis a level sheet in the lower half covers, with little below it."""
+        """Return how much of the view along the axis a horizontal sheet in the lower half covers, from 0 to 1."""
         whole = np.asarray(self.planes.any(axis=0))
         rim = whole & ~_within(whole)
         best, total = 0.0, self.planes.sum()
@@ -151,7 +152,7 @@ class Layers(NamedTuple):
         return best
 
     def lowness(self) -> float:
-        """How far below the middle things lie, beside walls and between bottom and top, from -1 to 1."""
+        """Return how far below half of the height the planes other than walls, bottom and top lie, from -1 to 1."""
         inner = self.planes[SLAB:-SLAB]
         if len(inner) < BANDS:
             return 0.0
@@ -165,13 +166,13 @@ class Layers(NamedTuple):
 
 
 def _within(whole: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The cells whose four neighbours are cells too."""
+    """Return the cells whose four neighbours are occupied."""
     wide = np.pad(whole, 1)
     return wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
 
 
 def foliage(shape: Shape) -> Scores:
-    """What fills a volume is above what has a surface: leaves above trunks and the ground."""
+    """Score axes by foliage, which fills a volume, above surfaces such as trunks and the ground."""
     scattered = shape.planes.scattered
     share = float(scattered.mean()) if len(scattered) else 0.0
     if not 0.05 < share < 0.95:
@@ -183,7 +184,7 @@ def foliage(shape: Shape) -> Scores:
 
 
 def trunk(shape: Shape) -> Scores:
-    """What is wide stands on what is thin, if this is long and under its middle: trees, lamps, signs."""
+    """Score axes by a long thin trunk below a wide crown: trees, lamps, signs."""
     scores = []
     for axis in range(3):
         runs = [_trunk_length(shape.positions, axis, sign) for sign in (1.0, -1.0)]
@@ -192,7 +193,7 @@ def trunk(shape: Shape) -> Scores:
 
 
 def _trunk_length(positions: Floats, axis: int, sign: float) -> float:
-    """The length of the trunk at the lower end of an axis, from 0 to 1 for half of the height."""
+    """Return the length of a trunk at the lower end of an axis: 1 for half of the height or more, 0 for none."""
     height = sign * positions[:, axis]
     across = np.delete(positions, axis, axis=1)
     slice_of = np.minimum((height - height.min()) / (np.ptp(height) or 1.0) * SLICES, SLICES - 1).astype(int)
@@ -202,19 +203,19 @@ def _trunk_length(positions: Floats, axis: int, sign: float) -> float:
         if len(rows) >= FEW:
             middles[k] = np.median(rows, axis=0)
             widths[k] = np.quantile(np.linalg.norm(rows - middles[k], axis=1), 0.8)
-    widest = float(np.sort(np.nan_to_num(widths))[-CROWN])  # not of the ground, which is in one or two slices
+    widest = float(np.sort(np.nan_to_num(widths))[-CROWN])  # excludes the ground, which fills one or two slices
     if not widest > 0:
         return 0.0
     thinness = np.nan_to_num(1 - widths / (THIN * widest))
     thinness[np.linalg.norm(np.nan_to_num(middles) - np.median(across, axis=0), axis=1) > CENTRED * widest] = 0.0
-    start = int(not thinness[0] > 0)  # the first may be ground
+    start = int(not thinness[0] > 0)  # the first slice may be ground
     ends = np.flatnonzero(thinness[start:] <= 0)
     length = int(ends[0]) if len(ends) else SLICES - start
     return min(2.0 * float(thinness[start : start + length].sum()) / SLICES, 1.0) if length >= LONG * SLICES else 0.0
 
 
 def turning(shape: Shape) -> Scores:
-    """The axis about which a scanner has turned that sees all around, and not far up and down."""
+    """Score axes by a limited range of elevation around them, as of a rotating scanner that sees all around."""
     away = shape.planes.positions - shape.eye
     far = np.linalg.norm(away, axis=1)
     away = away[far > 0] / far[far > 0, None]
@@ -229,7 +230,7 @@ def turning(shape: Shape) -> Scores:
 
 
 def stationed(shape: Shape) -> Scores:
-    """Scanners stand beside each other, not above: the axis along which their places differ is not up."""
+    """Score axes along which scanner stations differ negatively: stations stand beside each other."""
     if len(shape.stations) < 2:
         return np.zeros(6)
     spread = shape.stations.std(axis=0)

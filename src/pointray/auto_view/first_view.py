@@ -1,4 +1,4 @@
-"""The camera that sees all of a scan if nobody chooses one."""
+"""Automatic camera: `frame`, and `Scan`, which keeps what was detected in a scan."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ Floats = NDArray[np.float64]
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
 MOST_ZOOM = 1000.0
-WIDE = 75.0  # degrees: field of view of a camera within a room
-BACK = (0.4, 0.3, 0.2, 0.1, 0.0)  # shares of a room's width: how far from its middle a camera stands, if there is room
-CLEAR = 0.05  # share of a room's width: least distance to surfaces
+WIDE = 75.0  # degrees: smallest field of view of a camera inside a room
+BACK = (0.4, 0.3, 0.2, 0.1, 0.0)  # tried distances of the camera from a room's centre, as shares of its width
+CLEAR = 0.05  # smallest distance to surfaces, as a share of a room's width
 
 
 @dataclass(frozen=True)
 class ViewChoice:
-    """How to view a scan; values that are None are found.
+    """User options of a view. Values of None are chosen automatically.
 
     Attributes
     ----------
@@ -41,9 +41,9 @@ class ViewChoice:
     view : str
         "auto", or one of `VIEWS`.
     azimuth, elevation : float or None
-        Degrees; they replace the view's.
+        Degrees; they override those of the view.
     zoom : float
-        2 is half as far away.
+        Zoom factor relative to the automatic camera; 2 halves the distance.
     """
 
     up: Vector | None = None
@@ -60,7 +60,7 @@ class ViewChoice:
 
 
 class Scan:
-    """What is viewed, and what was found out about it.
+    """A subject with its up direction and view direction.
 
     Parameters
     ----------
@@ -71,10 +71,10 @@ class Scan:
     ----------
     up : (3,) tuple
     found_up : Up or None
-        None if the choice has an up direction.
+        Automatic up direction. None if the choice has one.
     outlook : Outlook
     ignored : str
-        Which points do not decide what is framed; empty, if all do.
+        Message about points that are not framed; empty if all are.
     """
 
     def __init__(self, subject: Scene | Model | Points, choice: ViewChoice) -> None:
@@ -82,12 +82,12 @@ class Scan:
         self._choice = choice
         self.ignored = str(self._sample.ignored)
         self.found_up = find_up(self._sample) if choice.up is None else None
-        self.up = choice.up or self.found_up.direction  # type: ignore[union-attr]  # one of them is there
+        self.up = choice.up or self.found_up.direction  # type: ignore[union-attr]  # set if the choice has none
         self.outlook = self._look()
 
     @property
     def found(self) -> str:
-        """What was found, in one line, and the options that change it; empty if nothing was."""
+        """Automatic choices in one line, with the options that change them; empty if the user chose everything."""
         up = self.found_up
         view = f"view: {self.natural_outlook.kind}" if self._is_found else ""
         parts = [view, f"up {up.axis if up.axis.startswith('-') else f'+{up.axis}'} ({up.why})" if up else ""]
@@ -97,35 +97,35 @@ class Scan:
 
     @cached_property
     def natural_outlook(self) -> Outlook:
-        """The view that is found, whatever the choice is."""
+        """Automatic view direction, whatever the choice is."""
         return find_outlook(self._sample, self.up)
 
     @cached_property
     def stands(self) -> bool:
-        """Whether it is an object, seen from all sides, that stands on a base, feet or a trunk."""
+        """Whether the subject is an object, seen from all sides, that stands on a base, feet or a trunk."""
         if self.natural_outlook.kind != OBJECT:
             return False
         return self.found_up.stands if self.found_up is not None else stands_along(self._sample, self.up)
 
     @property
     def positions(self) -> Floats:
-        """The points that are framed, (n, 3), world."""
+        """Framed points, (n, 3), world."""
         return np.asarray(self._sample.origin + self._sample.positions)
 
     @property
     def middle(self) -> Vector:
-        """The middle of the points, world."""
+        """Median of the framed points, world."""
         x, y, z = (self._sample.origin + np.median(self._sample.positions, axis=0)).tolist()
         return x, y, z
 
     @property
     def bounds(self) -> Floats:
-        """The box of the points that are framed, (2, 3), world."""
+        """Bounding box of the framed points, (2, 3), world."""
         low, high = self._sample.positions.min(axis=0), self._sample.positions.max(axis=0)
         return np.asarray(self._sample.origin + [low, high])
 
     def camera(self, lens: Lens = STANDARD, free: Part = WHOLE) -> Camera:
-        """The camera that frames all of it in a part of its picture: left, top, right, bottom, shares."""
+        """Return the camera that frames all points in a part of its image: (left, top, right, bottom), from 0 to 1."""
         direction = towards(self.outlook, self.up)
         if self.outlook.within and lens.projection == "perspective":
             return _within(self._sample, direction, self.up, lens._replace(fov=max(lens.fov, WIDE)))
@@ -135,23 +135,23 @@ class Scan:
             return camera
         nearer = self._near(frame_points(of_largest_cluster(self._sample), direction, self.up, lens, free))
         if self.coverage(nearer) <= share:
-            warn(f"the points cover {share:.1%} of the picture", stacklevel=3)
+            warn(f"the points cover only {share:.1%} of the image", stacklevel=3)
             return camera
-        warn(f"the points would cover {share:.1%} of the picture: it shows the largest of their groups", stacklevel=3)
+        warn(f"the points would cover only {share:.1%} of the image: the largest cluster is framed", stacklevel=3)
         return nearer
 
     def coverage(self, camera: Camera) -> float:
-        """The share of a picture that points cover, about."""
+        """Return the approximate share of a camera's image that points cover."""
         return coverage(self._sample.origin + self._sample.positions, camera)
 
     def turning(self, lens: Lens = STANDARD) -> Camera:
-        """The camera for a turntable: the scan stays in the picture through the whole turn."""
+        """Return the camera for a turntable, with the scan inside the image through the whole turn."""
         direction = towards(self.outlook, self.up)
         return self._near(frame_turning(self._sample, direction, self.up, lens))
 
     @property
     def _is_found(self) -> bool:
-        """Whether the user has left the direction of view open."""
+        """Whether the view direction is chosen automatically."""
         choice = self._choice
         return choice.view == AUTO and choice.azimuth is None and choice.elevation is None
 
@@ -165,7 +165,7 @@ class Scan:
         return outlook
 
     def _near(self, camera: Camera) -> Camera:
-        """The camera, zoomed; parallel rays begin at the eye, which has to stay in front of the scan."""
+        """Return the zoomed camera. An orthographic eye must stay in front of the scan, so its view is narrowed."""
         if camera.projection == "orthographic":
             return magnified(camera, self._choice.zoom)
         eye, target = np.asarray(camera.eye), np.asarray(camera.target)
@@ -183,31 +183,39 @@ def frame(
     elevation: float | None = None,
     zoom: float = 1.0,
 ) -> Camera:
-    """A camera in whose picture a scan is upright, in the middle, and as large as fits.
+    """Return a camera that shows a subject upright, centred and as large as fits.
 
     Parameters
     ----------
     subject : Scene, Model or Points
-        Its points are framed as they are seen, the central 99.9% of them along each side of the picture. Clusters
-        farther away than a scan's size, with up to 2% of its points, are left out. A warning says if the points would
-        cover less than 0.5% of the picture; the largest of their groups is framed then.
+        The central 99.9% of its points along each side of the image are framed. Clusters that are farther away than
+        the size of the scan are not framed if they have at most 2% of the points.
     view : {"auto", "iso", "front", "back", "left", "right", "top", "bottom"}
-        The front is seen from -y where z is up, from +z where y is. Auto: bodies from the front, a little from the
-        right and above; flat scans from 40 degrees above; one-sided scans from that side; rooms from within.
+        The front is seen from -y if z is up, and from +z if y is up. "auto" shows objects from the front, slightly
+        from the right and above; flat scans from 40 degrees above; one-sided scans from that side; rooms from inside.
     up : (3,) array_like, or "x", "-x", "y", "-y", "z", "-z", or "auto"
-        Auto: the axis with the most evidence: large coordinates, the file's format, a depth camera at the origin, the
-        scan's shape and normals, and habit (z, then y).
+        "auto" chooses the axis with the most evidence: large coordinates, the file format, a depth camera at the
+        origin, the shape and normals of the scan, and common practice (z, then y).
     fov, size, projection
         As for `Camera.look_at`.
     azimuth, elevation : float, optional
-        Degrees, which replace the view's; 0 and 0 is the front, 90 and 0 the right side.
+        Degrees; they override those of the view. (0, 0) is the front, (90, 0) the right side.
     zoom : float
-        2 is half as far away.
+        Zoom factor relative to the automatic camera; 2 halves the distance.
+
+    Returns
+    -------
+    Camera
 
     Raises
     ------
     ValueError
-        If a value is not allowed, or there are no points.
+        If a parameter is invalid, or there are no points.
+
+    Warns
+    -----
+    UserWarning
+        If the points would cover less than 0.5% of the image. The largest cluster is framed then, if that helps.
 
     Examples
     --------
@@ -220,7 +228,7 @@ def frame(
 
 
 def up_of(up: Any) -> Vector | None:
-    """The up direction as a vector; None if it is to be found."""
+    """Return the up direction as a vector, or None for "auto"."""
     from .upright import axis_direction
 
     if isinstance(up, str):
@@ -233,7 +241,7 @@ def up_of(up: Any) -> Vector | None:
 
 
 def _within(sample: Sample, direction: Floats, up: Vector, lens: Lens) -> Camera:
-    """A camera in a room that looks across its middle."""
+    """Return a camera inside a room that looks across its centre."""
     middle = np.median(sample.positions, axis=0)
     width = float(np.ptp(np.quantile(sample.positions @ direction, [0.01, 0.99])))
     for share in BACK:

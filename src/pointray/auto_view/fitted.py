@@ -1,4 +1,4 @@
-"""Normals that a model was built with, for points whose file has none."""
+"""Normals fitted when a model was built, for points whose file has none."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ..engine.kernels.tree import BLOCK, NX, Tree
 
 
 def fitted_normals(tree: Tree, rows: NDArray[np.integer[Any]], count: int) -> NDArray[np.float32]:
-    """Normals of some of `count` points, (m, 3); zero where the tree has no splat of a row.
+    """Return normals of some of `count` points from a tree, (m, 3); zero for rows without a splat. Needs no kernel.
 
-    rows : (m,), ascending. No kernel is needed.
+    rows : (m,), ascending
     """
     wanted = np.zeros(count, bool)
     wanted[rows] = True

@@ -1,7 +1,7 @@
-"""The distance of a camera at which the points fill its picture, as they are seen in it.
+"""Camera distance at which the projected points fill the image.
 
-The central 99.9% of the points along each side of the picture are framed, so that strays do not count. A box around
-the points would not do: its corners are empty, and the points would sit too high in it or beside its middle.
+The central 99.9% of the points along each side of the image are framed, so outliers do not count. Framing the bounding
+box instead would leave empty corners, and put the points too high or off centre.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from .sample import Sample
 
 Floats = NDArray[np.float64]
 
-MARGIN = 0.05  # share of the picture, on either side of what fills it
+MARGIN = 0.05  # on each side, as a share of the image
 ROUNDS = 60
-ENOUGH = 1e-4  # share of the picture: precision of the centring
-NEAREST = 0.05  # share of the points' size: least distance from the eye to the nearest point
+ENOUGH = 1e-4  # precision of the centring, as a share of the image
+NEAREST = 0.05  # smallest distance from the eye to the nearest point, as a share of the points' extent
 Part = tuple[float, float, float, float]
 WHOLE = (0.0, 0.0, 1.0, 1.0)
-CIRCLE = 64  # points on the circle of a point that turns
-PROFILE = 256  # heights at which the profile of a turning scan is kept
+CIRCLE = 64  # points on the circle that a turning point describes
+PROFILE = 256  # heights in the profile of a turning scan
 
 
 class Lens(NamedTuple):
-    """The parameters of `Camera.look_at` other than positions: fov in degrees, size in pixels, projection."""
+    """Parameters of `Camera.look_at` other than positions: fov in degrees, size in pixels, projection."""
 
     fov: float = 40.0
     size: tuple[int, int] = SIZE
@@ -43,7 +43,7 @@ STANDARD = Lens()
 def frame_points(
     sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1), lens: Lens = STANDARD, free: Part = WHOLE
 ) -> Camera:
-    """The camera in whose picture the points are as large as fits with a margin of 5%, in the middle.
+    """Return a camera that shows the points centred and as large as fits with a margin of 5%.
 
     Parameters
     ----------
@@ -51,46 +51,46 @@ def frame_points(
         From the points towards the camera.
     up : (3,) array_like
     lens : Lens
-        A panorama is taken from the middle of the points.
+        A panorama is taken from the median of the points.
     free : (4,) float
-        The part of the picture that they fill, left, top, right, bottom, shares from 0 to 1.
+        Part of the image that the points fill: left, top, right, bottom, from 0 to 1.
 
     Returns
     -------
     Camera
-        Its target has the depth of the middle of the points.
+        Its target has the depth of the points' median.
     """
     return _frame(sample, direction, up, lens, STRAY, free)
 
 
 def frame_turning(sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1), lens: Lens = STANDARD) -> Camera:
-    """The camera for points that turn about an axis along `up` through their middle: they stay in the picture.
+    """Return a camera that keeps the points in its image while they turn about an axis along `up` through their centre.
 
     Its target lies on the axis.
 
     Raises
     ------
     ValueError
-        If it is a panorama, for which there is no turntable.
+        If the projection is "panorama".
     """
     if lens.projection == "panorama":
-        raise ValueError("a panorama is all around the camera: there is no turntable before it")
+        raise ValueError("projection 'panorama' does not support turntables; use perspective or orthographic")
     axis = _unit(check_direction(up, "up"))
     low, high = np.quantile(sample.positions, [STRAY, 1.0 - STRAY], axis=0)
     middle = (low + high) / 2
-    about = sample.seen_from(middle - axis * (middle @ axis))
-    framed = _frame(about._replace(positions=_ways(about.positions, axis)), direction, up, lens, 0.0)
+    about = sample.relative_to(middle - axis * (middle @ axis))
+    framed = _frame(about._replace(positions=_swept_circles(about.positions, axis)), direction, up, lens, 0.0)
     eye, view = np.asarray(framed.eye) - about.origin, np.asarray(framed.target) - np.asarray(framed.eye)
     flat = view - axis * (view @ axis)
-    if flat @ flat < 1e-12 * (view @ view):  # along the axis: the target is on it already
+    if flat @ flat < 1e-12 * (view @ view):  # looks along the axis: the target is on it already
         return framed
-    distance = float(-(eye @ flat) / (flat @ flat))  # along the view, to where it meets the axis
+    distance = float(-(eye @ flat) / (flat @ flat))  # along the view, to its intersection with the axis
     turning = replace(framed, target=tuple(framed.eye + distance * view))
     return magnified(turning, distance) if lens.projection == "orthographic" else turning
 
 
 def magnified(camera: Camera, times: float) -> Camera:
-    """The camera with everything in its picture magnified at the target's distance; it does not move."""
+    """Return the camera with its image magnified at the target's distance by narrowing the field of view."""
     return replace(camera, fov=float(np.degrees(2.0 * np.arctan(np.tan(np.radians(camera.fov) / 2.0) / times))))
 
 
@@ -103,7 +103,7 @@ def _frame(
     free: Part = WHOLE,
 ) -> Camera:
     fov, (width, height), projection = lens
-    Camera.look_at((0, 0, 0), (1, 0, 0), up, fov, (width, height), projection)  # raises the error
+    Camera.look_at((0, 0, 0), (1, 0, 0), up, fov, (width, height), projection)  # checks the arguments
     forward, right, top = view_axes(-np.asarray(check_direction(direction, "direction")), np.asarray(up, np.float64))
     middle = np.median(sample.positions, axis=0)
     across, high, depth = ((sample.positions - middle) @ axis for axis in (right, top, forward))
@@ -111,12 +111,12 @@ def _frame(
     sides = np.array([half * width / height, half])
     left, above, right_end, below = free
     room = sides * (right_end - left, below - above) * (1.0 - 2.0 * MARGIN)
-    aim = sides * (left + right_end - 1.0, 1.0 - above - below)  # the middle of the free part
+    aim = sides * (left + right_end - 1.0, 1.0 - above - below)  # centre of the free part
     center = sample.origin + middle
     if projection == "panorama":
         level = np.cross(np.asarray(up, np.float64), right)  # a panorama is level
         return Camera.look_at(center, center + level, up, fov, (width, height), projection)
-    before = -float(np.quantile(depth, stray))  # how far in front of the middle the nearest point is
+    before = -float(np.quantile(depth, stray))  # distance of the nearest point in front of the median
     extent = max(float(np.ptp(np.quantile(a, [stray, 1.0 - stray]))) for a in (across, high, depth))
     nearest = before + NEAREST * extent
     if projection == "orthographic":
@@ -133,10 +133,10 @@ def _frame(
 def _fit(
     points: Floats, depth: Floats, part: tuple[Floats, Floats], limits: tuple[float, float]
 ) -> tuple[float, float, float]:
-    """Where a camera stands, to the right, upwards and backwards, so that points fill a part of its picture.
+    """Return camera offsets to the right, upwards and backwards with which points fill a part of the image.
 
-    points : (2, n), to the right and upwards; part : half its width and height, and its middle, as tangents
-    limits : the least distance, and the share of strays
+    points : (2, n), to the right and upwards; part : half sizes and centre, as tangents
+    limits : smallest distance, share of outliers
     """
     (room, aim), (least, stray) = part, limits
     shift, distance = np.zeros(2), 2.0 * max(least, float(np.abs(points).max(initial=0.0)) / float(room.min()))
@@ -145,7 +145,7 @@ def _fit(
         low, high = np.quantile(seen, [stray, 1.0 - stray], axis=1)
         off, filled = (low + high) / 2 - aim, float(((high - low) / 2 / room).max())
         shift = shift + off * distance
-        # A root is sought: points before the middle come nearer faster than the camera does.
+        # The square root damps the step: points in front of the centre approach faster than the camera does.
         nearer = max(np.sqrt(filled) * distance, least) if filled > 0 else least
         done = np.abs(off / room).max() < ENOUGH and abs(nearer / distance - 1.0) < ENOUGH / 2
         distance = nearer
@@ -154,8 +154,8 @@ def _fit(
     return float(shift[0]), float(shift[1]), float(distance)
 
 
-def _ways(positions: Floats, axis: Floats) -> Floats:
-    """Points on the circles of points that turn about an axis through zero: the outermost point at each height."""
+def _swept_circles(positions: Floats, axis: Floats) -> Floats:
+    """Return circles swept by points that turn about an axis through the origin: the outermost at each height."""
     height = positions @ axis
     radius = np.linalg.norm(positions - height[:, None] * axis, axis=1)
     low, high = np.quantile(height, [STRAY, 1.0 - STRAY])
@@ -168,7 +168,7 @@ def _ways(positions: Floats, axis: Floats) -> Floats:
     u = _unit(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))]))
     angles = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
     circle = np.cos(angles)[:, None] * u + np.sin(angles)[:, None] * np.cross(axis, u)
-    rim = rim[rows] / np.cos(np.pi / CIRCLE)  # the polygon goes around the circle
+    rim = rim[rows] / np.cos(np.pi / CIRCLE)  # circumscribed polygon
     return np.asarray((rim[:, None, None] * circle + heights[:, None, None] * axis).reshape(-1, 3))
 
 

@@ -1,4 +1,4 @@
-"""Whether a view of a scene shows the sides of surfaces to which their normals point."""
+"""Test whether a view shows back faces of surfaces."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 from ..rendering.camera import Camera
 from ..scene.scene import Scene
 
-ACROSS = 48  # rays in a row
+ACROSS = 48  # rays per row
 BACKS = 0.25  # share of the hits
 
 
 def shows_backs(scene: Scene, camera: Camera) -> bool:
-    """Whether more than a quarter of what a camera sees are back faces: leaves, or normals on either side.
+    """Return whether more than 25% of a camera's hits are back faces, as for leaves and unoriented normals.
 
-    Muted back faces, see `Settings`, would then make patches instead of showing holes.
+    Muted back faces, see `Settings`, would then produce patches instead of marking holes.
     """
     width, height = camera.size
     few = replace(camera, size=(ACROSS, max(round(ACROSS * height / width), 1)))

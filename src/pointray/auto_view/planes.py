@@ -1,4 +1,4 @@
-"""Local planes of a scan: undirected normals, estimated from a few points in some milliseconds, without kernels."""
+"""Local planes of a scan: undirected normals of a few points, estimated in milliseconds without kernels."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-PLACES = 600  # planes, at most
-AMONG = 5000  # points from which they are fitted
+PLACES = 600  # planes at most
+SUBSET = 5000  # points to which they are fitted
 NEIGHBORS = 12
-FLAT = 0.03  # largest variance across a plane, as a share of the variance along its longer side
-SCATTERED = 0.12  # the least such share of foliage
-BLOCK = 300  # places whose neighbours are sought together: 14 MB
+FLAT = 0.03  # largest variance across a flat plane, as a share of the largest variance
+SCATTERED = 0.12  # smallest such share of foliage
+BLOCK = 300  # positions whose neighbours are searched together: 14 MB
 
 
 class Planes(NamedTuple):
-    """Planes through the neighbourhoods of places that are spread evenly over a scan's surface.
+    """Planes fitted to the neighbourhoods of positions spread evenly over a scan's surface.
 
     Attributes
     ----------
     positions, normals : (m, 3) float64
         The sign of a normal has no meaning.
     flat, scattered : (m,) bool
-        Whether the neighbours lie in the plane or along a line; whether they fill a volume.
+        Whether the neighbours lie in a plane or along a line; whether they fill a volume.
     """
 
     positions: Floats
@@ -35,39 +35,39 @@ class Planes(NamedTuple):
 
 
 def fit_planes(positions: Floats) -> Planes:
-    """Fit planes to points, (n, 3); without any if there are too few points."""
-    among = positions[:: max(len(positions) // AMONG, 1)]
-    if len(among) <= NEIGHBORS:
+    """Fit planes to points, (n, 3). Return none if there are too few points."""
+    subset = positions[:: max(len(positions) // SUBSET, 1)]
+    if len(subset) <= NEIGHBORS:
         none = np.zeros((0, 3))
         return Planes(none, none, np.zeros(0, bool), np.zeros(0, bool))
-    among = among - among.mean(axis=0)
-    size = float(np.ptp(among, axis=0).max()) or 1.0
-    places = _spread_places(among, size)
+    subset = subset - subset.mean(axis=0)
+    size = float(np.ptp(subset, axis=0).max()) or 1.0
+    places = _spread_places(subset, size)
     moments = np.empty((len(places), 3, 3))
     for start in range(0, len(places), BLOCK):
         rows = places[start : start + BLOCK]
-        near = among[_nearest(among[rows] / size, among / size)]
+        near = subset[_nearest(subset[rows] / size, subset / size)]
         near -= near.mean(axis=1, keepdims=True)
         moments[start : start + BLOCK] = np.einsum("nki,nkj->nij", near, near)
     values, axes = np.linalg.eigh(moments)
     across = values[:, 0] / np.maximum(values[:, 2], 1e-300)
-    shift = positions[:: max(len(positions) // AMONG, 1)][places]
+    shift = positions[:: max(len(positions) // SUBSET, 1)][places]
     return Planes(shift, axes[:, :, 0], across < FLAT, across > SCATTERED)
 
 
-def _spread_places(among: Floats, size: float) -> NDArray[np.int64]:
-    """Rows of one point in each occupied cell of the finest grid that has at most `PLACES` such cells."""
+def _spread_places(subset: Floats, size: float) -> NDArray[np.int64]:
+    """Return a row of each occupied cell of the finest grid with at most `PLACES` occupied cells."""
     cells = 64
     while True:
-        keys = np.floor((among - among.min(axis=0)) / size * cells).astype(np.int64) @ (1, 128, 128 * 128)
+        keys = np.floor((subset - subset.min(axis=0)) / size * cells).astype(np.int64) @ (1, 128, 128 * 128)
         rows = np.unique(keys, return_index=True)[1]
         if len(rows) <= PLACES or cells == 1:
             return rows
         cells = max(int(cells * 0.8), 1)
 
 
-def _nearest(places: Floats, among: Floats) -> NDArray[np.int64]:
-    """Rows of the nearest points of each place, itself among them, (m, NEIGHBORS)."""
-    a, b = places.astype(np.float32), among.astype(np.float32)
+def _nearest(places: Floats, subset: Floats) -> NDArray[np.int64]:
+    """Return the rows of each position's nearest points, including itself, (m, NEIGHBORS)."""
+    a, b = places.astype(np.float32), subset.astype(np.float32)
     squared = np.square(b).sum(axis=1) - 2.0 * (a @ b.T)
     return np.argpartition(squared, NEIGHBORS, axis=1)[:, :NEIGHBORS]

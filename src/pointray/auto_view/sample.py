@@ -1,4 +1,4 @@
-"""Some of a scene's points in world coordinates, from which its first view is chosen."""
+"""Sample of a scene's points in world coordinates, from which the automatic view is chosen."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from .fitted import fitted_normals
 
 Floats = NDArray[np.float64]
 
-MOST = 200_000  # points; 0.05% of them are still a hundred
-COARSE = 20_000  # points of a level of detail that stands for a model in parts
+MOST = 200_000  # points; 0.05% of them are still 100
+COARSE = 20_000  # smallest number of points in a level of detail that represents a model in parts
 
 
 class Ignored(NamedTuple):
-    """How many points of a sample do not decide what a picture frames.
+    """Counts of points that are not framed.
 
     Attributes
     ----------
     distant : int
-        Points far away from all others.
+        Points far from all others.
     zeros : int
-        Points at 0, 0, 0, far away from all others: rows without a return in world coordinates.
+        Points at (0, 0, 0), far from all others: rows without a return in world coordinates.
     total : int
-        Points of the sample.
+        All points of the sample.
     """
 
     distant: int = 0
@@ -55,18 +55,19 @@ class Sample(NamedTuple):
     Attributes
     ----------
     positions : (n, 3) float64
-        World, about the origin.
+    positions : (n, 3) float64
+        World, relative to the origin.
     normals : (n, 3) float64
-        World, unit; zero where there are none.
+        World, unit; zero where unknown.
     origin : (3,) float64
     far : bool
-        Whether some coordinates are as large as those of maps, so that the points have an origin of their own.
+        Whether some coordinates are as large as map coordinates, so that the points have an origin.
     splats : bool
-        Whether all of them were Gaussian splats.
+        Whether all points were Gaussian splats.
     format : str or None
-        The format of their file, see `Survey.format`, unless a scene turns them.
+        File format, see `Survey.format`; None if the scene rotates the points.
     stations : (k, 3) float64
-        Where scanners stood, about the origin.
+        Scanner positions relative to the origin.
     ignored : Ignored
     """
 
@@ -79,13 +80,13 @@ class Sample(NamedTuple):
     stations: Floats = np.zeros((0, 3))
     ignored: Ignored = Ignored()
 
-    def seen_from(self, point: Floats) -> Sample:
-        """The same points relative to another point: (3,), relative to the origin of this sample."""
+    def relative_to(self, point: Floats) -> Sample:
+        """Return the points relative to another point. point : (3,), relative to the origin of this sample"""
         stations = self.stations - point
         return self._replace(positions=self.positions - point, origin=self.origin + point, stations=stations)
 
     def without_islands(self) -> Sample:
-        """The points that a picture frames: each place once, without distant clusters, strays and small islands."""
+        """Return the points to frame: distinct positions without distant clusters, outliers and small islands."""
         rows = places(self.positions)
         framed, distant = find_main(self.positions[rows])
         if len(rows) == len(self.positions) and framed.all():
@@ -109,15 +110,15 @@ def _percent(share: float) -> str:
 
 
 def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool = True) -> Sample:
-    """At most the given number of a subject's points, spread evenly over its rows; ValueError if it has none.
+    """Draw at most `most` points evenly from a subject's rows; raise ValueError if it has none.
 
-    Planes do not count. A model that a scene contains several times counts as often.
-    islands : whether small groups of a model's points that are far from its others count, see `without_islands`
+    Planes do not count. Each instance of a model counts.
+    islands : whether to keep small groups of a model's points far from the others, see `without_islands`
     """
     placed = _placed(subject)
     total = sum(len(one.points) for one in placed)
     if total == 0:
-        raise ValueError("there are no points to look at")
+        raise ValueError("no points to view")
     origin = placed[0].world_origin
     far = any(one.points.origin.any() or one.points.survey.projection for one in placed)
     splats = all(_were_splats(one.points) for one in placed)
@@ -133,8 +134,8 @@ def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool =
     return Sample(positions, normals, *about, sum((part.ignored for part in parts), Ignored()))
 
 
-class _Placed(NamedTuple):
-    """Points with their transform to the world, (4, 4), and the tree that has their normals, if they have none."""
+class _PlacedPoints(NamedTuple):
+    """Points with their transform to the world, (4, 4), and a tree with fitted normals if they have none."""
 
     points: Points
     matrix: Floats
@@ -142,60 +143,60 @@ class _Placed(NamedTuple):
 
     @property
     def world_origin(self) -> Floats:
-        """The world position of the points' origin, (3,)."""
+        """World position of the points' origin, (3,)."""
         return np.asarray((self.matrix @ [*self.points.origin, 1.0])[:3])
 
     @property
     def stations(self) -> Floats:
-        """The world positions of scanners, (k, 3)."""
+        """World positions of scanners, (k, 3)."""
         local = np.reshape(self.points.survey.stations, (-1, 3))
         return np.asarray(local @ self.matrix[:3, :3].T + self.matrix[:3, 3])
 
     @property
     def format(self) -> str | None:
-        """The format of the points' file, unless they are turned."""
+        """File format of the points; None if the transform rotates them."""
         linear = self.matrix[:3, :3]
         is_turned = not np.allclose(linear, abs(linear[0, 0]) * np.eye(3))
         return None if is_turned else self.points.survey.format
 
 
-def _format(placed: list[_Placed]) -> str | None:
-    """The format of all points' files, if it is one."""
+def _format(placed: list[_PlacedPoints]) -> str | None:
+    """Return the file format that all points share, or None."""
     formats = {one.format for one in placed}
     return formats.pop() if len(formats) == 1 else None
 
 
 def _were_splats(points: Points) -> bool:
-    """Whether points were Gaussian splats, by the attributes that readers give them; PLY files number the scales."""
+    """Return whether points were Gaussian splats, by their attributes. PLY files number the scales."""
     return "opacity" in points.attributes and not points.attributes.keys().isdisjoint(("scale", "scale_0"))
 
 
-def _placed(subject: Scene | Model | Points) -> list[_Placed]:
-    """The points of a subject, and the transform of each cloud to the world."""
+def _placed(subject: Scene | Model | Points) -> list[_PlacedPoints]:
+    """Return the point clouds of a subject with their transforms to the world."""
     if isinstance(subject, Points):
-        return [_Placed(subject, np.eye(4))]
+        return [_PlacedPoints(subject, np.eye(4))]
     if isinstance(subject, Model):
-        return [_Placed(points, np.eye(4), _tree_of(subject)) for points in _standing_for(subject)]
+        return [_PlacedPoints(points, np.eye(4), _tree_of(subject)) for points in _representative_points(subject)]
     with subject._lock:
         shapes, records = list(subject._instances.shapes), subject._instances.records.copy()
     placed = [(shape, row) for shape, row in zip(shapes, records, strict=True) if isinstance(shape, Model)]
     return [
-        _Placed(points, _matrix(row[TO_MODEL:], points), _tree_of(shape))
+        _PlacedPoints(points, _matrix(row[TO_MODEL:], points), _tree_of(shape))
         for shape, row in placed
-        for points in _standing_for(shape)
+        for points in _representative_points(shape)
     ]
 
 
 def _tree_of(model: Model) -> Tree | None:
-    """The tree that has the normals of a model's points, if these have none."""
+    """Return the tree with fitted normals of a model's points, or None if the points have normals."""
     return None if model.parts or model.points.normals is not None else model.tree
 
 
-def _standing_for(model: Model) -> list[Points]:
-    """The points of a model; of one whose parts lie on disk, and need not fit into memory, some of them.
+def _representative_points(model: Model) -> list[Points]:
+    """Return the points of a model, or representative points of a model whose parts are on disk.
 
-    One level of detail of all parts stands for them, which is as dense everywhere: the coarsest that has COARSE points.
-    Parts that have no such level give a share of the points that they have.
+    The parts are represented by one level of detail with the same density everywhere: the coarsest with COARSE points.
+    Parts without this level contribute the same share of their points.
     """
     counts = [part.source.file.points for part in model.parts if part.source is not None]
     if not counts:
@@ -213,9 +214,9 @@ def _standing_for(model: Model) -> list[Points]:
 
 
 def _coarsest(model: Model) -> int:
-    """The number of the coarsest level of detail with COARSE points in all parts together.
+    """Return the number of the coarsest level of detail with COARSE points in all parts together.
 
-    1, if none has as many; 0, if there is none.
+    1 if no level has as many; 0 if there are no levels.
     """
     sizes: dict[int, int] = {}
     for level in itertools.chain.from_iterable(part.levels for part in model.parts):
@@ -226,15 +227,15 @@ def _coarsest(model: Model) -> int:
 
 
 def _matrix(to_model: Floats, points: Points) -> Floats:
-    """The transform of an instance from its record, to positions about the points' origin."""
+    """Return an instance's transform from positions relative to the points' origin to the world."""
     out = np.eye(4)
     out[:3] = to_model.reshape(3, 4)
     out[:3, 3] += points.origin
     return np.asarray(np.linalg.inv(out))
 
 
-def _part(placed: _Placed, share: float, origin: Floats) -> tuple[Floats, Floats]:
-    """A random share of some points: positions about an origin, and normals."""
+def _part(placed: _PlacedPoints, share: float, origin: Floats) -> tuple[Floats, Floats]:
+    """Draw a random share of points; return their positions relative to an origin, and their normals."""
     points, matrix, tree = placed
     rows = np.flatnonzero(points.finite)
     if share < 1.0:

@@ -1,4 +1,4 @@
-"""How well a body would stand: a broad base or feet, a small top, the middle above the base."""
+"""Stability of an object on an axis: a broad base or feet, a small top, the centre above the base."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 SLAB = 0.05  # share of the height that counts as the base and as the top
-TIP = 0.015  # share of the height that counts as the lowest and as the highest
-CELLS = 32  # across the view from above
+TIP = 0.015  # share of the height that counts as the lowest and as the highest points
+CELLS = 32  # across the view along the axis
 FEW = 10  # points in a slab that are too few to judge
-TIPS = 0.5  # penalty for an axis along which the body would fall over
-FEET_CELLS, MOST_FEET = 20, 12  # cells across the view that separate feet, and the most feet
-DENSE = 3  # points in a cell, on average, without which a rim may look like feet
-THIN = 4.0  # a plate on its edge: height over this many times its thickness
-LINE = 1e-5  # share of the squared size: an outline with less area is a line, of float32 coordinates
-# Directions in a plane, (32, 2). SciPy's convex hull takes as long, and a fifth of a second to import.
+TIPS = 0.5  # penalty for an axis on which the object would fall over
+FEET_CELLS, MOST_FEET = 20, 12  # cells across the view that separate feet; largest number of feet
+DENSE = 3  # smallest mean number of points per cell; with fewer, a rim may look like feet
+THIN = 4.0  # plate on its edge: height over this many times its thickness
+LINE = 1e-5  # an outline with less than this share of the squared size is a line in float32 coordinates
+# Directions in a plane, (32, 2). SciPy's convex hull takes as long and needs 0.2 s to import.
 AROUND = np.stack([np.cos(np.arange(32) * (np.pi / 16)), np.sin(np.arange(32) * (np.pi / 16))], axis=1)
 
 
 class Ends(NamedTuple):
-    """The ends of a body along an axis, as positions across it, (n, 2) each.
+    """Ends of an object along an axis, as positions across it.
 
     Attributes
     ----------
     low, high, whole : (n, 2) float64
-        The points near either end, and all.
+        Points near either end, and all points.
     lowest, highest : (n, 2) float64
-        Those at the very ends.
+        Points at the very ends.
     height : float
     """
 
@@ -43,7 +43,7 @@ class Ends(NamedTuple):
 
     @classmethod
     def of(cls, positions: Floats, axis: int) -> Ends:
-        """The ends of points (n, 3) along axis 0, 1 or 2."""
+        """Return the ends of points (n, 3) along axis 0, 1 or 2."""
         height, across = positions[:, axis], np.delete(positions, axis, axis=1)
         low, high, size = height.min(), height.max(), float(np.ptp(height))
         near = {share: (height <= low + share * size, height >= high - share * size) for share in (SLAB, TIP)}
@@ -51,7 +51,7 @@ class Ends(NamedTuple):
         return cls(base, top, across, lowest, highest, size)
 
     def stances(self) -> tuple[float, float]:
-        """Scores of the body as it is and upside down: 1 for a cone, -1 or less for one on its tip."""
+        """Return scores of the object as it is and upside down: 1 for a cone, -1 or less for one on its tip."""
         whole = _outline_and_cells(self.whole, self.whole)
         low, high = (_spread(end, self.whole, whole) for end in (self.low, self.high))
         middle = self.whole.mean(axis=0)
@@ -59,19 +59,19 @@ class Ends(NamedTuple):
         return low - high - falls[0], high - low - falls[1]
 
     def flatness(self) -> float:
-        """How much wider the lowest points are than the highest, from -1 to 1: bodies are flat below, or cut off."""
+        """Return how much wider the lowest points are than the highest, from -1 to 1. Bases are flat or cut off."""
         area = max(outline(self.whole), 1e-300)
         low, high = (min(outline(tip) / area, 1.0) if len(tip) else 0.0 for tip in (self.lowest, self.highest))
         thickness = float(np.ptp(self.whole, axis=0).min())
         return float(np.sqrt(low) - np.sqrt(high)) * min(THIN * thickness / (self.height or 1.0), 1.0)
 
     def feet(self) -> float:
-        """How much better the body stands on feet as it is than upside down, from -1 to 1."""
+        """Return how much better the object stands on feet than upside down, from -1 to 1."""
         return _feet(self.low, self.whole) - _feet(self.high, self.whole)
 
 
 def _spread(part: Floats, whole: Floats, of_whole: tuple[float, int]) -> float:
-    """The share of the view from above that a part covers: geometric mean of its outline and its cells."""
+    """Return the share of the view along the axis that a part covers: geometric mean of outline and cells."""
     if len(part) < FEW:
         return 0.0
     area, cells = _outline_and_cells(part, whole)
@@ -79,7 +79,7 @@ def _spread(part: Floats, whole: Floats, of_whole: tuple[float, int]) -> float:
 
 
 def _outline_and_cells(part: Floats, whole: Floats) -> tuple[float, int]:
-    """The area of a part's outline, and how many cells of a grid over the whole contain a point of it."""
+    """Return the area of a part's outline, and the number of its cells in a grid over the whole."""
     size = np.ptp(whole, axis=0)
     unit = (part - whole.min(axis=0)) / np.where(size > 0, size, 1.0)
     column = np.minimum((unit * CELLS).astype(int), CELLS - 1) @ (1, CELLS)
@@ -87,16 +87,16 @@ def _outline_and_cells(part: Floats, whole: Floats) -> tuple[float, int]:
 
 
 def outline(flat: Floats) -> float:
-    """The area of the polygon of those points in a plane that are farthest in some direction; 0 if it is a line."""
+    """Return the area of the polygon through the extreme points in 32 directions; 0 if it is a line."""
     flat = flat - flat.mean(axis=0)
-    reach = AROUND[:, :1] * flat[:, 0] + AROUND[:, 1:] * flat[:, 1]  # no matrix product: threads of BLAS cost 10 ms
+    reach = AROUND[:, :1] * flat[:, 0] + AROUND[:, 1:] * flat[:, 1]  # a matrix product's BLAS threads cost 10 ms
     x, y = flat[reach.argmax(axis=1)].T
     area = 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
     return area if area > LINE * float((flat[:, 0] ** 2 + flat[:, 1] ** 2).max()) else 0.0
 
 
 def carries(base: Floats, middle: Floats) -> bool:
-    """Whether the middle of a body lies over its base: seen from it, the base leaves no gap of half a turn."""
+    """Return whether the centre of an object lies over its base: the base leaves no gap of 180 degrees around it."""
     if len(base) == 0 or outline(base) == 0:
         return False
     x, y = (base - middle).T
@@ -105,7 +105,7 @@ def carries(base: Floats, middle: Floats) -> bool:
 
 
 def _feet(base: Floats, whole: Floats) -> float:
-    """How much wider the outline of an end is than its area, as shares of the whole; 0 if it is not a few feet."""
+    """Return outline minus cells of an end, as shares of the whole; 0 unless it consists of a few feet."""
     if len(base) < FEW or not carries(base, whole.mean(axis=0)):
         return 0.0
     low, size = whole.min(axis=0), float(np.ptp(whole, axis=0).max()) or 1.0
@@ -116,14 +116,14 @@ def _feet(base: Floats, whole: Floats) -> float:
 
 
 def _grid(unit: Floats) -> NDArray[np.bool_]:
-    """The cells of the unit square that hold points, with an empty rim."""
+    """Return the occupied cells of the unit square, with an empty border."""
     cells = np.zeros((FEET_CELLS + 2, FEET_CELLS + 2), bool)
     cells[tuple(np.minimum(unit * FEET_CELLS, FEET_CELLS - 1).astype(int).T + 1)] = True
     return cells
 
 
 def _count_islands(cells: NDArray[np.bool_]) -> int:
-    """The number of connected groups of cells, corners included; the rim is empty."""
+    """Count 8-connected groups of cells; the border is empty."""
     left, count = cells.copy(), 0
     while left.any():
         island = np.zeros_like(left)

@@ -1,4 +1,4 @@
-"""Lights for a scan without any: a key light, a rim light behind the scan, and a sky that leaves nothing black."""
+"""Studio lighting for scans: a key light, a rim light behind the scan, and a sky."""
 
 from __future__ import annotations
 
@@ -13,35 +13,44 @@ from ..shade.environment import EnvironmentLight
 from ..shade.lights import Light, SunLight
 from .direction import axes_of, direction_of
 
-# The directions in which the lights travel, in the camera's axes: the key light from the left and above, the rim light
-# from the right behind the scan.
+# Directions in which the lights travel, in camera axes: the key light from the upper left, the rim light from behind
+# the scan, on the right.
 KEY_DIRECTION = (0.7, -0.72, -0.47)
 RIM_DIRECTION = (-0.65, -0.35, 0.7)
-KEY = 1.0 * np.pi  # irradiance: a white surface that faces it has radiance 1
+KEY = 1.0 * np.pi  # irradiance: a white surface that faces the light has radiance 1
 RIM = 0.5 * np.pi
 KEY_ANGLE = 5.0  # degrees: soft shadow edges for path tracing
-STILL_ANGLE = 3.0  # of lights that stand still: few samples leave little grain in their shadows' edges
-ZENITH, HORIZON, GROUND = 0.32, 0.21, 0.10  # radiance of the sky, and of what lies below it
+STILL_ANGLE = 3.0  # of lights fixed in the world: less noise at shadow edges with few samples
+ZENITH, HORIZON, GROUND = 0.32, 0.21, 0.10  # radiance of the sky and of the ground below it
 CLAY = (0.58, 0.44, 0.35)  # linear, of points without colours
-NEUTRAL = (0.46, 0.46, 0.46)  # the same without its hue: what bounces light that is written to points without colours
-SKY_RAYS = 4  # rays for each sample, for contact shadows
+NEUTRAL = (0.46, 0.46, 0.46)  # the same without its hue, for bounced light that is written to points without colours
+SKY_RAYS = 4  # per sample, for contact shadows
 SUNS = ((KEY_DIRECTION, KEY), (RIM_DIRECTION, RIM))
 
 
 def studio(up: ArrayLike = (0, 0, 1), azimuth: float | None = None) -> list[Light | EnvironmentLight]:
-    """Lights that show a scan well from every side.
+    """Return studio lights for a scan: a key light, a rim light and a sky.
 
-    Two suns follow the camera: the key light shines from its left and above, the rim light, half as bright, from the
-    right behind the scan, so that edges in the shadow stand out. The sky is a gradient, bright above and darker below.
-    With `Settings(sky_rays=4)` the sky's light leaves contact shadows.
+    The suns follow the camera by default. The key light shines from the camera's upper left. The rim light, half as
+    bright, shines from behind the scan on the right and separates shadowed edges from the background. The sky is a
+    vertical gradient. `Settings(sky_rays=4)` adds contact shadows from the sky.
 
     Parameters
     ----------
     up : (3,) array_like
-        The direction of the sky.
+        Zenith of the sky.
     azimuth : float, optional
-        Degrees, as for `frame`: the suns stand still, as a viewer on this side has them. Light that follows the camera
-        is not baked, see `bake`. None: they follow the camera.
+        Degrees, as for `frame`. Fix the suns in the world, as for a viewer on this side. Lights that follow the camera
+        are not baked, see `bake`. None: the suns follow the camera.
+
+    Returns
+    -------
+    list of SunLight and EnvironmentLight
+
+    Raises
+    ------
+    ValueError
+        If `up` is not a direction or `azimuth` is not a number.
 
     Examples
     --------
@@ -57,15 +66,15 @@ def studio(up: ArrayLike = (0, 0, 1), azimuth: float | None = None) -> list[Ligh
 
 
 def fill(strength: float, up: ArrayLike = (0, 0, 1)) -> EnvironmentLight:
-    """The sky alone: `strength` is its share of the light of a sun of irradiance pi on a surface that faces both."""
+    """Return a sky. strength : its light relative to a sun of irradiance pi, on a surface that faces both"""
     return EnvironmentLight(strength, horizon=0.8 * strength, ground=0.5 * strength, up=check_direction(up, "up"))
 
 
 def with_contact(settings: Settings) -> Settings:
-    """Settings whose sky leaves contact shadows, where the integrator has none of its own."""
+    """Return the settings with contact shadows from the sky if the integrator is "phong"."""
     return replace(settings, sky_rays=SKY_RAYS) if settings.integrator == "phong" else settings
 
 
 def with_direct_light(settings: Settings) -> Settings:
-    """Settings of the pictures that stand in for those with baked light while there is none; others as they are."""
+    """Return settings for previews until baked light is ready; settings without baked light are unchanged."""
     return with_contact(replace(settings, integrator="phong")) if settings.integrator == "baked" else settings

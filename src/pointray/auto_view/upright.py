@@ -1,7 +1,7 @@
-"""Which way is up in a scan: a weighted sum of all evidence, from formats, cameras, shape and habit.
+"""Up direction of a scan from a weighted sum of evidence: file format, depth camera, shape and common practice.
 
-Each source gives scores of the six axes, see `evidence`; they are added with the weights below. The axis with the
-largest sum is up. The source that sets it apart most from the next axis is named as the reason.
+Each source scores the six axes, see `evidence`. The axis with the largest weighted sum is up. The source with the
+largest margin over the second axis is reported as the reason.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from .sample import Sample
 
 Floats = NDArray[np.float64]
 
-FLAT = 0.2  # share of the width: a lower scan is terrain, a city, a floor
-FAR_OUT = 0.2  # share of the size: farther beyond the central 98% points are strays
-EDGE = 0.01  # the same, where the flatness of a scan is tested
-ENOUGH = 8_000  # points whose shape is looked at
-# Scores of axes without other evidence: in programs and scanners z is up, in graphics and many meshes y.
+FLAT = 0.2  # height over width below which a scan is flat: terrain, a city, a floor
+FAR_OUT = 0.2  # share of the size: points farther outside the central 98% are outliers
+EDGE = 0.01  # share of the points at either end of an axis beyond those 98%, also for flatness
+MAX_POINTS = 8_000  # points used
+# Priors of the axes: z is up for scanners and CAD programs, y for graphics and many meshes.
 HABIT = {"z": 0.2, "y": 0.08, "-y": -0.05, "x": -0.15, "-x": -0.15, "-z": -0.2}
-# The same for Gaussian splats: their cameras are those of computer vision, y downwards.
+# The same for Gaussian splats, whose cameras follow the computer vision convention, y down.
 SPLAT_HABIT = {"-y": 0.4, "y": 0.2, "z": 0.0, "x": -0.2, "-x": -0.2, "-z": -0.3}
-# The up axis of a format, and how much it counts: by the standard, or by custom.
+# Up axis of each format and its weight, by standard or by convention.
 FORMATS = {
     "LAS": ("z", 2.0),
     "E57": ("z", 0.5),
@@ -37,7 +37,7 @@ FORMATS = {
     "COLMAP": ("-y", 0.4),
     "depth image": ("-y", 3.0),
 }
-# Weights of the other sources, whose scores lie between -1 and 1. Those of the shape were fitted to 500 clouds.
+# Weights of the other sources, whose scores lie between -1 and 1. Those of shape were fitted to 500 clouds.
 WEIGHTS = {
     "frame": 3.0,
     "map": 3.0,
@@ -73,22 +73,22 @@ REASONS = {
     "stations": "stations at one height",
 }
 HABITS = "habit", "splats"
-SUPPORTS = "base", "feet", "trunk"  # evidence of what a body stands on
-STANDING = 0.3  # weighted score of one of these, at least, of a body that stands; Nefertiti on her neck has 0.49
-LEAST = 0.05  # margin of a source that is named as the reason
+SUPPORTS = "base", "feet", "trunk"  # evidence that an object stands
+STANDING = 0.3  # smallest weighted score of one of these for a standing object; the Nefertiti bust on its neck has 0.49
+LEAST = 0.05  # smallest margin of a source that is reported as the reason
 
 
 class Up(NamedTuple):
-    """Which way is up.
+    """Up direction of a scan.
 
     Attributes
     ----------
     axis : str
         "x", "-x", "y", "-y", "z" or "-z".
     why : str
-        The evidence that decided, in a few words.
+        The decisive evidence, in a few words.
     stands : bool
-        Whether the shape has a flat base, feet or a trunk at the lower end.
+        Whether the shape has a flat base, feet or a trunk at its lower end.
     """
 
     axis: str
@@ -97,19 +97,19 @@ class Up(NamedTuple):
 
     @property
     def direction(self) -> tuple[float, float, float]:
-        """The unit vector."""
+        """Unit vector of the axis."""
         return axis_direction(self.axis)
 
 
 def axis_direction(axis: str) -> tuple[float, float, float]:
-    """The unit vector of "x", "-x", "y", "-y", "z" or "-z"."""
+    """Return the unit vector of "x", "-x", "y", "-y", "z" or "-z"."""
     sign = -1.0 if axis.startswith("-") else 1.0
     x, y, z = (sign if axis[-1] == name else 0.0 for name in "xyz")
     return x, y, z
 
 
 def find_up(sample: Sample) -> Up:
-    """Find which way is up from all evidence, with the source that decided."""
+    """Find the up direction and the decisive source."""
     scores = weighted_evidence(sample)
     total = np.sum(list(scores.values()), axis=0)
     best, next_best = np.argsort(-total, kind="stable")[:2]
@@ -123,7 +123,7 @@ def find_up(sample: Sample) -> Up:
 
 
 def stands_along(sample: Sample, up: ArrayLike) -> bool:
-    """Whether a body stands on a flat base, feet or a trunk if a direction is up; False if that is no axis."""
+    """Return whether an object stands on a flat base, feet or a trunk for this up direction; False off the axes."""
     found = [k for k, axis in enumerate(AXES) if np.allclose(axis_direction(axis), up)]
     return bool(found) and _stands(weighted_evidence(sample), found[0])
 
@@ -133,7 +133,7 @@ def _stands(scores: dict[str, Scores], axis: int) -> bool:
 
 
 def weighted_evidence(sample: Sample) -> dict[str, Scores]:
-    """Weighted scores of the six axes, (6,) each, by the name of their source."""
+    """Return weighted scores of the six axes, (6,) each, by source name."""
     frame = find_camera_frame(sample.positions + sample.origin)
     sample = _thinned(sample)
     habit = SPLAT_HABIT if sample.splats else HABIT
@@ -147,13 +147,13 @@ def weighted_evidence(sample: Sample) -> dict[str, Scores]:
         scores["map"] = WEIGHTS["map"] * _only("z")
     if is_flat(sample.positions):
         scores["flat"] = WEIGHTS["flat"] * _only("z")
-    if frame and frame.certainty == 1:  # the shape could not change that
+    if frame and frame.certainty == 1:  # shape cannot outweigh it
         return scores
-    return scores | {name: WEIGHTS[name] * found for name, found in _of_shape(sample).items()}
+    return scores | {name: WEIGHTS[name] * found for name, found in _shape_evidence(sample).items()}
 
 
-def _of_shape(sample: Sample) -> dict[str, Scores]:
-    """Scores from the points alone."""
+def _shape_evidence(sample: Sample) -> dict[str, Scores]:
+    """Return unweighted scores from the points alone."""
     kept = _without_strays(sample.positions)
     normals = np.zeros((0, 3)) if sample.splats else sample.normals[kept]
     eye = sample.stations[0] if len(sample.stations) == 1 else -sample.origin
@@ -178,12 +178,12 @@ def _of_shape(sample: Sample) -> dict[str, Scores]:
 
 
 def _thinned(sample: Sample) -> Sample:
-    step = max(len(sample.positions) // ENOUGH, 1)
+    step = max(len(sample.positions) // MAX_POINTS, 1)
     return sample._replace(positions=sample.positions[::step], normals=sample.normals[::step])
 
 
 def _without_strays(positions: Floats) -> NDArray[np.bool_]:
-    """(n,) bool: whether a point lies within the central 98% along each axis, or not far beyond."""
+    """Return whether each point lies within the central 98% along each axis, or not far outside, (n,) bool."""
     low, high = np.quantile(positions, [EDGE, 1.0 - EDGE], axis=0)
     margin = FAR_OUT * (high - low).max()
     return np.asarray(((positions >= low - margin) & (positions <= high + margin)).all(axis=1))
@@ -194,6 +194,6 @@ def _only(axis: str) -> Scores:
 
 
 def is_flat(positions: Floats) -> bool:
-    """Whether points, (n, 3), are less than a fifth as high (the last axis) as wide."""
+    """Return whether points, (n, 3), are at most a fifth as high (along the last axis) as wide."""
     across, deep, high = np.ptp(np.quantile(positions, [EDGE, 1.0 - EDGE], axis=0), axis=0)
     return bool(high <= FLAT * max(across, deep))

@@ -182,7 +182,7 @@ class Picture:
     ) -> None:
         self._settings, self._camera = settings, camera.record()
         self._executor, self._seen, self._background = executor, camera, background
-        scene = self._scene = scene.seen_by(self._camera)
+        scene = self._scene = scene.for_camera(self._camera)
         spread = executor is not None and executor.spread
         width, height = camera.size
         self._blocks = -(-width // BLOCK_EDGE) * -(-height // BLOCK_EDGE)

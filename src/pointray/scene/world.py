@@ -127,7 +127,7 @@ class Snapshot(NamedTuple):
         used = set(records[rows, SHAPE_ROW].astype(int).tolist())
         return self._replace(world=world_showing(self.world, records, self.models, used, self.painting))
 
-    def seen_by(self, record: NDArray[np.float64]) -> Snapshot:
+    def for_camera(self, record: NDArray[np.float64]) -> Snapshot:
         """The scene in front of a camera, given its record: lights that follow the camera are placed by it.
 
         `lamps` are as they were, so that it is known which of them follow.
