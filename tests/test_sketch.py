@@ -72,7 +72,7 @@ def test_few_points_and_none_before_the_camera(count):
 
 def test_some_of_many_points_and_of_several_clouds(monkeypatch):
     most = 4_000
-    monkeypatch.setattr(sketch_of, "MOST", most)
+    monkeypatch.setattr(sketch_of, "MAX_POINTS", most)
     far = pr.procedural("sphere", 2 * most)
     hole = far.positions.copy()
     hole[::3] = np.nan
@@ -107,7 +107,7 @@ def opened(tmp_path, cold):
     shared = SharedScene("ball.ply")
     viewer = Viewer(shared)
     browser = Browser(viewer.url, SIZE)
-    yield lambda up: shared.load(loading.Files([path], {}, lambda scene: up)), shared, browser
+    yield lambda up: shared.load(loading.FileLoader([path], {}, lambda scene: up)), shared, browser
     cold["release"].set()
     browser.close()
     viewer.close()
@@ -153,5 +153,5 @@ def test_where_all_is_compiled_there_is_no_sketch(tmp_path, monkeypatch):
     seen, shared = [], SharedScene("ball.ply")
     monkeypatch.setattr(loading, "is_warm", lambda settings: True)
     shared.subscribe(lambda: seen.append(shared.sketch))
-    shared.load(loading.Files([path], {}, lambda scene: (0.0, 0.0, 1.0))).join(SECONDS)
+    shared.load(loading.FileLoader([path], {}, lambda scene: (0.0, 0.0, 1.0))).join(SECONDS)
     assert seen and not any(seen) and shared.scene is not None

@@ -25,7 +25,7 @@ from ..engine.jit import thread_count
 from ..rendering.settings import Settings
 from ..rendering.warmup import wait_until_warm, warm_up
 from ..scene.scene import Scene
-from .thread_priority import FINE_LIGHT, ROUGH_LIGHT, YIELDS, yielding
+from .thread_priority import FINE_LIGHT, HAS_THREAD_NICENESS, ROUGH_LIGHT, run_niced
 from .time_left import TimeLeft
 
 log = logging.getLogger("pointray.view")
@@ -50,8 +50,8 @@ class Baker:
         Takes the stage, the share done and the seconds left (or None), while light is baked; empty at its end.
     """
 
-    def __init__(self, ready: Callable[[], None], say: Callable[[str, float | None, float | None], None]) -> None:
-        self._ready, self._say = ready, say
+    def __init__(self, ready: Callable[[], None], report: Callable[[str, float | None, float | None], None]) -> None:
+        self._ready, self._report = ready, report
         self._changed = threading.Condition()
         self._wanted: Scene | None = None
         self._refines = False  # whether it is to have fine light
@@ -108,13 +108,13 @@ class Baker:
                 pass
             except Exception:  # pictures go on with the light that there is
                 log.exception("while baking light")
-            self._say("", None, None)
+            self._report("", None, None)
             done = wanted
-            self._rest(wanted)
+            self._finish(wanted)
         with self._changed:
             self._wanted = self._baked = self._light = self._rough = self._fine = None
 
-    def _rest(self, done: tuple[Scene, bool]) -> None:
+    def _finish(self, done: tuple[Scene, bool]) -> None:
         """Tell whoever waits for finer light that none comes, unless something else is wanted by now."""
         with self._changed:
             ended = self.is_baking and (self._wanted, self._refines) == done
@@ -132,28 +132,30 @@ class Baker:
     def _bake(self, scene: Scene, refines: bool) -> None:
         """Bake rough light, then fine light."""
         if self._baked is not scene:
-            rough = yielding(ROUGH_LIGHT, lambda: self._roughly(scene))
+            rough = run_niced(ROUGH_LIGHT, lambda: self._bake_rough(scene))
             wait_until_warm(SHOWN)
-            self._give(scene, rough)
+            self._publish(scene, rough)
         if not refines:
             return
         if self._fine is None:
-            self._fine = yielding(FINE_LIGHT, lambda: bake(_bare(scene), BakeSettings(threads=_threads()), self._tell))
+            self._fine = run_niced(
+                FINE_LIGHT, lambda: bake(_without_light(scene), BakeSettings(threads=_threads()), self._report_progress)
+            )
         fine = self._fine
         if self._wanted is self._baked and self._light is not None and self._light[1] is not fine:
-            self._fine = yielding(FINE_LIGHT, lambda: _relit(fine, self._baked))
-            self._give(self._baked, self._fine, rough=False)
+            self._fine = run_niced(FINE_LIGHT, lambda: _relit(fine, self._baked))
+            self._publish(self._baked, self._fine, rough=False)
 
-    def _roughly(self, scene: Scene) -> Baked:
+    def _bake_rough(self, scene: Scene) -> Baked:
         """The rough light of a scene; fine light of other models is forgotten."""
         light = _relit(self._rough, scene)
         if light is None:
             self._fine, (patches, links) = None, ROUGH
             settings = BakeSettings(patches=patches, links=links, noise=1.0, threads=_threads())
-            light = bake(_bare(scene), settings, self._tell_roughly)
+            light = bake(_without_light(scene), settings, self._report_rough_progress)
         return light
 
-    def _give(self, scene: Scene | None, light: Baked | None, rough: bool = True) -> None:
+    def _publish(self, scene: Scene | None, light: Baked | None, rough: bool = True) -> None:
         """Make light known."""
         assert scene is not None and light is not None
         with self._changed:
@@ -167,12 +169,12 @@ class Baker:
         if not self._open:
             raise _SupersededError
 
-    def _tell_roughly(self, share: float) -> None:
+    def _report_rough_progress(self, share: float) -> None:
         """Tell how far rough light is."""
         self._check()
-        self._say(STAGE, share, self._time_left(STAGE, share))
+        self._report(STAGE, share, self._time_left(STAGE, share))
 
-    def _tell(self, share: float) -> None:
+    def _report_progress(self, share: float) -> None:
         """Tell how far fine light is; meanwhile rough light follows the lights. Stop if models have changed."""
         self._check()
         wanted = self._wanted
@@ -180,16 +182,16 @@ class Baker:
             light = _relit(self._rough, wanted)
             if light is None:
                 raise _SupersededError
-            self._give(wanted, light)
-        self._say(FINE_STAGE, share, self._time_left(FINE_STAGE, share))
+            self._publish(wanted, light)
+        self._report(FINE_STAGE, share, self._time_left(FINE_STAGE, share))
 
 
 def _relit(baked: Baked | None, scene: Scene | None) -> Baked | None:
     """The light of a scene, from that of another one with the same models and planes; None if they differ."""
-    return None if baked is None or scene is None else baked.relit(_bare(scene))
+    return None if baked is None or scene is None else baked.relit(_without_light(scene))
 
 
-def _bare(scene: Scene) -> Scene:
+def _without_light(scene: Scene) -> Scene:
     """A copy without light. Light keeps the scene that it is baked for: if that had the light it would be a cycle."""
     copy = scene.copy()
     copy.baked = None
@@ -198,4 +200,4 @@ def _bare(scene: Scene) -> Scene:
 
 def _threads() -> int:
     """How many threads bake."""
-    return thread_count() if YIELDS else max(1, thread_count() // 2)
+    return thread_count() if HAS_THREAD_NICENESS else max(1, thread_count() // 2)

@@ -16,15 +16,15 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
-from .page_limits import Allowance
+from .page_limits import RateLimiter
 
 log = logging.getLogger("pointray.view")
 
-MOST_WAITING = 15 << 20  # bytes: a browser that reads too little is disconnected
-EACH = 256  # bytes that a waiting message takes besides its own
+MAX_WAITING = 15 << 20  # bytes: a browser that reads too little is disconnected
+MESSAGE_OVERHEAD = 256  # bytes that a waiting message takes besides its own
 PIECE = 1 << 18  # bytes: longer messages go in pieces, so that only pieces are copied
-READ = 1 << 14  # bytes read at once: all frames in them are processed before reading can pause
-MOST_PARTS = 10.0  # frames a second that are not whole messages; ten times as many at once: pages send hardly any
+READ_SIZE = 1 << 14  # bytes read at once: all frames in them are processed before reading can pause
+MAX_PARTIAL_RATE = 10.0  # frames a second that are not whole messages; ten times as many at once: pages send hardly any
 
 
 class _File(NamedTuple):
@@ -32,7 +32,7 @@ class _File(NamedTuple):
 
     header: bytes
     stream: BinaryIO
-    left: threading.Event
+    done: threading.Event
 
 
 _Message = str | bytes | _File
@@ -47,11 +47,11 @@ class Connection(ServerConnection):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._parts = Allowance(MOST_PARTS, 10 * MOST_PARTS)
+        self._parts = RateLimiter(MAX_PARTIAL_RATE, 10 * MAX_PARTIAL_RATE)
 
     def connection_made(self, transport: Any) -> None:
         """Begin, as in the base class."""
-        transport.max_size = READ  # an attribute that asyncio's own event loops have
+        transport.max_size = READ_SIZE  # an attribute that asyncio's own event loops have
         super().connection_made(transport)
 
     def process_event(self, event: Any) -> None:
@@ -96,7 +96,7 @@ class Link:
         with path.open("rb") as stream:
             file = _File(header, stream, threading.Event())
             if self._put(file):
-                file.left.wait()
+                file.done.wait()
 
     def close(self) -> None:
         """Drop what waits: the browser has gone."""
@@ -105,18 +105,18 @@ class Link:
             files = [message for message in self._queue if isinstance(message, _File)]
             self._queue.clear()
         for file in files:
-            file.left.set()
+            file.done.set()
 
     def _put(self, message: _Message) -> bool:
         """Queue a message; returns whether it will be sent, or its file be left."""
         with self._lock:
             if not self.open:
                 return False
-            fits = self._waiting + _weight(message) <= MOST_WAITING
+            fits = self._waiting + _bytes_of(message) <= MAX_WAITING
             starts = fits and not self._sending
             if fits:
                 self._queue.append(message)
-                self._waiting += _weight(message)
+                self._waiting += _bytes_of(message)
                 self._sending = True
         try:
             if not fits:
@@ -137,9 +137,9 @@ class Link:
                     await self._connection.send(_pieces(message))
                 finally:
                     with self._lock:
-                        self._waiting -= _weight(message)
+                        self._waiting -= _bytes_of(message)
                     if isinstance(message, _File):
-                        message.left.set()
+                        message.done.set()
         except ConnectionClosed:
             self.close()
         except Exception:
@@ -153,9 +153,9 @@ class Link:
             return self._queue.popleft() if self._queue else None
 
 
-def _weight(message: _Message) -> int:
+def _bytes_of(message: _Message) -> int:
     """The bytes that a message holds."""
-    return EACH + len(message.header if isinstance(message, _File) else message)
+    return MESSAGE_OVERHEAD + len(message.header if isinstance(message, _File) else message)
 
 
 def _pieces(message: _Message) -> str | bytes | Iterator[str] | Iterator[bytes]:

@@ -23,7 +23,7 @@ from .shared_scene import SharedScene
 from .view_settings import CHANGED, CONSTANT, OWN, ViewSettings
 
 FOV = 40.0
-SKETCHED = ViewSettings(exposes=True)  # for the sketch, before there is a scene
+SKETCH_SETTINGS = ViewSettings(exposes=True)  # for the sketch, before there is a scene
 
 
 class Display:
@@ -94,7 +94,7 @@ class Display:
             camera = replace(self._shared.home, size=size)
         else:
             fov = FOV if self.camera is None else self.camera.fov
-            camera = self._shared.scan(AUTO if name == "home" else name).camera(Lens(fov, size), self._part_free())
+            camera = self._shared.scan(AUTO if name == "home" else name).camera(Lens(fov, size), self._free_share())
         if not animate:
             self.camera, self._at_home = camera, True
         self._outbox.go(camera, animate)
@@ -113,7 +113,7 @@ class Display:
         values = {f"lamps.{lamp}.azimuth": azimuth, f"lamps.{lamp}.elevation": elevation}
         for name, value in values.items():
             self.view = self.view.with_value(name, value)
-        self._outbox.say(type="values", values=values)
+        self._outbox.send_message(type="values", values=values)
         self.refresh()
 
     def light(self, look: str) -> None:
@@ -143,14 +143,14 @@ class Display:
             begins = self.camera is None or (self._sketched and self._at_home)
             self._sketched = scene is None
             if scene is not None:
-                self._take(scene)
+                self._set_scene(scene)
             elif sketch is not None:
                 self._outbox.place(sketch, self._shared.up)
             if begins and self.size is not None:
                 self.go("home", animate=False)
         self.refresh()
 
-    def explain(self, request: FrameRequest, shown: Attribute, image: str) -> None:
+    def show_legend(self, request: FrameRequest, shown: Attribute, image: str) -> None:
         """Send the legend that was drawn for a request, if its view settings are still those shown."""
         if self.view is None or request.view is not self.view:
             return
@@ -170,7 +170,7 @@ class Display:
         elif sketch is not None:
             nothing, version = Scene(), shared.version
             self._painter.want(
-                FrameRequest(self.camera, SKETCHED, nothing, version, shared.up, False, self.time, sketch)
+                FrameRequest(self.camera, SKETCH_SETTINGS, nothing, version, shared.up, False, self.time, sketch)
             )
 
     def request(self) -> FrameRequest:
@@ -208,7 +208,7 @@ class Display:
         else:
             self._lookups.legend(self.request())
 
-    def _take(self, scene: Scene) -> None:
+    def _set_scene(self, scene: Scene) -> None:
         """Take a new scene, or more of it."""
         lights, around = scene.lights, (scene.shows_sky, None if scene.background is None else list(scene.background))
         if self.view is None:
@@ -218,7 +218,7 @@ class Display:
             studio_lamps = lamps if self._shared.look == STUDIO else self.view.studio
             self.view = replace(self.view, lamps=lamps, studio=studio_lamps)
         if around != self._around:
-            self.view = self.view.before(scene)
+            self.view = self.view.with_background(scene)
         self._lights, self._around = lights, around
         self._outbox.place(scene, self._shared.up)
         self.send_panel()
@@ -232,7 +232,7 @@ class Display:
             if problem[1]:
                 self._outbox.toast("error", problem[1], stay=True)
 
-    def _part_free(self) -> tuple[float, float, float, float]:
+    def _free_share(self) -> tuple[float, float, float, float]:
         """The part of the view that the panel leaves free: left, top, right, bottom, shares."""
         width, height = self.size or (1, 1)
         left, top, right, bottom = self._free

@@ -70,10 +70,10 @@ class Exports:
         if name == "copy.command":
             source = shared.source if self._outbox.is_local else Path(shared.source).name
             text = _command(request, output, source, shared.build)
-            self._outbox.say(type="copy", text=text, title="View and lights as a command")
+            self._outbox.send_message(type="copy", text=text, title="View and lights as a command")
             return
         if name == "copy.python":
-            self._outbox.say(type="copy", text=_python(request, output), title="Camera as Python")
+            self._outbox.send_message(type="copy", text=_python(request, output), title="Camera as Python")
             return
         if not self.has_ended:
             self._outbox.toast("warning", "one is being made: wait for it, or stop it")
@@ -116,7 +116,7 @@ class Exports:
         scene = request.view.apply(request.scene, request.up)
         check_picture(camera.size, picture_bytes(settings, written=SHOWN_BYTES))
         self._light(scene, request.scene, settings)
-        image = render(scene, camera, settings, lambda share: self._tell("picture", share))
+        image = render(scene, camera, settings, lambda share: self._report_progress("picture", share))
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
         backdrop = None if output.format == "exr" else request.view.behind
         tone = request.view.tone(image)
@@ -124,7 +124,7 @@ class Exports:
         image = image if shadow is None else shadow.put_under(image, camera)
         write_image(path, image, *tone, legend, backdrop)
         del image  # the file to send needs the memory
-        self._give(path)
+        self._publish(path)
 
     def _film(self, request: FrameRequest, output: Output, folder: Path, stem: str) -> None:
         """Render and send a turntable."""
@@ -140,17 +140,17 @@ class Exports:
         for k, camera in enumerate(turntable(replace(request.camera, up=request.up, size=size), count)):
 
             def tell(share: float, k: int = k) -> None:
-                self._tell("film", (k + share) / count)
+                self._report_progress("film", (k + share) / count)
 
             image = render(scene, camera, settings, tell)
-            self._tell("film", (k + 1) / count)
+            self._report_progress("film", (k + 1) / count)
             if k == 0:  # once for the whole film
                 stops, curve = request.view.tone(image)
                 shadow = self._shadow(request, scene)
             image = image if shadow is None else shadow.put_under(image, camera)
             frames.keep(k, image, stops, curve, request.view.behind)
         write_mp4(path, frames.pattern, count, output.fps, size)
-        self._give(path)
+        self._publish(path)
 
     def _light(self, scene: Scene, shown: Scene, settings: Settings) -> None:
         """Give a scene its baked light, if pictures need it: that of the shown one, the painter's, or new light."""
@@ -158,17 +158,19 @@ class Exports:
             return
         own = shown.baked  # from a file, say
         light = own if isinstance(own, Baked) and own.fits(scene) else self._light_of(scene)
-        scene.baked = light or bake(scene.copy(), BakeSettings(), lambda share: self._tell("baking light", share))
+        scene.baked = light or bake(
+            scene.copy(), BakeSettings(), lambda share: self._report_progress("baking light", share)
+        )
 
     def _shadow(self, request: FrameRequest, scene: Scene) -> ContactShadow | None:
         return self._contacts.of(request.scan, (scene, request.version), request.view)
 
-    def _tell(self, stage: str, share: float) -> None:
+    def _report_progress(self, stage: str, share: float) -> None:
         if self._stop.is_set():
             raise StoppedError
         self._outbox.progress(Progress(stage, share, self._time_left(stage, share)))
 
-    def _give(self, path: Path) -> None:
+    def _publish(self, path: Path) -> None:
         self._outbox.file(path, MIME[path.suffix[1:]])
 
 
@@ -183,15 +185,15 @@ def _command(request: FrameRequest, output: Output, source: str, build: Build | 
     words += ["--fov", f"{camera.fov:.6g}", "--size", f"{output.width}x{output.height}"]
     words += [] if camera.projection == "perspective" else ["--projection", camera.projection]
     words += ["--integrator", view.integrator, "--spp", str(output.samples)]
-    words += ["--exposure", "auto" if view.chooses else f"{view.exposure:g}"]
+    words += ["--exposure", "auto" if view.auto_exposed else f"{view.exposure:g}"]
     words += [] if view.levels else ["--no-levels"]
     is_scan = not source.endswith(".toml")
     if view.integrator in ("phong", "baked") and (is_scan or view.backfaces != view.base.backfaces):
         words += ["--backfaces", view.backfaces]
     if is_scan:
-        words += _light_words(view, request.up)
+        words += _light_options(view, request.up)
         words += [] if view.contact_shadow else ["--no-contact-shadow"]
-        words += [] if build is None or source.endswith(SAVED) else _surface_words(build, request.scene.models)
+        words += [] if build is None or source.endswith(SAVED) else _surface_options(build, request.scene.models)
         words += ["--ground"] if view.ground else []
         color = _commas(srgb_to_linear(np.array(view.backdrop)))
         words += ["--background", {"sky": "sky", "gradient": "auto"}.get(view.around, color)]
@@ -200,18 +202,18 @@ def _command(request: FrameRequest, output: Output, source: str, build: Build | 
     return shlex.join(words)
 
 
-def _surface_words(build: Build, models: Sequence[Model]) -> list[str]:
+def _surface_options(build: Build, models: Sequence[Model]) -> list[str]:
     """The surface as options, where it is not the default one. models : as they were built"""
-    usual, words = Build(SURFACE, SAMPLES), []
+    defaults, words = Build(SURFACE, SAMPLES), []
     for name in ("surface", "samples", "radius_scale", "scatter", "scatter_size"):
         value = getattr(build, name)
-        if value != getattr(usual, name):
+        if value != getattr(defaults, name):
             words += [f"--{name.replace('_', '-')}", f"{value:g}" if isinstance(value, float) else str(value)]
     smooth = next((model.smooth for model in models), AUTO)
     return words if smooth == AUTO else [*words, "--smooth", f"{smooth:.9g}"]
 
 
-def _light_words(view: ViewSettings, up: Vector) -> list[str]:
+def _light_options(view: ViewSettings, up: Vector) -> list[str]:
     """The lights as options; a studio whose light is baked is the default."""
     lights = view.lights(up)
     if not lights:
@@ -243,7 +245,7 @@ def _python(request: FrameRequest, output: Output) -> str:
     size = output.width, output.height
     more = "" if view.levels else ", levels=False"
     more += "" if view.backfaces == SAME else f', backfaces="{view.backfaces}"'
-    exposure = '"auto"' if view.chooses else f"{view.exposure}"
+    exposure = '"auto"' if view.auto_exposed else f"{view.exposure}"
     projection = "" if camera.projection == "perspective" else f', projection="{camera.projection}"'
     return (
         f"camera = pr.Camera.look_at({eye}, {target}, {up}, fov={camera.fov:.6g}, size={size}{projection})\n"

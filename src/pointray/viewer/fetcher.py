@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 from ..model.model import Model
-from .thread_priority import PARTS, yield_to_others
+from .thread_priority import PARTS, lower_priority
 
 log = logging.getLogger("pointray.view")
 
-BETWEEN = 0.2  # seconds between two pictures that show what has been opened
+REDRAW_INTERVAL = 0.2  # seconds between two pictures that show what has been opened
 
 
 class Fetcher:
@@ -41,7 +41,7 @@ class Fetcher:
 
     def want(self, models: list[Model]) -> None:
         """See `Fetch.want`."""
-        fitting = list(_fitting([model for model in models if model not in self._failed]))
+        fitting = list(_within_budget([model for model in models if model not in self._failed]))
         for model in reversed(fitting):  # what is wanted is not let go, the first of it last of all
             if model.source is not None:
                 model.source.find()
@@ -78,7 +78,7 @@ class Fetcher:
 
     def _run(self) -> None:
         with suppress(OSError):
-            yield_to_others(PARTS)
+            lower_priority(PARTS)
         while True:
             with self._changed:
                 model = self._next()
@@ -96,7 +96,7 @@ class Fetcher:
                 self._fail(f"{type(error).__name__}: {error}")
             with self._changed:
                 is_last = self._next() is None
-            if self._is_new and (is_last or time.monotonic() - self._drawn > BETWEEN):
+            if self._is_new and (is_last or time.monotonic() - self._drawn > REDRAW_INTERVAL):
                 self._is_new, self._drawn = False, time.monotonic()
                 self._redraw()
 
@@ -108,7 +108,7 @@ class Fetcher:
         return None
 
 
-def _fitting(models: list[Model]) -> Iterator[Model]:
+def _within_budget(models: list[Model]) -> Iterator[Model]:
     """Those of some parts and levels of detail that fit into their models' budgets, see `Fetch.want`."""
     left: dict[int, int] = {}
     finest: dict[tuple[int, int], int] = {}  # of what fits, by model and part

@@ -20,9 +20,9 @@ Color = tuple[float, float, float]
 
 SUN, POINT, SKY = LIGHTS
 OWN = "own"
-BRIGHT = 3.0  # irradiance of a new sun, and of a new point light at the model's middle
-MOST_LAMPS = 32  # rows of lights in the panel: it cannot add more
-AWAY = 1.2  # share of the model's diagonal: distance of a new point light from its middle
+DEFAULT_STRENGTH = 3.0  # irradiance of a new sun, and of a new point light at the model's middle
+MAX_LIGHTS = 32  # rows of lights in the panel: it cannot add more
+POINT_LIGHT_DISTANCE = 1.2  # share of the model's diagonal: distance of a new point light from its middle
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class LightControl:
 
     kind: str
     color: Color = (1.0, 1.0, 1.0)
-    strength: float = BRIGHT
+    strength: float = DEFAULT_STRENGTH
     azimuth: float = 30.0
     elevation: float = 45.0
     angle: float = 0.53
@@ -59,14 +59,14 @@ class LightControl:
     light: Light | EnvironmentLight | None = None
     on: bool = True
     camera: bool = False
-    first: Light | EnvironmentLight | None = field(default=None, compare=False)
+    original: Light | EnvironmentLight | None = field(default=None, compare=False)
 
     def make(self, up: Vector) -> Light | EnvironmentLight:
         """The light with these values."""
         if self.light is not None:
             return self.light
-        if self.first is not None and self == _lamp_of(self.first, up):
-            return self.first
+        if self.original is not None and self == _control_of(self.original, up):
+            return self.original
         power = srgb_to_linear(np.array(self.color, np.float64)) * self.strength
         if self.kind == SUN:
             return SunLight(-direction_of(self.azimuth, self.elevation, self._up(up)), power, self.angle, self.camera)
@@ -82,11 +82,11 @@ class LightControl:
 def new_light_control(kind: str, scene: Scene, up: Vector) -> LightControl:
     """A new light with initial values."""
     if kind != POINT:
-        return LightControl(kind, strength=BRIGHT if kind == SUN else 1.0)
+        return LightControl(kind, strength=DEFAULT_STRENGTH if kind == SUN else 1.0)
     low, high = scene.bounds
-    away = AWAY * float(np.linalg.norm(high - low))
+    away = POINT_LIGHT_DISTANCE * float(np.linalg.norm(high - low))
     x, y, z = ((low + high) / 2 + away * direction_of(-40.0, 40.0, up)).tolist()
-    return LightControl(POINT, strength=BRIGHT * away * away, position=(x, y, z))
+    return LightControl(POINT, strength=DEFAULT_STRENGTH * away * away, position=(x, y, z))
 
 
 def light_controls_of(scene: Scene, up: Vector) -> tuple[LightControl, ...]:
@@ -96,21 +96,21 @@ def light_controls_of(scene: Scene, up: Vector) -> tuple[LightControl, ...]:
 
 def controls_of(lights: Iterable[Light | EnvironmentLight], up: Vector) -> tuple[LightControl, ...]:
     """The controls of lights."""
-    return tuple(_lamp_of(light, up) for light in lights)
+    return tuple(_control_of(light, up) for light in lights)
 
 
-def _lamp_of(light: Light | EnvironmentLight, up: Vector) -> LightControl:
+def _control_of(light: Light | EnvironmentLight, up: Vector) -> LightControl:
     if isinstance(light, SunLight):
         color, strength = _split(light.irradiance)
         about = (0.0, 1.0, 0.0) if light.camera else up
         azimuth, elevation = angles_of(-np.asarray(light.direction, np.float64), about)
         return LightControl(
-            SUN, color, strength, azimuth, elevation, float(light.angle), camera=light.camera, first=light
+            SUN, color, strength, azimuth, elevation, float(light.angle), camera=light.camera, original=light
         )
     if isinstance(light, PointLight):
         color, strength = _split(light.intensity)
         x, y, z = np.asarray(light.position, np.float64).tolist()
-        return LightControl(POINT, color, strength, position=(x, y, z), camera=light.camera, first=light)
+        return LightControl(POINT, color, strength, position=(x, y, z), camera=light.camera, original=light)
     return LightControl(OWN, light=light)
 
 

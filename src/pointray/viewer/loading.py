@@ -29,14 +29,14 @@ from ..shade.materials.diffuse import Diffuse
 from ..surface.splats.radii import radii_in
 from .shared_scene import SharedScene
 from .sketch import Sketch
-from .thread_priority import LEVELS, yielding
+from .thread_priority import LEVELS, run_niced
 
 COARSE = 60_000  # points of the coarse version: built in some 0.3 s
-WORTH = 4 * COARSE  # points from which a coarse version is worth building
+LARGE_FROM = 4 * COARSE  # points from which a coarse version is worth building
 
 
 @dataclass(frozen=True)
-class Files:
+class FileLoader:
     """Scans, which are one cloud, and saved models beside it, in one scene: a `shared_scene.Loader`.
 
     Parameters
@@ -66,7 +66,7 @@ class Files:
 
     paths: Sequence[Path]
     surface: dict[str, Any]
-    furnish: Callable[[Scene], tuple[float, float, float]]
+    set_up_scene: Callable[[Scene], tuple[float, float, float]]
     leveled: bool = True
     normals: str = "auto"
     choice: ViewChoice = ViewChoice()
@@ -86,18 +86,18 @@ class Files:
         notes: list[str] = []
         clouds = [self._read(group, shared) for group in self._groups]
         found = bool(self.entry) and isinstance(clouds[0], Model)
-        few = [self._some(cloud, k) for k, cloud in enumerate(clouds)]
-        self._prepare(clouds, few, shared)
+        samples = [self._sample(cloud, k) for k, cloud in enumerate(clouds)]
+        self._prepare(clouds, samples, shared)
         large = [_is_large(cloud) for cloud in clouds]
         if any(large) and self.light is None:
-            shared.say("building a coarse version", None)
+            shared.report("building a coarse version", None)
             # From here on small scans are models, which are not built again.
-            clouds = [c if _is_large(c) else self._whole(c, k, shared, notes) for k, c in enumerate(clouds)]
-            pairs = enumerate(zip(clouds, few, strict=True))
-            coarse = [c if isinstance(c, Model) else self._coarse(some, k) for k, (c, some) in pairs]
+            clouds = [c if _is_large(c) else self._build_model(c, k, shared, notes) for k, c in enumerate(clouds)]
+            pairs = enumerate(zip(clouds, samples, strict=True))
+            coarse = [c if isinstance(c, Model) else self._coarse(sample, k) for k, (c, sample) in pairs]
             self._show(coarse, shared, coarse=True)
-        models = [self._whole(cloud, k, shared, notes) for k, cloud in enumerate(clouds)]
-        if found and self.leveled and not models[0].levels and len(models[0].points) > WORTH:
+        models = [self._build_model(cloud, k, shared, notes) for k, cloud in enumerate(clouds)]
+        if found and self.leveled and not models[0].levels and len(models[0].points) > LARGE_FROM:
             large[0], found = True, False  # it was kept by a command that needs no levels
         without_levels = [
             model
@@ -107,19 +107,21 @@ class Files:
         if without_levels and self.light is None:
             self._show(models, shared)
         for model in without_levels:
-            yielding(LEVELS, partial(model.make_levels, lambda stage, share: shared.say(f"building: {stage}", share)))
+            run_niced(
+                LEVELS, partial(model.make_levels, lambda stage, share: shared.report(f"building: {stage}", share))
+            )
         self._show(models, shared)  # again: an attribute's colours take the levels into account too
         if self.entry is not None and not found:
-            yielding(LEVELS, partial(self.entry.store, models[0], notes))
+            run_niced(LEVELS, partial(self.entry.store, models[0], notes))
 
     def _show(self, models: Sequence[Model], shared: SharedScene, coarse: bool = False) -> None:
         """Replace what is shown by models, as soon as their pictures can be drawn."""
         scene = self._scene(models, shared)
         if self.light is not None:
-            scene.baked = self.light(scene, shared.say)
+            scene.baked = self.light(scene, shared.report)
         first = self._first(shared)
         if not is_warm(first):
-            shared.say("", None)
+            shared.report("", None)
             wait_until_warm(first)
         shared.show(scene, coarse=coarse)
 
@@ -127,31 +129,31 @@ class Files:
         """Settings of the first pictures: they have direct light, unless baked light comes with the scene."""
         return shared.settings if self.light is not None else with_direct_light(shared.settings)
 
-    def _prepare(self, clouds: Sequence[Points | Model], few: Sequence[Points], shared: SharedScene) -> None:
+    def _prepare(self, clouds: Sequence[Points | Model], samples: Sequence[Points], shared: SharedScene) -> None:
         """Announce the kernels that will be needed; show a sketch while pictures cannot be drawn yet."""
-        if any(some.normals is None for some in few):
+        if any(sample.normals is None for sample in samples):
             expect(NORMALS)
         if not is_warm(self._first(shared)):
-            sketch = Sketch(few, [len(_points(cloud)) for cloud in clouds])
-            shared.outline(sketch, Scan(sketch.points, self.choice).up)
+            sketch = Sketch(samples, [len(_points(cloud)) for cloud in clouds])
+            shared.show_sketch(sketch, Scan(sketch.points, self.choice).up)
 
     def _read(self, files: list[Path], shared: SharedScene) -> Points | Model:
         stage = f"reading {files[0].name if len(files) == 1 else f'{len(files):,} files'}"
-        shared.say(stage, None)
+        shared.report(stage, None)
         if files[0].suffix.lower() == SAVED:
             return Model.load(files[0], memory=self.memory)
         known = None if self.entry is None else self.entry.load()
         if known is not None:
             known.levels = known.levels if self.leveled else ()
             return known
-        points = read(files, progress=partial(shared.say, stage), **self.reading)
+        points = read(files, progress=partial(shared.report, stage), **self.reading)
         if self.drop_strays:
-            points = without_strays(points, files[0].name, progress=partial(shared.say, "looking for strays"))
-        with _named(files):
+            points = without_strays(points, files[0].name, progress=partial(shared.report, "looking for strays"))
+        with _with_file_name(files):
             check_normals_choice(points, self.normals)
         return points
 
-    def _some(self, cloud: Points | Model, number: int) -> Points:
+    def _sample(self, cloud: Points | Model, number: int) -> Points:
         """A limited number of the points, without normals if those are unwanted or, by this sample, wrong."""
         points = _points(cloud)
         if isinstance(cloud, Model) and cloud.parts:  # reading all of them would take long
@@ -162,36 +164,36 @@ class Files:
             points = points.select(np.sort(rows))
         if isinstance(cloud, Model):
             return points
-        with _named(self._groups[number]), heard():  # warnings are given for all points later
+        with _with_file_name(self._groups[number]), heard():  # warnings are given for all points later
             points, wrong = judged(points, self.normals)
         return points.with_normals(None) if wrong else points
 
-    def _coarse(self, some: Points, number: int) -> Model:
-        with _named(self._groups[number]), heard():
-            return Model(some, **self.surface)
+    def _coarse(self, sample: Points, number: int) -> Model:
+        with _with_file_name(self._groups[number]), heard():
+            return Model(sample, **self.surface)
 
-    def _whole(self, cloud: Points | Model, number: int, shared: SharedScene, notes: list[str]) -> Model:
+    def _build_model(self, cloud: Points | Model, number: int, shared: SharedScene, notes: list[str]) -> Model:
         if isinstance(cloud, Model):
             return cloud
 
-        def say(stage: str, share: float) -> None:
-            shared.say(f"building: {stage}", share)
+        def report(stage: str, share: float) -> None:
+            shared.report(f"building: {stage}", share)
 
         def build() -> Model:
             points, wrong = judged(cloud, self.normals)
-            points = replaced(points, partial(say, "normals")) if wrong else points
-            return Model(points, radii_in(points), **self.surface, progress=say)
+            points = replaced(points, partial(report, "normals")) if wrong else points
+            return Model(points, radii_in(points), **self.surface, progress=report)
 
-        with _named(self._groups[number]):
-            model, said = built(build)
-        notes += said
+        with _with_file_name(self._groups[number]):
+            model, new_notes = built(build)
+        notes += new_notes
         return model
 
     def _scene(self, models: Sequence[Model], shared: SharedScene) -> Scene:
         scene = Scene()
         for model in models:
             scene.add(model, material=None if model.points.colors is not None else Diffuse(CLAY))
-        shared.up = self.furnish(scene)
+        shared.up = self.set_up_scene(scene)
         return scene
 
 
@@ -200,11 +202,11 @@ def _points(cloud: Points | Model) -> Points:
 
 
 def _is_large(cloud: Points | Model) -> bool:
-    return isinstance(cloud, Points) and len(cloud) > WORTH
+    return isinstance(cloud, Points) and len(cloud) > LARGE_FROM
 
 
 @contextmanager
-def _named(files: Sequence[Path]) -> Iterator[None]:
+def _with_file_name(files: Sequence[Path]) -> Iterator[None]:
     """Add the file, if it is one, to the errors of a scan."""
     try:
         yield
@@ -213,12 +215,12 @@ def _named(files: Sequence[Path]) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Described:
+class SceneFileLoader:
     """Loads the scene of a scene file: a `shared_scene.Loader`."""
 
     plan: Plan
 
     def __call__(self, shared: SharedScene) -> None:
-        made = self.plan.build(shared.say)
+        made = self.plan.build(shared.report)
         shared.exposure, shared.curve = float(made.exposure), made.curve
         shared.show(made.scene, made.camera)

@@ -32,7 +32,7 @@ def number(message: dict[str, Any], name: str, low: float = -math.inf, high: flo
     return value
 
 
-def word(message: dict[str, Any], name: str) -> str:
+def short_text(message: dict[str, Any], name: str) -> str:
     """A short text."""
     value = message.get(name)
     if not isinstance(value, str) or len(value) > 100:
@@ -80,7 +80,7 @@ def describe(camera: Camera) -> dict[str, Any]:
     return {**fields, "orthographic": camera.projection == "orthographic"}
 
 
-def packed(header: dict[str, Any], payload: bytes = b"") -> bytes:
+def pack(header: dict[str, Any], payload: bytes = b"") -> bytes:
     """A binary message: the header's length, the header, and the payload, or the part of it that exists so far."""
     text = json.dumps(header).encode()
     return struct.pack("<I", len(text)) + text + payload

@@ -23,15 +23,15 @@ from ..scene.scene import Scene
 from ..shade.attributes import Attribute
 from .connection import Link
 from .controls import Folder
-from .messages import describe, packed
+from .messages import describe, pack
 from .painter import Frame
 from .pick import Found
 from .shared_scene import Progress
 from .sketch import Sketch
 
-STATUS = 0.25  # seconds between two statistics
+STATUS_INTERVAL = 0.25  # seconds between two statistics
 LEGEND = (600, 220)  # pixels
-REPEAT = 2.0  # seconds in which the same toast is not repeated
+REPEAT_INTERVAL = 2.0  # seconds in which the same toast is not repeated
 # Folders before a file name: in an absolute path up to its last slash, spaces or not; in others without spaces.
 FOLDERS = re.compile(r"""((?<![^\s'"(])([A-Za-z]:)?[/\\][^:'"\n]*|[^\s:'"]*)[/\\](?=[^\s/\\])""")
 
@@ -50,12 +50,12 @@ class Outbox:
         """Whether the page is on this machine: only such a page is told where files are."""
         return self._link.is_local
 
-    def say(self, **message: Any) -> None:
+    def send_message(self, **message: Any) -> None:
         """Send a message unchanged."""
         self._link.send(json.dumps(message))
 
     def hello(self, title: str) -> None:
-        self.say(type="hello", title=title, version=__version__)
+        self.send_message(type="hello", title=title, version=__version__)
 
     def place(self, seen: Scene | Sketch, up: Sequence[float]) -> None:
         """Send the bounds of the scene, or of the sketch in its place."""
@@ -63,59 +63,59 @@ class Outbox:
             bounds, clouds = seen.points.bounds, [seen.points]
         else:
             bounds, clouds = seen.bounds, [model.points for model in seen.models]
-        self.say(type="place", bounds=bounds.tolist(), up=list(up), north=north_of(clouds, up))
+        self.send_message(type="place", bounds=bounds.tolist(), up=list(up), north=north_of(clouds, up))
 
     def go(self, camera: Camera, animate: bool) -> None:
         """Move the page's camera."""
-        self.say(type="camera", **describe(camera), animate=animate)
+        self.send_message(type="camera", **describe(camera), animate=animate)
 
     def panel(self, folders: Sequence[Folder]) -> None:
         """Send the panel if it has changed: a new one would be rebuilt under the user's hand."""
         described = [folder.describe() for folder in folders]
         if described != self._described:
             self._described = described
-            self.say(type="panel", folders=described)
+            self.send_message(type="panel", folders=described)
 
     def progress(self, progress: Progress) -> None:
-        self.say(type="progress", stage=progress.stage, share=progress.share, seconds=progress.seconds)
+        self.send_message(type="progress", stage=progress.stage, share=progress.share, seconds=progress.seconds)
 
     def toast(self, level: str, text: str, stay: bool = False) -> None:
         """Show a text that goes and is not repeated at once, or one that stays. level : "info", "warning", "error"."""
         now = time.monotonic()
-        self._toasts = {said: at for said, at in self._toasts.items() if now - at < REPEAT}
+        self._toasts = {said: at for said, at in self._toasts.items() if now - at < REPEAT_INTERVAL}
         if not stay and text in self._toasts:
             return
         self._toasts[text] = now
-        self.say(type="toast", level=level, text=text if self.is_local else FOLDERS.sub("", text), stay=stay)
+        self.send_message(type="toast", level=level, text=text if self.is_local else FOLDERS.sub("", text), stay=stay)
 
     def found(self, found: Found, first: NDArray[np.float64] | None) -> None:
         """Send what is under the mouse, and its distance from the point found first, if there is one."""
         position = found.position.tolist()
-        self.say(type="picked", lines=found.lines, position=position, second=first is not None)
+        self.send_message(type="picked", lines=found.lines, position=position, second=first is not None)
         if first is not None:
             difference = found.position - first
             parts = [f"d{axis} {part:.6g}" for axis, part in zip("xyz", difference.tolist(), strict=True)]
             said = {"from": first.tolist(), "to": position, "text": f"{np.linalg.norm(difference):.6g}", "parts": parts}
-            self.say(**{"type": "measured", **said})
+            self.send_message(**{"type": "measured", **said})
 
     def legend(self, image: str | None) -> None:
         """Send the legend of the colours, see `legend_of`; None: no legend."""
-        self.say(type="legend", image=image)
+        self.send_message(type="legend", image=image)
 
     def file(self, path: Path, mime: str) -> None:
         """Send a file for the page to save; returns when it is sent, or the page has gone."""
-        self._link.send_file(packed({"type": "file", "name": path.name, "mime": mime}), path)
+        self._link.send_file(pack({"type": "file", "name": path.name, "mime": mime}), path)
 
     def frame(self, frame: Frame, rate: float) -> None:
         """Send a picture, and now and then the statistics. rate : frames a second."""
         width, height = frame.size
         header = {"number": frame.number, "camera": describe(frame.request.camera), "time": frame.request.time}
         header |= {"width": width, "height": height, "stage": frame.stage.name, "samples": frame.samples}
-        self._link.send(packed({"type": "frame", **header, "mime": "image/jpeg"}, frame.jpeg))
+        self._link.send(pack({"type": "frame", **header, "mime": "image/jpeg"}, frame.jpeg))
         now = time.perf_counter()
-        if now - self._status_at > STATUS or frame.samples == frame.request.view.samples:
+        if now - self._status_at > STATUS_INTERVAL or frame.samples == frame.request.view.samples:
             self._status_at = now
-            self.say(type="status", lines=_statistics(frame, rate))
+            self.send_message(type="status", lines=_statistics(frame, rate))
 
 
 def north_of(clouds: Sequence[Points], up: Sequence[float]) -> list[float] | None:

@@ -21,7 +21,7 @@ PASS = 0.4  # limit in seconds for a pass of refinement: the picture gets better
 # Shares of the view's width and height for moving pictures, and the time limit of each in seconds: fewer pixels than
 # half across and down look worse than fewer pictures.
 SCALES = {1.0: 1 / 30, 0.75: 1 / 28, 0.625: 1 / 25, 0.5: 1 / 18, 0.375: 1 / 13, 0.25: 1 / 10, 0.1875: 1 / 8, 0.125: 1.0}
-ROOM = 0.8  # share of these seconds: a finer scale must fit into it, so that the scale does not oscillate
+HEADROOM = 0.8  # share of these seconds: a finer scale must fit into it, so that the scale does not oscillate
 ADAPT = 0.3  # weight of the newest measurement
 START = 0.5  # scale of the first frame
 
@@ -53,12 +53,12 @@ class Pace:
         fitting = [
             scale
             for scale, allowed in SCALES.items()
-            if self._seconds * scale * scale <= allowed * (ROOM if scale > self._scale else 1.0)
+            if self._seconds * scale * scale <= allowed * (HEADROOM if scale > self._scale else 1.0)
         ]
         self._scale = max(fitting, default=min(SCALES))
         return self._scale
 
-    def took(self, seconds: float, scale: float) -> None:
+    def record(self, seconds: float, scale: float) -> None:
         """Record how long a moving picture of a given scale took."""
         whole = seconds / (scale * scale)
         self._seconds = whole if self._seconds is None else self._seconds + ADAPT * (whole - self._seconds)

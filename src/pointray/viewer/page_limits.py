@@ -10,7 +10,7 @@ CREDIT = 0.1  # seconds of it that may be used at once
 TRANSPORT = 2e-4  # seconds that a message takes before it is parsed
 
 
-class Share:
+class CpuBudget:
     """A share of a processor's time. clock : seconds"""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -24,7 +24,7 @@ class Share:
         return max(0.0, self._owed - CREDIT) / SHARE
 
 
-class Allowance:
+class RateLimiter:
     """A limit of events a second, with a burst of as many as come in some seconds. clock : seconds"""
 
     def __init__(self, rate: float, most: float, clock: Callable[[], float] = time.monotonic) -> None:

@@ -35,10 +35,10 @@ from .view_settings import ViewSettings
 log = logging.getLogger("pointray.view")
 
 BAKED = "baked"
-STEADY = 0.4  # stops: still pictures do not follow a smaller change of the chosen exposure
+EXPOSURE_TOLERANCE = 0.4  # stops: still pictures do not follow a smaller change of the chosen exposure
 IN_FLIGHT = 2  # pictures on their way to the page: while it draws one, the next is traced
-WHILE_BAKING = 4  # samples of a still picture until there is finer light, for which it begins anew
-LARGEST = 6 << 20  # bytes of a picture: IN_FLIGHT of them fit into what may wait for a page, see `link`
+SAMPLES_WHILE_BAKING = 4  # samples of a still picture until there is finer light, for which it begins anew
+MAX_JPEG_BYTES = 6 << 20  # bytes of a picture: IN_FLIGHT of them fit into what may wait for a page, see `link`
 COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # quality and subsampling for pictures that would be larger
 
 
@@ -108,20 +108,20 @@ class Painter:
         self,
         deliver: Callable[[Frame], None],
         fail: Callable[[str], None],
-        say: Callable[[str, float | None, float | None], None],
+        report: Callable[[str, float | None, float | None], None],
     ) -> None:
         self._deliver, self._fail = deliver, fail
-        self._baker = Baker(self._draw_lit, say)
+        self._baker = Baker(self._draw_lit, report)
         self._fetcher = Fetcher(self._draw_again, fail)
-        self._again: FrameRequest | None = None  # the request that is drawn again, as there is more to show
+        self._redrawn: FrameRequest | None = None  # the request that is drawn again, as there is more to show
         self._changed = threading.Condition()
         self._request: FrameRequest | None = None
         self._open, self._cancel = True, Cancel()
         self._drawn, self._seen = 0, 0
         self._pace = Pace()
         self._contacts = Contacts()
-        self._dressed: tuple[FrameRequest, Scene] | None = None
-        self._toned: tuple[ViewSettings, tuple[int, int], tuple[float, str]] | None = (
+        self._last_applied: tuple[FrameRequest, Scene] | None = None
+        self._last_tone: tuple[ViewSettings, tuple[int, int], tuple[float, str]] | None = (
             None  # what was chosen, for which view settings
         )
         self._times: deque[float] = deque(maxlen=60)
@@ -147,7 +147,7 @@ class Painter:
         """Draw the newest request once more: there is more to show of it."""
         with self._changed:
             if self._request is not None:
-                self._request = self._again = self._request._replace()
+                self._request = self._redrawn = self._request._replace()
                 self._cancel()
                 self._changed.notify_all()
 
@@ -163,7 +163,7 @@ class Painter:
         self._fetcher.close()
         with self._changed:
             self._open = False
-            self._request = self._again = self._dressed = None
+            self._request = self._redrawn = self._last_applied = None
             self._cancel()
             self._changed.notify_all()
 
@@ -180,12 +180,12 @@ class Painter:
 
     def apply(self, request: FrameRequest) -> Scene:
         """The scene of a request, with its view settings applied."""
-        dressed = self._dressed
-        if dressed is None or dressed[0].version != request.version or not dressed[0].view.same_scene(request.view):
-            dressed = request, request.view.apply(request.scene, request.up)
+        applied = self._last_applied
+        if applied is None or applied[0].version != request.version or not applied[0].view.same_scene(request.view):
+            applied = request, request.view.apply(request.scene, request.up)
             with self._changed:
-                self._dressed = dressed if self._open else None
-        return dressed[1]
+                self._last_applied = applied if self._open else None
+        return applied[1]
 
     def _run(self) -> None:
         done: FrameRequest | None = None
@@ -213,11 +213,11 @@ class Painter:
             begun = time.perf_counter()
             self._send(request, request.sketch.draw(request.camera), STILL, (1, 1), time.perf_counter() - begun)
             return
-        scene, scale = self.apply(request), 1.0 if request is self._again else self._pace.scale()
+        scene, scale = self.apply(request), 1.0 if request is self._redrawn else self._pace.scale()
         begun = time.perf_counter()
         # The first picture is shown despite newer requests: else nothing would be seen while things move.
         self._show(request, scene, _scaled(request.camera, scale), MOVING if scale < 1 else STILL, None)
-        self._pace.took(time.perf_counter() - begun, scale)
+        self._pace.record(time.perf_counter() - begun, scale)
         self._times.append(time.perf_counter())
         if self._is_old(request, REST):
             return
@@ -245,7 +245,7 @@ class Painter:
         if settings.integrator != request.view.integrator:
             return  # there is no light yet: the processors are to bake it
         if settings.integrator == BAKED and self._baker.is_baking:
-            most = min(most, WHILE_BAKING)
+            most = min(most, SAMPLES_WHILE_BAKING)
         picture = Picture(scene.snapshot(), request.camera, settings, in_passes=True, fetch=self._fetcher)
         done, last, seconds = 0, 1, 0.0
         while done < most:
@@ -317,15 +317,15 @@ class Painter:
         They are chosen again when view settings change; the exposure also when still pictures need much more
         or less. So nothing flickers while the camera moves.
         """
-        view, known = request.view, self._toned
-        if not view.chooses:
+        view, known = request.view, self._last_tone
+        if not view.auto_exposed:
             return view.tone(image)
         if known is None or known[0] is not view or known[1] != request.version:
             known = view, request.version, view.tone(image)
         elif stage is STILL:
             found = replace(view, curve=known[2][1]).tone(image)
-            known = (*known[:2], found if abs(found[0] - known[2][0]) > STEADY else known[2])
-        self._toned = known
+            known = (*known[:2], found if abs(found[0] - known[2][0]) > EXPOSURE_TOLERANCE else known[2])
+        self._last_tone = known
         return known[2]
 
 
@@ -334,7 +334,7 @@ def encode(pixels: NDArray[np.uint8], stage: Stage) -> bytes:
     for quality, subsampling in ((stage.quality, stage.subsampling), *COARSER):
         stream = io.BytesIO()
         Image.fromarray(pixels).save(stream, "JPEG", quality=quality, subsampling=subsampling)
-        if stream.tell() <= LARGEST:
+        if stream.tell() <= MAX_JPEG_BYTES:
             break
     return stream.getvalue()
 

@@ -10,13 +10,13 @@ from ..model.model import SURFACE
 from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES
 from .controls import Control, Folder
-from .light_control import MOST_LAMPS, POINT, SKY, SUN, LightControl
+from .light_control import MAX_LIGHTS, POINT, SKY, SUN, LightControl
 from .light_control import OWN as OWN_LIGHT
 from .shared_scene import Build, SharedScene
-from .view_settings import CHANGED, CONSTANT, MATERIALS, OWN, ViewSettings, colorings
+from .view_settings import CHANGED, CONSTANT, MATERIALS, OWN, ViewSettings, color_attributes
 
 COUNTS = (1, 4, 16, 64, 256, 1024, 4096)
-KEYS = (
+MOUSE_HELP = (
     "Drag: turn. Right drag: move. Wheel: nearer.\nDouble click: look there. Click: what is there.\n? shows all keys."
 )
 
@@ -37,7 +37,7 @@ def folders(view: ViewSettings, shared: SharedScene, output: Output, scene: Scen
     """All folders of the panel, for a scene or while there is none yet."""
     build = shared.build
     if scene is None:
-        return [Folder("View", [Control("help", "", "note", KEYS)], open=True)]
+        return [Folder("View", [Control("help", "", "note", MOUSE_HELP)], open=True)]
     material = [] if not scene.models else [_material(view, scene)]
     surface = [] if build is None else [_surface(build)]
     in_parts = any(model.parts for model in scene.models)
@@ -85,13 +85,13 @@ def _view(view: ViewSettings, has_levels: bool) -> Folder:
             _choice(view, "curve", "Curve", [(AUTO, "chosen"), *CURVES.items()]),
             _choice(view, "around", "Background", around),
             *([Control("backdrop", "Colour", "color", view.backdrop)] if view.around == "color" else []),
-            Control("help", "", "note", KEYS),
+            Control("help", "", "note", MOUSE_HELP),
         ],
         open=True,
     )
 
 
-def _light(view: ViewSettings, has_own: bool, may_stand: bool) -> Folder:
+def _light(view: ViewSettings, has_own: bool, allows_contact_shadow: bool) -> Folder:
     """has_own : whether the scene has lights of its own; may_stand : whether it has a contact shadow if it stands"""
     looks = [*LOOKS.items(), *([(OWN_LIGHT, "the scene's own")] if has_own else [])]
     look = view.look
@@ -103,7 +103,7 @@ def _light(view: ViewSettings, has_own: bool, may_stand: bool) -> Folder:
         hint = "What is seen through holes of a scan"
         kinds = [(name, name) for name in BACKFACES]
         rows.append(Control("backfaces", "Back faces", "choice", view.backfaces, kinds, hint=hint))
-    if may_stand and look == STUDIO and view.integrator in EXPOSED:
+    if allows_contact_shadow and look == STUDIO and view.integrator in EXPOSED:
         hint = "The shadow of an object that stands on an invisible ground"
         rows.append(Control("contact_shadow", "Contact shadow", "switch", view.contact_shadow, hint=hint))
     if not view.lamps:
@@ -113,10 +113,10 @@ def _light(view: ViewSettings, has_own: bool, may_stand: bool) -> Folder:
             "baked": "None: it is dark.",
         }
         rows.append(Control("no_lamps", "", "note", instead.get(view.integrator, "None, and none is needed.")))
-    for k, lamp in enumerate(view.lamps[:MOST_LAMPS]):
+    for k, lamp in enumerate(view.lamps[:MAX_LIGHTS]):
         rows += _lamp(f"lamps.{k}.", k, lamp)
-    if len(view.lamps) > MOST_LAMPS:
-        rows.append(Control("more_lamps", "", "note", f"And {len(view.lamps) - MOST_LAMPS:,} more, which are on."))
+    if len(view.lamps) > MAX_LIGHTS:
+        rows.append(Control("more_lamps", "", "note", f"And {len(view.lamps) - MAX_LIGHTS:,} more, which are on."))
     rows.append(Control("lamps.add.sun", "Add a sun", "button", hint="Ctrl and drag turns it"))
     rows.append(Control("lamps.add.point", "Add a point light", "button"))
     if not any(lamp.kind == SKY for lamp in view.lamps):
@@ -166,7 +166,7 @@ def _material(view: ViewSettings, scene: Scene) -> Folder:
     rows = [_choice(view, "material", "Material", kinds)]
     if view.material not in ("mirror", "glass"):
         own = [(OWN, "the points' own"), (CONSTANT, "one for all")]
-        rows.append(_choice(view, "color_by", "Colour", [*own, *((name, name) for name in colorings(scene))]))
+        rows.append(_choice(view, "color_by", "Colour", [*own, *((name, name) for name in color_attributes(scene))]))
         if view.color_by == CONSTANT:
             rows.append(Control("color", "", "color", view.color))
         elif view.color_by != OWN:

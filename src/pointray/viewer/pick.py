@@ -15,7 +15,7 @@ from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute, category_name
 
-MOST_LINES = 24
+MAX_LINES = 24
 WHOLE = 1e15  # floats below it that are whole numbers are written without decimals and exponent
 
 
@@ -38,16 +38,16 @@ def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
     if hits.instance < 0:
         return None
     position = hits.position
-    apart = float(hits.t)
+    distance = float(hits.t)
     if camera.projection == "orthographic":
-        apart = float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
-    pixel = apart * 2 * math.tan(math.radians(camera.fov) / 2) / camera.size[1]
-    lines = [f"{name} {_rounded(value, pixel)}" for name, value in zip("xyz", position, strict=True)]
+        distance = float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
+    pixel = distance * 2 * math.tan(math.radians(camera.fov) / 2) / camera.size[1]
+    lines = [f"{name} {_format_coordinate(value, pixel)}" for name, value in zip("xyz", position, strict=True)]
     lines.append("normal " + " ".join(f"{c:.3f}" for c in hits.normal))
-    return Found(position, [*lines, *_of_point(scene, int(hits.instance), int(hits.point))])
+    return Found(position, [*lines, *_point_lines(scene, int(hits.instance), int(hits.point))])
 
 
-def _of_point(scene: Scene, instance: int, row: int) -> list[str]:
+def _point_lines(scene: Scene, instance: int, row: int) -> list[str]:
     """The file's values for a point."""
     model = scene.shapes[instance]
     if not isinstance(model, Model):
@@ -57,24 +57,24 @@ def _of_point(scene: Scene, instance: int, row: int) -> list[str]:
         lines.append("colour " + " ".join(str(c) for c in points.colors[row]))
     for name, values in points.attributes.items():
         if name != RESIDUAL:
-            lines.append(f"{name} {_said(name, values[row])}")
-    if len(lines) > MOST_LINES:
-        lines = [*lines[:MOST_LINES], f"and {len(lines) - MOST_LINES} more"]
+            lines.append(f"{name} {_format_value(name, values[row])}")
+    if len(lines) > MAX_LINES:
+        lines = [*lines[:MAX_LINES], f"and {len(lines) - MAX_LINES} more"]
     return lines
 
 
-def _said(name: str, value: Any) -> str:
+def _format_value(name: str, value: Any) -> str:
     """The text of an attribute's value: exact, as short as it can be, and with the names of classes."""
-    return " ".join(_text(name, number) for number in np.atleast_1d(value))
+    return " ".join(_format_number(name, number) for number in np.atleast_1d(value))
 
 
-def _text(name: str, number: Any) -> str:
+def _format_number(name: str, number: Any) -> str:
     if number.dtype.kind == "f" and not (number == np.rint(number) and abs(number) < WHOLE):
         return str(number)
     return category_name(Attribute(name), bool(number) if number.dtype == np.bool_ else int(number))
 
 
-def _rounded(value: float, pixel: float) -> str:
+def _format_coordinate(value: float, pixel: float) -> str:
     """A coordinate, rounded to the decimals of a tenth of a pixel."""
     decimals = max(0, min(9, 1 - math.floor(math.log10(max(pixel, 1e-300)))))
     return f"{value:.{decimals}f}"

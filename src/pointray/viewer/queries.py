@@ -95,9 +95,9 @@ class Lookups:
         self,
         outbox: Outbox,
         apply: Callable[[FrameRequest], Scene],
-        explain: Callable[[FrameRequest, Attribute, str], None],
+        show_legend: Callable[[FrameRequest, Attribute, str], None],
     ) -> None:
-        self._outbox, self._apply, self._explain = outbox, apply, explain
+        self._outbox, self._apply, self._show_legend = outbox, apply, show_legend
         self._found: NDArray[np.float64] | None = None  # the point that was found last
         self._state = threading.Lock()  # guards the next two
         self._prepared = self._stopped = False
@@ -138,7 +138,7 @@ class Lookups:
         if found is None:
             return
         if click.purpose == "target":
-            self._outbox.say(type="target", position=found.position.tolist())
+            self._outbox.send_message(type="target", position=found.position.tolist())
             return
         self._outbox.found(found, self._found if click.extend else None)
         self._found = found.position
@@ -149,7 +149,7 @@ class Lookups:
             image = legend_of(shown)
         except ValueError:  # the painter reports it
             return
-        self._explain(request, shown, image)
+        self._show_legend(request, shown, image)
 
     def _prepare(self, scene: Scene) -> None:
         try:

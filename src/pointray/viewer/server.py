@@ -29,7 +29,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from .connection import Connection, Link, is_loopback
-from .page_limits import Share
+from .page_limits import CpuBudget
 
 log = logging.getLogger("pointray.view")
 
@@ -48,7 +48,7 @@ POLICY = (
 )
 
 
-class Visitor(Protocol):
+class PageHandler(Protocol):
     """What serves one browser."""
 
     def receive(self, text: str) -> None:
@@ -82,9 +82,9 @@ class Server:
     """
 
     def __init__(
-        self, welcome: Callable[[Link], Visitor], host: str, port: int, token: str = "", hub: str = ""
+        self, make_handler: Callable[[Link], PageHandler], host: str, port: int, token: str = "", hub: str = ""
     ) -> None:
-        self._welcome, self.host, self.port, self._hub = welcome, host, port or PORT, hub.strip("/")
+        self._make_handler, self.host, self.port, self._hub = make_handler, host, port or PORT, hub.strip("/")
         self.token = token or secrets.token_urlsafe(TOKEN_BYTES)
         self._ready = threading.Event()
         self._failed: Exception | None = None
@@ -146,14 +146,14 @@ class Server:
         for self.port in range(first, min(first + TRIES, 65536)):
             try:
                 listener = await serve(
-                    self._attend,
+                    self._serve_browser,
                     self.host,
                     self.port,
                     process_request=self._answer,
                     create_connection=Connection,
                     compression=None,  # pictures are compressed already
                     max_size=LARGEST_MESSAGE,
-                    logger=_quiet(),
+                    logger=_silent_logger(),
                 )
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
@@ -165,11 +165,11 @@ class Server:
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The answer to a request over HTTP; None lets a WebSocket through."""
         try:
-            return self._judge(request)
+            return self._respond(request)
         except (ValueError, MultipleValuesError) as error:  # an invalid address, or a repeated header
             return _refused(http.HTTPStatus.BAD_REQUEST, f"{type(error).__name__}: {error}")
 
-    def _judge(self, request: Request) -> Response | None:
+    def _respond(self, request: Request) -> Response | None:
         if not (self._is_known(request.headers.get("Host", "")) or self._is_proxied(request.headers)):
             return _refused(http.HTTPStatus.FORBIDDEN, "unknown host")
         token, slash, name = urlsplit(request.path).path.removeprefix("/").partition("/")
@@ -208,17 +208,17 @@ class Server:
         """
         return bool(self._hub) and headers.get("X-Forwarded-Context", "").rstrip("/") == self._prefix
 
-    async def _attend(self, connection: ServerConnection) -> None:
+    async def _serve_browser(self, connection: ServerConnection) -> None:
         """Serve one browser until it goes. While its thread works, nothing more is read from it."""
-        link, share = Link(connection, self._loop), Share()
+        link, share = Link(connection, self._loop), CpuBudget()
         if connection.request is None or self._is_proxied(connection.request.headers):
             link.is_local = False  # only the proxy is on this machine
         thread = ThreadPoolExecutor(1, "pointray-visitor")
         try:
-            visitor = await self._loop.run_in_executor(thread, self._meet, link)
+            visitor = await self._loop.run_in_executor(thread, self._try_make_handler, link)
             try:
                 async for message in connection:
-                    spent = await self._loop.run_in_executor(thread, _seconds_of, visitor.receive, str(message))
+                    spent = await self._loop.run_in_executor(thread, _cpu_seconds_of, visitor.receive, str(message))
                     if rest := share.rest(spent):
                         await asyncio.sleep(rest)
             except ConnectionClosed:
@@ -230,15 +230,15 @@ class Server:
             link.close()
             thread.shutdown(wait=False)
 
-    def _meet(self, link: Link) -> Visitor:
+    def _try_make_handler(self, link: Link) -> PageHandler:
         try:
-            return self._welcome(link)
+            return self._make_handler(link)
         except Exception:
             log.exception("while a browser came")
             raise
 
 
-def _seconds_of(work: Callable[[str], None], text: str) -> float:
+def _cpu_seconds_of(work: Callable[[str], None], text: str) -> float:
     """Call it; returns the processor time that it took, in seconds."""
     begun = time.thread_time()
     work(text)
@@ -268,7 +268,7 @@ def _is_address(name: str) -> bool:
     return True
 
 
-def _quiet() -> Any:
+def _silent_logger() -> Any:
     """A logger for normal events, such as connections that end in the middle of a handshake."""
     logger = logging.getLogger("pointray.view.websockets")
     logger.setLevel(logging.CRITICAL)

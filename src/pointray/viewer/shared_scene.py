@@ -114,10 +114,12 @@ class SharedScene:
         self.sketch: Sketch | None = None
         self.look, self.contact_shadow, self.is_coarse = "", True, False
         self._building, self._compiling, self._time_left = Progress(), Progress(), TimeLeft()
-        self._scene, self._shown = scene, 0
+        self._scene, self._revision = scene, 0
         self._wanted: Build | None = None  # the build that the user wants; None: models as they came
         self._built: tuple[Build, dict[Model, Model]] | None = None  # the last build, and which model replaces which
-        self._exchanged: tuple[Any, Scene] | None = None  # the last scene with these models, and what it was made for
+        self._cached_scene: tuple[Any, Scene] | None = (
+            None  # the last scene with these models, and what it was made for
+        )
         self._listeners: list[Callable[[], None]] = []
         self._lock, self._builds = threading.Lock(), threading.Lock()
         self._next: threading.Thread | None = None  # waits to build what is wanted when it starts
@@ -128,10 +130,10 @@ class SharedScene:
         scene, built = self._scene, self._built
         if scene is None or built is None:
             return scene
-        key, exchanged = (scene, scene._version, built), self._exchanged
-        if exchanged is None or exchanged[0] != key:
-            exchanged = self._exchanged = key, scene.exchange(built[1])
-        return exchanged[1]
+        key, cached = (scene, scene._version, built), self._cached_scene
+        if cached is None or cached[0] != key:
+            cached = self._cached_scene = key, scene.exchange(built[1])
+        return cached[1]
 
     @property
     def progress(self) -> Progress:
@@ -146,7 +148,7 @@ class SharedScene:
     @property
     def version(self) -> tuple[int, int]:
         """A value that differs whenever the scene is another one, or has changed."""
-        return self._shown, 0 if self._scene is None else self._scene._version
+        return self._revision, 0 if self._scene is None else self._scene._version
 
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
         """Call a listener, from any thread, whenever anything changes; returns a function that ends this."""
@@ -178,10 +180,10 @@ class SharedScene:
             self._scan = key, Scan(seen, ViewChoice(self.up, view))
         return self._scan[1]
 
-    def outline(self, sketch: Sketch, up: tuple[float, float, float]) -> None:
+    def show_sketch(self, sketch: Sketch, up: tuple[float, float, float]) -> None:
         """Show a sketch until there is a scene."""
         self.sketch, self.up = sketch, up
-        self._shown += 1
+        self._revision += 1
         self.notify()
 
     def show(self, scene: Scene, home: Camera | None = None, coarse: bool = False) -> None:
@@ -190,7 +192,7 @@ class SharedScene:
         self._scene, self._built, self.sketch = scene, None, None
         if home is not None:  # the page opens in perspective, without a lens
             self.home = replace(home, projection="perspective", aperture=0.0, focus=None)
-        self._shown += 1
+        self._revision += 1
         self.notify()
 
     @property
@@ -227,7 +229,7 @@ class SharedScene:
                     return
                 models = scene.models
                 try:
-                    made = {model: self._rebuilt(model, build, k, len(models)) for k, model in enumerate(models)}
+                    made = {model: self._rebuild_model(model, build, k, len(models)) for k, model in enumerate(models)}
                 except Exception:
                     self._wanted = None
                     raise
@@ -237,12 +239,12 @@ class SharedScene:
                     if build.measured:
                         build = replace(build, noise=build_of(made[models[0]]).noise)
                     self._wanted, self._built = build, (build, made)
-                    self._shown += 1
+                    self._revision += 1
                 self.notify()
 
-    def _rebuilt(self, model: Model, build: Build, number: int, count: int) -> Model:
-        def say(stage: str, share: float) -> None:
-            self.say(f"building: {stage}", (number + share) / count)
+    def _rebuild_model(self, model: Model, build: Build, number: int, count: int) -> Model:
+        def report(stage: str, share: float) -> None:
+            self.report(f"building: {stage}", (number + share) / count)
 
         options: dict[str, Any] = {
             "surface": build.surface,
@@ -256,7 +258,7 @@ class SharedScene:
         first = build_of(self._scene.models[0]) if self._scene else build
         if (build.measured, build.noise) == (first.measured, first.noise):  # what the command asked for, unrounded
             smooth = model.smooth
-        return model.remade(smooth, **options, progress=say)
+        return model.remade(smooth, **options, progress=report)
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
         thread = threading.Thread(target=self._run, args=(work,), name="pointray-builder", daemon=True)
@@ -275,18 +277,18 @@ class SharedScene:
             log.exception("while building")
             self._fail(f"{type(error).__name__}: {error}")
         give_back()
-        self.say("", None)
+        self.report("", None)
 
     def _fail(self, why: str) -> None:
         self.failures += 1  # first: a reader between the two lines sees no problem yet
         self.problem = why
 
-    def say(self, stage: str, share: float | None) -> None:
+    def report(self, stage: str, share: float | None) -> None:
         """Report the current stage, and the share done."""
         self._building = Progress(stage, share, self._time_left(stage, share))
         self.notify()
 
-    def look_at_compiling(self) -> None:
+    def update_compile_progress(self) -> None:
         """Report the progress of compiling kernels; called several times a second."""
         state, before = BACKLOG.state, self._compiling
         self._compiling = Progress()

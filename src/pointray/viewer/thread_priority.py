@@ -10,13 +10,13 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-YIELDS = sys.platform == "linux"  # elsewhere niceness is that of the whole process
+HAS_THREAD_NICENESS = sys.platform == "linux"  # elsewhere niceness is that of the whole process
 # A thread of a picture gets 1.6, 3, 6 and 9 times as much of a processor as one of these.
 ROUGH_LIGHT, PARTS, LEVELS, FINE_LIGHT = 2, 5, 8, 10
-MOST = 19
+MAX_NICE = 19
 
 
-def yielding(nice: int, work: Callable[[], T]) -> T:
+def run_niced(nice: int, work: Callable[[], T]) -> T:
     """Do work in a thread that yields to others, as do those that it starts; a thread cannot take that back.
 
     nice : added to the niceness of the caller
@@ -26,7 +26,7 @@ def yielding(nice: int, work: Callable[[], T]) -> T:
 
     def body() -> None:
         try:
-            yield_to_others(nice)
+            lower_priority(nice)
             results.append(work())
         except BaseException as error:
             errors.append(error)
@@ -39,7 +39,7 @@ def yielding(nice: int, work: Callable[[], T]) -> T:
     return results[0]
 
 
-def yield_to_others(nice: int) -> None:
+def lower_priority(nice: int) -> None:
     """From now on this thread yields to others, which it cannot take back. nice : added to its niceness"""
-    if YIELDS:
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), min(os.nice(0) + nice, MOST))
+    if HAS_THREAD_NICENESS:
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), min(os.nice(0) + nice, MAX_NICE))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-SURE = 1.0  # seconds after which an estimate is given
+MIN_SECONDS = 1.0  # seconds after which an estimate is given
 
 
 class TimeLeft:
@@ -19,6 +19,6 @@ class TimeLeft:
         if stage != self._stage or share is None or share < self._first:
             self._stage, self._since, self._first = stage, now, share or 0.0
         spent, done = now - self._since, (share or 0.0) - self._first
-        if share is None or spent < SURE or done <= 0.0:
+        if share is None or spent < MIN_SECONDS or done <= 0.0:
             return None
         return spent * (1.0 - share) / done

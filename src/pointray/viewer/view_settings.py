@@ -40,7 +40,7 @@ OWN, CONSTANT = "own", "constant"  # colours: the points' own, or one for all
 BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene without a background
 
 # Values for the picture, not the scene: `apply` does not depend on them.
-PICTURE = (
+NOT_IN_SCENE = (
     *("base", "integrator", "samples", "max_depth", "shadows", "backfaces", "contact_shadow", "levels", "exposure"),
     *("curve", "studio"),
 )
@@ -131,9 +131,9 @@ class ViewSettings:
             curve=AUTO if shared.exposes else shared.curve,
         )
         lamps = light_controls_of(scene, shared.up)
-        return replace(view, lamps=lamps, studio=lamps if shared.look == STUDIO else ()).before(scene)
+        return replace(view, lamps=lamps, studio=lamps if shared.look == STUDIO else ()).with_background(scene)
 
-    def before(self, scene: Scene) -> ViewSettings:
+    def with_background(self, scene: Scene) -> ViewSettings:
         """These settings with a scene's background."""
         if scene.shows_sky:
             return replace(self, around="sky")
@@ -144,7 +144,7 @@ class ViewSettings:
 
     def same_scene(self, other: ViewSettings) -> bool:
         """Whether both settings give the same scene; compared by identity, as lights may hold arrays."""
-        names = [field.name for field in fields(self) if field.name not in PICTURE]
+        names = [field.name for field in fields(self) if field.name not in NOT_IN_SCENE]
         return all(getattr(self, name) is getattr(other, name) for name in names)
 
     def with_value(self, name: str, value: Any) -> ViewSettings:
@@ -191,13 +191,13 @@ class ViewSettings:
         return replace(self.base, spp=spp, levels=self.levels, backfaces=self.backfaces, **shown)
 
     @property
-    def chooses(self) -> bool:
+    def auto_exposed(self) -> bool:
         """Whether the exposure of its pictures is chosen automatically."""
         return self.exposes and self.integrator in EXPOSED
 
     def tone(self, image: NDArray[np.float32]) -> tuple[float, str]:
         """Exposure (stops) and curve with which a picture is shown."""
-        if not self.chooses:
+        if not self.auto_exposed:
             return tone_of(image, self.exposure, self.curve)
         white = white_under(self.lights((0.0, 0.0, 1.0)), self.integrator)  # whichever way is up
         stops, curve = tone_of(image, AUTO, self.curve, white)
@@ -214,23 +214,23 @@ class ViewSettings:
 
     def apply(self, scene: Scene, up: Vector) -> Scene:
         """A copy of the scene with these settings; the scene itself is not touched."""
-        dressed = scene.copy()
-        dressed.lights = self.lights(up)
-        dressed.background = "environment" if self.around == "sky" else srgb_to_linear(np.array(self.backdrop))
+        applied = scene.copy()
+        applied.lights = self.lights(up)
+        applied.background = "environment" if self.around == "sky" else srgb_to_linear(np.array(self.backdrop))
         if self.around == "gradient" or (self.around == "color" and self.exposes):
-            dressed.background = None  # the backdrop is not exposed
+            applied.background = None  # the backdrop is not exposed
         if self.around == "scene":
-            dressed.background = "environment" if scene.shows_sky else scene.background
+            applied.background = "environment" if scene.shows_sky else scene.background
         low, high = scene.bounds
         if self.ground:
             top = axes_of(up)[2]
-            dressed.add(Plane(np.where(top >= 0, low, high), up))
-        dressed.clips = [*map(tuple, scene.clips), *self._clips(low, high)]
+            applied.add(Plane(np.where(top >= 0, low, high), up))
+        applied.clips = [*map(tuple, scene.clips), *self._clips(low, high)]
         if self.material != OWN or self.color_by != OWN:
             for number, shape in scene.shapes.items():
                 if isinstance(shape, Model):
-                    dressed.update(number, material=self._material(shape.points.colors is None))
-        return dressed
+                    applied.update(number, material=self._material(shape.points.colors is None))
+        return applied
 
     def _clips(self, low: Any, high: Any) -> list[tuple[Any, Any]]:
         """The planes of the cuts: a point of each, and the direction of the part that it cuts away."""
@@ -264,21 +264,21 @@ MATERIALS: dict[str, Callable[[ViewSettings, Any], Material]] = {
 }
 
 
-_FITTING: WeakKeyDictionary[Model, list[str]] = WeakKeyDictionary()  # found once for each model: it reads all values
+_USABLE: WeakKeyDictionary[Model, list[str]] = WeakKeyDictionary()  # found once for each model: it reads all values
 
 
-def colorings(scene: Scene) -> list[str]:
+def color_attributes(scene: Scene) -> list[str]:
     """The attributes that can colour all models of a scene."""
-    of_models = [_fitting(model) for model in scene.models]
+    of_models = [_usable_attributes(model) for model in scene.models]
     return [*(name for name in of_models[0] if all(name in names for names in of_models)), *COORDINATES]
 
 
-def _fitting(model: Model) -> list[str]:
-    if model not in _FITTING:
+def _usable_attributes(model: Model) -> list[str]:
+    if model not in _USABLE:
         names = []
         for name in (name for name in model.points.attributes if name != RESIDUAL):
             with suppress(ValueError):
                 check_attribute(model.points, Attribute(name))
                 names.append(name)
-        _FITTING[model] = names
-    return _FITTING[model]
+        _USABLE[model] = names
+    return _USABLE[model]

@@ -37,7 +37,7 @@ class Viewer:
         self._sessions: set[Session] = set()
         self._leaving: set[Session] = set()  # those that browsers have left, until their threads have ended
         self._lock = threading.Lock()
-        self._server = Server(self._welcome, host, port, token, os.environ.get(HUB, ""))
+        self._server = Server(self._make_handler, host, port, token, os.environ.get(HUB, ""))
         self.url, self.port, self.is_public = self._server.url, self._server.port, self._server.is_public
         self._watcher = threading.Thread(target=self._watch, name="pointray-watcher", daemon=True)
         self._watcher.start()
@@ -67,7 +67,7 @@ class Viewer:
         except webbrowser.Error:
             return False
 
-    def _welcome(self, link: Link) -> Session:
+    def _make_handler(self, link: Link) -> Session:
         session = Session(link, self._shared, self._forget)
         with self._lock:
             self._sessions.add(session)
@@ -82,13 +82,13 @@ class Viewer:
         """Notify browsers when the caller changes the scene."""
         version: Any = self._shared.version
         while not self._ended.wait(0.1):
-            self._shared.look_at_compiling()
-            self._clear()
+            self._shared.update_compile_progress()
+            self._release_memory()
             if self._shared.version != version:
                 version = self._shared.version
                 self._shared.notify()
 
-    def _clear(self) -> None:
+    def _release_memory(self) -> None:
         """Give the memory of sessions that have ended back to the system.
 
         Else what they needed remains in the heap, as holes: when all visitors of 20,000 points had left, memory was 308
