@@ -122,7 +122,7 @@ def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(opened, cold):
     assert np.allclose(place["bounds"], [[-1] * 3, [1] * 3], atol=0.01)
     assert first["stage"] == "still" and first["camera"]["eye"] == camera["eye"]
     status = browser.listen(lambda: browser.last("status"))
-    assert status["lines"] == ["a sketch: 8,000 of 8,000 points"]
+    assert status["lines"] == ["preview: 8,000 of 8,000 points"]
     browser.say(type="pick", x=0.5, y=0.5, purpose="query", extend=False)  # nothing to trace yet
     browser.say(type="press", name="save.picture")
     camera["eye"] = [0, -6, 0]

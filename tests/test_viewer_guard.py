@@ -425,7 +425,7 @@ def test_too_many_lights_are_refused_in_a_word(browser, viewer, scene):
     assert len(lamps) == MAX_LIGHTS
     said = [m["text"] for m in browser.told if m["type"] == "toast"]
     assert f"there are {MAX_LIGHTS} lights: remove one to add another" in said
-    assert "too much was asked for at once: some of it was left out" in said
+    assert "too many requests at once: some were ignored" in said
     assert len(said) <= 2 * (1 + (time.monotonic() - begun) / outbox.REPEAT_INTERVAL)  # each is repeated now and then
     assert sum(m["type"] == "panel" for m in browser.told) <= MAX_LIGHTS + 2
     browser.rest(1.5 / COSTLY_RATE)  # from then on it may ask for something again

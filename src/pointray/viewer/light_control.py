@@ -1,4 +1,4 @@
-"""Lights as the panel shows them: with angles, sRGB colours and a switch."""
+"""Lights as the panel shows them: angles, sRGB colours and a switch."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ Color = tuple[float, float, float]
 
 SUN, POINT, SKY = LIGHTS
 OWN = "own"
-DEFAULT_STRENGTH = 3.0  # irradiance of a new sun, and of a new point light at the model's middle
-MAX_LIGHTS = 32  # rows of lights in the panel: it cannot add more
-POINT_LIGHT_DISTANCE = 1.2  # share of the model's diagonal: distance of a new point light from its middle
+DEFAULT_STRENGTH = 3.0  # irradiance of a new sun, or of a new point light at the model's center
+MAX_LIGHTS = 32  # limit for lights in the panel
+POINT_LIGHT_DISTANCE = 1.2  # from the model's center, in diagonals of its bounds
 
 
 @dataclass(frozen=True)
 class LightControl:
-    """A light that the panel can change; a light of any other kind can only be switched off.
+    """A light as the panel edits it. Lights of kind "own" can only be switched on and off.
 
     Attributes
     ----------
     kind : str
     color : (3,) sRGB
-        The brightest channel is 1.
+        The largest channel is 1.
     strength : float
         Irradiance of a sun, radiant intensity of a point light, radiance of a sky.
     azimuth, elevation : float
-        Degrees, direction to a sun in the axes that `up` gives: 0 is the front, 90 to the right.
+        Direction to a sun in degrees, in axes given by `up`: azimuth 0 is the front, 90 the right.
     angle : float
-        Degrees, diameter of a sun's disk.
-    position : (3,) world, for a point light
+        Diameter of a sun's disk in degrees.
+    position : (3,) of a point light, world coordinates
     camera : bool
-        Whether it follows the camera: angles are about the camera's axes, the position is relative to the camera.
-    light : for kind "own": a light of the scene, unchanged
-    first : the light whose values these were at first
-        While they are, that light is taken: values that were converted differ in their last bits, and baked light would
-        no longer fit.
+        Whether the light is fixed to the camera; angles and position then are in camera space.
+    light : for kind "own": the light of the scene, unchanged
+    original : the light from which these values were read
+        `make` returns it while the values are unchanged: converted values differ in the last bits, and baked light
+        would no longer fit.
     """
 
     kind: str
@@ -62,7 +62,7 @@ class LightControl:
     original: Light | EnvironmentLight | None = field(default=None, compare=False)
 
     def make(self, up: Vector) -> Light | EnvironmentLight:
-        """The light with these values."""
+        """Return the light with these values."""
         if self.light is not None:
             return self.light
         if self.original is not None and self == _control_of(self.original, up):
@@ -75,12 +75,12 @@ class LightControl:
         return EnvironmentLight(power, up=up)
 
     def _up(self, up: Vector) -> Vector:
-        """The axis that its angles are about."""
+        """Return the axis about which the angles are measured."""
         return (0.0, 1.0, 0.0) if self.camera else up
 
 
 def new_light_control(kind: str, scene: Scene, up: Vector) -> LightControl:
-    """A new light with initial values."""
+    """Return a new light with default values."""
     if kind != POINT:
         return LightControl(kind, strength=DEFAULT_STRENGTH if kind == SUN else 1.0)
     low, high = scene.bounds
@@ -90,12 +90,12 @@ def new_light_control(kind: str, scene: Scene, up: Vector) -> LightControl:
 
 
 def light_controls_of(scene: Scene, up: Vector) -> tuple[LightControl, ...]:
-    """The controls of a scene's lights."""
+    """Return the controls of a scene's lights."""
     return controls_of(scene.lights, up)
 
 
 def controls_of(lights: Iterable[Light | EnvironmentLight], up: Vector) -> tuple[LightControl, ...]:
-    """The controls of lights."""
+    """Return the controls of lights."""
     return tuple(_control_of(light, up) for light in lights)
 
 
@@ -115,7 +115,7 @@ def _control_of(light: Light | EnvironmentLight, up: Vector) -> LightControl:
 
 
 def _split(power: Any) -> tuple[Color, float]:
-    """Colour (sRGB) and strength of a power."""
+    """Split a power into its colour (sRGB) and its strength."""
     values = rgb(power, "power")
     strength = float(values.max()) or 1.0
     r, g, b = linear_to_srgb(values / strength).tolist()

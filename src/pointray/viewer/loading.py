@@ -1,4 +1,4 @@
-"""From files to a scene that is shown while it loads: a coarse version, then all points, then levels of detail."""
+"""Loads files into a scene that is shown meanwhile: a coarse version, then all points, then levels of detail."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ from .shared_scene import SharedScene
 from .sketch import Sketch
 from .thread_priority import LEVELS, run_niced
 
-COARSE = 60_000  # points of the coarse version: built in some 0.3 s
-LARGE_FROM = 4 * COARSE  # points from which a coarse version is worth building
+COARSE = 60_000  # points of the coarse version, built in about 0.3 s
+LARGE_FROM = 4 * COARSE  # points above which a coarse version is built
 
 
 @dataclass(frozen=True)
 class FileLoader:
-    """Scans, which are one cloud, and saved models beside it, in one scene: a `shared_scene.Loader`.
+    """A `shared_scene.Loader` of scans, which form one cloud, and of saved models, in one scene.
 
     Parameters
     ----------
@@ -46,22 +46,22 @@ class FileLoader:
         surface, samples, radius_scale and smooth, as `Model` takes them.
     choice : ViewChoice
         How to view the scans.
-    furnish : callable
-        Adds lights and the like to a scene that has its models; returns its up direction.
+    set_up_scene : callable
+        Adds lights, ground and background to a scene with its models; returns the up direction.
     leveled : bool
         Whether large scans get levels of detail.
     normals : {"auto", "file", "fit"}
-        Whether normals are the file's or fitted.
+        Whether to use the file's normals or to fit them.
     light : callable, optional
-        Makes the baked light of a scene, which is shown only with it; its second argument is `SharedScene.say`.
+        Returns the baked light of a scene, which is shown only with it; its second argument is `SharedScene.report`.
     reading : dict
         Arguments of `read` for the scans.
     entry : Entry, optional
-        The place of the scans' model in the cache, from which it comes, or where it is kept when all is shown.
+        Cache entry of the scans' model, from which it is loaded, or in which it is stored at the end.
     drop_strays : bool
-        Whether strays of the scans are left out.
+        Whether to remove strays from the scans.
     memory : int, optional
-        Bytes of a model in parts that stay open, see `Model.load`.
+        Memory budget in bytes of the open parts of a model, see `Model.load`.
     """
 
     paths: Sequence[Path]
@@ -78,7 +78,7 @@ class FileLoader:
 
     @property
     def _groups(self) -> list[list[Path]]:
-        """The files of each model: all scans together, and each saved model by itself."""
+        """Files of each model: all scans together, and each saved model by itself."""
         scans = [path for path in self.paths if path.suffix.lower() != SAVED]
         return [*([scans] if scans else []), *([path] for path in self.paths if path not in scans)]
 
@@ -91,14 +91,14 @@ class FileLoader:
         large = [_is_large(cloud) for cloud in clouds]
         if any(large) and self.light is None:
             shared.report("building a coarse version", None)
-            # From here on small scans are models, which are not built again.
+            # Small scans are built here and not again below.
             clouds = [c if _is_large(c) else self._build_model(c, k, shared, notes) for k, c in enumerate(clouds)]
             pairs = enumerate(zip(clouds, samples, strict=True))
             coarse = [c if isinstance(c, Model) else self._coarse(sample, k) for k, (c, sample) in pairs]
             self._show(coarse, shared, coarse=True)
         models = [self._build_model(cloud, k, shared, notes) for k, cloud in enumerate(clouds)]
         if found and self.leveled and not models[0].levels and len(models[0].points) > LARGE_FROM:
-            large[0], found = True, False  # it was kept by a command that needs no levels
+            large[0], found = True, False  # stored by a command that needs no levels
         without_levels = [
             model
             for model, is_large in zip(models, large, strict=True)
@@ -110,12 +110,12 @@ class FileLoader:
             run_niced(
                 LEVELS, partial(model.make_levels, lambda stage, share: shared.report(f"building: {stage}", share))
             )
-        self._show(models, shared)  # again: an attribute's colours take the levels into account too
+        self._show(models, shared)  # again: the range of an attribute's colours includes the levels
         if self.entry is not None and not found:
             run_niced(LEVELS, partial(self.entry.store, models[0], notes))
 
     def _show(self, models: Sequence[Model], shared: SharedScene, coarse: bool = False) -> None:
-        """Replace what is shown by models, as soon as their pictures can be drawn."""
+        """Show models as soon as the kernels that draw them are compiled."""
         scene = self._scene(models, shared)
         if self.light is not None:
             scene.baked = self.light(scene, shared.report)
@@ -126,11 +126,11 @@ class FileLoader:
         shared.show(scene, coarse=coarse)
 
     def _first(self, shared: SharedScene) -> Settings:
-        """Settings of the first pictures: they have direct light, unless baked light comes with the scene."""
+        """Return settings of the first images: with direct light, unless the scene comes with baked light."""
         return shared.settings if self.light is not None else with_direct_light(shared.settings)
 
     def _prepare(self, clouds: Sequence[Points | Model], samples: Sequence[Points], shared: SharedScene) -> None:
-        """Announce the kernels that will be needed; show a sketch while pictures cannot be drawn yet."""
+        """Announce the kernels that will be needed; show a sketch while they are not compiled."""
         if any(sample.normals is None for sample in samples):
             expect(NORMALS)
         if not is_warm(self._first(shared)):
@@ -148,15 +148,15 @@ class FileLoader:
             return known
         points = read(files, progress=partial(shared.report, stage), **self.reading)
         if self.drop_strays:
-            points = without_strays(points, files[0].name, progress=partial(shared.report, "looking for strays"))
+            points = without_strays(points, files[0].name, progress=partial(shared.report, "finding strays"))
         with _with_file_name(files):
             check_normals_choice(points, self.normals)
         return points
 
     def _sample(self, cloud: Points | Model, number: int) -> Points:
-        """A limited number of the points, without normals if those are unwanted or, by this sample, wrong."""
+        """Return at most COARSE points of a scan, without normals if those are unwanted or, in this sample, wrong."""
         points = _points(cloud)
-        if isinstance(cloud, Model) and cloud.parts:  # reading all of them would take long
+        if isinstance(cloud, Model) and cloud.parts:  # reading all points would take long
             return points.select(spread_rows(len(points), COARSE))
         if len(points) > COARSE:
             rows = np.flatnonzero(points.finite)
@@ -164,7 +164,7 @@ class FileLoader:
             points = points.select(np.sort(rows))
         if isinstance(cloud, Model):
             return points
-        with _with_file_name(self._groups[number]), heard():  # warnings are given for all points later
+        with _with_file_name(self._groups[number]), heard():  # warnings follow when all points are processed
             points, wrong = judged(points, self.normals)
         return points.with_normals(None) if wrong else points
 
@@ -207,7 +207,7 @@ def _is_large(cloud: Points | Model) -> bool:
 
 @contextmanager
 def _with_file_name(files: Sequence[Path]) -> Iterator[None]:
-    """Add the file, if it is one, to the errors of a scan."""
+    """Prepend the name of the file, or the number of files, to errors of a scan."""
     try:
         yield
     except ValueError as error:
@@ -216,7 +216,7 @@ def _with_file_name(files: Sequence[Path]) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class SceneFileLoader:
-    """Loads the scene of a scene file: a `shared_scene.Loader`."""
+    """A `shared_scene.Loader` of a scene file."""
 
     plan: Plan
 

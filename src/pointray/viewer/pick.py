@@ -1,4 +1,4 @@
-"""What is under the mouse: with the coordinates and the attributes of the file."""
+"""The surface point under the mouse, with its coordinates and the attributes of the file."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from ..scene.scene import Scene
 from ..shade.attributes import Attribute, category_name
 
 MAX_LINES = 24
-WHOLE = 1e15  # floats below it that are whole numbers are written without decimals and exponent
+WHOLE = 1e15  # integral floats below this limit are written without decimals or exponent
 
 
 @dataclass(frozen=True)
 class Found:
-    """A point on a surface. lines : its description."""
+    """A point on a surface. lines : its description"""
 
     position: NDArray[np.float64]
     lines: list[str]
 
 
 def prepare(scene: Scene) -> None:
-    """Load or compile what a click needs, so that the first one is not slow: traces a ray that meets nothing."""
+    """Load or compile what a click needs by tracing a ray that misses, so that the first click is not slow."""
     scene.intersect(np.zeros(3), np.full(3, np.nan))
 
 
 def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
-    """What is at a point of the view, 0 to 1 from the left and from the top; None if there is nothing."""
+    """Return the surface point at a position of the view, 0 to 1 from left and top; None if nothing is hit."""
     hits = scene.intersect(*camera.rays_through(2 * x - 1, 1 - 2 * y))
     if hits.instance < 0:
         return None
@@ -48,7 +48,7 @@ def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
 
 
 def _point_lines(scene: Scene, instance: int, row: int) -> list[str]:
-    """The file's values for a point."""
+    """Return the file's values of a point, one a line."""
     model = scene.shapes[instance]
     if not isinstance(model, Model):
         return []
@@ -64,7 +64,7 @@ def _point_lines(scene: Scene, instance: int, row: int) -> list[str]:
 
 
 def _format_value(name: str, value: Any) -> str:
-    """The text of an attribute's value: exact, as short as it can be, and with the names of classes."""
+    """Format an attribute's value: exact, as short as possible, with class names."""
     return " ".join(_format_number(name, number) for number in np.atleast_1d(value))
 
 
@@ -75,6 +75,6 @@ def _format_number(name: str, number: Any) -> str:
 
 
 def _format_coordinate(value: float, pixel: float) -> str:
-    """A coordinate, rounded to the decimals of a tenth of a pixel."""
+    """Format a coordinate, rounded to the decimals of a tenth of a pixel."""
     decimals = max(0, min(9, 1 - math.floor(math.log10(max(pixel, 1e-300)))))
     return f"{value:.{decimals}f}"

@@ -1,4 +1,4 @@
-"""One browser's session: its messages and the changes of the shared scene, one at a time."""
+"""Session of one browser: processes its messages and changes of the shared scene, one at a time."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from .shared_scene import Progress, SharedScene
 
 log = logging.getLogger("pointray.view")
 
-MAX_LOGGED = 10  # ignored messages of one page that are logged
-COSTLY = frozenset({"press", "pick", "view"})  # messages that no user sends MOST_COSTLY times a second
-COSTLY_RATE = 50.0  # a second; twice as many at once
-TURN = 180.0  # degrees that the sun turns when dragged over a window's height
+MAX_LOGGED = 10  # invalid messages logged for each page
+COSTLY = frozenset({"press", "pick", "view"})  # message types with a rate limit
+COSTLY_RATE = 50.0  # messages a second; bursts of twice as many are allowed
+TURN = 180.0  # degrees that the sun turns for a drag over the window's height
 
 
 class Session:
-    """A visitor of the server, see `server.Visitor`: turns the messages of one browser into calls of its display.
+    """`server.PageHandler` of one browser: calls its display for each message.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Session:
         The connection to the browser.
     shared : SharedScene
     ended : callable
-        Called when the browser has gone.
+        Called with the session when the browser has disconnected.
     """
 
     def __init__(self, link: Link, shared: SharedScene, ended: Callable[[Session], None]) -> None:
@@ -46,7 +46,7 @@ class Session:
         self._rate_limiter = RateLimiter(COSTLY_RATE, 2 * COSTLY_RATE)
         self._invalid_count = 0
         self._gone, self._state_lock = False, threading.Lock()  # the lock guards `_gone` and `_news`
-        self._has_changes = False  # whether a change of the shared scene is still to be processed
+        self._has_changes = False  # whether a change of the shared scene awaits processing
         self._follower = ThreadPoolExecutor(1, "pointray-follower")
         self._exports = Exports(self._outbox, lambda scene: self._painter.light_of(scene))
         self._painter = Painter(self._deliver, lambda text: self._outbox.toast("error", text), self._report_baking)
@@ -60,14 +60,14 @@ class Session:
         self._follow()
 
     def receive(self, text: str) -> None:
-        """Process a message of the page."""
+        """Process a message of the page. Invalid messages are ignored and logged."""
         try:
             message = parse(text)
             handler = self._handlers.get(message["type"])
             if handler is None:
                 raise ValueError(f"unknown type {message['type']!r:.40}")
             if message["type"] in COSTLY and not self._rate_limiter.take():
-                self._outbox.toast("warning", "too much was asked for at once: some of it was left out")
+                self._outbox.toast("warning", "too many requests at once: some were ignored")
                 return
             with self._lock:
                 handler(self, message)
@@ -77,11 +77,11 @@ class Session:
                 log.warning("ignored a message of the page: %s", error)
 
     def leave(self) -> None:
-        """End: the browser has gone, and nothing more is drawn for it."""
+        """End the session after the browser has disconnected: stop drawing, baking and saving."""
         self._leave()
         self._painter.close()
         self._exports.stop()
-        with self._lock, self._state_lock:  # the scene may be notifying now: that ends before this, or does nothing
+        with self._lock, self._state_lock:  # a notification in progress ends first
             self._gone = True
             self._follower.shutdown(wait=False, cancel_futures=True)
             self._lookups.stop()
@@ -89,7 +89,7 @@ class Session:
 
     @property
     def has_ended(self) -> bool:
-        """Whether nothing is drawn, baked or saved any more, after `leave`."""
+        """Whether drawing, baking and saving have all stopped after `leave`."""
         return self._painter.has_ended and self._exports.has_ended
 
     # Messages of the page.
@@ -127,7 +127,7 @@ class Session:
 
     def _on_press(self, message: dict[str, Any]) -> None:
         name, display = short_text(message, "name"), self._display
-        display.control(name)  # raises where there is none
+        display.control(name)  # raises ValueError if there is none
         scene, view = self._shared.scene, display.view
         if scene is None or view is None:
             return
@@ -191,7 +191,7 @@ class Session:
     # Changes of the shared scene.
 
     def _on_change(self) -> None:
-        """Process a change of the shared scene in this page's thread, not in the one that notifies all pages."""
+        """Queue the processing of a change in this session's own thread, not in that of the notifier."""
         with self._state_lock:
             if not self._gone and not self._has_changes:
                 self._has_changes = True
@@ -201,26 +201,26 @@ class Session:
         try:
             self._follow()
         except Exception:
-            log.exception("while telling a browser")
+            log.exception("error while updating a browser")
 
     def _follow(self) -> None:
-        """Send the progress, and have the display take what has changed."""
+        """Send the progress and update the display."""
         self._has_changes = False
         self._outbox.progress(self._shared.progress)
         with self._lock:
             if not self._gone:
                 self._display.follow()
 
-    # Results; the painter and the lookups call these in their own threads.
+    # Results. The painter and the lookups call these from their own threads.
 
     def _deliver(self, frame: Frame) -> None:
-        """Send a picture. After the first one there is time to load what a click needs."""
+        """Send an image. After the first one, load what clicks need."""
         self._outbox.frame(frame, self._painter.frames_a_second)
         if frame.request.sketch is None:
             self._lookups.prepare(frame.request.scene)
 
     def _report_baking(self, stage: str, share: float | None, seconds: float | None) -> None:
-        """Send the progress of baking light, unless models are being built."""
+        """Send the progress of baking, unless models are being built."""
         shared = self._shared.progress
         self._outbox.progress(shared if shared.stage else Progress(stage, share, seconds))
 
