@@ -48,7 +48,7 @@ export function sameCamera(a, b) {
   return a.fov === b.fov && a.orthographic === b.orthographic && same("eye") && same("target") && same("up");
 }
 
-/** Return the unit vectors of the view. If up is parallel to it, use the axes of the renderer (view_axes in camera.py). */
+/** Return the unit vectors of the view. If up is parallel to it, use the renderer's axes (view_axes in camera.py). */
 export function viewAxes(camera) {
   const forward = unit(subtract(camera.target, camera.eye));
   const choices = [unit(camera.up), [0, 1, 0], [1, 0, 0]];

@@ -4,7 +4,7 @@ import { heightAtTarget, viewAxes } from "./camera.js";
 import { dot, isVector } from "./vector.js";
 
 const LONGEST = 160; // CSS px, maximum length of the bar
-const STEEPEST = 0.1; // minimum projected length of north; below it the view is nearly along north and the arrow is hidden
+const STEEPEST = 0.1; // minimum projected length of north; the arrow is hidden in views nearly along north
 
 const byId = (id) => document.getElementById(id);
 
