@@ -53,7 +53,7 @@ def moving(scene: pr.Scene, cameras: Sequence[pr.Camera]) -> list[tuple[float, f
         scale, at = pace.scale(), time.perf_counter()
         pr.render(scene, replace(camera, size=tuple(round(edge * scale) for edge in camera.size)))
         spent.append((time.perf_counter() - at, scale))
-        pace.took(*spent[-1])
+        pace.record(*spent[-1])
     return spent
 
 

@@ -11,7 +11,7 @@ import pointray as pr
 from pointray.cli import execute
 from pointray.cloud.georeference import SCAN, Survey
 from pointray.surface.splats.radii import radii_in
-from pointray.viewer.pick import _said, pick
+from pointray.viewer.pick import _format_value, pick
 
 N = 2000
 SURVEY = Survey("EPSG:25832", "metre", (0.001,) * 3, (500_000.0, 5_400_000.0, 0.0), ((512_340.0, 5_400_000.5, 3.25),))
@@ -249,12 +249,16 @@ def test_a_click_tells_all_of_them(seen, points):
     ],
 )
 def test_how_values_are_told(value, text):
-    assert _said("a", value) == text
+    assert _format_value("a", value) == text
 
 
 def test_classes_are_told_by_name():
-    assert _said("classification", np.uint8(2)) == _said("scalar_Classification", np.float32(2)) == "2 ground"
-    assert _said("classification", np.uint8(77)) == "77"
+    assert (
+        _format_value("classification", np.uint8(2))
+        == _format_value("scalar_Classification", np.float32(2))
+        == "2 ground"
+    )
+    assert _format_value("classification", np.uint8(77)) == "77"
 
 
 # ---------------------------------------------------------------------------------------------------------- radii

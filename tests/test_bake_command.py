@@ -674,7 +674,7 @@ def test_the_viewer_reads_what_bake_has_written(scan, bakes, capsys, lights, ori
 @pytest.mark.long
 def test_the_viewer_shows_a_large_scan_with_light_from_a_file_as_a_whole(scan, bakes, capsys, monkeypatch):
     """No coarse version and no levels of detail, which that light is not of."""
-    monkeypatch.setattr("pointray.viewer.loading.WORTH", 100)
+    monkeypatch.setattr("pointray.viewer.loading.LARGE_FROM", 100)
     made, shown = [], []
     monkeypatch.setattr(pr.Model, "make_levels", lambda self, show: made.append(self))
     monkeypatch.setattr(SharedScene, "show", lambda self, scene, home=None, coarse=False: shown.append(scene))

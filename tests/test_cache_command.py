@@ -81,14 +81,14 @@ class Shared:
 
 def test_the_viewer_loads_what_it_has_kept(scan, monkeypatch):
     monkeypatch.setattr(loading, "is_warm", lambda *_: True)
-    monkeypatch.setattr(loading, "WORTH", 4000)
+    monkeypatch.setattr(loading, "LARGE_FROM", 4000)
     monkeypatch.setattr(loading, "COARSE", 2000)
     entry = model_cache.entry_of([scan], {"surface": None})
     surface = dict(PLAIN)
 
     def load(leveled=True):
         shared = Shared()
-        loading.Files([scan], surface, lambda scene: (0.0, 0.0, 1.0), leveled, entry=entry)(shared)
+        loading.FileLoader([scan], surface, lambda scene: (0.0, 0.0, 1.0), leveled, entry=entry)(shared)
         return shared.shown
 
     first = load()

@@ -17,7 +17,7 @@ import pointray as pr
 from browsing import Page, chromium
 from pointray.cli import execute
 from pointray.viewer.light_control import light_controls_of
-from pointray.viewer.loading import Files
+from pointray.viewer.loading import FileLoader
 from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.viewer import Viewer
 from viewing import CLOSE, compile_kernels, expected, levels_in, scene_of, shown_levels, socket_of
@@ -455,7 +455,7 @@ def test_a_file_that_does_not_open(browser, tmp_path):
     shared = SharedScene(path.name)
     viewer = Viewer(shared)
     page = Page(browser, viewer.url, SIZE)
-    shared.load(Files((path,), {}, lambda scene: None))
+    shared.load(FileLoader((path,), {}, lambda scene: None))
     toast = page.tab.locator("#toasts .toast.error")
     toast.wait_for()
     assert shared.problem and shared.problem in toast.inner_text() and "cut.ply" in shared.problem

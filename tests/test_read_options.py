@@ -11,7 +11,7 @@ from conftest import sphere_points
 from pointray.cli import execute
 from pointray.cli.read_options import Reading, reading_of
 from pointray.cli.scan_files import scan_of
-from pointray.viewer.loading import Files
+from pointray.viewer.loading import FileLoader
 from pointray.viewer.shared_scene import SharedScene
 
 NONE = {"columns": None, "every": 1, "max_points": None, "bounds": None, "keep": None, "drop": None}
@@ -174,7 +174,7 @@ def test_the_viewer_shows_one_cloud_and_saved_models_beside_it(folder, monkeypat
     shared, shown = SharedScene("three"), []
     monkeypatch.setattr(shared, "show", lambda scene, home=None, coarse=False: shown.append(scene))
     files = [Path(name) for name in ("c.pointray", "a.ply", "b.ply")]
-    Files(files, {}, lambda scene: (0.0, 0.0, 1.0), reading={"every": 2})(shared)
+    FileLoader(files, {}, lambda scene: (0.0, 0.0, 1.0), reading={"every": 2})(shared)
     assert [len(model.points) for model in shown[-1].models] == [500, 600]
 
 

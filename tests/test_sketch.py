@@ -72,7 +72,7 @@ def test_few_points_and_none_before_the_camera(count):
 
 def test_some_of_many_points_and_of_several_clouds(monkeypatch):
     most = 4_000
-    monkeypatch.setattr(sketch_of, "MOST", most)
+    monkeypatch.setattr(sketch_of, "MAX_POINTS", most)
     far = pr.procedural("sphere", 2 * most)
     hole = far.positions.copy()
     hole[::3] = np.nan
@@ -107,7 +107,7 @@ def opened(tmp_path, cold):
     shared = SharedScene("ball.ply")
     viewer = Viewer(shared)
     browser = Browser(viewer.url, SIZE)
-    yield lambda up: shared.load(loading.Files([path], {}, lambda scene: up)), shared, browser
+    yield lambda up: shared.load(loading.FileLoader([path], {}, lambda scene: up)), shared, browser
     cold["release"].set()
     browser.close()
     viewer.close()
@@ -122,7 +122,7 @@ def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(opened, cold):
     assert np.allclose(place["bounds"], [[-1] * 3, [1] * 3], atol=0.01)
     assert first["stage"] == "still" and first["camera"]["eye"] == camera["eye"]
     status = browser.listen(lambda: browser.last("status"))
-    assert status["lines"] == ["a sketch: 8,000 of 8,000 points"]
+    assert status["lines"] == ["preview: 8,000 of 8,000 points"]
     browser.say(type="pick", x=0.5, y=0.5, purpose="query", extend=False)  # nothing to trace yet
     browser.say(type="press", name="save.picture")
     camera["eye"] = [0, -6, 0]
@@ -153,5 +153,5 @@ def test_where_all_is_compiled_there_is_no_sketch(tmp_path, monkeypatch):
     seen, shared = [], SharedScene("ball.ply")
     monkeypatch.setattr(loading, "is_warm", lambda settings: True)
     shared.subscribe(lambda: seen.append(shared.sketch))
-    shared.load(loading.Files([path], {}, lambda scene: (0.0, 0.0, 1.0))).join(SECONDS)
+    shared.load(loading.FileLoader([path], {}, lambda scene: (0.0, 0.0, 1.0))).join(SECONDS)
     assert seen and not any(seen) and shared.scene is not None

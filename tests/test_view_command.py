@@ -124,11 +124,11 @@ def test_large_scans_are_shown_in_part_first(tmp_path, monkeypatch):
     path = tmp_path / "statue.ply"
     pr.write(path, pr.procedural("statue", 5_000))
     monkeypatch.setattr(loading, "COARSE", 1_000)
-    monkeypatch.setattr(loading, "WORTH", 4_000)
+    monkeypatch.setattr(loading, "LARGE_FROM", 4_000)
     shown, stages = [], []
     shared = SharedScene("statue.ply")
     shared.subscribe(lambda: (shown.append(shared.scene), stages.append(shared.progress.stage)))
-    shared.load(loading.Files([path], {}, lambda scene: None)).join(SECONDS)
+    shared.load(loading.FileLoader([path], {}, lambda scene: None)).join(SECONDS)
     models = list(dict.fromkeys(scene.models[0] for scene in shown if scene is not None))
     assert [len(model.points) > 4_000 for model in models] == [False, True]
     assert stages[0] == "reading statue.ply" and stages[-1] == "" and "building: tree" in stages
@@ -150,10 +150,10 @@ def test_large_scans_get_levels_of_detail_last(tmp_path, monkeypatch, leveled):
     path = tmp_path / "statue.ply"
     pr.write(path, pr.procedural("statue", 40_000))
     monkeypatch.setattr(loading, "COARSE", 1_000)
-    monkeypatch.setattr(loading, "WORTH", 4_000)
+    monkeypatch.setattr(loading, "LARGE_FROM", 4_000)
     shown, shared = [], SharedScene("statue.ply")
     shared.subscribe(lambda: shown.append((shared.scene, len(shared.scene.models[0].levels) if shared.scene else 0)))
-    shared.load(loading.Files([path], {}, lambda scene: None, leveled)).join(SECONDS)
+    shared.load(loading.FileLoader([path], {}, lambda scene: None, leveled)).join(SECONDS)
     counts = [count for _, count in shown]
     assert counts == sorted(counts) and (counts[-1] >= 2) == leveled
     if leveled:  # a scene of its own, because colouring counts the levels

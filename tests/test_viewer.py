@@ -19,10 +19,10 @@ from pointray.viewer import session
 from pointray.viewer.controls import Control
 from pointray.viewer.light_control import SUN, LightControl, light_controls_of
 from pointray.viewer.messages import camera_of, free_of, parse, size_of
-from pointray.viewer.pace import MOVING, REFINED, ROOM, SCALES, STILL, Pace, next_pass
+from pointray.viewer.pace import HEADROOM, MOVING, REFINED, SCALES, STILL, Pace, next_pass
 from pointray.viewer.painter import FrameRequest, Painter
 from pointray.viewer.pick import pick
-from pointray.viewer.session import MOST_SAID
+from pointray.viewer.session import MAX_LOGGED
 from pointray.viewer.shared_scene import Build, SharedScene
 from pointray.viewer.view_settings import ViewSettings
 from pointray.viewer.viewer import Viewer
@@ -439,7 +439,7 @@ def test_nonsense_is_ignored(browser, scene, caplog):
     assert browser.shows(SAMPLES, expected(scene, {**camera, "fov": 30.0}, SAMPLES))
     assert browser.last("toast") is None
     said = [record.message for record in caplog.records if record.name == "pointray.view"]
-    assert len(said) == MOST_SAID and all(text.startswith("ignored a message of the page: ") for text in said)
+    assert len(said) == MAX_LOGGED and all(text.startswith("ignored a message of the page: ") for text in said)
 
 
 def test_pages_of_others_are_refused(viewer):
@@ -482,7 +482,7 @@ def test_closing_ends_all_threads(scene):
 
 def test_a_scene_that_fails_to_come_says_why():
     def loader(shared):
-        shared.say("reading", 0.5)
+        shared.report("reading", 0.5)
         raise ValueError("bad.ply: it is truncated")
 
     shared = SharedScene("bad.ply")
@@ -543,7 +543,7 @@ def test_lamps_give_back_the_lights_they_are_made_of(up):
     assert [lamp.make(up) for lamp in (sun, point, sky)] == list(scene.lights)  # nothing has changed: to the last bit
     changed = replace(sun, azimuth=sun.azimuth + 1)
     assert changed.make(up) is not scene.lights[0] and replace(changed, azimuth=sun.azimuth).make(up) is scene.lights[0]
-    sun, point = (replace(lamp, first=None) for lamp in (sun, point))
+    sun, point = (replace(lamp, original=None) for lamp in (sun, point))
     made = sun.make(up)
     assert np.allclose(made.direction, np.array([1, 2, -3]) / np.sqrt(14))
     assert np.allclose(made.irradiance, (3, 2, 1), rtol=1e-4) and made.angle == 0.7
@@ -556,10 +556,10 @@ def test_pace_holds_the_frame_rate():
         pace = Pace()
         for _ in range(40):
             scale = pace.scale()
-            pace.took(whole * scale * scale, scale)
+            pace.record(whole * scale * scale, scale)
         assert whole * scale * scale <= SCALES[scale] or scale == min(SCALES)
         finer = min((s for s in SCALES if s > scale), default=None)
-        assert finer is None or whole * finer * finer > ROOM * SCALES[finer]
+        assert finer is None or whole * finer * finer > HEADROOM * SCALES[finer]
     assert next_pass(1, 10.0) == 1
     assert next_pass(8, 0.01) == 16
 

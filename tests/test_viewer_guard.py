@@ -19,14 +19,14 @@ import pointray as pr
 from conftest import long
 from pointray.viewer import outbox, painter, session
 from pointray.viewer import queries as lookups
-from pointray.viewer.connection import MOST_WAITING, is_loopback
-from pointray.viewer.light_control import MOST_LAMPS
-from pointray.viewer.messages import packed
+from pointray.viewer.connection import MAX_WAITING, is_loopback
+from pointray.viewer.light_control import MAX_LIGHTS
+from pointray.viewer.messages import pack
 from pointray.viewer.pace import REFINED
-from pointray.viewer.page_limits import CREDIT, SHARE, TRANSPORT, Allowance, Share
-from pointray.viewer.painter import IN_FLIGHT, LARGEST, encode
+from pointray.viewer.page_limits import CREDIT, SHARE, TRANSPORT, CpuBudget, RateLimiter
+from pointray.viewer.painter import IN_FLIGHT, MAX_JPEG_BYTES, encode
 from pointray.viewer.server import FILES, Server
-from pointray.viewer.session import MOST_COSTLY
+from pointray.viewer.session import COSTLY_RATE
 from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.view_settings import ViewSettings
 from pointray.viewer.viewer import Viewer
@@ -180,7 +180,7 @@ def test_other_names_are_refused_but_for_the_hubs_own_proxy(hub_viewer, plain_vi
 
 def test_a_browser_behind_the_proxy_is_not_on_this_machine(hub_viewer):
     seen = []
-    hub_viewer._server._welcome = lambda link: seen.append(link.is_local) or Idle()
+    hub_viewer._server._make_handler = lambda link: seen.append(link.is_local) or Idle()
     for count, headers in enumerate(({}, dict(header.split(": ") for header in Proxy(hub_viewer).headers)), 1):
         with connect(socket_of(hub_viewer.url), additional_headers=headers):
             wait(lambda count=count: len(seen) == count)
@@ -267,7 +267,13 @@ def linked():
 
 @pytest.mark.parametrize(
     ("kind", "size"),
-    [*product([bytes, str], [1 << 20, LARGEST]), (bytes, 1_000), long(str, 1_000), long(bytes, 30), long(str, 30)],
+    [
+        *product([bytes, str], [1 << 20, MAX_JPEG_BYTES]),
+        (bytes, 1_000),
+        long(str, 1_000),
+        long(bytes, 30),
+        long(str, 30),
+    ],
 )
 def test_a_client_that_does_not_read_is_let_go(kind, size):
     with linked() as (_, link):
@@ -311,7 +317,7 @@ def test_a_file_of_any_size_goes_to_a_client_that_reads(tmp_path, rng):
     contents = rng.bytes(3 * BOUND)
     (tmp_path / "big.exr").write_bytes(contents)
     with linked() as (client, link):
-        sending = threading.Thread(target=link.send_file, args=(packed({"type": "file"}), tmp_path / "big.exr"))
+        sending = threading.Thread(target=link.send_file, args=(pack({"type": "file"}), tmp_path / "big.exr"))
         sending.start()
         wait(lambda: link._sending)
         link.send("after it")
@@ -346,9 +352,9 @@ def test_a_file_for_a_client_that_goes_is_left(tmp_path, sent):
 @pytest.mark.parametrize("side", [480, long(3840)])
 def test_pictures_in_flight_fit_into_what_may_wait(side, rng, monkeypatch):
     """The worst picture of 3840x3840 pixels, or a part of it that may have as many bytes a pixel."""
-    noise, most = rng.integers(0, 256, (side, side, 3), dtype=np.uint8), LARGEST * side**2 // 3840**2
-    monkeypatch.setattr(painter, "LARGEST", most)
-    assert len(encode(noise, REFINED)) <= most and IN_FLIGHT * LARGEST < MOST_WAITING - (2 << 20)
+    noise, most = rng.integers(0, 256, (side, side, 3), dtype=np.uint8), MAX_JPEG_BYTES * side**2 // 3840**2
+    monkeypatch.setattr(painter, "MAX_JPEG_BYTES", most)
+    assert len(encode(noise, REFINED)) <= most and IN_FLIGHT * MAX_JPEG_BYTES < MAX_WAITING - (2 << 20)
     calm = np.zeros((480, 640, 3), np.uint8)
     assert encode(calm, REFINED) != encode(calm, REFINED._replace(quality=75))
 
@@ -416,33 +422,33 @@ def test_too_many_lights_are_refused_in_a_word(browser, viewer, scene):
     browser.say(type="sun", dx=0.1, dy=0.0)  # the last one that is answered
     browser.listen(lambda: browser.last("values"))
     lamps = [name for name in browser.controls() if re.fullmatch(r"lamps\.\d+\.on", name)]
-    assert len(lamps) == MOST_LAMPS
+    assert len(lamps) == MAX_LIGHTS
     said = [m["text"] for m in browser.told if m["type"] == "toast"]
-    assert f"there are {MOST_LAMPS} lights: remove one to add another" in said
-    assert "too much was asked for at once: some of it was left out" in said
-    assert len(said) <= 2 * (1 + (time.monotonic() - begun) / outbox.REPEAT)  # each is repeated now and then
-    assert sum(m["type"] == "panel" for m in browser.told) <= MOST_LAMPS + 2
-    browser.rest(1.5 / MOST_COSTLY)  # from then on it may ask for something again
+    assert f"there are {MAX_LIGHTS} lights: remove one to add another" in said
+    assert "too many requests at once: some were ignored" in said
+    assert len(said) <= 2 * (1 + (time.monotonic() - begun) / outbox.REPEAT_INTERVAL)  # each is repeated now and then
+    assert sum(m["type"] == "panel" for m in browser.told) <= MAX_LIGHTS + 2
+    browser.rest(1.5 / COSTLY_RATE)  # from then on it may ask for something again
     browser.set("lamps.0.on", False)
     browser.say(type="press", name="lamps.1.remove")
-    browser.listen(lambda: f"lamps.{MOST_LAMPS - 1}.on" not in browser.controls())
+    browser.listen(lambda: f"lamps.{MAX_LIGHTS - 1}.on" not in browser.controls())
     other.close()
 
 
 def test_control_drag_adds_no_light_beyond_the_limit(browser, scene):
-    scene.lights = [pr.PointLight([9, 9, 9], 1)] * MOST_LAMPS
+    scene.lights = [pr.PointLight([9, 9, 9], 1)] * MAX_LIGHTS
     browser.arrive()
-    browser.listen(lambda: f"lamps.{MOST_LAMPS - 1}.on" in browser.controls())
+    browser.listen(lambda: f"lamps.{MAX_LIGHTS - 1}.on" in browser.controls())
     browser.say(type="sun", dx=0.1, dy=0.0)
     assert "remove one to add another" in browser.listen(lambda: browser.last("toast"))["text"]
 
 
 def test_a_scene_of_many_lights_has_a_panel_all_the_same(browser, scene):
-    scene.lights = [pr.PointLight([9, 9, k], 1) for k in range(MOST_LAMPS + 5)]
+    scene.lights = [pr.PointLight([9, 9, k], 1) for k in range(MAX_LIGHTS + 5)]
     browser.arrive()
     browser.listen(lambda: "more_lamps" in browser.controls())
     assert browser.controls()["more_lamps"]["value"].startswith("And 5 more")
-    assert f"lamps.{MOST_LAMPS}.on" not in browser.controls()
+    assert f"lamps.{MAX_LIGHTS}.on" not in browser.controls()
 
 
 def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkeypatch):
@@ -508,13 +514,13 @@ def test_many_choices_of_a_surface_need_two_threads(scene):
 
 def test_how_much_a_page_may_ask_for():
     now = [0.0]
-    allowance = Allowance(MOST_COSTLY, 2 * MOST_COSTLY, lambda: now[0])
-    assert sum(allowance.take() for _ in range(2_000)) == 2 * MOST_COSTLY
+    allowance = RateLimiter(COSTLY_RATE, 2 * COSTLY_RATE, lambda: now[0])
+    assert sum(allowance.take() for _ in range(2_000)) == 2 * COSTLY_RATE
     now[0] += 1.0
-    assert sum(allowance.take() for _ in range(2_000)) == MOST_COSTLY
+    assert sum(allowance.take() for _ in range(2_000)) == COSTLY_RATE
     now[0] += 100.0
-    assert sum(allowance.take() for _ in range(2_000)) == 2 * MOST_COSTLY
-    share, worked = Share(lambda: now[0]), 0.0
+    assert sum(allowance.take() for _ in range(2_000)) == 2 * COSTLY_RATE
+    share, worked = CpuBudget(lambda: now[0]), 0.0
     begun = now[0]
     while now[0] < begun + 60:
         worked += 0.02

@@ -14,7 +14,7 @@ from pointray.cli.scan_scene import PLAIN
 from pointray.cloud.neighbors import few_queries as nearby
 from pointray.cloud.normals.comparison import WRONG
 from pointray.cloud.normals.validation import trusted
-from pointray.viewer.loading import Files
+from pointray.viewer.loading import FileLoader
 from pointray.viewer.shared_scene import SharedScene
 
 SMALL = ["--size", "32x24", "--spp", "1", "--light", "headlight"]
@@ -307,12 +307,12 @@ def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
     """The coarse version of a large scan has fitted normals, too."""
     if coarse:
         monkeypatch.setattr("pointray.viewer.loading.COARSE", 4_000)
-        monkeypatch.setattr("pointray.viewer.loading.WORTH", 8_000)
+        monkeypatch.setattr("pointray.viewer.loading.LARGE_FROM", 8_000)
     shared, plain = SharedScene("a"), dict(PLAIN)
     shown: list[pr.Scene] = []
     monkeypatch.setattr(shared, "show", lambda scene, home=None, coarse=False: shown.append(scene))
     for choice in ("auto", "file"):
-        Files([file], plain, lambda scene: (0.0, 0.0, 1.0), False, choice)(shared)
+        FileLoader([file], plain, lambda scene: (0.0, 0.0, 1.0), False, choice)(shared)
         assert len(shown) == 1 + coarse
         assert all((off_at_a_slope(scene) > 8) == (choice == "file") for scene in shown)
         shown.clear()

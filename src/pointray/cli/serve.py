@@ -45,7 +45,7 @@ def shared_scene_of(
     from ..auto_view.fronts import shows_backs
     from ..auto_view.studio import with_direct_light
     from ..rendering.warmup import has_clicks, warm_up
-    from ..viewer.loading import Described, Files
+    from ..viewer.loading import FileLoader, SceneFileLoader
     from ..viewer.shared_scene import SharedScene
 
     scene_file = scene_of(paths)
@@ -56,13 +56,13 @@ def shared_scene_of(
             _tell(FIRST)
             warm_up(plan.settings, clicks=True, bakes=True)
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
-        return SharedScene(scene_file.name, None, tuple(up), plan.settings, str(scene_file)), Described(plan)
+        return SharedScene(scene_file.name, None, tuple(up), plan.settings, str(scene_file)), SceneFileLoader(plan)
     choice = View("1x1", options["up"]).choice
     lights = ScanLights(options["light"], options["fill"])
     background = background_of(options["background"])
     known: list[Any] = []  # up direction and lights: found once, for the coarse version and for all points
 
-    def furnish(scene: Any) -> Any:
+    def set_up_scene(scene: Any) -> Any:
         if not known:
             scan = Scan(scene, choice)
             if scan.found:
@@ -104,7 +104,7 @@ def shared_scene_of(
     scans = ScanFiles(tuple(file for file in files if not is_saved(file)), reading, cached)
     entry = scans.entry(normals=options["normals"], **surface) if scans.files else None
     kept = reading.arguments, entry, reading.drop_strays, options.get("memory")
-    loader = Files(files, surface, furnish, leveled, options["normals"], choice, light, *kept)
+    loader = FileLoader(files, surface, set_up_scene, leveled, options["normals"], choice, light, *kept)
     shared = SharedScene(title, None, choice.up or (0.0, 0.0, 1.0), settings, source)
     shared.exposes, shared.look = True, lights.look or ""
     shared.contact_shadow = options["contact_shadow"]

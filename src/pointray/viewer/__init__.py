@@ -1,18 +1,21 @@
-"""The interactive viewer: a page in the browser, and the ray traced pictures that it shows.
+"""Interactive viewer: a page in the browser that shows ray-traced images of a scene.
 
-server: the transport; link: the connection to one browser; share: limits for one page; viewer: all of it together.
-A browser has a session (what its messages do; messages checks them), an outbox (messages to it), a display (its camera
-and panel: panel, controls, light_control), view settings (the panel's values), a painter (its pictures, at a pace),
-lookups (answers to its clicks with pick, and legends) and exports (files that it saves). Its baker bakes light while
-one looks, with a niceness that yields to pictures. When the browser has gone memory is given back (heap). page is what
-the browser itself runs. All browsers show one shared scene, which loading brings (time_left: how long that takes);
-sketch shows dots while kernels are compiled.
+`viewer.Viewer` holds a `SharedScene`, which all browsers show, and a `server`. Each browser has a `Session` with
 
-The path of a slider's value: `server` hands the page's message to `session`, the panel's control checks the value,
-`display` holds it in its `view_settings` and asks for a picture, `painter` draws it, `outbox` packs it and `link` sends
-it.
+- `connection`, `outbox`, `messages`: the WebSocket, messages to the page, and checks of messages from it
+- `display`: its camera, its `view_settings` (the values of the panel) and its panel (`panel`, `controls`,
+  `light_control`)
+- `painter`: its images, at the quality that `pace` chooses; `baker` bakes light and `fetcher` opens parts of large
+  models in threads of lower priority (`thread_priority`)
+- `queries`: answers to clicks (`pick`) and legends; `exports`: saved images and films
 
-Begin with viewer, then session, then display.
+`loading` loads the shared scene (`time_left`: estimates of the time left); `sketch` draws points while kernels are
+compiled. `page_limits` limits what one page may use. `page` holds the files that the browser loads.
+
+A change of a slider: `server` passes the message to `session`, the panel's control checks the value, `display` stores
+it in its `view_settings` and requests an image, `painter` draws it, `outbox` packs it and `connection` sends it.
+
+Read first: `viewer`, then `session`, then `display`.
 """
 
 from __future__ import annotations
@@ -44,28 +47,28 @@ def view(
     Parameters
     ----------
     scene : Scene
-        Changes in the scene while it is shown appear on the page.
+        Changes to the scene appear on the page.
     host : str
-        The address to listen on; by default only this machine can reach it. Whoever can reach it and knows the
-        viewer's `url`, which contains a random token, sees the scene.
+        Address to listen on. By default only this machine can reach it. Anyone who can reach it and knows the viewer's
+        `url`, which contains a random token, can see the scene.
     port : int
-        0: 8080, or the next free one.
+        Port to listen on; 0: 8080, or the next free one.
     open_browser : bool
-        Whether to open the page; where there is no browser, the address is printed.
+        Whether to open the page. If no browser is available, the address is printed.
     block : bool
-        Wait until Ctrl-C. In a notebook it never waits: the page appears in the cell.
+        Whether to wait until Ctrl-C. In a notebook the call never waits, and the page appears in the cell.
     up : (3,) array_like, or "x", "-x", "y", "-y", "z", "-z", or "auto"
-        Which way is up; auto: see `pointray.frame`.
+        Up direction; "auto": see `pointray.frame`.
 
     Returns
     -------
     Viewer
-        `close` ends it.
+        Its method `close` stops the server.
 
     Raises
     ------
     OSError
-        If it cannot listen on that address.
+        If the server cannot listen on that address.
 
     Examples
     --------
@@ -92,7 +95,7 @@ def view(
 
 
 def in_notebook() -> bool:
-    """Whether the code runs in a notebook's kernel."""
+    """Return whether the code runs in the kernel of a notebook."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     return type(shell).__name__ == "ZMQInteractiveShell"

@@ -1,15 +1,16 @@
-"""Bakes the light of the scene that a browser shows, in its own thread: roughly at first, then better.
+"""Bakes the light of the scene that a browser shows, in its own thread: a rough solution first, then a fine one.
 
-| stage  | when                                              | patches       | links |
-|--------|---------------------------------------------------|---------------|-------|
-| rough  | as soon as the scene has other models or planes;  | 8,192         | 32    |
-|        | whenever lights, materials or colours change      |               |       |
-| fine   | when the rough light is there, nothing changes    | as `bake` has | 48    |
-|        | and no models are being built                     |               |       |
+| stage | when                                                | patches             | links |
+|-------|-----------------------------------------------------|---------------------|-------|
+| rough | immediately when models or planes change;           | 8,192               | 32    |
+|       | whenever lights, materials or colours change        |                     |       |
+| fine  | after the rough light, while nothing changes        | defaults of `bake`  | 48    |
+|       | and no models are being built                       |                     |       |
 
-Until there is rough light, pictures have none: the painter shows direct light instead. Light of a scene that has
-changed meanwhile is not shown, but for levels of detail that were made later: they are left out until they have light.
-All processors bake, and yield to pictures (`niceness`); where they cannot, half of them bake.
+Until there is rough light, the painter shows direct light. Baked light of a scene that has changed is not shown, with
+one exception: if only levels of detail were added, images leave them out until they have light.
+Baking uses all processors at a lower priority than drawing (`thread_priority`); where threads have no priority of their
+own, it uses half of them.
 """
 
 from __future__ import annotations
@@ -25,38 +26,38 @@ from ..engine.jit import thread_count
 from ..rendering.settings import Settings
 from ..rendering.warmup import wait_until_warm, warm_up
 from ..scene.scene import Scene
-from .thread_priority import FINE_LIGHT, ROUGH_LIGHT, YIELDS, yielding
+from .thread_priority import FINE_LIGHT, HAS_THREAD_NICENESS, ROUGH_LIGHT, run_niced
 from .time_left import TimeLeft
 
 log = logging.getLogger("pointray.view")
 
 ROUGH = (8192, 32)  # patches and links
-SHOWN = Settings("baked")  # pictures of the light
+SHOWN = Settings("baked")  # for compiling the kernels that show baked light
 STAGE, FINE_STAGE = "baking light", "baking finer light"
 
 
 class _SupersededError(Exception):
-    """The scene has changed: what is being baked is no longer wanted."""
+    """The scene has changed: the current work is obsolete."""
 
 
 class Baker:
-    """Bakes the newest scene that is asked for.
+    """Bakes the newest requested scene.
 
     Parameters
     ----------
     ready : callable
-        Called, from the baker's thread, when there is new light.
-    say : callable
-        Takes the stage, the share done and the seconds left (or None), while light is baked; empty at its end.
+        Called from the baker's thread when there is new light.
+    report : callable
+        Called with stage, fraction done and seconds left (or None) while baking, and with an empty stage at the end.
     """
 
-    def __init__(self, ready: Callable[[], None], say: Callable[[str, float | None, float | None], None]) -> None:
-        self._ready, self._say = ready, say
+    def __init__(self, ready: Callable[[], None], report: Callable[[str, float | None, float | None], None]) -> None:
+        self._ready, self._report = ready, report
         self._changed = threading.Condition()
         self._wanted: Scene | None = None
-        self._refines = False  # whether it is to have fine light
-        self.is_baking = False  # whether finer light comes soon
-        self._light: tuple[Scene, Baked] | None = None  # the newest light, and the scene that it is for
+        self._refines = False  # whether fine light is requested
+        self.is_baking = False  # whether finer light is to be expected
+        self._light: tuple[Scene, Baked] | None = None  # the newest light and its scene
         self._rough: Baked | None = None
         self._fine: Baked | None = None
         self._baked: Scene | None = None  # the scene of the newest light
@@ -65,9 +66,9 @@ class Baker:
         self._time_left = TimeLeft()
 
     def light_for(self, scene: Scene, fine: bool = True) -> Baked | None:
-        """The light of a scene, if it is baked, perhaps without levels of detail, see `Baked.lacks_levels`.
+        """Return the light of a scene, perhaps without levels of detail (`Baked.lacks_levels`); None if not baked.
 
-        Else it will be, unless another scene is asked for. fine : whether fine light may be baked now
+        If needed, request its baking in place of earlier requests. fine : whether fine light may be baked now
         """
         with self._changed:
             light = self._light
@@ -82,13 +83,13 @@ class Baker:
         return light[1] if light[0] is scene or light[1].lacks_levels(scene) else None
 
     def fine_for(self, scene: Scene) -> Baked | None:
-        """The fine light, if it is there and is that of a scene."""
+        """Return the fine light if it exists and fits a scene."""
         fine = self._fine
         return fine if fine is not None and fine.fits(scene) else None
 
     @property
     def has_ended(self) -> bool:
-        """Whether nothing is baked any more, after `close`."""
+        """Whether baking has stopped after `close`."""
         return not self._open and (self._thread is None or not self._thread.is_alive())
 
     def close(self) -> None:
@@ -98,24 +99,24 @@ class Baker:
             self._changed.notify_all()
 
     def _run(self) -> None:
-        warm_up(SHOWN, bakes=True)  # beside, where nobody has: pictures go on meanwhile
+        warm_up(SHOWN, bakes=True)  # compiles in the background if needed, while images are drawn
         done: tuple[Scene | None, bool] = None, False
         while (wanted := self._next(done)) is not None:
             try:
-                with heard():  # that a scene is without light: it is seen
+                with heard():  # hides the warning that a scene has no light: the image shows it
                     self._bake(*wanted)
             except _SupersededError:
                 pass
-            except Exception:  # pictures go on with the light that there is
-                log.exception("while baking light")
-            self._say("", None, None)
+            except Exception:  # images keep the light that exists
+                log.exception("error while baking light")
+            self._report("", None, None)
             done = wanted
-            self._rest(wanted)
+            self._finish(wanted)
         with self._changed:
             self._wanted = self._baked = self._light = self._rough = self._fine = None
 
-    def _rest(self, done: tuple[Scene, bool]) -> None:
-        """Tell whoever waits for finer light that none comes, unless something else is wanted by now."""
+    def _finish(self, done: tuple[Scene, bool]) -> None:
+        """Request a last image if one was waiting for finer light that will not come."""
         with self._changed:
             ended = self.is_baking and (self._wanted, self._refines) == done
             if ended:
@@ -124,7 +125,7 @@ class Baker:
             self._ready()
 
     def _next(self, done: tuple[Scene | None, bool]) -> tuple[Scene, bool] | None:
-        """Wait for another scene, or the wish for its fine light; None at the end."""
+        """Wait for another scene or a request for its fine light; return None after `close`."""
         with self._changed:
             self._changed.wait_for(lambda: not self._open or (self._wanted, self._refines) != done)
             return (self._wanted, self._refines) if self._open and self._wanted is not None else None
@@ -132,29 +133,31 @@ class Baker:
     def _bake(self, scene: Scene, refines: bool) -> None:
         """Bake rough light, then fine light."""
         if self._baked is not scene:
-            rough = yielding(ROUGH_LIGHT, lambda: self._roughly(scene))
+            rough = run_niced(ROUGH_LIGHT, lambda: self._bake_rough(scene))
             wait_until_warm(SHOWN)
-            self._give(scene, rough)
+            self._publish(scene, rough)
         if not refines:
             return
         if self._fine is None:
-            self._fine = yielding(FINE_LIGHT, lambda: bake(_bare(scene), BakeSettings(threads=_threads()), self._tell))
+            self._fine = run_niced(
+                FINE_LIGHT, lambda: bake(_without_light(scene), BakeSettings(threads=_threads()), self._report_progress)
+            )
         fine = self._fine
         if self._wanted is self._baked and self._light is not None and self._light[1] is not fine:
-            self._fine = yielding(FINE_LIGHT, lambda: _relit(fine, self._baked))
-            self._give(self._baked, self._fine, rough=False)
+            self._fine = run_niced(FINE_LIGHT, lambda: _relit(fine, self._baked))
+            self._publish(self._baked, self._fine, rough=False)
 
-    def _roughly(self, scene: Scene) -> Baked:
-        """The rough light of a scene; fine light of other models is forgotten."""
+    def _bake_rough(self, scene: Scene) -> Baked:
+        """Return the rough light of a scene, relit if possible; otherwise bake it and discard the fine light."""
         light = _relit(self._rough, scene)
         if light is None:
             self._fine, (patches, links) = None, ROUGH
             settings = BakeSettings(patches=patches, links=links, noise=1.0, threads=_threads())
-            light = bake(_bare(scene), settings, self._tell_roughly)
+            light = bake(_without_light(scene), settings, self._report_rough_progress)
         return light
 
-    def _give(self, scene: Scene | None, light: Baked | None, rough: bool = True) -> None:
-        """Make light known."""
+    def _publish(self, scene: Scene | None, light: Baked | None, rough: bool = True) -> None:
+        """Store new light and notify the painter."""
         assert scene is not None and light is not None
         with self._changed:
             self._light, self._baked = (scene, light), scene
@@ -163,39 +166,39 @@ class Baker:
         self._ready()
 
     def _check(self) -> None:
-        """Stop if there is nobody left."""
+        """Raise _SupersededError after `close`."""
         if not self._open:
             raise _SupersededError
 
-    def _tell_roughly(self, share: float) -> None:
-        """Tell how far rough light is."""
+    def _report_rough_progress(self, share: float) -> None:
+        """Report the progress of rough light."""
         self._check()
-        self._say(STAGE, share, self._time_left(STAGE, share))
+        self._report(STAGE, share, self._time_left(STAGE, share))
 
-    def _tell(self, share: float) -> None:
-        """Tell how far fine light is; meanwhile rough light follows the lights. Stop if models have changed."""
+    def _report_progress(self, share: float) -> None:
+        """Report the progress of fine light; meanwhile update rough light. Raise _SupersededError if models changed."""
         self._check()
         wanted = self._wanted
         if wanted is not None and wanted is not self._baked:
             light = _relit(self._rough, wanted)
             if light is None:
                 raise _SupersededError
-            self._give(wanted, light)
-        self._say(FINE_STAGE, share, self._time_left(FINE_STAGE, share))
+            self._publish(wanted, light)
+        self._report(FINE_STAGE, share, self._time_left(FINE_STAGE, share))
 
 
 def _relit(baked: Baked | None, scene: Scene | None) -> Baked | None:
-    """The light of a scene, from that of another one with the same models and planes; None if they differ."""
-    return None if baked is None or scene is None else baked.relit(_bare(scene))
+    """Return the light of a scene, from that of a scene with the same models and planes; None if they differ."""
+    return None if baked is None or scene is None else baked.relit(_without_light(scene))
 
 
-def _bare(scene: Scene) -> Scene:
-    """A copy without light. Light keeps the scene that it is baked for: if that had the light it would be a cycle."""
+def _without_light(scene: Scene) -> Scene:
+    """Return a copy without light. Light refers to the scene that it was baked for, so this avoids a cycle."""
     copy = scene.copy()
     copy.baked = None
     return copy
 
 
 def _threads() -> int:
-    """How many threads bake."""
-    return thread_count() if YIELDS else max(1, thread_count() // 2)
+    """Return the number of threads that bake."""
+    return thread_count() if HAS_THREAD_NICENESS else max(1, thread_count() // 2)

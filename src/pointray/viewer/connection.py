@@ -1,4 +1,4 @@
-"""The connection to one browser: messages wait here, in bounded memory, until it has read the earlier ones."""
+"""Connection to one browser: messages wait in bounded memory until the browser has read earlier ones."""
 
 from __future__ import annotations
 
@@ -16,46 +16,45 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
-from .page_limits import Allowance
+from .page_limits import RateLimiter
 
 log = logging.getLogger("pointray.view")
 
-MOST_WAITING = 15 << 20  # bytes: a browser that reads too little is disconnected
-EACH = 256  # bytes that a waiting message takes besides its own
-PIECE = 1 << 18  # bytes: longer messages go in pieces, so that only pieces are copied
-READ = 1 << 14  # bytes read at once: all frames in them are processed before reading can pause
-MOST_PARTS = 10.0  # frames a second that are not whole messages; ten times as many at once: pages send hardly any
+MAX_WAITING = 15 << 20  # bytes; a browser with more unread messages is disconnected
+MESSAGE_OVERHEAD = 256  # bytes of memory of a waiting message besides its contents
+PIECE = 1 << 18  # bytes; longer messages are sent in pieces, so that only pieces are copied
+READ_SIZE = 1 << 14  # bytes read at once; all their frames are processed before reading can pause
+MAX_PARTIAL_RATE = 10.0  # control frames and fragments a second, bursts of ten times as many; pages send few
 
 
 class _File(NamedTuple):
-    """A file to send: it stays on disk and is read while it is sent. left : set once it is no longer needed."""
+    """A file that is read from disk while it is sent. done : set when the file is no longer needed"""
 
     header: bytes
     stream: BinaryIO
-    left: threading.Event
+    done: threading.Event
 
 
 _Message = str | bytes | _File
 
 
 class Connection(ServerConnection):
-    """A connection that drops a client that sends pings or pieces of messages without end.
+    """Connection that drops clients that flood it with pings or message fragments.
 
-    These are processed in the thread that serves all browsers, and neither answers to pings nor pieces wait in bounded
-    memory.
+    These are processed in the thread that serves all browsers, and neither pongs nor fragments wait in bounded memory.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._parts = Allowance(MOST_PARTS, 10 * MOST_PARTS)
+        self._parts = RateLimiter(MAX_PARTIAL_RATE, 10 * MAX_PARTIAL_RATE)
 
     def connection_made(self, transport: Any) -> None:
-        """Begin, as in the base class."""
-        transport.max_size = READ  # an attribute that asyncio's own event loops have
+        """Limit the read size, then begin as in the base class."""
+        transport.max_size = READ_SIZE  # attribute of transports of asyncio's own event loops
         super().connection_made(transport)
 
     def process_event(self, event: Any) -> None:
-        """Take what came, as in the base class."""
+        """Process an event as in the base class, subject to the rate limit."""
         whole = not isinstance(event, Frame) or (event.fin and event.opcode in (Opcode.TEXT, Opcode.BINARY))
         if whole or event.opcode is Opcode.CLOSE or self._parts.take():
             super().process_event(event)
@@ -64,13 +63,13 @@ class Connection(ServerConnection):
 
 
 class Link:
-    """Sends messages in order; any thread may call it.
+    """Queue of messages to one browser, sent in order. Thread-safe.
 
     Attributes
     ----------
     open : bool
     is_local : bool
-        Whether the browser is on this machine.
+        Whether the browser runs on this machine.
     """
 
     def __init__(self, connection: ServerConnection, loop: asyncio.AbstractEventLoop) -> None:
@@ -82,11 +81,11 @@ class Link:
         self._sending = False
 
     def send(self, message: str | bytes) -> None:
-        """Send a message soon; to a browser that has gone, send nothing."""
+        """Queue a message; ignored after the browser has disconnected."""
         self._put(message)
 
     def send_file(self, header: bytes, path: Path) -> None:
-        """Send a header and a file's contents as one message; returns when the file is no longer needed.
+        """Send a header and a file's contents as one message; return when the file is no longer needed.
 
         Raises
         ------
@@ -96,31 +95,31 @@ class Link:
         with path.open("rb") as stream:
             file = _File(header, stream, threading.Event())
             if self._put(file):
-                file.left.wait()
+                file.done.wait()
 
     def close(self) -> None:
-        """Drop what waits: the browser has gone."""
+        """Discard waiting messages: the browser has disconnected."""
         with self._lock:
             self.open = False
             files = [message for message in self._queue if isinstance(message, _File)]
             self._queue.clear()
         for file in files:
-            file.left.set()
+            file.done.set()
 
     def _put(self, message: _Message) -> bool:
-        """Queue a message; returns whether it will be sent, or its file be left."""
+        """Queue a message; return whether it was queued."""
         with self._lock:
             if not self.open:
                 return False
-            fits = self._waiting + _weight(message) <= MOST_WAITING
+            fits = self._waiting + _bytes_of(message) <= MAX_WAITING
             starts = fits and not self._sending
             if fits:
                 self._queue.append(message)
-                self._waiting += _weight(message)
+                self._waiting += _bytes_of(message)
                 self._sending = True
         try:
             if not fits:
-                log.warning("a browser does not read what it is sent: its connection is closed")
+                log.warning("closed the connection of a browser that does not read its messages")
                 self.close()
                 self._loop.call_soon_threadsafe(self._connection.transport.abort)
             elif starts:
@@ -130,20 +129,20 @@ class Link:
         return fits
 
     async def _send_all(self) -> None:
-        """Send until nothing waits."""
+        """Send until the queue is empty."""
         try:
             while (message := self._next()) is not None:
                 try:
                     await self._connection.send(_pieces(message))
                 finally:
                     with self._lock:
-                        self._waiting -= _weight(message)
+                        self._waiting -= _bytes_of(message)
                     if isinstance(message, _File):
-                        message.left.set()
+                        message.done.set()
         except ConnectionClosed:
             self.close()
         except Exception:
-            log.exception("while sending to a browser")
+            log.exception("error while sending to a browser")
             self.close()
             self._connection.transport.abort()
 
@@ -153,13 +152,13 @@ class Link:
             return self._queue.popleft() if self._queue else None
 
 
-def _weight(message: _Message) -> int:
-    """The bytes that a message holds."""
-    return EACH + len(message.header if isinstance(message, _File) else message)
+def _bytes_of(message: _Message) -> int:
+    """Return the bytes of memory that a message takes."""
+    return MESSAGE_OVERHEAD + len(message.header if isinstance(message, _File) else message)
 
 
 def _pieces(message: _Message) -> str | bytes | Iterator[str] | Iterator[bytes]:
-    """A message in the form in which it is sent."""
+    """Return a message in pieces as the WebSocket sends them."""
     if isinstance(message, _File):
         return _read(message)
     if len(message) <= PIECE:
@@ -174,7 +173,7 @@ def _read(file: _File) -> Iterator[bytes]:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address, or "localhost", is this machine and cannot be reached from elsewhere."""
+    """Return whether an address, or "localhost", is this machine and unreachable from others."""
     if host == "localhost":
         return True
     with suppress(ValueError):

@@ -1,4 +1,4 @@
-"""The contact shadows of the viewer's pictures: found while a picture is refined, shown with all that follow."""
+"""Contact shadows of the viewer's images: computed while an image is refined, used in all later ones."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .view_settings import ViewSettings
 
 
 class Contacts:
-    """The contact shadow of the last scene that was asked for."""
+    """Cache of one contact shadow, that of the last scene."""
 
     def __init__(self) -> None:
         self._key: Any = None
-        self._lamps: Any = None  # which the key names by their ids: none of these is used again while they are kept
+        self._lamps: Any = None  # the key holds their ids, which are not reused while the lights are alive
         self._found: ContactShadow | None = None
 
     def of(
@@ -29,17 +29,17 @@ class Contacts:
         view: ViewSettings,
         may_trace: bool = True,
     ) -> ContactShadow | None:
-        """The contact shadow of a scene in the studio before a backdrop; None if there is none, or it is not known yet.
+        """Return the contact shadow of a scene lit by the studio before a backdrop; None if it has none, or not yet.
 
         Parameters
         ----------
         scan : callable, optional
-            Returns what was found out about the scene. None: nothing stands.
+            Returns the `Scan` of the scene. None: no contact shadow.
         seen : (Scene, version)
-            The scene with its view settings, and the version of the scene.
+            The scene with view settings applied, and the version of the scene.
         view : ViewSettings
         may_trace : bool
-            Whether it may be computed now, which takes about a tenth of a second.
+            Whether the shadow may be computed now, which takes about 0.1 s.
         """
         scene, version = seen
         plain = view.around == "gradient" or (view.around == "color" and view.exposes)
@@ -53,7 +53,7 @@ class Contacts:
 
 
 def _found(scan: Scan, scene: Scene) -> ContactShadow | None:
-    """The contact shadow of a scan that stands and is in memory."""
+    """Return the contact shadow of a scan that stands and is in memory."""
     if any(model.parts for model in scene.models) or not scan.stands:
         return None
     still = (light.direction for light in scene.lights if isinstance(light, SunLight) and not light.camera)

@@ -1,4 +1,4 @@
-"""Controls of the panel: how each is described to the page, and which values the page may send back."""
+"""Controls of the panel: their descriptions for the page, and checks of the values that the page sends."""
 
 from __future__ import annotations
 
@@ -17,13 +17,17 @@ class Control:
     Attributes
     ----------
     name : str
-        The name of the value that it changes.
+        Name of the value that the control changes.
     kind : str
-        choice, range, number, switch, color (sRGB), vector, button, note.
-    options : list of (value, label), for a choice
-    low, high, step : float, for a range; the limits of a number, whose step does not matter
+        "choice", "range", "number", "switch", "color" (sRGB), "vector", "button" or "note".
+    options : sequence of (value, label)
+        Options of a choice.
+    low, high, step : float
+        Limits and step of a range; limits of a number.
     log : bool
-        For a range: its slider is logarithmic.
+        Whether the slider of a range is logarithmic.
+    hint : str
+        Tooltip.
     """
 
     name: str
@@ -38,7 +42,7 @@ class Control:
     hint: str = ""
 
     def describe(self) -> dict[str, Any]:
-        """The description that the page gets."""
+        """Return the description that is sent to the page."""
         out: dict[str, Any] = {"name": self.name, "label": self.label, "kind": self.kind, "value": self.value}
         if self.kind == "choice":
             out["options"] = [list(option) for option in self.options]
@@ -47,7 +51,7 @@ class Control:
         return out | ({"hint": self.hint} if self.hint else {})
 
     def check(self, value: Any) -> Any:
-        """A value that the page has sent; ValueError if this control cannot have it."""
+        """Return a value sent by the page, converted; raise ValueError if it is invalid for this control."""
         checked = getattr(self, f"_check_{self.kind}", self._refuse)(value)
         if isinstance(checked, float) and isinstance(self.value, int):
             if not checked.is_integer():
@@ -93,5 +97,5 @@ class Folder:
     open: bool = False
 
     def describe(self) -> dict[str, Any]:
-        """The description that the page gets."""
+        """Return the description that is sent to the page."""
         return {"title": self.title, "open": self.open, "controls": [c.describe() for c in self.controls]}

@@ -1,4 +1,4 @@
-"""What one browser shows: its view of the shared scene, with a camera, view settings and a panel of its own."""
+"""State of one browser: its camera, view settings and panel for the shared scene."""
 
 from __future__ import annotations
 
@@ -23,36 +23,36 @@ from .shared_scene import SharedScene
 from .view_settings import CHANGED, CONSTANT, OWN, ViewSettings
 
 FOV = 40.0
-SKETCHED = ViewSettings(exposes=True)  # for the sketch, before there is a scene
+SKETCH_SETTINGS = ViewSettings(exposes=True)  # for the sketch, before there is a scene
 
 
 class Display:
-    """What one browser shows; each change is sent to the page, or makes the painter draw.
+    """State of one browser. Each change is sent to the page or requests a new image.
 
-    It has no lock: its session calls it from one thread at a time.
+    Not thread-safe: its session serializes the calls.
 
     Parameters
     ----------
     shared : SharedScene
     outbox : Outbox
-        The outbox of the page.
+        Messages to the page.
     painter : Painter
-        Draws the pictures.
+        Draws the images.
     lookups : Lookups
         Draws the legend.
 
     Attributes
     ----------
     size : (2,) tuple of int, or None
-        Pixels of the view; None: it is not known yet, and nothing is shown.
+        Size of the view in pixels. None: not known yet, and nothing is drawn.
     time : float
-        The time of the page's last message about its camera.
+        Timestamp in the page's last camera message.
     camera : Camera or None
-        None: there is nothing to see yet.
+        None: nothing to show yet.
     view : ViewSettings or None
         None: there is no scene yet.
     output : Output
-        The options of saved pictures and films.
+        Options of saved images and films.
     """
 
     def __init__(self, shared: SharedScene, outbox: Outbox, painter: Painter, lookups: Lookups) -> None:
@@ -62,45 +62,45 @@ class Display:
         self.camera: Camera | None = None
         self.view: ViewSettings | None = None
         self.output = Output()
-        self._free = (0, 0, 1, 1)  # what the panel leaves free of the view: left, top, right, bottom, pixels
-        self._at_home = False  # whether the camera is still where it was placed first
-        self._sketched = False  # whether a sketch was shown last
+        self._free = (0, 0, 1, 1)  # part of the view not covered by the panel: left, top, right, bottom, pixels
+        self._at_home = False  # whether the user has not moved the camera yet
+        self._sketched = False  # whether the last thing shown was a sketch
         self._version: tuple[int, int] | None = None
         self._lights: tuple[Any, ...] = ()  # the scene's lights, as last read
         self._around: Any = None  # the scene's background, as last read
         self._problem: tuple[int, str] = 0, ""
 
     def resize(self, size: tuple[int, int], free: tuple[int, int, int, int]) -> None:
-        """Take a new size of the view, and the part of it that the panel leaves free, both in pixels."""
+        """Set the size of the view and the part of it that the panel does not cover, both in pixels."""
         self.size, self._free = size, free
         seen = self._shared.scene or self._shared.sketch
         if (self.camera is None or self._at_home) and seen is not None:
-            self.go("home", animate=False)  # as large as fits into this view
+            self.go("home", animate=False)  # frames the model again for the new size
         elif self.camera is not None:
             self.camera = replace(self.camera, size=size)
         self.refresh()
 
     def look(self, camera: Camera, time: float) -> None:
-        """Take the camera to which the user has moved, and the page's time of it."""
+        """Set the camera that the user has moved, and the timestamp of its message."""
         self.camera, self._at_home, self.time = camera, False, time
         self.refresh()
 
     def go(self, name: str, animate: bool) -> None:
-        """Move the page to one of the standard views."""
+        """Move the page's camera to one of the standard views."""
         seen, size = self._shared.scene or self._shared.sketch, self.size
         if seen is None or size is None or (name not in VIEWS and name != "home"):
-            raise ValueError(f"there is no view {name!r:.40}")
+            raise ValueError(f"unknown view {name!r:.40}")
         if name == "home" and self._shared.home is not None:
             camera = replace(self._shared.home, size=size)
         else:
             fov = FOV if self.camera is None else self.camera.fov
-            camera = self._shared.scan(AUTO if name == "home" else name).camera(Lens(fov, size), self._part_free())
+            camera = self._shared.scan(AUTO if name == "home" else name).camera(Lens(fov, size), self._free_share())
         if not animate:
             self.camera, self._at_home = camera, True
         self._outbox.go(camera, animate)
 
     def change(self, view: ViewSettings, new_rows: bool) -> None:
-        """Take new view settings. new_rows : whether the panel may need other rows."""
+        """Set new view settings. new_rows : whether the rows of the panel may differ."""
         self.view = view
         if new_rows:
             self.send_panel()
@@ -108,16 +108,16 @@ class Display:
         self._send_legend()
 
     def move_sun(self, lamp: int, azimuth: float, elevation: float) -> None:
-        """Take a new direction of a light that the user drags, and send it to the panel."""
+        """Set a new direction of a light that the user drags, and send it to the panel."""
         assert self.view is not None
         values = {f"lamps.{lamp}.azimuth": azimuth, f"lamps.{lamp}.elevation": elevation}
         for name, value in values.items():
             self.view = self.view.with_value(name, value)
-        self._outbox.say(type="values", values=values)
+        self._outbox.send_message(type="values", values=values)
         self.refresh()
 
     def light(self, look: str) -> None:
-        """Light the scene by one of `staging.LOOKS`, or by its own lights."""
+        """Set the lights to one of `auto_view.LOOKS`, or to those of the scene."""
         shared, view = self._shared, self.view
         if shared.scene is None or view is None or look == CHANGED:
             return
@@ -130,38 +130,38 @@ class Display:
             self.change(view.lit_by(lights, shared.up, shared.settings.integrator), True)
 
     def change_output(self, name: str, value: Any) -> None:
-        """Take a new option of saved pictures and films."""
+        """Set an option of saved images and films."""
         self.output = self.output._replace(**{name: value})
 
     def follow(self) -> None:
-        """Take what has changed in the shared scene."""
+        """Update from the shared scene."""
         self._report_problem()
-        version = self._shared.version  # first: a scene that is newer than its version is taken again
+        version = self._shared.version  # read first: a scene newer than its version is processed twice, never missed
         scene, sketch = self._shared.scene, self._shared.sketch
         if version != self._version and ((scene is not None and scene.models) or sketch is not None):
             self._version = version
             begins = self.camera is None or (self._sketched and self._at_home)
             self._sketched = scene is None
             if scene is not None:
-                self._take(scene)
+                self._set_scene(scene)
             elif sketch is not None:
                 self._outbox.place(sketch, self._shared.up)
             if begins and self.size is not None:
                 self.go("home", animate=False)
         self.refresh()
 
-    def explain(self, request: FrameRequest, shown: Attribute, image: str) -> None:
-        """Send the legend that was drawn for a request, if its view settings are still those shown."""
+    def show_legend(self, request: FrameRequest, shown: Attribute, image: str) -> None:
+        """Send the legend drawn for a request, unless the view settings have changed since."""
         if self.view is None or request.view is not self.view:
             return
         self._outbox.legend(image)
-        if self.view.low is None and shown.range is not None:  # a range that was found can be changed now
+        if self.view.low is None and shown.range is not None:  # the user can now change the range that was found
             self.view = replace(self.view, low=shown.range[0], high=shown.range[1])
             self.send_panel()
             self.refresh()
 
     def refresh(self) -> None:
-        """Have the picture drawn that is to be shown now; nothing happens if it is the one already asked for."""
+        """Request the image of the current state; an unchanged request has no effect."""
         if self.camera is None or self.size is None:
             return
         shared, sketch = self._shared, self._shared.sketch
@@ -170,12 +170,12 @@ class Display:
         elif sketch is not None:
             nothing, version = Scene(), shared.version
             self._painter.want(
-                FrameRequest(self.camera, SKETCHED, nothing, version, shared.up, False, self.time, sketch)
+                FrameRequest(self.camera, SKETCH_SETTINGS, nothing, version, shared.up, False, self.time, sketch)
             )
 
     def request(self) -> FrameRequest:
-        """The description of the picture to show: there are a camera, view settings and a scene."""
-        shared, version = self._shared, self._shared.version  # first: a newer scene is asked for again
+        """Return the request for the current image. Requires a camera, view settings and a scene."""
+        shared, version = self._shared, self._shared.version  # version first: a newer scene is requested again
         assert self.camera is not None and self.view is not None and shared.scene is not None
         built = not shared.is_building
         bakes = not shared.is_coarse
@@ -184,15 +184,15 @@ class Display:
         return FrameRequest(*seen, built, self.time, bakes=bakes, scan=scan)
 
     def control(self, name: str) -> Control:
-        """The panel's control of this name; ValueError if there is none."""
+        """Return the panel's control of this name; raise ValueError if there is none."""
         for folder in self._folders():
             for control in folder.controls:
                 if control.name == name:
                     return control
-        raise ValueError(f"there is no control {name!r:.60}")
+        raise ValueError(f"unknown control {name!r:.60}")
 
     def send_panel(self) -> None:
-        """Send the panel, if it has changed."""
+        """Send the panel if it has changed."""
         self._outbox.panel(self._folders())
 
     def _folders(self) -> list[Folder]:
@@ -201,15 +201,15 @@ class Display:
         return folders(view, self._shared, self.output, None if self.view is None else scene)
 
     def _send_legend(self) -> None:
-        """Have the legend of the colours drawn, or tell the page that there is none."""
+        """Request the legend of the colours, or remove it from the page if colours need none."""
         assert self.view is not None
         if self.view.color_by in (OWN, CONSTANT) or self.view.material in ("mirror", "glass"):
             self._outbox.legend(None)
         else:
             self._lookups.legend(self.request())
 
-    def _take(self, scene: Scene) -> None:
-        """Take a new scene, or more of it."""
+    def _set_scene(self, scene: Scene) -> None:
+        """Show a new scene, or a newer version of it."""
         lights, around = scene.lights, (scene.shows_sky, None if scene.background is None else list(scene.background))
         if self.view is None:
             self.view = ViewSettings.of(self._shared, scene)
@@ -218,22 +218,22 @@ class Display:
             studio_lamps = lamps if self._shared.look == STUDIO else self.view.studio
             self.view = replace(self.view, lamps=lamps, studio=studio_lamps)
         if around != self._around:
-            self.view = self.view.before(scene)
+            self.view = self.view.with_background(scene)
         self._lights, self._around = lights, around
         self._outbox.place(scene, self._shared.up)
         self.send_panel()
         self._send_legend()
 
     def _report_problem(self) -> None:
-        """Tell the page why there is less to see than was asked for, once for each failure."""
+        """Send the latest problem to the page, once for each failure."""
         problem = self._shared.failures, self._shared.problem
         if problem != self._problem:
             self._problem = problem
             if problem[1]:
                 self._outbox.toast("error", problem[1], stay=True)
 
-    def _part_free(self) -> tuple[float, float, float, float]:
-        """The part of the view that the panel leaves free: left, top, right, bottom, shares."""
+    def _free_share(self) -> tuple[float, float, float, float]:
+        """Return the part of the view not covered by the panel: left, top, right, bottom, as fractions of the view."""
         width, height = self.size or (1, 1)
         left, top, right, bottom = self._free
         return left / width, top / height, right / width, bottom / height

@@ -1,4 +1,4 @@
-"""What users save from the viewer: pictures and films as files, the camera as a command or as Python."""
+"""What users save from the viewer: images and films as files, the view as a command or as Python."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from .view_settings import CONSTANT, OWN, ViewSettings
 
 log = logging.getLogger("pointray.view")
 
-SAMPLES = 4  # of `Model`, the default
+SAMPLES = 4  # default of `Model`
 MIME = {"png": "image/png", "jpg": "image/jpeg", "exr": "image/x-exr", "mp4": "video/mp4"}
 
 
@@ -50,14 +50,14 @@ class StoppedError(Exception):
 
 
 class Exports:
-    """The exports of one browser, one at a time, in the background.
+    """Exports of one browser, one at a time, in the background.
 
     Parameters
     ----------
     outbox : Outbox
-        The outbox of the page that they are for.
+        Messages to the page.
     light_of : callable
-        The fine light of a scene, if it is baked already.
+        Returns the fine light of a scene, or None if it is not baked yet.
     """
 
     def __init__(self, outbox: Outbox, light_of: Callable[[Scene], Baked | None]) -> None:
@@ -70,13 +70,13 @@ class Exports:
         if name == "copy.command":
             source = shared.source if self._outbox.is_local else Path(shared.source).name
             text = _command(request, output, source, shared.build)
-            self._outbox.say(type="copy", text=text, title="View and lights as a command")
+            self._outbox.send_message(type="copy", text=text, title="View and lights as command")
             return
         if name == "copy.python":
-            self._outbox.say(type="copy", text=_python(request, output), title="Camera as Python")
+            self._outbox.send_message(type="copy", text=_python(request, output), title="Camera as Python")
             return
         if not self.has_ended:
-            self._outbox.toast("warning", "one is being made: wait for it, or stop it")
+            self._outbox.toast("warning", "an export is in progress: wait for it or stop it")
             return
         self._stop.clear()
         work = self._film if name == "save.film" else self._picture
@@ -91,7 +91,7 @@ class Exports:
 
     @property
     def has_ended(self) -> bool:
-        """Whether none is in progress."""
+        """Whether no export is in progress."""
         return self._thread is None or not self._thread.is_alive()
 
     def _run(self, work: Callable[..., None], request: FrameRequest, output: Output, stem: str) -> None:
@@ -103,12 +103,12 @@ class Exports:
         except (OSError, ValueError) as error:
             self._outbox.toast("error", str(error))
         except Exception as error:
-            log.exception("while saving")
+            log.exception("error while saving")
             self._outbox.toast("error", f"{type(error).__name__}: {error}")
         self._outbox.progress(Progress())
 
     def _picture(self, request: FrameRequest, output: Output, folder: Path, stem: str) -> None:
-        """Render and send one picture."""
+        """Render and send an image."""
         path = folder / f"{stem}.{output.format}"
         check_image_path(path)
         settings = replace(request.view.settings(output.samples), denoise=output.denoise)
@@ -116,18 +116,18 @@ class Exports:
         scene = request.view.apply(request.scene, request.up)
         check_picture(camera.size, picture_bytes(settings, written=SHOWN_BYTES))
         self._light(scene, request.scene, settings)
-        image = render(scene, camera, settings, lambda share: self._tell("picture", share))
+        image = render(scene, camera, settings, lambda share: self._report_progress("picture", share))
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
         backdrop = None if output.format == "exr" else request.view.behind
         tone = request.view.tone(image)
         shadow = None if backdrop is None else self._shadow(request, scene)
         image = image if shadow is None else shadow.put_under(image, camera)
         write_image(path, image, *tone, legend, backdrop)
-        del image  # the file to send needs the memory
-        self._give(path)
+        del image  # frees memory for sending the file
+        self._publish(path)
 
     def _film(self, request: FrameRequest, output: Output, folder: Path, stem: str) -> None:
-        """Render and send a turntable."""
+        """Render and send a turntable film."""
         path = folder / f"{stem}.mp4"
         check_mp4(path)
         settings = replace(request.view.settings(output.samples), denoise=output.denoise)
@@ -140,42 +140,44 @@ class Exports:
         for k, camera in enumerate(turntable(replace(request.camera, up=request.up, size=size), count)):
 
             def tell(share: float, k: int = k) -> None:
-                self._tell("film", (k + share) / count)
+                self._report_progress("film", (k + share) / count)
 
             image = render(scene, camera, settings, tell)
-            self._tell("film", (k + 1) / count)
+            self._report_progress("film", (k + 1) / count)
             if k == 0:  # once for the whole film
                 stops, curve = request.view.tone(image)
                 shadow = self._shadow(request, scene)
             image = image if shadow is None else shadow.put_under(image, camera)
             frames.keep(k, image, stops, curve, request.view.behind)
         write_mp4(path, frames.pattern, count, output.fps, size)
-        self._give(path)
+        self._publish(path)
 
     def _light(self, scene: Scene, shown: Scene, settings: Settings) -> None:
-        """Give a scene its baked light, if pictures need it: that of the shown one, the painter's, or new light."""
+        """Attach the baked light that images need: that of the shown scene, the painter's, or newly baked light."""
         if settings.integrator != "baked":
             return
-        own = shown.baked  # from a file, say
+        own = shown.baked  # such as from a file
         light = own if isinstance(own, Baked) and own.fits(scene) else self._light_of(scene)
-        scene.baked = light or bake(scene.copy(), BakeSettings(), lambda share: self._tell("baking light", share))
+        scene.baked = light or bake(
+            scene.copy(), BakeSettings(), lambda share: self._report_progress("baking light", share)
+        )
 
     def _shadow(self, request: FrameRequest, scene: Scene) -> ContactShadow | None:
         return self._contacts.of(request.scan, (scene, request.version), request.view)
 
-    def _tell(self, stage: str, share: float) -> None:
+    def _report_progress(self, stage: str, share: float) -> None:
         if self._stop.is_set():
             raise StoppedError
         self._outbox.progress(Progress(stage, share, self._time_left(stage, share)))
 
-    def _give(self, path: Path) -> None:
+    def _publish(self, path: Path) -> None:
         self._outbox.file(path, MIME[path.suffix[1:]])
 
 
 def _command(request: FrameRequest, output: Output, source: str, build: Build | None = None) -> str:
-    """A command line that renders the view, as far as the command line has options for it.
+    """Return a command line that renders the view, as far as options exist for it.
 
-    build : how its models are built; None: as the command line does without options
+    build : how the models are built; None: with the command line's defaults
     """
     camera, view = request.camera, request.view
     words = ["pointray", "render", source, "-o", f"picture.{output.format}"]
@@ -183,15 +185,15 @@ def _command(request: FrameRequest, output: Output, source: str, build: Build | 
     words += ["--fov", f"{camera.fov:.6g}", "--size", f"{output.width}x{output.height}"]
     words += [] if camera.projection == "perspective" else ["--projection", camera.projection]
     words += ["--integrator", view.integrator, "--spp", str(output.samples)]
-    words += ["--exposure", "auto" if view.chooses else f"{view.exposure:g}"]
+    words += ["--exposure", "auto" if view.auto_exposed else f"{view.exposure:g}"]
     words += [] if view.levels else ["--no-levels"]
     is_scan = not source.endswith(".toml")
     if view.integrator in ("phong", "baked") and (is_scan or view.backfaces != view.base.backfaces):
         words += ["--backfaces", view.backfaces]
     if is_scan:
-        words += _light_words(view, request.up)
+        words += _light_options(view, request.up)
         words += [] if view.contact_shadow else ["--no-contact-shadow"]
-        words += [] if build is None or source.endswith(SAVED) else _surface_words(build, request.scene.models)
+        words += [] if build is None or source.endswith(SAVED) else _surface_options(build, request.scene.models)
         words += ["--ground"] if view.ground else []
         color = _commas(srgb_to_linear(np.array(view.backdrop)))
         words += ["--background", {"sky": "sky", "gradient": "auto"}.get(view.around, color)]
@@ -200,19 +202,19 @@ def _command(request: FrameRequest, output: Output, source: str, build: Build | 
     return shlex.join(words)
 
 
-def _surface_words(build: Build, models: Sequence[Model]) -> list[str]:
-    """The surface as options, where it is not the default one. models : as they were built"""
-    usual, words = Build(SURFACE, SAMPLES), []
+def _surface_options(build: Build, models: Sequence[Model]) -> list[str]:
+    """Return the options of the surface that differ from the defaults. models : as they were built"""
+    defaults, words = Build(SURFACE, SAMPLES), []
     for name in ("surface", "samples", "radius_scale", "scatter", "scatter_size"):
         value = getattr(build, name)
-        if value != getattr(usual, name):
+        if value != getattr(defaults, name):
             words += [f"--{name.replace('_', '-')}", f"{value:g}" if isinstance(value, float) else str(value)]
     smooth = next((model.smooth for model in models), AUTO)
     return words if smooth == AUTO else [*words, "--smooth", f"{smooth:.9g}"]
 
 
-def _light_words(view: ViewSettings, up: Vector) -> list[str]:
-    """The lights as options; a studio whose light is baked is the default."""
+def _light_options(view: ViewSettings, up: Vector) -> list[str]:
+    """Return the lights as options; none for a studio with baked light, the default."""
     lights = view.lights(up)
     if not lights:
         return ["--light", HEADLIGHT]
@@ -224,7 +226,7 @@ def _light_words(view: ViewSettings, up: Vector) -> list[str]:
 
 
 def _light_text(light: Any) -> str:
-    """A light as the command line takes it: one strength, a sun or a point light; it has no options for others."""
+    """Return a light as an option's value; an empty text for lights that the command line does not support."""
     if isinstance(light, SunLight):
         along = ",camera" if light.camera else ""
         return f"sun:{_commas(light.direction)}:{float(np.max(light.irradiance)):.6g}{along}"
@@ -237,13 +239,13 @@ def _light_text(light: Any) -> str:
 
 
 def _python(request: FrameRequest, output: Output) -> str:
-    """Python code that renders the view of a scene."""
+    """Return Python code that renders the view of a scene."""
     camera, view = request.camera, request.view
     eye, target, up = (f"[{', '.join(repr(float(x)) for x in v)}]" for v in (camera.eye, camera.target, camera.up))
     size = output.width, output.height
     more = "" if view.levels else ", levels=False"
     more += "" if view.backfaces == SAME else f', backfaces="{view.backfaces}"'
-    exposure = '"auto"' if view.chooses else f"{view.exposure}"
+    exposure = '"auto"' if view.auto_exposed else f"{view.exposure}"
     projection = "" if camera.projection == "perspective" else f', projection="{camera.projection}"'
     return (
         f"camera = pr.Camera.look_at({eye}, {target}, {up}, fov={camera.fov:.6g}, size={size}{projection})\n"

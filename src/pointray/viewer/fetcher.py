@@ -1,4 +1,4 @@
-"""Opens parts of large models for the pictures of one browser, which show coarser levels until then."""
+"""Opens parts of large models for the images of one browser, which show coarser levels until then."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 from ..model.model import Model
-from .thread_priority import PARTS, yield_to_others
+from .thread_priority import PARTS, lower_priority
 
 log = logging.getLogger("pointray.view")
 
-BETWEEN = 0.2  # seconds between two pictures that show what has been opened
+REDRAW_INTERVAL = 0.2  # seconds between two images that show newly opened parts
 
 
 class Fetcher:
-    """A `rendering.lod.Fetch`: opens files in a thread of its own, in the order in which pictures want them.
+    """A `rendering.lod.Fetch` that opens files in its own thread, in the order in which images need them.
 
-    It opens no more than fits into the budget of a model; what was opened for earlier pictures makes room for it.
+    It opens no more than fits into the memory budget of a model, evicting what earlier images needed.
 
     Parameters
     ----------
     redraw : callable
-        Called when more is open than the last picture could show.
+        Called when more is open than the last image could show.
     fail : callable
-        Takes the reason why a file cannot be opened, once for each file.
+        Called with the reason why a file cannot be opened, once for each file.
     """
 
     def __init__(self, redraw: Callable[[], None], fail: Callable[[str], None]) -> None:
@@ -36,13 +36,13 @@ class Fetcher:
         self._failed: set[Model] = set()
         self._open = True
         self._thread: threading.Thread | None = None
-        self._is_new = False  # whether something has been opened since the last redrawing
+        self._is_new = False  # whether parts were opened since the last redraw
         self._drawn = 0.0
 
     def want(self, models: list[Model]) -> None:
         """See `Fetch.want`."""
-        fitting = list(_fitting([model for model in models if model not in self._failed]))
-        for model in reversed(fitting):  # what is wanted is not let go, the first of it last of all
+        fitting = list(_within_budget([model for model in models if model not in self._failed]))
+        for model in reversed(fitting):  # marks them as recently used, the first one last
             if model.source is not None:
                 model.source.find()
         with self._changed:
@@ -66,19 +66,19 @@ class Fetcher:
         return True
 
     def close(self) -> None:
-        """Open nothing more, and forget what was wanted."""
+        """Stop opening files, and drop references to models."""
         with self._changed:
             self._open, self._wanted, self._failed = False, [], set()
             self._changed.notify_all()
 
     @property
     def has_ended(self) -> bool:
-        """Whether nothing is opened any more, after `close`."""
+        """Whether the thread has ended after `close`."""
         return self._thread is None or not self._thread.is_alive()
 
     def _run(self) -> None:
         with suppress(OSError):
-            yield_to_others(PARTS)
+            lower_priority(PARTS)
         while True:
             with self._changed:
                 model = self._next()
@@ -91,27 +91,27 @@ class Fetcher:
             try:
                 self._is_new |= self.open(model)
             except Exception as error:
-                log.exception("while opening a part")
+                log.exception("error while opening a part")
                 self._failed.add(model)
                 self._fail(f"{type(error).__name__}: {error}")
             with self._changed:
                 is_last = self._next() is None
-            if self._is_new and (is_last or time.monotonic() - self._drawn > BETWEEN):
+            if self._is_new and (is_last or time.monotonic() - self._drawn > REDRAW_INTERVAL):
                 self._is_new, self._drawn = False, time.monotonic()
                 self._redraw()
 
     def _next(self) -> Model | None:
-        """The first of what is wanted that is not open."""
+        """Return the first requested model that is not open."""
         for model in self._wanted:
             if model not in self._failed and model.source is not None and not model.source.is_open:
                 return model
         return None
 
 
-def _fitting(models: list[Model]) -> Iterator[Model]:
-    """Those of some parts and levels of detail that fit into their models' budgets, see `Fetch.want`."""
+def _within_budget(models: list[Model]) -> Iterator[Model]:
+    """Yield the requested parts and levels of detail that fit into their models' budgets, see `Fetch.want`."""
     left: dict[int, int] = {}
-    finest: dict[tuple[int, int], int] = {}  # of what fits, by model and part
+    finest: dict[tuple[int, int], int] = {}  # finest level that fits, by model and part
     for model in models:
         source = model.source
         if source is None:

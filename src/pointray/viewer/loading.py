@@ -1,4 +1,4 @@
-"""From files to a scene that is shown while it loads: a coarse version, then all points, then levels of detail."""
+"""Loads files into a scene that is shown meanwhile: a coarse version, then all points, then levels of detail."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from ..shade.materials.diffuse import Diffuse
 from ..surface.splats.radii import radii_in
 from .shared_scene import SharedScene
 from .sketch import Sketch
-from .thread_priority import LEVELS, yielding
+from .thread_priority import LEVELS, run_niced
 
-COARSE = 60_000  # points of the coarse version: built in some 0.3 s
-WORTH = 4 * COARSE  # points from which a coarse version is worth building
+COARSE = 60_000  # points of the coarse version, built in about 0.3 s
+LARGE_FROM = 4 * COARSE  # points above which a coarse version is built
 
 
 @dataclass(frozen=True)
-class Files:
-    """Scans, which are one cloud, and saved models beside it, in one scene: a `shared_scene.Loader`.
+class FileLoader:
+    """A `shared_scene.Loader` of scans, which form one cloud, and of saved models, in one scene.
 
     Parameters
     ----------
@@ -46,27 +46,27 @@ class Files:
         surface, samples, radius_scale and smooth, as `Model` takes them.
     choice : ViewChoice
         How to view the scans.
-    furnish : callable
-        Adds lights and the like to a scene that has its models; returns its up direction.
+    set_up_scene : callable
+        Adds lights, ground and background to a scene with its models; returns the up direction.
     leveled : bool
         Whether large scans get levels of detail.
     normals : {"auto", "file", "fit"}
-        Whether normals are the file's or fitted.
+        Whether to use the file's normals or to fit them.
     light : callable, optional
-        Makes the baked light of a scene, which is shown only with it; its second argument is `SharedScene.say`.
+        Returns the baked light of a scene, which is shown only with it; its second argument is `SharedScene.report`.
     reading : dict
         Arguments of `read` for the scans.
     entry : Entry, optional
-        The place of the scans' model in the cache, from which it comes, or where it is kept when all is shown.
+        Cache entry of the scans' model, from which it is loaded, or in which it is stored at the end.
     drop_strays : bool
-        Whether strays of the scans are left out.
+        Whether to remove strays from the scans.
     memory : int, optional
-        Bytes of a model in parts that stay open, see `Model.load`.
+        Memory budget in bytes of the open parts of a model, see `Model.load`.
     """
 
     paths: Sequence[Path]
     surface: dict[str, Any]
-    furnish: Callable[[Scene], tuple[float, float, float]]
+    set_up_scene: Callable[[Scene], tuple[float, float, float]]
     leveled: bool = True
     normals: str = "auto"
     choice: ViewChoice = ViewChoice()
@@ -78,7 +78,7 @@ class Files:
 
     @property
     def _groups(self) -> list[list[Path]]:
-        """The files of each model: all scans together, and each saved model by itself."""
+        """Files of each model: all scans together, and each saved model by itself."""
         scans = [path for path in self.paths if path.suffix.lower() != SAVED]
         return [*([scans] if scans else []), *([path] for path in self.paths if path not in scans)]
 
@@ -86,19 +86,19 @@ class Files:
         notes: list[str] = []
         clouds = [self._read(group, shared) for group in self._groups]
         found = bool(self.entry) and isinstance(clouds[0], Model)
-        few = [self._some(cloud, k) for k, cloud in enumerate(clouds)]
-        self._prepare(clouds, few, shared)
+        samples = [self._sample(cloud, k) for k, cloud in enumerate(clouds)]
+        self._prepare(clouds, samples, shared)
         large = [_is_large(cloud) for cloud in clouds]
         if any(large) and self.light is None:
-            shared.say("building a coarse version", None)
-            # From here on small scans are models, which are not built again.
-            clouds = [c if _is_large(c) else self._whole(c, k, shared, notes) for k, c in enumerate(clouds)]
-            pairs = enumerate(zip(clouds, few, strict=True))
-            coarse = [c if isinstance(c, Model) else self._coarse(some, k) for k, (c, some) in pairs]
+            shared.report("building a coarse version", None)
+            # Small scans are built here and not again below.
+            clouds = [c if _is_large(c) else self._build_model(c, k, shared, notes) for k, c in enumerate(clouds)]
+            pairs = enumerate(zip(clouds, samples, strict=True))
+            coarse = [c if isinstance(c, Model) else self._coarse(sample, k) for k, (c, sample) in pairs]
             self._show(coarse, shared, coarse=True)
-        models = [self._whole(cloud, k, shared, notes) for k, cloud in enumerate(clouds)]
-        if found and self.leveled and not models[0].levels and len(models[0].points) > WORTH:
-            large[0], found = True, False  # it was kept by a command that needs no levels
+        models = [self._build_model(cloud, k, shared, notes) for k, cloud in enumerate(clouds)]
+        if found and self.leveled and not models[0].levels and len(models[0].points) > LARGE_FROM:
+            large[0], found = True, False  # stored by a command that needs no levels
         without_levels = [
             model
             for model, is_large in zip(models, large, strict=True)
@@ -107,54 +107,56 @@ class Files:
         if without_levels and self.light is None:
             self._show(models, shared)
         for model in without_levels:
-            yielding(LEVELS, partial(model.make_levels, lambda stage, share: shared.say(f"building: {stage}", share)))
-        self._show(models, shared)  # again: an attribute's colours take the levels into account too
+            run_niced(
+                LEVELS, partial(model.make_levels, lambda stage, share: shared.report(f"building: {stage}", share))
+            )
+        self._show(models, shared)  # again: the range of an attribute's colours includes the levels
         if self.entry is not None and not found:
-            yielding(LEVELS, partial(self.entry.store, models[0], notes))
+            run_niced(LEVELS, partial(self.entry.store, models[0], notes))
 
     def _show(self, models: Sequence[Model], shared: SharedScene, coarse: bool = False) -> None:
-        """Replace what is shown by models, as soon as their pictures can be drawn."""
+        """Show models as soon as the kernels that draw them are compiled."""
         scene = self._scene(models, shared)
         if self.light is not None:
-            scene.baked = self.light(scene, shared.say)
+            scene.baked = self.light(scene, shared.report)
         first = self._first(shared)
         if not is_warm(first):
-            shared.say("", None)
+            shared.report("", None)
             wait_until_warm(first)
         shared.show(scene, coarse=coarse)
 
     def _first(self, shared: SharedScene) -> Settings:
-        """Settings of the first pictures: they have direct light, unless baked light comes with the scene."""
+        """Return settings of the first images: with direct light, unless the scene comes with baked light."""
         return shared.settings if self.light is not None else with_direct_light(shared.settings)
 
-    def _prepare(self, clouds: Sequence[Points | Model], few: Sequence[Points], shared: SharedScene) -> None:
-        """Announce the kernels that will be needed; show a sketch while pictures cannot be drawn yet."""
-        if any(some.normals is None for some in few):
+    def _prepare(self, clouds: Sequence[Points | Model], samples: Sequence[Points], shared: SharedScene) -> None:
+        """Announce the kernels that will be needed; show a sketch while they are not compiled."""
+        if any(sample.normals is None for sample in samples):
             expect(NORMALS)
         if not is_warm(self._first(shared)):
-            sketch = Sketch(few, [len(_points(cloud)) for cloud in clouds])
-            shared.outline(sketch, Scan(sketch.points, self.choice).up)
+            sketch = Sketch(samples, [len(_points(cloud)) for cloud in clouds])
+            shared.show_sketch(sketch, Scan(sketch.points, self.choice).up)
 
     def _read(self, files: list[Path], shared: SharedScene) -> Points | Model:
         stage = f"reading {files[0].name if len(files) == 1 else f'{len(files):,} files'}"
-        shared.say(stage, None)
+        shared.report(stage, None)
         if files[0].suffix.lower() == SAVED:
             return Model.load(files[0], memory=self.memory)
         known = None if self.entry is None else self.entry.load()
         if known is not None:
             known.levels = known.levels if self.leveled else ()
             return known
-        points = read(files, progress=partial(shared.say, stage), **self.reading)
+        points = read(files, progress=partial(shared.report, stage), **self.reading)
         if self.drop_strays:
-            points = without_strays(points, files[0].name, progress=partial(shared.say, "looking for strays"))
-        with _named(files):
+            points = without_strays(points, files[0].name, progress=partial(shared.report, "finding strays"))
+        with _with_file_name(files):
             check_normals_choice(points, self.normals)
         return points
 
-    def _some(self, cloud: Points | Model, number: int) -> Points:
-        """A limited number of the points, without normals if those are unwanted or, by this sample, wrong."""
+    def _sample(self, cloud: Points | Model, number: int) -> Points:
+        """Return at most COARSE points of a scan, without normals if those are unwanted or, in this sample, wrong."""
         points = _points(cloud)
-        if isinstance(cloud, Model) and cloud.parts:  # reading all of them would take long
+        if isinstance(cloud, Model) and cloud.parts:  # reading all points would take long
             return points.select(spread_rows(len(points), COARSE))
         if len(points) > COARSE:
             rows = np.flatnonzero(points.finite)
@@ -162,36 +164,36 @@ class Files:
             points = points.select(np.sort(rows))
         if isinstance(cloud, Model):
             return points
-        with _named(self._groups[number]), heard():  # warnings are given for all points later
+        with _with_file_name(self._groups[number]), heard():  # warnings follow when all points are processed
             points, wrong = judged(points, self.normals)
         return points.with_normals(None) if wrong else points
 
-    def _coarse(self, some: Points, number: int) -> Model:
-        with _named(self._groups[number]), heard():
-            return Model(some, **self.surface)
+    def _coarse(self, sample: Points, number: int) -> Model:
+        with _with_file_name(self._groups[number]), heard():
+            return Model(sample, **self.surface)
 
-    def _whole(self, cloud: Points | Model, number: int, shared: SharedScene, notes: list[str]) -> Model:
+    def _build_model(self, cloud: Points | Model, number: int, shared: SharedScene, notes: list[str]) -> Model:
         if isinstance(cloud, Model):
             return cloud
 
-        def say(stage: str, share: float) -> None:
-            shared.say(f"building: {stage}", share)
+        def report(stage: str, share: float) -> None:
+            shared.report(f"building: {stage}", share)
 
         def build() -> Model:
             points, wrong = judged(cloud, self.normals)
-            points = replaced(points, partial(say, "normals")) if wrong else points
-            return Model(points, radii_in(points), **self.surface, progress=say)
+            points = replaced(points, partial(report, "normals")) if wrong else points
+            return Model(points, radii_in(points), **self.surface, progress=report)
 
-        with _named(self._groups[number]):
-            model, said = built(build)
-        notes += said
+        with _with_file_name(self._groups[number]):
+            model, new_notes = built(build)
+        notes += new_notes
         return model
 
     def _scene(self, models: Sequence[Model], shared: SharedScene) -> Scene:
         scene = Scene()
         for model in models:
             scene.add(model, material=None if model.points.colors is not None else Diffuse(CLAY))
-        shared.up = self.furnish(scene)
+        shared.up = self.set_up_scene(scene)
         return scene
 
 
@@ -200,12 +202,12 @@ def _points(cloud: Points | Model) -> Points:
 
 
 def _is_large(cloud: Points | Model) -> bool:
-    return isinstance(cloud, Points) and len(cloud) > WORTH
+    return isinstance(cloud, Points) and len(cloud) > LARGE_FROM
 
 
 @contextmanager
-def _named(files: Sequence[Path]) -> Iterator[None]:
-    """Add the file, if it is one, to the errors of a scan."""
+def _with_file_name(files: Sequence[Path]) -> Iterator[None]:
+    """Prepend the name of the file, or the number of files, to errors of a scan."""
     try:
         yield
     except ValueError as error:
@@ -213,12 +215,12 @@ def _named(files: Sequence[Path]) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Described:
-    """Loads the scene of a scene file: a `shared_scene.Loader`."""
+class SceneFileLoader:
+    """A `shared_scene.Loader` of a scene file."""
 
     plan: Plan
 
     def __call__(self, shared: SharedScene) -> None:
-        made = self.plan.build(shared.say)
+        made = self.plan.build(shared.report)
         shared.exposure, shared.curve = float(made.exposure), made.curve
         shared.show(made.scene, made.camera)

@@ -1,4 +1,4 @@
-"""Messages of page and server. Messages from pages are not trusted: ValueError for nonsense."""
+"""Messages between page and server. Those of pages are not trusted: invalid ones raise ValueError."""
 
 from __future__ import annotations
 
@@ -10,30 +10,30 @@ from typing import Any
 from ..base.arguments import check_number
 from ..rendering.camera import Camera
 
-WIDEST = 3840  # pixels: limit of a view
+WIDEST = 3840  # pixels, largest width or height of a view
 
 
 def parse(text: str) -> dict[str, Any]:
-    """Parse a message: an object with a type."""
+    """Parse a message: a JSON object with a type."""
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):
-        raise ValueError("no JSON") from None
+        raise ValueError("not valid JSON") from None
     if not isinstance(message, dict) or not isinstance(message.get("type"), str):
-        raise ValueError("no object with a type")
+        raise ValueError("expected an object with a type")
     return message
 
 
 def number(message: dict[str, Any], name: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """A finite number within limits."""
+    """Return a finite number within limits."""
     value = check_number(message.get(name), name, "a number")
     if not low <= value <= high:
         raise ValueError(f"{name} must lie between {low:g} and {high:g}, not {value!r:.40}")
     return value
 
 
-def word(message: dict[str, Any], name: str) -> str:
-    """A short text."""
+def short_text(message: dict[str, Any], name: str) -> str:
+    """Return a text of at most 100 characters."""
     value = message.get(name)
     if not isinstance(value, str) or len(value) > 100:
         raise ValueError(f"{name} must be a short text")
@@ -41,14 +41,14 @@ def word(message: dict[str, Any], name: str) -> str:
 
 
 def size_of(message: dict[str, Any]) -> tuple[int, int]:
-    """The size of a view, pixels."""
+    """Return the size of a view in pixels."""
     width, height = (int(number(message, name, 1, 1e6)) for name in ("width", "height"))
     over = max(width, height) / WIDEST
     return (max(1, int(width / over)), max(1, int(height / over))) if over > 1 else (width, height)
 
 
 def free_of(message: dict[str, Any]) -> tuple[int, int, int, int]:
-    """The part of a view that the panel leaves free: left, top, right, bottom, pixels of `size_of`; by default all."""
+    """Return the part of a view not covered by the panel: left, top, right, bottom in pixels; default: all."""
     width, height = size_of(message)
     if "free" not in message:
         return 0, 0, width, height
@@ -67,7 +67,7 @@ def free_of(message: dict[str, Any]) -> tuple[int, int, int, int]:
 
 
 def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
-    """The camera in a page's message, for a picture of a given size."""
+    """Return the camera of a page's message, for an image of a given size."""
     vectors = {name: message.get(name) for name in ("eye", "target", "up")}
     projection = "orthographic" if message.get("orthographic") is True else "perspective"
     fov = number(message, "fov", 0.01, 179)
@@ -75,12 +75,12 @@ def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
 
 
 def describe(camera: Camera) -> dict[str, Any]:
-    """A camera in the form that pages use."""
+    """Return a camera in the form that pages use."""
     fields = {"eye": list(camera.eye), "target": list(camera.target), "up": list(camera.up), "fov": camera.fov}
     return {**fields, "orthographic": camera.projection == "orthographic"}
 
 
-def packed(header: dict[str, Any], payload: bytes = b"") -> bytes:
-    """A binary message: the header's length, the header, and the payload, or the part of it that exists so far."""
+def pack(header: dict[str, Any], payload: bytes = b"") -> bytes:
+    """Pack a binary message: length of the header, header, and payload or the part of it available now."""
     text = json.dumps(header).encode()
     return struct.pack("<I", len(text)) + text + payload

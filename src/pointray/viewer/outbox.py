@@ -1,4 +1,4 @@
-"""Messages to a page, in the terms of the protocol (`docs/viewer.md`)."""
+"""Messages to a page, as defined by the protocol (`docs/viewer.md`)."""
 
 from __future__ import annotations
 
@@ -23,109 +23,109 @@ from ..scene.scene import Scene
 from ..shade.attributes import Attribute
 from .connection import Link
 from .controls import Folder
-from .messages import describe, packed
+from .messages import describe, pack
 from .painter import Frame
 from .pick import Found
 from .shared_scene import Progress
 from .sketch import Sketch
 
-STATUS = 0.25  # seconds between two statistics
+STATUS_INTERVAL = 0.25  # seconds between two messages with statistics
 LEGEND = (600, 220)  # pixels
-REPEAT = 2.0  # seconds in which the same toast is not repeated
-# Folders before a file name: in an absolute path up to its last slash, spaces or not; in others without spaces.
+REPEAT_INTERVAL = 2.0  # seconds in which the same toast is not repeated
+# Folders before a file name: in an absolute path up to its last slash, with spaces; in a relative path without spaces.
 FOLDERS = re.compile(r"""((?<![^\s'"(])([A-Za-z]:)?[/\\][^:'"\n]*|[^\s:'"]*)[/\\](?=[^\s/\\])""")
 
 
 class Outbox:
-    """Sends messages to the page at the other end of a link; any thread may call it."""
+    """Sends messages to the page at the other end of a link. Thread-safe."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
         self._status_at = 0.0
-        self._toasts: dict[str, float] = {}  # the toasts of the last seconds, and their times
+        self._toasts: dict[str, float] = {}  # recent toasts and their times
         self._described: list[dict[str, Any]] = []
 
     @property
     def is_local(self) -> bool:
-        """Whether the page is on this machine: only such a page is told where files are."""
+        """Whether the page is on this machine; only then do messages contain folders of files."""
         return self._link.is_local
 
-    def say(self, **message: Any) -> None:
+    def send_message(self, **message: Any) -> None:
         """Send a message unchanged."""
         self._link.send(json.dumps(message))
 
     def hello(self, title: str) -> None:
-        self.say(type="hello", title=title, version=__version__)
+        self.send_message(type="hello", title=title, version=__version__)
 
     def place(self, seen: Scene | Sketch, up: Sequence[float]) -> None:
-        """Send the bounds of the scene, or of the sketch in its place."""
+        """Send the bounds of the scene, or of the sketch that replaces it."""
         if isinstance(seen, Sketch):
             bounds, clouds = seen.points.bounds, [seen.points]
         else:
             bounds, clouds = seen.bounds, [model.points for model in seen.models]
-        self.say(type="place", bounds=bounds.tolist(), up=list(up), north=north_of(clouds, up))
+        self.send_message(type="place", bounds=bounds.tolist(), up=list(up), north=north_of(clouds, up))
 
     def go(self, camera: Camera, animate: bool) -> None:
         """Move the page's camera."""
-        self.say(type="camera", **describe(camera), animate=animate)
+        self.send_message(type="camera", **describe(camera), animate=animate)
 
     def panel(self, folders: Sequence[Folder]) -> None:
-        """Send the panel if it has changed: a new one would be rebuilt under the user's hand."""
+        """Send the panel if it has changed: a new one is rebuilt, which would interrupt the user."""
         described = [folder.describe() for folder in folders]
         if described != self._described:
             self._described = described
-            self.say(type="panel", folders=described)
+            self.send_message(type="panel", folders=described)
 
     def progress(self, progress: Progress) -> None:
-        self.say(type="progress", stage=progress.stage, share=progress.share, seconds=progress.seconds)
+        self.send_message(type="progress", stage=progress.stage, share=progress.share, seconds=progress.seconds)
 
     def toast(self, level: str, text: str, stay: bool = False) -> None:
-        """Show a text that goes and is not repeated at once, or one that stays. level : "info", "warning", "error"."""
+        """Show a text for a while, or permanently; drop repetitions within 2 s. level : info, warning or error"""
         now = time.monotonic()
-        self._toasts = {said: at for said, at in self._toasts.items() if now - at < REPEAT}
+        self._toasts = {said: at for said, at in self._toasts.items() if now - at < REPEAT_INTERVAL}
         if not stay and text in self._toasts:
             return
         self._toasts[text] = now
-        self.say(type="toast", level=level, text=text if self.is_local else FOLDERS.sub("", text), stay=stay)
+        self.send_message(type="toast", level=level, text=text if self.is_local else FOLDERS.sub("", text), stay=stay)
 
     def found(self, found: Found, first: NDArray[np.float64] | None) -> None:
-        """Send what is under the mouse, and its distance from the point found first, if there is one."""
+        """Send the point under the mouse, and its distance from `first`, the point found before, if given."""
         position = found.position.tolist()
-        self.say(type="picked", lines=found.lines, position=position, second=first is not None)
+        self.send_message(type="picked", lines=found.lines, position=position, second=first is not None)
         if first is not None:
             difference = found.position - first
             parts = [f"d{axis} {part:.6g}" for axis, part in zip("xyz", difference.tolist(), strict=True)]
             said = {"from": first.tolist(), "to": position, "text": f"{np.linalg.norm(difference):.6g}", "parts": parts}
-            self.say(**{"type": "measured", **said})
+            self.send_message(**{"type": "measured", **said})
 
     def legend(self, image: str | None) -> None:
-        """Send the legend of the colours, see `legend_of`; None: no legend."""
-        self.say(type="legend", image=image)
+        """Send the legend of the colours, see `legend_of`; None removes it."""
+        self.send_message(type="legend", image=image)
 
     def file(self, path: Path, mime: str) -> None:
-        """Send a file for the page to save; returns when it is sent, or the page has gone."""
-        self._link.send_file(packed({"type": "file", "name": path.name, "mime": mime}), path)
+        """Send a file for the page to save; return when it is sent or the page has disconnected."""
+        self._link.send_file(pack({"type": "file", "name": path.name, "mime": mime}), path)
 
     def frame(self, frame: Frame, rate: float) -> None:
-        """Send a picture, and now and then the statistics. rate : frames a second."""
+        """Send an image, and regularly the statistics. rate : frames a second"""
         width, height = frame.size
         header = {"number": frame.number, "camera": describe(frame.request.camera), "time": frame.request.time}
         header |= {"width": width, "height": height, "stage": frame.stage.name, "samples": frame.samples}
-        self._link.send(packed({"type": "frame", **header, "mime": "image/jpeg"}, frame.jpeg))
+        self._link.send(pack({"type": "frame", **header, "mime": "image/jpeg"}, frame.jpeg))
         now = time.perf_counter()
-        if now - self._status_at > STATUS or frame.samples == frame.request.view.samples:
+        if now - self._status_at > STATUS_INTERVAL or frame.samples == frame.request.view.samples:
             self._status_at = now
-            self.say(type="status", lines=_statistics(frame, rate))
+            self.send_message(type="status", lines=_statistics(frame, rate))
 
 
 def north_of(clouds: Sequence[Points], up: Sequence[float]) -> list[float] | None:
-    """The direction of north, if the scan is georeferenced: coordinates are far from zero, x is east, z is up."""
+    """Return the direction of north if the scan is georeferenced: coordinates far from zero, x east, z up."""
     far = any(points.origin.any() for points in clouds)
     return [0.0, 1.0, 0.0] if far and up[2] > 0.99 * float(np.linalg.norm(up)) else None
 
 
 def legend_of(attribute: Attribute) -> str:
-    """A picture of the legend, as a data URL."""
+    """Return an image of the legend as a data URL."""
     stream = io.BytesIO()
     Image.fromarray(draw_legend(np.zeros((*LEGEND, 4), np.uint8), attribute)).save(stream, "PNG")
     return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
@@ -134,10 +134,10 @@ def legend_of(attribute: Attribute) -> str:
 def _statistics(frame: Frame, rate: float) -> list[str]:
     sketch = frame.request.sketch
     if sketch is not None:
-        return [f"a sketch: {len(sketch.points):,} of {sketch.count:,} points"]
+        return [f"preview: {len(sketch.points):,} of {sketch.count:,} points"]
     models = frame.request.scene.models
     points = sum(len(model.points) for model in models)
-    held = sum(model.resident_bytes for model in models) / 2**20  # of a model in parts what is open
+    held = sum(model.resident_bytes for model in models) / 2**20  # of a model in parts: its open parts
     what = f"{rate:.0f} fps"
     if frame.samples > 1:
         what = f"{frame.samples:,} of {frame.request.view.samples:,} samples"

@@ -1,38 +1,38 @@
-"""Limits for one page, so that it does not stop the others."""
+"""Limits for each page, so that one page cannot block the others."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-SHARE = 0.25  # of a processor, for one page's messages: faster ones wait
-CREDIT = 0.1  # seconds of it that may be used at once
-TRANSPORT = 2e-4  # seconds that a message takes before it is parsed
+SHARE = 0.25  # fraction of a CPU core for the messages of one page; beyond it they wait
+CREDIT = 0.1  # seconds of CPU time allowed in a burst
+TRANSPORT = 2e-4  # seconds that transport of a message takes, before parsing
 
 
-class Share:
-    """A share of a processor's time. clock : seconds"""
+class CpuBudget:
+    """Budget of CPU time for the messages of one page. clock : returns seconds"""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._at, self._owed = clock, clock(), 0.0
 
     def rest(self, spent: float) -> float:
-        """Seconds to wait after a message that took the given seconds."""
+        """Return the seconds to wait after a message that took `spent` seconds."""
         now = self._clock()
         self._owed = max(0.0, self._owed - SHARE * (now - self._at)) + spent + TRANSPORT
         self._at = now
         return max(0.0, self._owed - CREDIT) / SHARE
 
 
-class Allowance:
-    """A limit of events a second, with a burst of as many as come in some seconds. clock : seconds"""
+class RateLimiter:
+    """Token bucket: `rate` events a second, bursts of up to `most` events. clock : returns seconds"""
 
     def __init__(self, rate: float, most: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._rate, self._most, self._clock = rate, most, clock
         self._left, self._at = most, clock()
 
     def take(self) -> bool:
-        """Take one event; returns whether it is allowed."""
+        """Count an event; return whether it is allowed."""
         now = self._clock()
         self._left = min(self._most, self._left + self._rate * (now - self._at))
         self._at = now

@@ -1,4 +1,4 @@
-"""Draws the pictures of one browser, in its own thread: the newest request wins, see `pace` for the policy."""
+"""Draws the images of one browser in its own thread. The newest request wins; `pace` defines the policy."""
 
 from __future__ import annotations
 
@@ -35,29 +35,29 @@ from .view_settings import ViewSettings
 log = logging.getLogger("pointray.view")
 
 BAKED = "baked"
-STEADY = 0.4  # stops: still pictures do not follow a smaller change of the chosen exposure
-IN_FLIGHT = 2  # pictures on their way to the page: while it draws one, the next is traced
-WHILE_BAKING = 4  # samples of a still picture until there is finer light, for which it begins anew
-LARGEST = 6 << 20  # bytes of a picture: IN_FLIGHT of them fit into what may wait for a page, see `link`
-COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # quality and subsampling for pictures that would be larger
+EXPOSURE_TOLERANCE = 0.4  # stops: smaller changes of the automatic exposure are ignored
+IN_FLIGHT = 2  # images sent but not yet drawn by the page: it draws one while the next is traced
+SAMPLES_WHILE_BAKING = 4  # samples of a refined image until finer light is baked, which restarts it
+MAX_JPEG_BYTES = 6 << 20  # IN_FLIGHT such images fit into `connection.MAX_WAITING`
+COARSER = ((90, 2), (75, 2), (50, 2), (25, 2))  # (quality, subsampling) tried in turn for larger images
 
 
 class FrameRequest(NamedTuple):
-    """A description of the picture to draw.
+    """Description of the image to draw.
 
     Attributes
     ----------
     version : version of the scene
     up : up direction for the sun and the ground
     refine : bool
-        False while models are built: they need the processors.
-    bakes : bool
-        False for a coarse version of what is being loaded: it keeps its direct light.
-    time : time of the page's message
+        False while models are built, which needs the CPU.
+    time : timestamp of the page's message
     sketch : Sketch or None
-        What is drawn instead of the scene.
+        Drawn instead of the scene.
+    bakes : bool
+        False for the coarse version of a scene that is loading: it keeps direct light.
     scan : callable or None
-        Returns what was found out about the scene: whether it stands, and casts a contact shadow.
+        Returns the `Scan` of the scene, which decides whether there is a contact shadow.
     """
 
     camera: Camera
@@ -72,14 +72,14 @@ class FrameRequest(NamedTuple):
     scan: Callable[[], Scan] | None = None
 
     def same_picture(self, other: FrameRequest | None) -> bool:
-        """Whether both requests give the same picture."""
+        """Return whether both requests give the same image."""
         if other is None or self.view is not other.view:  # not ==: lights may hold arrays
             return False
         return (self.camera, self.version, self.refine) == (other.camera, other.version, other.refine)
 
 
 class Frame(NamedTuple):
-    """A picture for the page. seconds : time of tracing; rays : number of camera rays."""
+    """An image for the page. seconds : tracing time; rays : number of camera rays"""
 
     number: int
     request: FrameRequest
@@ -97,32 +97,32 @@ class Painter:
     Parameters
     ----------
     deliver : callable
-        Takes each `Frame`, in the painter's thread.
+        Called with each `Frame`, in the painter's thread.
     fail : callable
-        Takes the reason why a picture cannot be drawn.
-    say : callable
-        Takes the stage, the share done and the seconds left while light is baked, see `Baker`.
+        Called with the reason why an image cannot be drawn.
+    report : callable
+        Called with stage, fraction done and seconds left while light is baked, see `Baker`.
     """
 
     def __init__(
         self,
         deliver: Callable[[Frame], None],
         fail: Callable[[str], None],
-        say: Callable[[str, float | None, float | None], None],
+        report: Callable[[str, float | None, float | None], None],
     ) -> None:
         self._deliver, self._fail = deliver, fail
-        self._baker = Baker(self._draw_lit, say)
+        self._baker = Baker(self._draw_lit, report)
         self._fetcher = Fetcher(self._draw_again, fail)
-        self._again: FrameRequest | None = None  # the request that is drawn again, as there is more to show
+        self._redrawn: FrameRequest | None = None  # a request drawn again at full resolution, with new light or parts
         self._changed = threading.Condition()
         self._request: FrameRequest | None = None
         self._open, self._cancel = True, Cancel()
         self._drawn, self._seen = 0, 0
         self._pace = Pace()
         self._contacts = Contacts()
-        self._dressed: tuple[FrameRequest, Scene] | None = None
-        self._toned: tuple[ViewSettings, tuple[int, int], tuple[float, str]] | None = (
-            None  # what was chosen, for which view settings
+        self._last_applied: tuple[FrameRequest, Scene] | None = None
+        self._last_tone: tuple[ViewSettings, tuple[int, int], tuple[float, str]] | None = (
+            None  # last automatic exposure and curve, with the view settings and version they were found for
         )
         self._times: deque[float] = deque(maxlen=60)
         self._thread = threading.Thread(target=self._run, name="pointray-painter", daemon=True)
@@ -138,69 +138,69 @@ class Painter:
             self._changed.notify_all()
 
     def _draw_lit(self) -> None:
-        """Draw the newest request once more: there is new light for it."""
+        """Draw the newest request again with new light."""
         request = self._request
         if request is not None and request.view.integrator == BAKED:
             self._draw_again()
 
     def _draw_again(self) -> None:
-        """Draw the newest request once more: there is more to show of it."""
+        """Draw the newest request again, because more of it can be shown."""
         with self._changed:
             if self._request is not None:
-                self._request = self._again = self._request._replace()
+                self._request = self._redrawn = self._request._replace()
                 self._cancel()
                 self._changed.notify_all()
 
     def seen(self, number: int) -> None:
-        """Record that the page has drawn a picture."""
+        """Record that the page has drawn an image."""
         with self._changed:
             self._seen = max(self._seen, min(number, self._drawn))
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Stop drawing, and forget scenes: what else is left of a session waits for Python's garbage collector."""
+        """Stop drawing and drop references to scenes; the rest of a session may wait for the garbage collector."""
         self._baker.close()
         self._fetcher.close()
         with self._changed:
             self._open = False
-            self._request = self._again = self._dressed = None
+            self._request = self._redrawn = self._last_applied = None
             self._cancel()
             self._changed.notify_all()
 
     @property
     def has_ended(self) -> bool:
-        """Whether nothing is drawn, baked or opened any more, after `close`."""
+        """Whether drawing, baking and opening of parts have all stopped after `close`."""
         return not self._thread.is_alive() and self._baker.has_ended and self._fetcher.has_ended
 
     @property
     def frames_a_second(self) -> float:
-        """The rate of the last moving pictures, until a second ago."""
+        """Frame rate of the moving images of the last second."""
         times = [t for t in self._times if t > time.perf_counter() - 1.0]
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 2 else 0.0
 
     def apply(self, request: FrameRequest) -> Scene:
-        """The scene of a request, with its view settings applied."""
-        dressed = self._dressed
-        if dressed is None or dressed[0].version != request.version or not dressed[0].view.same_scene(request.view):
-            dressed = request, request.view.apply(request.scene, request.up)
+        """Return the scene of a request with its view settings applied."""
+        applied = self._last_applied
+        if applied is None or applied[0].version != request.version or not applied[0].view.same_scene(request.view):
+            applied = request, request.view.apply(request.scene, request.up)
             with self._changed:
-                self._dressed = dressed if self._open else None
-        return dressed[1]
+                self._last_applied = applied if self._open else None
+        return applied[1]
 
     def _run(self) -> None:
         done: FrameRequest | None = None
         while (request := self._next(done)) is not None:
             try:
                 self._draw(request)
-            except (OSError, ValueError) as error:  # a file that is missing, say
+            except (OSError, ValueError) as error:  # such as a missing file
                 self._fail(str(error))
             except Exception as error:
-                log.exception("while drawing")
+                log.exception("error while drawing")
                 self._fail(f"{type(error).__name__}: {error}")
             done = request
 
     def _next(self, done: FrameRequest | None) -> FrameRequest | None:
-        """Wait for another request, and for the page to keep up; None at the end."""
+        """Wait for another request and for the page to keep up; return None after `close`."""
         with self._changed:
             while self._open and (self._request is done or self._drawn - self._seen >= IN_FLIGHT):
                 self._changed.wait()
@@ -208,16 +208,16 @@ class Painter:
             return self._request if self._open else None
 
     def _draw(self, request: FrameRequest) -> None:
-        """Draw all stages, until the picture is refined or there is a newer request."""
+        """Draw all stages until the image is refined or a newer request arrives."""
         if request.sketch is not None:
             begun = time.perf_counter()
             self._send(request, request.sketch.draw(request.camera), STILL, (1, 1), time.perf_counter() - begun)
             return
-        scene, scale = self.apply(request), 1.0 if request is self._again else self._pace.scale()
+        scene, scale = self.apply(request), 1.0 if request is self._redrawn else self._pace.scale()
         begun = time.perf_counter()
-        # The first picture is shown despite newer requests: else nothing would be seen while things move.
+        # The first image is shown despite newer requests: otherwise none would appear while the camera moves.
         self._show(request, scene, _scaled(request.camera, scale), MOVING if scale < 1 else STILL, None)
-        self._pace.took(time.perf_counter() - begun, scale)
+        self._pace.record(time.perf_counter() - begun, scale)
         self._times.append(time.perf_counter())
         if self._is_old(request, REST):
             return
@@ -226,10 +226,10 @@ class Painter:
         self._refine(request, scene)
 
     def _show(self, request: FrameRequest, scene: Scene, camera: Camera, stage: Stage, cancel: Cancel | None) -> None:
-        """Draw and send a picture with one sample for each pixel."""
+        """Draw and send an image with one sample per pixel."""
         begun = time.perf_counter()
         settings = self._light(request, scene, request.view.settings(1))
-        if stage is MOVING:  # contact shadows with one sample would be noise
+        if stage is MOVING:  # contact shadows of one sample are mostly noise
             settings = replace(settings, sky_rays=0)
         picture = Picture(scene.snapshot(), camera, settings, fetch=self._fetcher)
         picture.add(0, 1, cancel=cancel)
@@ -237,15 +237,15 @@ class Painter:
             self._send(request, picture.image, stage, (1, 1), time.perf_counter() - begun)
 
     def _refine(self, request: FrameRequest, scene: Scene) -> None:
-        """Add samples, and show the result now and then."""
+        """Add samples and send intermediate results."""
         most = request.view.samples
         if most == 1 or not request.refine or self._cancel.wanted:
             return
         settings = self._light(request, scene, request.view.settings(most))
         if settings.integrator != request.view.integrator:
-            return  # there is no light yet: the processors are to bake it
+            return  # no light yet: leave the CPU to baking
         if settings.integrator == BAKED and self._baker.is_baking:
-            most = min(most, WHILE_BAKING)
+            most = min(most, SAMPLES_WHILE_BAKING)
         picture = Picture(scene.snapshot(), request.camera, settings, in_passes=True, fetch=self._fetcher)
         done, last, seconds = 0, 1, 0.0
         while done < most:
@@ -260,32 +260,32 @@ class Painter:
             self._send(request, picture.image, REFINED, (done, count), seconds)
 
     def _light(self, request: FrameRequest, scene: Scene, settings: Settings) -> Settings:
-        """Give a scene its baked light, if pictures need it; until there is any they have direct light."""
+        """Attach the baked light that an image needs; return settings with direct light until there is any."""
         if settings.integrator != BAKED:
             return settings
-        own = request.scene.baked  # from a file, say
+        own = request.scene.baked  # such as from a file
         if isinstance(own, Baked) and own.fits(scene):
             if scene.baked is not own:
                 scene.baked = own
             return settings
         light = self._baker.light_for(scene, request.refine) if request.bakes else None
         if light is None:
-            return replace(with_direct_light(settings), sky_rays=0)  # at once: the processors are to bake
+            return replace(with_direct_light(settings), sky_rays=0)  # fast: leave the CPU to baking
         if scene.baked is not light:
             scene.baked = light
         return replace(settings, levels=False) if light.lacks_levels(scene) else settings
 
     def light_of(self, scene: Scene) -> Baked | None:
-        """The fine light of a scene, if it is baked."""
+        """Return the fine light of a scene, if it is baked."""
         return self._baker.fine_for(scene)
 
     def _is_old(self, request: FrameRequest, seconds: float) -> bool:
-        """Whether there is a newer request, or one comes within the given seconds."""
+        """Return whether there is a newer request, or one arrives within the given seconds."""
         with self._changed:
             return self._changed.wait_for(lambda: self._request is not request or not self._open, seconds)
 
     def _keeps_up(self, request: FrameRequest) -> bool:
-        """Wait for the page; False if there is a newer request."""
+        """Wait for the page; return False if there is a newer request."""
         with self._changed:
             self._changed.wait_for(
                 lambda: self._request is not request or not self._open or self._drawn - self._seen < IN_FLIGHT
@@ -295,7 +295,7 @@ class Painter:
     def _send(
         self, request: FrameRequest, image: NDArray[np.float32], stage: Stage, samples: tuple[int, int], seconds: float
     ) -> None:
-        """Send a picture. samples : a pixel's total; and the number that was added in the given seconds."""
+        """Send an image. samples : the total per pixel, and the number added in the given seconds"""
         view, tone = request.view, self._tone(request, image, stage)
         behind = backdrop_rows(view.behind, len(image))[:, 0]
         if request.sketch is None:
@@ -312,34 +312,34 @@ class Painter:
         self._deliver(Frame(self._drawn, request, (width, height), stage, samples[0], jpeg, seconds, rays))
 
     def _tone(self, request: FrameRequest, image: NDArray[np.float32], stage: Stage) -> tuple[float, str]:
-        """Exposure (stops) and curve.
+        """Return exposure (stops) and curve.
 
-        They are chosen again when view settings change; the exposure also when still pictures need much more
-        or less. So nothing flickers while the camera moves.
+        Both are chosen again when view settings change; the exposure also when still images need a much different one.
+        Images therefore do not flicker while the camera moves.
         """
-        view, known = request.view, self._toned
-        if not view.chooses:
+        view, known = request.view, self._last_tone
+        if not view.auto_exposed:
             return view.tone(image)
         if known is None or known[0] is not view or known[1] != request.version:
             known = view, request.version, view.tone(image)
         elif stage is STILL:
             found = replace(view, curve=known[2][1]).tone(image)
-            known = (*known[:2], found if abs(found[0] - known[2][0]) > STEADY else known[2])
-        self._toned = known
+            known = (*known[:2], found if abs(found[0] - known[2][0]) > EXPOSURE_TOLERANCE else known[2])
+        self._last_tone = known
         return known[2]
 
 
 def encode(pixels: NDArray[np.uint8], stage: Stage) -> bytes:
-    """A JPEG with its stage's quality; a coarser one where it would exceed LARGEST, as for noise on a huge view."""
+    """Encode a JPEG at its stage's quality, or a lower one if it would exceed MAX_JPEG_BYTES, as noise at 4K does."""
     for quality, subsampling in ((stage.quality, stage.subsampling), *COARSER):
         stream = io.BytesIO()
         Image.fromarray(pixels).save(stream, "JPEG", quality=quality, subsampling=subsampling)
-        if stream.tell() <= LARGEST:
+        if stream.tell() <= MAX_JPEG_BYTES:
             break
     return stream.getvalue()
 
 
 def _scaled(camera: Camera, scale: float) -> Camera:
-    """The camera for a smaller picture."""
+    """Return the camera for an image scaled by a factor."""
     width, height = camera.size
     return replace(camera, size=(max(1, round(width * scale)), max(1, round(height * scale))))

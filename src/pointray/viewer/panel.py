@@ -1,4 +1,4 @@
-"""The panel: its folders, from the view settings and the scene."""
+"""The panel: its folders, made of the view settings and the scene."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from ..model.model import SURFACE
 from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES
 from .controls import Control, Folder
-from .light_control import MOST_LAMPS, POINT, SKY, SUN, LightControl
+from .light_control import MAX_LIGHTS, POINT, SKY, SUN, LightControl
 from .light_control import OWN as OWN_LIGHT
 from .shared_scene import Build, SharedScene
-from .view_settings import CHANGED, CONSTANT, MATERIALS, OWN, ViewSettings, colorings
+from .view_settings import CHANGED, CONSTANT, MATERIALS, OWN, ViewSettings, color_attributes
 
 COUNTS = (1, 4, 16, 64, 256, 1024, 4096)
-KEYS = (
-    "Drag: turn. Right drag: move. Wheel: nearer.\nDouble click: look there. Click: what is there.\n? shows all keys."
+MOUSE_HELP = (
+    "Drag: orbit. Right drag: pan. Wheel: zoom.\nDouble click: set the target. Click: query a point.\n?: all keys."
 )
 
 
 class Output(NamedTuple):
-    """Options of a saved picture or film: the values of its folder."""
+    """Options of saved images and films."""
 
     width: int = 1920
     height: int = 1080
@@ -34,10 +34,10 @@ class Output(NamedTuple):
 
 
 def folders(view: ViewSettings, shared: SharedScene, output: Output, scene: Scene | None) -> list[Folder]:
-    """All folders of the panel, for a scene or while there is none yet."""
+    """Return all folders of the panel, for a scene or while there is none."""
     build = shared.build
     if scene is None:
-        return [Folder("View", [Control("help", "", "note", KEYS)], open=True)]
+        return [Folder("View", [Control("help", "", "note", MOUSE_HELP)], open=True)]
     material = [] if not scene.models else [_material(view, scene)]
     surface = [] if build is None else [_surface(build)]
     in_parts = any(model.parts for model in scene.models)
@@ -54,17 +54,17 @@ def folders(view: ViewSettings, shared: SharedScene, output: Output, scene: Scen
 
 def _view(view: ViewSettings, has_levels: bool) -> Folder:
     around = [
-        ("gradient", "a gradient"),
-        ("color", "this colour"),
-        ("sky", "the light all around"),
-        ("scene", "the scene's own"),
+        ("gradient", "gradient"),
+        ("color", "single colour"),
+        ("sky", "sky light"),
+        ("scene", "from the scene"),
     ]
     depth = (
         [_range(view, "max_depth", "Bounces", 0, max(32, view.max_depth), 1)]
         if view.integrator in ("phong", "path")
         else []
     )
-    hint = "Where points are finer than pixels their means are shown: faster and calmer"
+    hint = "Show averaged points where points are smaller than pixels: faster, less flicker"
     levels = [Control("levels", "Levels of detail", "switch", view.levels, hint=hint)] if has_levels else []
     return Folder(
         "View",
@@ -76,58 +76,60 @@ def _view(view: ViewSettings, has_levels: bool) -> Folder:
                 "choice",
                 view.samples,
                 [(count, f"{count:,}") for count in sorted({*COUNTS, view.samples})],
-                hint="How far the picture is refined while nothing moves",
+                hint="Samples per pixel of the refined image",
             ),
             *depth,
             *levels,
-            Control("exposes", "Choose exposure", "switch", view.exposes, hint="Of medium brightness, highlights kept"),
-            _range(view, "exposure", "Exposure", -6, 6, 0.1, "Stops, from what was chosen: each doubles the light"),
-            _choice(view, "curve", "Curve", [(AUTO, "chosen"), *CURVES.items()]),
+            Control("exposes", "Auto exposure", "switch", view.exposes, hint="Medium brightness, highlights preserved"),
+            _range(
+                view, "exposure", "Exposure", -6, 6, 0.1, "In stops, each doubles the light; added to auto exposure"
+            ),
+            _choice(view, "curve", "Curve", [(AUTO, "automatic"), *CURVES.items()]),
             _choice(view, "around", "Background", around),
             *([Control("backdrop", "Colour", "color", view.backdrop)] if view.around == "color" else []),
-            Control("help", "", "note", KEYS),
+            Control("help", "", "note", MOUSE_HELP),
         ],
         open=True,
     )
 
 
-def _light(view: ViewSettings, has_own: bool, may_stand: bool) -> Folder:
-    """has_own : whether the scene has lights of its own; may_stand : whether it has a contact shadow if it stands"""
-    looks = [*LOOKS.items(), *([(OWN_LIGHT, "the scene's own")] if has_own else [])]
+def _light(view: ViewSettings, has_own: bool, allows_contact_shadow: bool) -> Folder:
+    """has_own : whether the scene has lights of its own; allows_contact_shadow : whether it has one if it stands"""
+    looks = [*LOOKS.items(), *([(OWN_LIGHT, "from the scene")] if has_own else [])]
     look = view.look
     if look == CHANGED:
-        looks.append((CHANGED, "as set below"))
-    rows = [Control("look", "Light", "choice", look, looks, hint="What is set below gives way")]
+        looks.append((CHANGED, "custom, see below"))
+    rows = [Control("look", "Light", "choice", look, looks, hint="Replaces the lights below")]
     if view.integrator in ("phong", "baked"):
         rows.append(Control("shadows", "Shadows", "switch", view.shadows))
-        hint = "What is seen through holes of a scan"
+        hint = "How surfaces seen from behind are shown"
         kinds = [(name, name) for name in BACKFACES]
         rows.append(Control("backfaces", "Back faces", "choice", view.backfaces, kinds, hint=hint))
-    if may_stand and look == STUDIO and view.integrator in EXPOSED:
-        hint = "The shadow of an object that stands on an invisible ground"
+    if allows_contact_shadow and look == STUDIO and view.integrator in EXPOSED:
+        hint = "Shadow of a standing object on an invisible ground"
         rows.append(Control("contact_shadow", "Contact shadow", "switch", view.contact_shadow, hint=hint))
     if not view.lamps:
         instead = {
-            "phong": "A headlight at the camera.",
-            "path": "None: an even white sky.",
-            "baked": "None: it is dark.",
+            "phong": "No lights: headlight at the camera.",
+            "path": "No lights: uniform white sky.",
+            "baked": "No lights: the scene is dark.",
         }
-        rows.append(Control("no_lamps", "", "note", instead.get(view.integrator, "None, and none is needed.")))
-    for k, lamp in enumerate(view.lamps[:MOST_LAMPS]):
+        rows.append(Control("no_lamps", "", "note", instead.get(view.integrator, "No lights, none needed.")))
+    for k, lamp in enumerate(view.lamps[:MAX_LIGHTS]):
         rows += _lamp(f"lamps.{k}.", k, lamp)
-    if len(view.lamps) > MOST_LAMPS:
-        rows.append(Control("more_lamps", "", "note", f"And {len(view.lamps) - MOST_LAMPS:,} more, which are on."))
-    rows.append(Control("lamps.add.sun", "Add a sun", "button", hint="Ctrl and drag turns it"))
+    if len(view.lamps) > MAX_LIGHTS:
+        rows.append(Control("more_lamps", "", "note", f"And {len(view.lamps) - MAX_LIGHTS:,} more lights, all on."))
+    rows.append(Control("lamps.add.sun", "Add a sun", "button", hint="Rotate it with Ctrl + drag"))
     rows.append(Control("lamps.add.point", "Add a point light", "button"))
     if not any(lamp.kind == SKY for lamp in view.lamps):
         rows.append(
-            Control("lamps.add.sky", "Add a sky", "button", hint="Even light from all around, for path tracing")
+            Control("lamps.add.sky", "Add a sky", "button", hint="Uniform light from all directions, for path tracing")
         )
     return Folder("Light", rows, open=True)
 
 
 def _lamp(at: str, number: int, lamp: LightControl) -> list[Control]:
-    """The rows of one light."""
+    """Return the rows of one light."""
     name = LIGHTS.get(lamp.kind, type(lamp.light).__name__)
     rows = [Control(f"{at}on", f"{number + 1}: {name}", "switch", lamp.on)]
     if lamp.kind != OWN_LIGHT:
@@ -138,53 +140,53 @@ def _lamp(at: str, number: int, lamp: LightControl) -> list[Control]:
         )
     if lamp.kind == SUN:
         rows += [
-            Control(f"{at}azimuth", "Azimuth", "range", lamp.azimuth, low=-180, high=180, step=1),
-            Control(f"{at}elevation", "Elevation", "range", lamp.elevation, low=-90, high=90, step=1),
+            Control(f"{at}azimuth", "Azimuth (°)", "range", lamp.azimuth, low=-180, high=180, step=1),
+            Control(f"{at}elevation", "Elevation (°)", "range", lamp.elevation, low=-90, high=90, step=1),
             Control(
                 f"{at}angle",
-                "Width",
+                "Diameter (°)",
                 "range",
                 lamp.angle,
                 low=0,
                 high=30,
                 step=0.01,
-                hint="Degrees: soft shadows of path tracing",
+                hint="Diameter of the disk: softens shadows of path tracing",
             ),
         ]
     if lamp.kind in (SUN, POINT):
-        rows.append(Control(f"{at}camera", "Goes with the camera", "switch", lamp.camera))
+        rows.append(Control(f"{at}camera", "Fixed to the camera", "switch", lamp.camera))
     if lamp.kind == POINT:
-        rows.append(Control(f"{at}position", "Place", "vector", lamp.position))
+        rows.append(Control(f"{at}position", "Position", "vector", lamp.position))
     return [*rows, Control(f"{at}remove", "Remove", "button")]
 
 
 def _material(view: ViewSettings, scene: Scene) -> Folder:
     kinds = [
-        (OWN, "the scene's own"),
+        (OWN, "from the scene"),
         *((name, name) for name in MATERIALS),
     ]
     rows = [_choice(view, "material", "Material", kinds)]
     if view.material not in ("mirror", "glass"):
-        own = [(OWN, "the points' own"), (CONSTANT, "one for all")]
-        rows.append(_choice(view, "color_by", "Colour", [*own, *((name, name) for name in colorings(scene))]))
+        own = [(OWN, "from the points"), (CONSTANT, "single colour")]
+        rows.append(_choice(view, "color_by", "Colour", [*own, *((name, name) for name in color_attributes(scene))]))
         if view.color_by == CONSTANT:
             rows.append(Control("color", "", "color", view.color))
         elif view.color_by != OWN:
-            rows.append(_choice(view, "colormap", "Map", [(name, name) for name in COLORMAPS]))
+            rows.append(_choice(view, "colormap", "Colormap", [(name, name) for name in COLORMAPS]))
             rows += _limits(view)
     more = {
-        "phong": [("specular", "Specular", 0.0, 1.0, 0.01), ("exponent", "Exponent", 1.0, 1000.0, 1.0)],
+        "phong": [("specular", "Specular", 0.0, 1.0, 0.01), ("exponent", "Phong exponent", 1.0, 1000.0, 1.0)],
         "principled": [("roughness", "Roughness", 0.0, 1.0, 0.01), ("metallic", "Metallic", 0.0, 1.0, 0.01)],
-        "glass": [("ior", "Index", 1.0, 3.0, 0.01)],
+        "glass": [("ior", "Refractive index", 1.0, 3.0, 0.01)],
     }
     rows += [_range(view, *row) for row in more.get(view.material, [])]
     return Folder("Material", rows)
 
 
 def _limits(view: ViewSettings) -> list[Control]:
-    """The range of the attribute, once it is known."""
+    """Return the range of the attribute, once it is known."""
     rows = []
-    for name, label in (("low", "From"), ("high", "To")):
+    for name, label in (("low", "Minimum"), ("high", "Maximum")):
         rows.append(Control(name, label, "number", getattr(view, name)))
     return rows if view.low is not None else []
 
@@ -197,23 +199,23 @@ def _surface(build: Build) -> Folder:
             Control("build.surface", "Surface", "choice", build.surface, kinds),
             Control(
                 "build.samples",
-                "Samples N",
+                "Samples",
                 "range",
                 build.samples,
                 low=2,
                 high=16,
                 step=1,
-                hint="Along a ray in a support's diameter",
+                hint="Samples along a ray per support diameter",
             ),
             Control(
                 "build.radius_scale",
-                "Radii",
+                "Radius scale",
                 "range",
                 build.radius_scale,
                 low=0.5,
                 high=2.0,
                 step=0.05,
-                hint="All radii times this",
+                hint="Factor of all support radii",
             ),
             Control(
                 "build.scatter",
@@ -221,41 +223,41 @@ def _surface(build: Build) -> Folder:
                 "choice",
                 build.scatter,
                 list(SCATTER.items()),
-                hint="Those that lie on no surface: leaves, wires",
+                hint="Points that lie on no surface, such as leaves and wires",
             ),
             *_scattered(build),
-            Control("build.measured", "Noise as measured", "switch", build.measured, hint="What is smoothed away"),
+            Control("build.measured", "Measure noise", "switch", build.measured, hint="Smooth the measured noise"),
             Control(
                 "build.noise",
-                "Noise",
+                "Noise level",
                 "range",
                 build.noise,
                 low=0.0,
                 high=2.0,
                 step=0.01,
-                hint="In radii, its standard deviation: what is smoothed away",
+                hint="Noise to smooth: standard deviation in median radii",
             ),
         ],
     )
 
 
 def _scattered(build: Build) -> list[Control]:
-    """How large scattered points are, where they are drawn by themselves."""
+    """Return the size of scattered points, if they are drawn individually."""
     if build.scatter not in ("spheres", "discs"):
         return []
     size = build.scatter_size
-    return [Control("build.scatter_size", "Their size", "range", size, low=0.2, high=3.0, step=0.05)]
+    return [Control("build.scatter_size", "Size of these", "range", size, low=0.2, high=3.0, step=0.05)]
 
 
 def _cut(view: ViewSettings) -> Folder:
     rows = []
     for k, cut in enumerate(view.cuts):
-        rows.append(Control(f"cuts.{k}.on", f"Across {COORDINATES[k]}", "switch", cut.on))
+        rows.append(Control(f"cuts.{k}.on", f"Cut {COORDINATES[k]}", "switch", cut.on))
         if cut.on:
-            rows.append(Control(f"cuts.{k}.at", "Place", "range", cut.at, low=0.0, high=1.0, step=0.001))
-            rows.append(Control(f"cuts.{k}.flip", "Other side", "switch", cut.flip))
-    ground = Control("ground", "Ground", "switch", view.ground, hint="A grey plane under the model")
-    return Folder("Cut open, ground", [*rows, ground])
+            rows.append(Control(f"cuts.{k}.at", "Position", "range", cut.at, low=0.0, high=1.0, step=0.001))
+            rows.append(Control(f"cuts.{k}.flip", "Flip", "switch", cut.flip))
+    ground = Control("ground", "Ground", "switch", view.ground, hint="Grey plane under the model")
+    return Folder("Cuts and ground", [*rows, ground])
 
 
 def _save(output: Output, has_command: bool) -> Folder:
@@ -263,15 +265,15 @@ def _save(output: Output, has_command: bool) -> Folder:
     return Folder(
         "Picture",
         [
-            Control("output.width", "Width", "number", output.width, low=1, high=8192),
-            Control("output.height", "Height", "number", output.height, low=1, high=8192),
+            Control("output.width", "Width (px)", "number", output.width, low=1, high=8192),
+            Control("output.height", "Height (px)", "number", output.height, low=1, high=8192),
             Control("output.samples", "Samples", "number", output.samples, low=1, high=65536),
             Control("output.format", "Format", "choice", output.format, formats),
             Control(
-                "output.denoise", "Denoise", "switch", output.denoise, hint="Of path tracing and ambient occlusion"
+                "output.denoise", "Denoise", "switch", output.denoise, hint="For path tracing and ambient occlusion"
             ),
-            Control("save.picture", "Save the picture", "button"),
-            *([Control("copy.command", "Copy as a command", "button")] if has_command else []),
+            Control("save.picture", "Save picture", "button"),
+            *([Control("copy.command", "Copy as command", "button")] if has_command else []),
             Control("copy.python", "Copy as Python", "button"),
         ],
     )
@@ -281,9 +283,9 @@ def _film(output: Output) -> Folder:
     return Folder(
         "Film",
         [
-            Control("output.seconds", "Seconds", "number", output.seconds, low=0.1, high=600),
-            Control("output.fps", "Frames a second", "number", output.fps, low=1, high=120),
-            Control("save.film", "Record a turntable", "button", hint="In the size of the picture above"),
+            Control("output.seconds", "Duration (s)", "number", output.seconds, low=0.1, high=600),
+            Control("output.fps", "Frames per second", "number", output.fps, low=1, high=120),
+            Control("save.film", "Record turntable", "button", hint="At the size of the picture above"),
             Control("save.stop", "Stop", "button"),
         ],
     )

@@ -1,4 +1,4 @@
-"""What is under the mouse: with the coordinates and the attributes of the file."""
+"""The surface point under the mouse, with its coordinates and the attributes of the file."""
 
 from __future__ import annotations
 
@@ -15,40 +15,40 @@ from ..rendering.camera import Camera
 from ..scene.scene import Scene
 from ..shade.attributes import Attribute, category_name
 
-MOST_LINES = 24
-WHOLE = 1e15  # floats below it that are whole numbers are written without decimals and exponent
+MAX_LINES = 24
+WHOLE = 1e15  # integral floats below this limit are written without decimals or exponent
 
 
 @dataclass(frozen=True)
 class Found:
-    """A point on a surface. lines : its description."""
+    """A point on a surface. lines : its description"""
 
     position: NDArray[np.float64]
     lines: list[str]
 
 
 def prepare(scene: Scene) -> None:
-    """Load or compile what a click needs, so that the first one is not slow: traces a ray that meets nothing."""
+    """Load or compile what a click needs by tracing a ray that misses, so that the first click is not slow."""
     scene.intersect(np.zeros(3), np.full(3, np.nan))
 
 
 def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
-    """What is at a point of the view, 0 to 1 from the left and from the top; None if there is nothing."""
+    """Return the surface point at a position of the view, 0 to 1 from left and top; None if nothing is hit."""
     hits = scene.intersect(*camera.rays_through(2 * x - 1, 1 - 2 * y))
     if hits.instance < 0:
         return None
     position = hits.position
-    apart = float(hits.t)
+    distance = float(hits.t)
     if camera.projection == "orthographic":
-        apart = float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
-    pixel = apart * 2 * math.tan(math.radians(camera.fov) / 2) / camera.size[1]
-    lines = [f"{name} {_rounded(value, pixel)}" for name, value in zip("xyz", position, strict=True)]
+        distance = float(np.linalg.norm(np.subtract(camera.target, camera.eye)))
+    pixel = distance * 2 * math.tan(math.radians(camera.fov) / 2) / camera.size[1]
+    lines = [f"{name} {_format_coordinate(value, pixel)}" for name, value in zip("xyz", position, strict=True)]
     lines.append("normal " + " ".join(f"{c:.3f}" for c in hits.normal))
-    return Found(position, [*lines, *_of_point(scene, int(hits.instance), int(hits.point))])
+    return Found(position, [*lines, *_point_lines(scene, int(hits.instance), int(hits.point))])
 
 
-def _of_point(scene: Scene, instance: int, row: int) -> list[str]:
-    """The file's values for a point."""
+def _point_lines(scene: Scene, instance: int, row: int) -> list[str]:
+    """Return the file's values of a point, one a line."""
     model = scene.shapes[instance]
     if not isinstance(model, Model):
         return []
@@ -57,24 +57,24 @@ def _of_point(scene: Scene, instance: int, row: int) -> list[str]:
         lines.append("colour " + " ".join(str(c) for c in points.colors[row]))
     for name, values in points.attributes.items():
         if name != RESIDUAL:
-            lines.append(f"{name} {_said(name, values[row])}")
-    if len(lines) > MOST_LINES:
-        lines = [*lines[:MOST_LINES], f"and {len(lines) - MOST_LINES} more"]
+            lines.append(f"{name} {_format_value(name, values[row])}")
+    if len(lines) > MAX_LINES:
+        lines = [*lines[:MAX_LINES], f"and {len(lines) - MAX_LINES} more"]
     return lines
 
 
-def _said(name: str, value: Any) -> str:
-    """The text of an attribute's value: exact, as short as it can be, and with the names of classes."""
-    return " ".join(_text(name, number) for number in np.atleast_1d(value))
+def _format_value(name: str, value: Any) -> str:
+    """Format an attribute's value: exact, as short as possible, with class names."""
+    return " ".join(_format_number(name, number) for number in np.atleast_1d(value))
 
 
-def _text(name: str, number: Any) -> str:
+def _format_number(name: str, number: Any) -> str:
     if number.dtype.kind == "f" and not (number == np.rint(number) and abs(number) < WHOLE):
         return str(number)
     return category_name(Attribute(name), bool(number) if number.dtype == np.bool_ else int(number))
 
 
-def _rounded(value: float, pixel: float) -> str:
-    """A coordinate, rounded to the decimals of a tenth of a pixel."""
+def _format_coordinate(value: float, pixel: float) -> str:
+    """Format a coordinate, rounded to the decimals of a tenth of a pixel."""
     decimals = max(0, min(9, 1 - math.floor(math.log10(max(pixel, 1e-300)))))
     return f"{value:.{decimals}f}"

@@ -1,4 +1,4 @@
-"""The slower questions of one browser, answered in the background: what is under the mouse, what the colours mean."""
+"""Slower requests of one browser, answered in the background: the point under the mouse, the legend of colours."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ class Click(NamedTuple):
     Attributes
     ----------
     request : FrameRequest
-        What is shown.
+        The image shown.
     position : (2,) tuple of float
         0 to 1 from the left and from the top.
     purpose : str
-        "target": the camera turns to the point; else the page is told what is there.
+        "target": turn the camera to the point. Otherwise the page is sent a description of the point.
     extend : bool
-        Whether the distance from the point found last is told too.
+        Whether to send the distance from the last point, too.
     """
 
     request: FrameRequest
@@ -44,16 +44,16 @@ class Click(NamedTuple):
 
 
 class Newest(Generic[T]):
-    """Holds one question: a newer question replaces the one that still waits.
+    """Queue of length one: a newer request replaces one that still waits.
 
     Parameters
     ----------
     jobs : Executor
         Runs `answer`.
     answer : callable
-        Takes a question.
+        Called with a request.
     needed_by : callable, optional
-        Whether a question needs the answer to the one before it, which is then kept; only that one.
+        Whether a request needs the answer to the one before it, which then is kept.
     """
 
     def __init__(
@@ -64,11 +64,11 @@ class Newest(Generic[T]):
         self._waiting: list[T] = []
 
     def ask(self, question: T) -> None:
-        """Have a question answered, unless a newer one comes first."""
+        """Queue a request; it is dropped if a newer one arrives before it starts."""
         with self._lock:
             waiting = self._waiting
             self._waiting = [*waiting[-1:], question] if self._needed_by(question) else [question]
-        if not waiting:  # else a job is on its way, which takes this question
+        if not waiting:  # otherwise the job already submitted takes this one
             self._jobs.submit(self._run)
 
     def _run(self) -> None:
@@ -79,26 +79,26 @@ class Newest(Generic[T]):
 
 
 class Lookups:
-    """Answers the questions of one browser in its own thread, one after the other.
+    """Answers the requests of one browser in one thread, one after the other.
 
     Parameters
     ----------
     outbox : Outbox
-        Takes the answers to clicks.
+        Receives the answers to clicks.
     apply : callable
-        Makes the scene of a `FrameRequest`; ValueError: the scene cannot be made, and the painter reports why.
-    explain : callable
-        Takes a request, the attribute that colours its scene, and the picture of the legend.
+        Returns the scene of a `FrameRequest`; raises ValueError if it cannot be made, which the painter reports.
+    show_legend : callable
+        Called with a request, the attribute that colours its scene, and the image of the legend.
     """
 
     def __init__(
         self,
         outbox: Outbox,
         apply: Callable[[FrameRequest], Scene],
-        explain: Callable[[FrameRequest, Attribute, str], None],
+        show_legend: Callable[[FrameRequest, Attribute, str], None],
     ) -> None:
-        self._outbox, self._apply, self._explain = outbox, apply, explain
-        self._found: NDArray[np.float64] | None = None  # the point that was found last
+        self._outbox, self._apply, self._show_legend = outbox, apply, show_legend
+        self._found: NDArray[np.float64] | None = None  # the last point found
         self._state = threading.Lock()  # guards the next two
         self._prepared = self._stopped = False
         self._jobs = ThreadPoolExecutor(1, "pointray-pick")
@@ -106,11 +106,11 @@ class Lookups:
         self._legends = Newest(self._jobs, self._draw_legend)
 
     def click(self, click: Click) -> None:
-        """Find what is under a click, and send it."""
+        """Find the point under a click and send it."""
         self._clicks.ask(click)
 
     def forget(self) -> None:
-        """Forget the point that was found last: no distance is measured from it."""
+        """Forget the last point, so that no distance is measured from it."""
         self._found = None
 
     def legend(self, request: FrameRequest) -> None:
@@ -125,7 +125,7 @@ class Lookups:
                 self._jobs.submit(self._prepare, scene)
 
     def stop(self) -> None:
-        """Answer nothing more."""
+        """Discard waiting requests and accept no more."""
         with self._state:
             self._stopped = True
             self._jobs.shutdown(wait=False, cancel_futures=True)
@@ -138,7 +138,7 @@ class Lookups:
         if found is None:
             return
         if click.purpose == "target":
-            self._outbox.say(type="target", position=found.position.tolist())
+            self._outbox.send_message(type="target", position=found.position.tolist())
             return
         self._outbox.found(found, self._found if click.extend else None)
         self._found = found.position
@@ -149,10 +149,10 @@ class Lookups:
             image = legend_of(shown)
         except ValueError:  # the painter reports it
             return
-        self._explain(request, shown, image)
+        self._show_legend(request, shown, image)
 
     def _prepare(self, scene: Scene) -> None:
         try:
             prepare(scene)
         except Exception:
-            log.exception("while preparing for clicks")
+            log.exception("error while preparing for clicks")

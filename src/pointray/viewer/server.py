@@ -1,8 +1,8 @@
-"""The transport: one page over HTTP, and a WebSocket for each browser that has it open. It knows nothing of pictures.
+"""Transport: the page over HTTP and a WebSocket for each browser. It knows nothing of images.
 
-All connections live in one thread with its own event loop, so that the server works in notebooks too. The requests of a
-browser are processed in a thread of that browser. Only clients that know the address are let in: it contains a random
-token.
+All connections are served by one thread with its own event loop, so that the server also works in notebooks. The
+messages of each browser are processed in a thread of their own. The address contains a random token; requests without
+it are refused.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from .connection import Connection, Link, is_loopback
-from .page_limits import Share
+from .page_limits import CpuBudget
 
 log = logging.getLogger("pointray.view")
 
 PAGE = Path(__file__).parent / "page"
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".md": "text/plain"}
-FILES = {path.name: path for path in PAGE.iterdir() if path.suffix in KINDS}  # requests never touch the file system
-PORT = 8080  # the default; if it is taken, the next free one
+FILES = {path.name: path for path in PAGE.iterdir() if path.suffix in KINDS}  # requests cannot name other files
+PORT = 8080  # default; if it is in use, the next free one
 TRIES = 100
-LARGEST_MESSAGE = 1 << 16  # bytes, for messages of the page
+LARGEST_MESSAGE = 1 << 16  # bytes of a message from the page
 TOKEN_BYTES = 16
-# Nothing from other sites is loaded or requested, and no other site may show the page in a frame, except a notebook of
+# Nothing is loaded from other sites, and no other site may show the page in a frame, except a notebook on
 # this machine.
 POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; connect-src 'self'; "
@@ -48,43 +48,43 @@ POLICY = (
 )
 
 
-class Visitor(Protocol):
-    """What serves one browser."""
+class PageHandler(Protocol):
+    """Handler of the messages of one browser."""
 
     def receive(self, text: str) -> None:
-        """Process a message of the page; called in the visitor's own thread, one message after the other."""
+        """Process a message of the page. Calls come one after the other, from the handler's own thread."""
 
     def leave(self) -> None:
-        """End: the browser has gone; called in the same thread."""
+        """End: the browser has disconnected. Called from the same thread."""
 
 
 class Server:
-    """Serves the page from its construction until `close`.
+    """Server of the page, from its construction until `close`.
 
     Parameters
     ----------
-    welcome : callable
-        Makes the `Visitor` behind a `Link`, in the visitor's own thread.
+    make_handler : callable
+        Returns the `PageHandler` of a `Link`; called in the handler's own thread.
     host : str
-        The address to listen on.
+        Address to listen on.
     port : int
-        0: PORT, or the next free one. If another number is taken, the next free one too, see `port`.
+        0: PORT, or the next free one. If another port is in use, the next free one; see the attribute `port`.
     token : str
-        The secret part of the address; empty: a random one.
+        Secret part of the address. Empty: a random one.
     hub : str
-        The path of a notebook's server on a JupyterHub, such as "/user/x/"; empty: there is none. Browsers then come
-        through the hub's proxy, under the hub's name.
+        Path of a notebook server on a JupyterHub, such as "/user/x/". Empty: none. With a hub, browsers connect through
+        its proxy and under its host name.
 
     Raises
     ------
     OSError
-        If it cannot listen on that address.
+        If the server cannot listen on that address.
     """
 
     def __init__(
-        self, welcome: Callable[[Link], Visitor], host: str, port: int, token: str = "", hub: str = ""
+        self, make_handler: Callable[[Link], PageHandler], host: str, port: int, token: str = "", hub: str = ""
     ) -> None:
-        self._welcome, self.host, self.port, self._hub = welcome, host, port or PORT, hub.strip("/")
+        self._make_handler, self.host, self.port, self._hub = make_handler, host, port or PORT, hub.strip("/")
         self.token = token or secrets.token_urlsafe(TOKEN_BYTES)
         self._ready = threading.Event()
         self._failed: Exception | None = None
@@ -97,18 +97,18 @@ class Server:
 
     @property
     def url(self) -> str:
-        """The page's address for a browser on this machine; whoever knows it is let in."""
+        """Address of the page for a browser on this machine, including the token."""
         host = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(self.host, self.host)
         return f"http://{f'[{host}]' if ':' in host and '[' not in host else host}:{self.port}/{self.token}/"
 
     @property
     def proxied(self) -> str:
-        """The page's path on the hub, from its root; empty without a hub."""
+        """Path of the page on the hub, from its root; empty without a hub."""
         return f"{self._prefix}/{self.token}/" if self._hub else ""
 
     @property
     def _prefix(self) -> str:
-        """The prefix that jupyter-server-proxy removes from a path and names in a header."""
+        """Prefix that jupyter-server-proxy removes from a path and sends in a header."""
         return f"/{self._hub}/proxy/{self.port}"
 
     @property
@@ -117,7 +117,7 @@ class Server:
         return not is_loopback(self.host)
 
     def close(self) -> None:
-        """Stop the server, and close all connections."""
+        """Stop the server and close all connections."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._ended.set)
             self._thread.join(timeout=2.0)
@@ -133,7 +133,7 @@ class Server:
         self._ended = asyncio.Event()
         try:
             listener = await self._listen()
-        except (OSError, ValueError) as error:  # ValueError: the host is not a valid name
+        except (OSError, ValueError) as error:  # ValueError: invalid host name
             self._failed = error
             return
         finally:
@@ -146,38 +146,38 @@ class Server:
         for self.port in range(first, min(first + TRIES, 65536)):
             try:
                 listener = await serve(
-                    self._attend,
+                    self._serve_browser,
                     self.host,
                     self.port,
                     process_request=self._answer,
                     create_connection=Connection,
-                    compression=None,  # pictures are compressed already
+                    compression=None,  # images are already compressed
                     max_size=LARGEST_MESSAGE,
-                    logger=_quiet(),
+                    logger=_silent_logger(),
                 )
             except OSError as error:
                 if error.errno != errno.EADDRINUSE:
-                    raise OSError(error.errno, f"cannot listen there: {error.strerror}", self.host) from error
+                    raise OSError(error.errno, f"cannot listen on this address: {error.strerror}", self.host) from error
                 continue
             return listener
-        raise OSError(errno.EADDRINUSE, f"ports {first} to {self.port} are all taken", self.host)
+        raise OSError(errno.EADDRINUSE, f"ports {first} to {self.port} are all in use", self.host)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """The answer to a request over HTTP; None lets a WebSocket through."""
+        """Return the response to an HTTP request; None lets a WebSocket handshake proceed."""
         try:
-            return self._judge(request)
-        except (ValueError, MultipleValuesError) as error:  # an invalid address, or a repeated header
+            return self._respond(request)
+        except (ValueError, MultipleValuesError) as error:  # invalid address or repeated header
             return _refused(http.HTTPStatus.BAD_REQUEST, f"{type(error).__name__}: {error}")
 
-    def _judge(self, request: Request) -> Response | None:
+    def _respond(self, request: Request) -> Response | None:
         if not (self._is_known(request.headers.get("Host", "")) or self._is_proxied(request.headers)):
             return _refused(http.HTTPStatus.FORBIDDEN, "unknown host")
         token, slash, name = urlsplit(request.path).path.removeprefix("/").partition("/")
         if not secrets.compare_digest(token.encode(), self.token.encode()):
-            return _refused(http.HTTPStatus.FORBIDDEN, "open the whole address that pointray has told, with its token")
+            return _refused(http.HTTPStatus.FORBIDDEN, "open the complete address printed by pointray, with its token")
         if name == "socket":
             own = self._is_own(request.headers)
-            return None if own else _refused(http.HTTPStatus.FORBIDDEN, "a page of another site")
+            return None if own else _refused(http.HTTPStatus.FORBIDDEN, "request from a page of another site")
         if not slash:
             return _response(http.HTTPStatus.PERMANENT_REDIRECT, b"", "text/plain", Location=f"{self.token}/")
         file = FILES.get(name or "index.html")
@@ -186,15 +186,15 @@ class Server:
         return _response(http.HTTPStatus.OK, file.read_bytes(), KINDS[file.suffix])
 
     def _is_own(self, headers: Headers) -> bool:
-        """Whether our page or no page opens a socket: another site's page must not control the viewer."""
+        """Return whether our page, or no page, opens a socket: pages of other sites must not control the viewer."""
         origin = headers.get("Origin")
         own = origin is None or urlsplit(origin).netloc == headers.get("Host")
         if not own:
-            log.warning("refused a connection from the page of %s", origin)
+            log.warning("refused a connection from a page of %s", origin)
         return own
 
     def _is_known(self, host: str) -> bool:
-        """Whether a Host header names this machine: another name may be one that a foreign site has pointed here."""
+        """Return whether a Host header names this machine; other names may be DNS rebinding by another site."""
         name = (urlsplit(f"//{host}").hostname or "").lower()
         if name in {"localhost", self.host.lower()} or _is_address(name):
             return True
@@ -202,23 +202,23 @@ class Server:
         return self.is_public and name in {own, f"{own}.local", socket.getfqdn().lower()}
 
     def _is_proxied(self, headers: Headers) -> bool:
-        """Whether a request comes through the hub's proxy: another site's page cannot make a browser add its header.
+        """Return whether a request comes through the hub's proxy, judged by the proxy's header.
 
-        (It can if its name was pointed here, but then it still lacks the token.)
+        A page of another site cannot make a browser add this header. After DNS rebinding it could, but lacks the token.
         """
         return bool(self._hub) and headers.get("X-Forwarded-Context", "").rstrip("/") == self._prefix
 
-    async def _attend(self, connection: ServerConnection) -> None:
-        """Serve one browser until it goes. While its thread works, nothing more is read from it."""
-        link, share = Link(connection, self._loop), Share()
+    async def _serve_browser(self, connection: ServerConnection) -> None:
+        """Serve one browser until it disconnects. No further message is read while its handler works."""
+        link, share = Link(connection, self._loop), CpuBudget()
         if connection.request is None or self._is_proxied(connection.request.headers):
             link.is_local = False  # only the proxy is on this machine
         thread = ThreadPoolExecutor(1, "pointray-visitor")
         try:
-            visitor = await self._loop.run_in_executor(thread, self._meet, link)
+            visitor = await self._loop.run_in_executor(thread, self._try_make_handler, link)
             try:
                 async for message in connection:
-                    spent = await self._loop.run_in_executor(thread, _seconds_of, visitor.receive, str(message))
+                    spent = await self._loop.run_in_executor(thread, _cpu_seconds_of, visitor.receive, str(message))
                     if rest := share.rest(spent):
                         await asyncio.sleep(rest)
             except ConnectionClosed:
@@ -230,16 +230,16 @@ class Server:
             link.close()
             thread.shutdown(wait=False)
 
-    def _meet(self, link: Link) -> Visitor:
+    def _try_make_handler(self, link: Link) -> PageHandler:
         try:
-            return self._welcome(link)
+            return self._make_handler(link)
         except Exception:
-            log.exception("while a browser came")
+            log.exception("error while a browser connected")
             raise
 
 
-def _seconds_of(work: Callable[[str], None], text: str) -> float:
-    """Call it; returns the processor time that it took, in seconds."""
+def _cpu_seconds_of(work: Callable[[str], None], text: str) -> float:
+    """Call `work` and return the CPU time that it took, in seconds."""
     begun = time.thread_time()
     work(text)
     return time.thread_time() - begun
@@ -268,8 +268,8 @@ def _is_address(name: str) -> bool:
     return True
 
 
-def _quiet() -> Any:
-    """A logger for normal events, such as connections that end in the middle of a handshake."""
+def _silent_logger() -> Any:
+    """Return a logger that hides normal events such as connections that end during the handshake."""
     logger = logging.getLogger("pointray.view.websockets")
     logger.setLevel(logging.CRITICAL)
     return logger

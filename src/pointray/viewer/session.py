@@ -1,4 +1,4 @@
-"""One browser's session: its messages and the changes of the shared scene, one at a time."""
+"""Session of one browser: processes its messages and changes of the shared scene, one at a time."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from ..shade.attributes import Attribute
 from .connection import Link
 from .display import Display
 from .exports import Exports
-from .light_control import MOST_LAMPS, SUN
-from .messages import camera_of, free_of, number, parse, size_of, word
+from .light_control import MAX_LIGHTS, SUN
+from .messages import camera_of, free_of, number, parse, short_text, size_of
 from .outbox import Outbox
-from .page_limits import Allowance
+from .page_limits import RateLimiter
 from .painter import Frame, FrameRequest, Painter
 from .queries import Click, Lookups
 from .shared_scene import Progress, SharedScene
 
 log = logging.getLogger("pointray.view")
 
-MOST_SAID = 10  # ignored messages of one page that are logged
-COSTLY = frozenset({"press", "pick", "view"})  # messages that no user sends MOST_COSTLY times a second
-MOST_COSTLY = 50.0  # a second; twice as many at once
-TURN = 180.0  # degrees that the sun turns when dragged over a window's height
+MAX_LOGGED = 10  # invalid messages logged for each page
+COSTLY = frozenset({"press", "pick", "view"})  # message types with a rate limit
+COSTLY_RATE = 50.0  # messages a second; bursts of twice as many are allowed
+TURN = 180.0  # degrees that the sun turns for a drag over the window's height
 
 
 class Session:
-    """A visitor of the server, see `server.Visitor`: turns the messages of one browser into calls of its display.
+    """`server.PageHandler` of one browser: calls its display for each message.
 
     Parameters
     ----------
@@ -38,50 +38,50 @@ class Session:
         The connection to the browser.
     shared : SharedScene
     ended : callable
-        Called when the browser has gone.
+        Called with the session when the browser has disconnected.
     """
 
     def __init__(self, link: Link, shared: SharedScene, ended: Callable[[Session], None]) -> None:
         self._shared, self._ended, self._outbox = shared, ended, Outbox(link)
-        self._allowance = Allowance(MOST_COSTLY, 2 * MOST_COSTLY)
-        self._nonsense = 0
-        self._gone, self._told = False, threading.Lock()  # the lock guards `_gone` and `_news`
-        self._news = False  # whether a change of the shared scene is still to be processed
+        self._rate_limiter = RateLimiter(COSTLY_RATE, 2 * COSTLY_RATE)
+        self._invalid_count = 0
+        self._gone, self._state_lock = False, threading.Lock()  # the lock guards `_gone` and `_news`
+        self._has_changes = False  # whether a change of the shared scene awaits processing
         self._follower = ThreadPoolExecutor(1, "pointray-follower")
         self._exports = Exports(self._outbox, lambda scene: self._painter.light_of(scene))
-        self._painter = Painter(self._deliver, lambda text: self._outbox.toast("error", text), self._say_baking)
-        self._lookups = Lookups(self._outbox, self._painter.apply, self._explain)
+        self._painter = Painter(self._deliver, lambda text: self._outbox.toast("error", text), self._report_baking)
+        self._lookups = Lookups(self._outbox, self._painter.apply, self._show_legend)
         self._lock = threading.RLock()  # guards the display
         self._display = Display(shared, self._outbox, self._painter, self._lookups)
         self._outbox.hello(shared.title)
-        self._leave = shared.subscribe(self._hear)
+        self._leave = shared.subscribe(self._on_change)
         with self._lock:
             self._display.send_panel()
         self._follow()
 
     def receive(self, text: str) -> None:
-        """Process a message of the page."""
+        """Process a message of the page. Invalid messages are ignored and logged."""
         try:
             message = parse(text)
             handler = self._handlers.get(message["type"])
             if handler is None:
                 raise ValueError(f"unknown type {message['type']!r:.40}")
-            if message["type"] in COSTLY and not self._allowance.take():
-                self._outbox.toast("warning", "too much was asked for at once: some of it was left out")
+            if message["type"] in COSTLY and not self._rate_limiter.take():
+                self._outbox.toast("warning", "too many requests at once: some were ignored")
                 return
             with self._lock:
                 handler(self, message)
         except Exception as error:
-            self._nonsense += 1
-            if self._nonsense <= MOST_SAID:
+            self._invalid_count += 1
+            if self._invalid_count <= MAX_LOGGED:
                 log.warning("ignored a message of the page: %s", error)
 
     def leave(self) -> None:
-        """End: the browser has gone, and nothing more is drawn for it."""
+        """End the session after the browser has disconnected: stop drawing, baking and saving."""
         self._leave()
         self._painter.close()
         self._exports.stop()
-        with self._lock, self._told:  # the scene may be notifying now: that ends before this, or does nothing
+        with self._lock, self._state_lock:  # a notification in progress ends first
             self._gone = True
             self._follower.shutdown(wait=False, cancel_futures=True)
             self._lookups.stop()
@@ -89,7 +89,7 @@ class Session:
 
     @property
     def has_ended(self) -> bool:
-        """Whether nothing is drawn, baked or saved any more, after `leave`."""
+        """Whether drawing, baking and saving have all stopped after `leave`."""
         return self._painter.has_ended and self._exports.has_ended
 
     # Messages of the page.
@@ -104,7 +104,7 @@ class Session:
         self._painter.seen(int(number(message, "number", 0)))
 
     def _on_set(self, message: dict[str, Any]) -> None:
-        name, display = word(message, "name"), self._display
+        name, display = short_text(message, "name"), self._display
         control = display.control(name)
         value = control.check(message.get("value"))
         if name.startswith("build."):
@@ -126,8 +126,8 @@ class Session:
         display.change(view, control.kind in ("choice", "switch"))
 
     def _on_press(self, message: dict[str, Any]) -> None:
-        name, display = word(message, "name"), self._display
-        display.control(name)  # raises where there is none
+        name, display = short_text(message, "name"), self._display
+        display.control(name)  # raises ValueError if there is none
         scene, view = self._shared.scene, display.view
         if scene is None or view is None:
             return
@@ -157,17 +157,17 @@ class Session:
     def _add_lamp(self, kind: str, scene: Scene) -> None:
         view = self._display.view
         assert view is not None
-        if len(view.lamps) >= MOST_LAMPS:
+        if len(view.lamps) >= MAX_LIGHTS:
             self._outbox.toast("warning", f"there are {len(view.lamps):,} lights: remove one to add another")
             return
         self._display.change(view.with_lamp(kind, scene, self._shared.up), True)
 
     def _on_view(self, message: dict[str, Any]) -> None:
-        self._display.go(word(message, "name"), animate=True)
+        self._display.go(short_text(message, "name"), animate=True)
 
     def _on_pick(self, message: dict[str, Any]) -> None:
         x, y = number(message, "x", 0, 1), number(message, "y", 0, 1)
-        purpose, extend = word(message, "purpose"), message.get("extend") is True
+        purpose, extend = short_text(message, "purpose"), message.get("extend") is True
         display = self._display
         if self._shared.scene is None or display.camera is None or display.view is None:
             return
@@ -190,41 +190,41 @@ class Session:
 
     # Changes of the shared scene.
 
-    def _hear(self) -> None:
-        """Process a change of the shared scene in this page's thread, not in the one that notifies all pages."""
-        with self._told:
-            if not self._gone and not self._news:
-                self._news = True
+    def _on_change(self) -> None:
+        """Queue the processing of a change in this session's own thread, not in that of the notifier."""
+        with self._state_lock:
+            if not self._gone and not self._has_changes:
+                self._has_changes = True
                 self._follower.submit(self._follow_logged)
 
     def _follow_logged(self) -> None:
         try:
             self._follow()
         except Exception:
-            log.exception("while telling a browser")
+            log.exception("error while updating a browser")
 
     def _follow(self) -> None:
-        """Send the progress, and have the display take what has changed."""
-        self._news = False
+        """Send the progress and update the display."""
+        self._has_changes = False
         self._outbox.progress(self._shared.progress)
         with self._lock:
             if not self._gone:
                 self._display.follow()
 
-    # Results; the painter and the lookups call these in their own threads.
+    # Results. The painter and the lookups call these from their own threads.
 
     def _deliver(self, frame: Frame) -> None:
-        """Send a picture. After the first one there is time to load what a click needs."""
+        """Send an image. After the first one, load what clicks need."""
         self._outbox.frame(frame, self._painter.frames_a_second)
         if frame.request.sketch is None:
             self._lookups.prepare(frame.request.scene)
 
-    def _say_baking(self, stage: str, share: float | None, seconds: float | None) -> None:
-        """Send the progress of baking light, unless models are being built."""
+    def _report_baking(self, stage: str, share: float | None, seconds: float | None) -> None:
+        """Send the progress of baking, unless models are being built."""
         shared = self._shared.progress
         self._outbox.progress(shared if shared.stage else Progress(stage, share, seconds))
 
-    def _explain(self, request: FrameRequest, shown: Attribute, image: str) -> None:
+    def _show_legend(self, request: FrameRequest, shown: Attribute, image: str) -> None:
         """Send a legend."""
         with self._lock:
-            self._display.explain(request, shown, image)
+            self._display.show_legend(request, shown, image)

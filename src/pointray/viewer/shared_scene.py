@@ -1,4 +1,4 @@
-"""The scene that all browsers show; it may still be loading from a file, or be built again."""
+"""The scene that all browsers show; it may still be loading or being rebuilt."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ log = logging.getLogger("pointray.view")
 class Build:
     """How models are built: the parameters of `Model` in the panel.
 
-    measured : whether noise is smoothed away as it is measured; noise : else so much of it, in the median radius
+    measured : whether to smooth measured noise; noise : otherwise the noise to smooth, in median radii
     scatter, scatter_size : how scattered points are drawn
     """
 
@@ -43,7 +43,7 @@ class Build:
 
 
 def build_of(model: Model) -> Build:
-    """How a model was built; its noise, where that was measured, is the median."""
+    """Return how a model was built. Measured noise is reported as its median."""
     size, found = model.spacing or 1.0, model.tree.noise
     build = Build(model.surface, model.settings.samples, scatter=model.drawing.scatter, scatter_size=model.drawing.size)
     if isinstance(model.smooth, str):
@@ -54,7 +54,7 @@ def build_of(model: Model) -> Build:
 
 @dataclass(frozen=True)
 class Progress:
-    """The work in progress. share, seconds (left) : None if unknown; stage : empty if there is no work."""
+    """Work in progress. share, seconds (left) : None if unknown; stage : empty if there is no work"""
 
     stage: str = ""
     share: float | None = None
@@ -62,39 +62,39 @@ class Progress:
 
 
 class Loader(Protocol):
-    """Loads a scene: calls `SharedScene.show` whenever there is more to see, and `SharedScene.say` with its stage.
+    """Loads a scene: calls `SharedScene.show` with each version of it, and `SharedScene.report` with its progress.
 
-    It first calls `SharedScene.outline` if there are points and no kernels yet to trace them.
+    It first calls `SharedScene.show_sketch` if there are points but the kernels are not compiled.
     """
 
     def __call__(self, shared: SharedScene) -> None: ...
 
 
 class SharedScene:
-    """The scene, and the listeners that are notified when it changes.
+    """The scene, and listeners that are notified when it changes.
 
     Attributes
     ----------
     title : str
     source : str
-        The file, as `pointray render` takes it; empty if there is none, or several.
+        The file as an argument of `pointray render`; empty if there is none, or several.
     up : (3,) tuple
     home : Camera or None
-        Where a browser begins; None: a view of everything.
+        Initial camera of a browser; None: a view of everything.
     settings, exposes, exposure, curve
-        The initial values.
+        Initial values of view settings.
     sketch : Sketch or None
-        What is shown while there is no scene.
+        Shown while there is no scene.
     look : str
-        One of `staging.LOOKS` if that is the light of the scene; empty: it has lights of its own, or none.
+        One of `auto_view.LOOKS` if the scene is lit by it; empty if it has lights of its own, or none.
     contact_shadow : bool
-        Whether browsers show contact shadows at first.
+        Whether browsers initially show contact shadows.
     is_coarse : bool
-        Whether the scene is a coarse version, until all of it is there.
+        Whether the scene is a coarse version, until all points are loaded.
     problem : str
-        Why there is nothing to see, or only a part.
+        Why nothing, or only a part, can be shown.
     failures : int
-        How many problems there have been: the same one again counts as another.
+        Number of problems so far; repetitions count.
     """
 
     def __init__(
@@ -109,33 +109,33 @@ class SharedScene:
         self.up = check_direction(up, "up")
         self.home: Camera | None = None
         self.exposes, self.exposure, self.curve = False, 0.0, "srgb"
-        self._scan: tuple[Any, Scan] | None = None  # the last scan of the scene, and what it was made for
+        self._scan: tuple[Any, Scan] | None = None  # cache of the scan of the scene, and its key
         self.problem, self.failures = "", 0
         self.sketch: Sketch | None = None
         self.look, self.contact_shadow, self.is_coarse = "", True, False
         self._building, self._compiling, self._time_left = Progress(), Progress(), TimeLeft()
-        self._scene, self._shown = scene, 0
-        self._wanted: Build | None = None  # the build that the user wants; None: models as they came
-        self._built: tuple[Build, dict[Model, Model]] | None = None  # the last build, and which model replaces which
-        self._exchanged: tuple[Any, Scene] | None = None  # the last scene with these models, and what it was made for
+        self._scene, self._revision = scene, 0
+        self._wanted: Build | None = None  # the build requested by the user; None: models as loaded
+        self._built: tuple[Build, dict[Model, Model]] | None = None  # the last build; original -> rebuilt model
+        self._cached_scene: tuple[Any, Scene] | None = None  # cache of the scene with rebuilt models, and its key
         self._listeners: list[Callable[[], None]] = []
         self._lock, self._builds = threading.Lock(), threading.Lock()
-        self._next: threading.Thread | None = None  # waits to build what is wanted when it starts
+        self._next: threading.Thread | None = None  # started, but has not read the requested build yet
 
     @property
     def scene(self) -> Scene | None:
-        """The scene so far, in which rebuilt models replace the original ones."""
+        """The scene so far, with rebuilt models in place of the original ones."""
         scene, built = self._scene, self._built
         if scene is None or built is None:
             return scene
-        key, exchanged = (scene, scene._version, built), self._exchanged
-        if exchanged is None or exchanged[0] != key:
-            exchanged = self._exchanged = key, scene.exchange(built[1])
-        return exchanged[1]
+        key, cached = (scene, scene._version, built), self._cached_scene
+        if cached is None or cached[0] != key:
+            cached = self._cached_scene = key, scene.exchange(built[1])
+        return cached[1]
 
     @property
     def progress(self) -> Progress:
-        """The work in progress; of two tasks the one that takes longer."""
+        """Progress of compiling kernels, or else of building."""
         return self._compiling if self._compiling.stage else self._building
 
     @property
@@ -145,11 +145,11 @@ class SharedScene:
 
     @property
     def version(self) -> tuple[int, int]:
-        """A value that differs whenever the scene is another one, or has changed."""
-        return self._shown, 0 if self._scene is None else self._scene._version
+        """A value that changes whenever the scene is replaced or modified."""
+        return self._revision, 0 if self._scene is None else self._scene._version
 
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
-        """Call a listener, from any thread, whenever anything changes; returns a function that ends this."""
+        """Call a listener, from any thread, on each change; return a function that unsubscribes it."""
         with self._lock:
             self._listeners.append(listener)
 
@@ -161,7 +161,7 @@ class SharedScene:
         return leave
 
     def load(self, loader: Loader) -> threading.Thread:
-        """Let a loader load the scene, in the background."""
+        """Load the scene with a loader, in the background."""
 
         def work() -> None:
             loader(self)
@@ -170,48 +170,48 @@ class SharedScene:
         return self._start(work)
 
     def scan(self, view: str) -> Scan:
-        """The scan of the scene for one of its views, see `ViewChoice`; ValueError if there is no scene."""
+        """Return the scan of the scene for a view, see `ViewChoice`; raise ValueError if there is no scene."""
         seen, key = self.scene or (None if self.sketch is None else self.sketch.points), (self.version, self.up, view)
         if seen is None:
-            raise ValueError("there is nothing to see yet")
+            raise ValueError("no scene loaded yet")
         if self._scan is None or self._scan[0] != key:
             self._scan = key, Scan(seen, ViewChoice(self.up, view))
         return self._scan[1]
 
-    def outline(self, sketch: Sketch, up: tuple[float, float, float]) -> None:
+    def show_sketch(self, sketch: Sketch, up: tuple[float, float, float]) -> None:
         """Show a sketch until there is a scene."""
         self.sketch, self.up = sketch, up
-        self._shown += 1
+        self._revision += 1
         self.notify()
 
     def show(self, scene: Scene, home: Camera | None = None, coarse: bool = False) -> None:
-        """Show a scene from now on; `home` is where a browser begins. coarse : whether there is more to come"""
-        self.is_coarse = coarse  # first: what is seen with the new scene is not baked in vain
+        """Show a scene. home : initial camera of browsers; coarse : whether a finer version will follow"""
+        self.is_coarse = coarse  # set first, so that no browser bakes a coarse scene
         self._scene, self._built, self.sketch = scene, None, None
-        if home is not None:  # the page opens in perspective, without a lens
+        if home is not None:  # the page starts in perspective, without depth of field
             self.home = replace(home, projection="perspective", aperture=0.0, focus=None)
-        self._shown += 1
+        self._revision += 1
         self.notify()
 
     @property
     def build(self) -> Build | None:
-        """How the shown models are built; the first one's build if there are several."""
+        """How the shown models are built; that of the first one if there are several."""
         if self._built is not None:
             return self._built[0]
         models = [] if self._scene is None else self._scene.models
         return build_of(models[0]) if models else None
 
     def rebuild(self, **changes: Any) -> threading.Thread:
-        """Build all models again, with changes to the last wanted build; the old ones are shown until it is done.
+        """Rebuild all models with changes to the last requested build; the old ones are shown meanwhile.
 
-        Whoever tells the noise does not want it measured.
+        A value for `noise` turns off `measured`, unless that is given, too.
         """
         if "noise" in changes:
             changes.setdefault("measured", False)
         with self._lock:
             last = self._wanted or self.build
             if last is None:
-                raise ValueError("there is no model to build anew")
+                raise ValueError("no model to rebuild")
             self._wanted = replace(last, **changes)
             if self._next is None:
                 self._next = self._start(self._rebuild)
@@ -227,7 +227,7 @@ class SharedScene:
                     return
                 models = scene.models
                 try:
-                    made = {model: self._rebuilt(model, build, k, len(models)) for k, model in enumerate(models)}
+                    made = {model: self._rebuild_model(model, build, k, len(models)) for k, model in enumerate(models)}
                 except Exception:
                     self._wanted = None
                     raise
@@ -237,12 +237,12 @@ class SharedScene:
                     if build.measured:
                         build = replace(build, noise=build_of(made[models[0]]).noise)
                     self._wanted, self._built = build, (build, made)
-                    self._shown += 1
+                    self._revision += 1
                 self.notify()
 
-    def _rebuilt(self, model: Model, build: Build, number: int, count: int) -> Model:
-        def say(stage: str, share: float) -> None:
-            self.say(f"building: {stage}", (number + share) / count)
+    def _rebuild_model(self, model: Model, build: Build, number: int, count: int) -> Model:
+        def report(stage: str, share: float) -> None:
+            self.report(f"building: {stage}", (number + share) / count)
 
         options: dict[str, Any] = {
             "surface": build.surface,
@@ -254,9 +254,9 @@ class SharedScene:
         options["refine"] = model.settings.refine
         smooth: str | float = AUTO if build.measured else build.noise * model.spacing
         first = build_of(self._scene.models[0]) if self._scene else build
-        if (build.measured, build.noise) == (first.measured, first.noise):  # what the command asked for, unrounded
+        if (build.measured, build.noise) == (first.measured, first.noise):  # the command's value, unrounded
             smooth = model.smooth
-        return model.remade(smooth, **options, progress=say)
+        return model.remade(smooth, **options, progress=report)
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
         thread = threading.Thread(target=self._run, args=(work,), name="pointray-builder", daemon=True)
@@ -272,26 +272,26 @@ class SharedScene:
         except (OSError, ValueError) as error:
             self._fail(str(error))
         except Exception as error:
-            log.exception("while building")
+            log.exception("error while building")
             self._fail(f"{type(error).__name__}: {error}")
         give_back()
-        self.say("", None)
+        self.report("", None)
 
     def _fail(self, why: str) -> None:
-        self.failures += 1  # first: a reader between the two lines sees no problem yet
+        self.failures += 1  # first: a concurrent reader must not see the new problem with the old count
         self.problem = why
 
-    def say(self, stage: str, share: float | None) -> None:
-        """Report the current stage, and the share done."""
+    def report(self, stage: str, share: float | None) -> None:
+        """Report the current stage and the fraction done."""
         self._building = Progress(stage, share, self._time_left(stage, share))
         self.notify()
 
-    def look_at_compiling(self) -> None:
-        """Report the progress of compiling kernels; called several times a second."""
+    def update_compile_progress(self) -> None:
+        """Update the progress of compiling kernels; called several times a second."""
         state, before = BACKLOG.state, self._compiling
         self._compiling = Progress()
         if state is not None:
-            stage = f"compiling for this processor: kernel {state.number} of {state.total}"
+            stage = f"compiling for this CPU: kernel {state.number} of {state.total}"
             self._compiling = Progress(stage, state.share, state.seconds)
         if self._compiling != before:
             self.notify()
@@ -303,5 +303,5 @@ class SharedScene:
         for listener in listeners:
             try:
                 listener()
-            except Exception:  # of one browser; the others are notified anyway
-                log.exception("while telling a browser")
+            except Exception:  # an error of one browser must not affect the others
+                log.exception("error while updating a browser")

@@ -1,4 +1,4 @@
-"""Points drawn as lit dots by NumPy alone: the view of a scan while kernels are still being compiled."""
+"""Preview of a scan while kernels are being compiled: points drawn as shaded dots by NumPy alone."""
 
 from __future__ import annotations
 
@@ -14,77 +14,78 @@ from ..cloud.points import Points
 from ..image.tone import srgb_to_linear
 from ..rendering.camera import Camera, view_axes
 
-MOST = 60_000  # points that are drawn: a picture takes some 30 ms
-NEIGHBORS = 12  # neighbours for fitting normals that the file lacks
-COVER = 0.9  # radius of a dot, in distances to the CLOSE-th neighbour: few gaps are left
-CLOSE = 6
-WIDEST = 2.5  # pixels: limit of a dot's radius; beyond it the picture has fewer pixels
-DEPTHS = 2.0**31  # steps that distinguish depths
+MAX_POINTS = 60_000  # points drawn; an image takes about 30 ms
+NEIGHBORS = 12  # neighbours from which missing normals are fitted
+DOT_RADIUS = 0.9  # radius of a dot, in distances to the DOT_NEIGHBOR-th neighbour; leaves few gaps
+DOT_NEIGHBOR = 6
+MAX_DOT_RADIUS = 2.5  # pixels; for larger dots the resolution of the image is reduced
+DEPTH_STEPS = 2.0**31  # quantization steps of the depth buffer
 
 
 class Sketch:
-    """A sample of a scan's points that can be drawn at once.
+    """A sample of a scan's points that can be drawn without compiled kernels.
 
     Parameters
     ----------
     clouds : sequence of Points
-        They are drawn together.
+        Clouds drawn together.
     counts : sequence of int, optional
-        How many points each represents; by default its own number.
+        Number of points that each cloud represents; by default its own number.
 
     Attributes
     ----------
     points : Points
-        The points that are drawn.
+        The points drawn.
     count : int
+        The sum of `counts`.
     """
 
     def __init__(self, clouds: Sequence[Points], counts: Sequence[int] | None = None) -> None:
         counts = [len(cloud) for cloud in clouds] if counts is None else counts
         self.count, rng = sum(counts), np.random.default_rng(0)
-        some = []
+        drawn = []
         for cloud, count in zip(clouds, counts, strict=True):
-            share = min(MOST * count / self.count / max(len(cloud), 1), 1.0)
-            some.append(cloud.select(np.flatnonzero(cloud.finite & (rng.random(len(cloud)) < share))))
-        world = np.concatenate([cloud.origin + cloud.positions for cloud in some])
-        self.points = Points(world, _together([cloud.normals for cloud in some]))
-        from scipy.spatial import cKDTree  # a tenth of a second, and only while kernels are compiled
+            share = min(MAX_POINTS * count / self.count / max(len(cloud), 1), 1.0)
+            drawn.append(cloud.select(np.flatnonzero(cloud.finite & (rng.random(len(cloud)) < share))))
+        world = np.concatenate([cloud.origin + cloud.positions for cloud in drawn])
+        self.points = Points(world, _joined_normals([cloud.normals for cloud in drawn]))
+        from scipy.spatial import cKDTree  # late: the import takes 0.1 s and is rarely needed
 
         ranks = np.arange(1, min(NEIGHBORS, len(world)) + 1)
         distances, near = cKDTree(self.points.positions).query(self.points.positions, ranks)
-        self._spacing = float(np.median(distances[:, min(CLOSE, len(ranks) - 1)]))
+        self._spacing = float(np.median(distances[:, min(DOT_NEIGHBOR, len(ranks) - 1)]))
         self._normals: NDArray[Any] | None = self.points.normals
         if self._normals is None:
             self._normals = _plane_normals(self.points.positions, near)
-        self._colors = np.concatenate([_linear_colors(cloud) for cloud in some])
+        self._colors = np.concatenate([_linear_colors(cloud) for cloud in drawn])
 
     def draw(self, camera: Camera) -> NDArray[np.float32]:
-        """A picture as `render` returns it, perhaps of fewer pixels: (h, w, 4) float32."""
-        radius = self._radius(camera, np.median(self._seen(camera)[2]))
-        camera = _smaller(camera, radius / WIDEST)
-        across, upwards, depth = self._seen(camera)
+        """Return an image like that of `render`, perhaps at lower resolution: (h, w, 4) float32."""
+        radius = self._radius(camera, np.median(self._camera_coordinates(camera)[2]))
+        camera = _smaller(camera, radius / MAX_DOT_RADIUS)
+        across, upwards, depth = self._camera_coordinates(camera)
         shown = depth > 0
         (width, height), scale = camera.size, _pixels(camera, np.where(shown, depth, 1.0))
         column, row = (width / 2 + across * scale).astype(int), (height / 2 - upwards * scale).astype(int)
         shown &= (column >= 0) & (column < width) & (row >= 0) & (row < height)
         which = np.flatnonzero(shown)
-        nearest = self._nearest(column[which], row[which], depth[which], min(radius, WIDEST), (height, width))
+        nearest = self._nearest(column[which], row[which], depth[which], min(radius, MAX_DOT_RADIUS), (height, width))
         image = np.zeros((height, width, 4), np.float32)
         hit = nearest >= 0
-        image[hit, :3] = self._lit(camera, which[nearest[hit]])
+        image[hit, :3] = self._shade(camera, which[nearest[hit]])
         image[hit, 3] = 1.0
         return image
 
-    def _seen(self, camera: Camera) -> tuple[NDArray[np.float64], ...]:
-        """Coordinates to the right, upwards and along the view, from the eye."""
+    def _camera_coordinates(self, camera: Camera) -> tuple[NDArray[np.float64], ...]:
+        """Return coordinates to the right, up and along the view, relative to the eye."""
         eye = np.asarray(camera.eye) - self.points.origin
         forward, right, top = view_axes(np.subtract(camera.target, camera.eye), np.asarray(camera.up, np.float64))
         from_eye = self.points.positions.astype(np.float64) - eye
         return from_eye @ right, from_eye @ top, from_eye @ forward
 
     def _radius(self, camera: Camera, depth: float) -> float:
-        """The radius of a dot in pixels at a depth."""
-        return max(COVER * self._spacing * float(_pixels(camera, np.array(max(depth, 1e-300)))), 0.5)
+        """Return the radius of a dot at a depth, in pixels."""
+        return max(DOT_RADIUS * self._spacing * float(_pixels(camera, np.array(max(depth, 1e-300)))), 0.5)
 
     def _nearest(
         self,
@@ -94,11 +95,11 @@ class Sketch:
         radius: float,
         shape: tuple[int, int],
     ) -> NDArray[np.int64]:
-        """For each pixel the number of the dot that is nearest to the eye; -1 if there is none."""
+        """Return for each pixel the index of the dot nearest to the eye, or -1."""
         height, width = shape
         none = np.iinfo(np.int64).max
         buffer = np.full(height * width, none)
-        steps = (depth / max(float(depth.max(initial=0.0)), 1e-300) * (DEPTHS - 1)).astype(np.int64)
+        steps = (depth / max(float(depth.max(initial=0.0)), 1e-300) * (DEPTH_STEPS - 1)).astype(np.int64)
         keys = (steps << 32) | np.arange(len(depth))
         half, square = int(np.ceil(radius)), radius * radius + 0.5
         for down in range(-half, half + 1):
@@ -110,8 +111,8 @@ class Sketch:
                 np.minimum.at(buffer, (y * width + x)[inside], keys[inside])
         return np.where(buffer == none, -1, buffer & 0xFFFFFFFF).reshape(shape)
 
-    def _lit(self, camera: Camera, rows: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Linear colours of points in the studio's light, both sides alike."""
+    def _shade(self, camera: Camera, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return linear colours of points in the studio's light; both sides are shaded alike."""
         assert self._normals is not None
         forward, right, top = view_axes(np.subtract(camera.target, camera.eye), np.asarray(camera.up, np.float64))
         sideways, upwards, backwards = KEY_DIRECTION
@@ -124,7 +125,7 @@ class Sketch:
 
 
 def _pixels(camera: Camera, depth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The length of one unit in pixels at a depth."""
+    """Return the length of one world unit at a depth, in pixels."""
     half = np.tan(np.radians(camera.fov) / 2)
     if camera.projection == "orthographic":
         depth = np.full_like(depth, np.linalg.norm(np.subtract(camera.target, camera.eye)))
@@ -132,13 +133,13 @@ def _pixels(camera: Camera, depth: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _smaller(camera: Camera, times: float) -> Camera:
-    """The camera for a picture smaller by a factor, if the factor is above one."""
+    """Return the camera for an image reduced by a factor, if the factor exceeds one."""
     width, height = camera.size
     return replace(camera, size=(max(1, round(width / times)), max(1, round(height / times)))) if times > 1 else camera
 
 
-def _together(parts: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
-    """Normals of several clouds; None where one has none."""
+def _joined_normals(parts: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
+    """Concatenate normals of clouds; None if a cloud has none."""
     known = [part for part in parts if part is not None]
     return np.nan_to_num(np.concatenate(known)) if len(known) == len(parts) else None
 
@@ -150,7 +151,7 @@ def _linear_colors(cloud: Points) -> NDArray[np.float32]:
 
 
 def _plane_normals(positions: NDArray[np.float32], near: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Normals of planes through neighbours; which side they face does not matter here."""
+    """Return normals of planes fitted to neighbours, with arbitrary sign."""
     around = positions[near].astype(np.float64)
     around -= around.mean(axis=1, keepdims=True)
     return np.asarray(np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, 0])

@@ -1,4 +1,4 @@
-"""Work that yields the processors to pictures: in threads of lower priority, where threads have one of their own."""
+"""Threads of lower priority than those that draw, on systems where each thread has its own niceness."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-YIELDS = sys.platform == "linux"  # elsewhere niceness is that of the whole process
-# A thread of a picture gets 1.6, 3, 6 and 9 times as much of a processor as one of these.
+HAS_THREAD_NICENESS = sys.platform == "linux"  # elsewhere niceness applies to the whole process
+# Niceness of background work. A drawing thread gets 1.6, 3, 6 and 9 times the CPU time of such a thread.
 ROUGH_LIGHT, PARTS, LEVELS, FINE_LIGHT = 2, 5, 8, 10
-MOST = 19
+MAX_NICE = 19
 
 
-def yielding(nice: int, work: Callable[[], T]) -> T:
-    """Do work in a thread that yields to others, as do those that it starts; a thread cannot take that back.
+def run_niced(nice: int, work: Callable[[], T]) -> T:
+    """Run `work` in a thread of lower priority, which threads started by it inherit; return its result.
 
     nice : added to the niceness of the caller
     """
@@ -26,7 +26,7 @@ def yielding(nice: int, work: Callable[[], T]) -> T:
 
     def body() -> None:
         try:
-            yield_to_others(nice)
+            lower_priority(nice)
             results.append(work())
         except BaseException as error:
             errors.append(error)
@@ -35,11 +35,11 @@ def yielding(nice: int, work: Callable[[], T]) -> T:
     thread.start()
     thread.join()
     if errors:
-        raise errors.pop()  # its traceback refers to this list: what work() had would wait for Python's collector
+        raise errors.pop()  # pop: its traceback refers to this list, and the cycle would keep what work() held alive
     return results[0]
 
 
-def yield_to_others(nice: int) -> None:
-    """From now on this thread yields to others, which it cannot take back. nice : added to its niceness"""
-    if YIELDS:
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), min(os.nice(0) + nice, MOST))
+def lower_priority(nice: int) -> None:
+    """Lower the priority of this thread permanently. nice : added to its niceness"""
+    if HAS_THREAD_NICENESS:
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), min(os.nice(0) + nice, MAX_NICE))

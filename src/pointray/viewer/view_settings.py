@@ -1,4 +1,4 @@
-"""How one browser sees the scene: all values of its panel, but neither the camera nor what browsers share."""
+"""View settings of one browser: all values of its panel, but neither the camera nor settings that browsers share."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ from ..shade.materials.specular import Dielectric, Mirror
 from .light_control import Color, LightControl, controls_of, light_controls_of, new_light_control
 from .shared_scene import SharedScene
 
-CHANGED = "changed"  # lights: others than those of a look or the scene
-OWN, CONSTANT = "own", "constant"  # colours: the points' own, or one for all
-BACKDROP = (0.93, 0.94, 0.955)  # sRGB, behind a scene without a background
+CHANGED = "changed"  # lights that the user has edited
+OWN, CONSTANT = "own", "constant"  # colours: those of the points, or a single one
+BACKDROP = (0.93, 0.94, 0.955)  # sRGB, default background colour
 
-# Values for the picture, not the scene: `apply` does not depend on them.
-PICTURE = (
+# Values that affect the image but not the scene: `apply` does not depend on them.
+NOT_IN_SCENE = (
     *("base", "integrator", "samples", "max_depth", "shadows", "backfaces", "contact_shadow", "levels", "exposure"),
     *("curve", "studio"),
 )
@@ -48,40 +48,40 @@ PICTURE = (
 
 @dataclass(frozen=True)
 class Cut:
-    """A plane across an axis that cuts the model open. at : share of the bounds, from the least to the greatest."""
+    """A plane across an axis that cuts the model open. at : position as a fraction of the bounds"""
 
     on: bool = False
     at: float = 0.5
-    flip: bool = False  # keep the part beyond the plane
+    flip: bool = False  # whether to keep the part at greater coordinates
 
 
 @dataclass(frozen=True)
 class ViewSettings:
-    """The values of the panel; each has the name of its control.
+    """Values of the panel, each under the name of its control.
 
     Attributes
     ----------
     base : Settings
         Settings without a control in the panel.
     samples : int
-        For each pixel of a refined picture.
+        Samples per pixel of a refined image.
     exposes : bool
-        Whether the exposure is chosen automatically; `exposure` is then added to it.
+        Whether exposure is automatic; `exposure` is then added to it.
     curve : str
         AUTO: chosen together with the exposure.
     contact_shadow : bool
-        Whether an object that stands has one, see `Contacts`.
+        Whether a standing object gets a contact shadow, see `Contacts`.
     backdrop : (3,) sRGB
     around : str
-        "gradient": that of `image.tone`; "color": the backdrop's; "sky": the lights'; "scene": the scene's own.
+        Background: "gradient" that of `image.tone`; "color" the backdrop; "sky" the lights; "scene" that of the scene.
     studio : tuple of LightControl
-        The lights of the studio, if it was chosen.
+        Lights of the studio, if it was chosen.
     material : str
-        "own": each instance's own; else one for all models.
+        "own": that of each instance; otherwise one for all models.
     color_by : str
         OWN, CONSTANT, or an attribute of the points.
     low, high : float or None
-        The range of the attribute; None: found automatically.
+        Range of the attribute; None: automatic.
     """
 
     base: Settings = Settings()
@@ -115,7 +115,7 @@ class ViewSettings:
 
     @classmethod
     def of(cls, shared: SharedScene, scene: Scene) -> ViewSettings:
-        """The initial settings for a shared scene."""
+        """Return the initial settings for a shared scene."""
         settings = shared.settings
         view = cls(
             base=replace(settings, time_limit=None, noise=None, denoise=False),
@@ -131,10 +131,10 @@ class ViewSettings:
             curve=AUTO if shared.exposes else shared.curve,
         )
         lamps = light_controls_of(scene, shared.up)
-        return replace(view, lamps=lamps, studio=lamps if shared.look == STUDIO else ()).before(scene)
+        return replace(view, lamps=lamps, studio=lamps if shared.look == STUDIO else ()).with_background(scene)
 
-    def before(self, scene: Scene) -> ViewSettings:
-        """These settings with a scene's background."""
+    def with_background(self, scene: Scene) -> ViewSettings:
+        """Return these settings with the background of a scene."""
         if scene.shows_sky:
             return replace(self, around="sky")
         if scene.background is None:
@@ -143,12 +143,12 @@ class ViewSettings:
         return replace(self, around="color", backdrop=(r, g, b))
 
     def same_scene(self, other: ViewSettings) -> bool:
-        """Whether both settings give the same scene; compared by identity, as lights may hold arrays."""
-        names = [field.name for field in fields(self) if field.name not in PICTURE]
+        """Return whether both settings give the same scene; compared by identity, because lights may hold arrays."""
+        names = [field.name for field in fields(self) if field.name not in NOT_IN_SCENE]
         return all(getattr(self, name) is getattr(other, name) for name in names)
 
     def with_value(self, name: str, value: Any) -> ViewSettings:
-        """Settings with a new value of a control: of a field, or of a lamp or a cut, like "lamps.0.color"."""
+        """Return settings with a new value of a control: of a field, or of a light or a cut, like "lamps.0.color"."""
         field, _, rest = name.partition(".")
         if not rest:
             return replace(self, **{field: value})
@@ -160,80 +160,80 @@ class ViewSettings:
 
     @property
     def look(self) -> str:
-        """One of `staging.LOOKS` if that is the light; else CHANGED."""
+        """One of `auto_view.LOOKS` if the lights are those; otherwise CHANGED."""
         if not self.lamps:
             return HEADLIGHT
         same = len(self.lamps) == len(self.studio)
         return STUDIO if same and all(a is b for a, b in zip(self.lamps, self.studio, strict=True)) else CHANGED
 
     def in_studio(self, lights: Sequence[Light | EnvironmentLight], up: Vector) -> ViewSettings:
-        """Settings with the lights of a studio, which are baked unless they go with the camera."""
+        """Return settings with the lights of a studio, whose light is baked unless they are fixed to the camera."""
         lamps = controls_of(lights, up)
         baked = self.integrator == "phong" and not any(lamp.camera for lamp in lamps)
         return replace(self, lamps=lamps, studio=lamps, integrator="baked" if baked else self.integrator)
 
     def lit_by(self, lights: Sequence[Light | EnvironmentLight], up: Vector, integrator: str) -> ViewSettings:
-        """Settings with other lights. integrator : what takes the place of baked light"""
+        """Return settings with other lights. integrator : replaces that of baked light"""
         shown = self.integrator if self.integrator != "baked" else integrator if lights else "phong"
         return replace(self, lamps=controls_of(lights, up), integrator=shown)
 
     def with_lamp(self, kind: str, scene: Scene, up: Vector) -> ViewSettings:
-        """Settings with one more light."""
+        """Return settings with an additional light."""
         return replace(self, lamps=(*self.lamps, new_light_control(kind, scene, up)))
 
     def without_lamp(self, number: int) -> ViewSettings:
-        """Settings with one light less."""
+        """Return settings without a light."""
         return replace(self, lamps=self.lamps[:number] + self.lamps[number + 1 :])
 
     def settings(self, spp: int) -> Settings:
-        """Settings for a picture with the given number of samples a pixel."""
+        """Return the settings of an image with the given number of samples per pixel."""
         shown: dict[str, Any] = {"integrator": self.integrator, "max_depth": self.max_depth, "shadows": self.shadows}
         return replace(self.base, spp=spp, levels=self.levels, backfaces=self.backfaces, **shown)
 
     @property
-    def chooses(self) -> bool:
-        """Whether the exposure of its pictures is chosen automatically."""
+    def auto_exposed(self) -> bool:
+        """Whether the exposure of images is automatic."""
         return self.exposes and self.integrator in EXPOSED
 
     def tone(self, image: NDArray[np.float32]) -> tuple[float, str]:
-        """Exposure (stops) and curve with which a picture is shown."""
-        if not self.chooses:
+        """Return exposure (stops) and curve for an image."""
+        if not self.auto_exposed:
             return tone_of(image, self.exposure, self.curve)
-        white = white_under(self.lights((0.0, 0.0, 1.0)), self.integrator)  # whichever way is up
+        white = white_under(self.lights((0.0, 0.0, 1.0)), self.integrator)  # any up direction will do
         stops, curve = tone_of(image, AUTO, self.curve, white)
         return stops + self.exposure, curve
 
     @property
     def behind(self) -> Backdrop:
-        """The backdrop where a picture is transparent: sRGB above and below."""
+        """Backdrop of transparent pixels: sRGB above and below."""
         return GRADIENT if self.around == "gradient" else (self.backdrop, self.backdrop)
 
     def lights(self, up: Vector) -> list[Light | EnvironmentLight]:
-        """The lights that are on."""
+        """Return the lights that are on."""
         return [lamp.make(up) for lamp in self.lamps if lamp.on]
 
     def apply(self, scene: Scene, up: Vector) -> Scene:
-        """A copy of the scene with these settings; the scene itself is not touched."""
-        dressed = scene.copy()
-        dressed.lights = self.lights(up)
-        dressed.background = "environment" if self.around == "sky" else srgb_to_linear(np.array(self.backdrop))
+        """Return a copy of the scene with these settings; the scene itself is unchanged."""
+        applied = scene.copy()
+        applied.lights = self.lights(up)
+        applied.background = "environment" if self.around == "sky" else srgb_to_linear(np.array(self.backdrop))
         if self.around == "gradient" or (self.around == "color" and self.exposes):
-            dressed.background = None  # the backdrop is not exposed
+            applied.background = None  # the backdrop is composited after exposure
         if self.around == "scene":
-            dressed.background = "environment" if scene.shows_sky else scene.background
+            applied.background = "environment" if scene.shows_sky else scene.background
         low, high = scene.bounds
         if self.ground:
             top = axes_of(up)[2]
-            dressed.add(Plane(np.where(top >= 0, low, high), up))
-        dressed.clips = [*map(tuple, scene.clips), *self._clips(low, high)]
+            applied.add(Plane(np.where(top >= 0, low, high), up))
+        applied.clips = [*map(tuple, scene.clips), *self._clips(low, high)]
         if self.material != OWN or self.color_by != OWN:
             for number, shape in scene.shapes.items():
                 if isinstance(shape, Model):
-                    dressed.update(number, material=self._material(shape.points.colors is None))
-        return dressed
+                    applied.update(number, material=self._material(shape.points.colors is None))
+        return applied
 
     def _clips(self, low: Any, high: Any) -> list[tuple[Any, Any]]:
-        """The planes of the cuts: a point of each, and the direction of the part that it cuts away."""
+        """Return the planes of the cuts: a point, and the direction of the part cut away."""
         out = []
         for axis, cut in enumerate(self.cuts):
             if cut.on:
@@ -242,7 +242,7 @@ class ViewSettings:
         return out
 
     def _material(self, uncolored: bool) -> Material:
-        """uncolored : whether the points have no colours of their own"""
+        """Return the material for models. uncolored : whether the points have no colours"""
         color: Any = None
         if self.color_by == CONSTANT:
             color = srgb_to_linear(np.array(self.color))
@@ -254,7 +254,7 @@ class ViewSettings:
         return Diffuse(color) if self.material == OWN else MATERIALS[self.material](self, color)
 
 
-# What the panel offers beside the scene's own materials, and how each is made of the settings and a colour.
+# Materials in the panel besides those of the scene: name -> function of settings and colour.
 MATERIALS: dict[str, Callable[[ViewSettings, Any], Material]] = {
     "diffuse": lambda view, color: Diffuse(color),
     "phong": lambda view, color: Phong(color, view.specular, view.exponent),
@@ -264,21 +264,21 @@ MATERIALS: dict[str, Callable[[ViewSettings, Any], Material]] = {
 }
 
 
-_FITTING: WeakKeyDictionary[Model, list[str]] = WeakKeyDictionary()  # found once for each model: it reads all values
+_USABLE: WeakKeyDictionary[Model, list[str]] = WeakKeyDictionary()  # cached: finding them reads all values
 
 
-def colorings(scene: Scene) -> list[str]:
-    """The attributes that can colour all models of a scene."""
-    of_models = [_fitting(model) for model in scene.models]
+def color_attributes(scene: Scene) -> list[str]:
+    """Return the attributes that can colour all models of a scene."""
+    of_models = [_usable_attributes(model) for model in scene.models]
     return [*(name for name in of_models[0] if all(name in names for names in of_models)), *COORDINATES]
 
 
-def _fitting(model: Model) -> list[str]:
-    if model not in _FITTING:
+def _usable_attributes(model: Model) -> list[str]:
+    if model not in _USABLE:
         names = []
         for name in (name for name in model.points.attributes if name != RESIDUAL):
             with suppress(ValueError):
                 check_attribute(model.points, Attribute(name))
                 names.append(name)
-        _FITTING[model] = names
-    return _FITTING[model]
+        _USABLE[model] = names
+    return _USABLE[model]

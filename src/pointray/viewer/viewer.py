@@ -1,4 +1,4 @@
-"""A viewer: a shared scene, the server that shows it, and a session for each browser."""
+"""Viewer: a shared scene, the server that shows it, and a session for each browser."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .server import Server
 from .session import Session
 from .shared_scene import SharedScene
 
-HUB = "JUPYTERHUB_SERVICE_PREFIX"  # where a JupyterHub tells the path of a notebook's server
+HUB = "JUPYTERHUB_SERVICE_PREFIX"  # set by JupyterHub: path of the notebook server
 
 
 class Viewer:
-    """Serves a page that shows a scene, until it is closed. Changes in the scene appear on the page.
+    """Server of a page that shows a scene. Changes to the scene appear on the page.
 
     Attributes
     ----------
     url : str
-        The page's address. It contains a random token; only clients that know it are let in.
+        Address of the page. It contains a random token; requests without it are refused.
     port : int
     """
 
@@ -35,15 +35,15 @@ class Viewer:
         warm_up(shared.settings, clicks=True)
         self._ended = threading.Event()
         self._sessions: set[Session] = set()
-        self._leaving: set[Session] = set()  # those that browsers have left, until their threads have ended
+        self._leaving: set[Session] = set()  # closed sessions whose threads still run
         self._lock = threading.Lock()
-        self._server = Server(self._welcome, host, port, token, os.environ.get(HUB, ""))
+        self._server = Server(self._make_handler, host, port, token, os.environ.get(HUB, ""))
         self.url, self.port, self.is_public = self._server.url, self._server.port, self._server.is_public
         self._watcher = threading.Thread(target=self._watch, name="pointray-watcher", daemon=True)
         self._watcher.start()
 
     def close(self) -> None:
-        """Stop the server; pages keep their last picture."""
+        """Stop the server. Open pages keep their last image."""
         self._ended.set()
         self._server.close()
         with self._lock:
@@ -52,22 +52,22 @@ class Viewer:
             session.leave()
 
     def wait(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Wait until another thread or Ctrl-C closes it, or a condition holds."""
+        """Wait until `close` is called, Ctrl-C is pressed, or `until` returns True; then close the viewer."""
         try:
-            # Not Event.wait: a Ctrl-C within it may leave its lock held, and `close` would wait for ever.
+            # Not Event.wait: Ctrl-C inside it can leave its lock held, and `close` would then wait forever.
             while not self._ended.is_set() and not until():
                 time.sleep(0.1)
         finally:
             self.close()
 
     def open_browser(self) -> bool:
-        """Show the page in the user's browser; False if there is none."""
+        """Open the page in the user's browser; return False if none is available."""
         try:
             return webbrowser.open(self.url)
         except webbrowser.Error:
             return False
 
-    def _welcome(self, link: Link) -> Session:
+    def _make_handler(self, link: Link) -> Session:
         session = Session(link, self._shared, self._forget)
         with self._lock:
             self._sessions.add(session)
@@ -79,20 +79,20 @@ class Viewer:
             self._leaving.add(session)
 
     def _watch(self) -> None:
-        """Notify browsers when the caller changes the scene."""
+        """Notify browsers of changes that the caller makes to the scene."""
         version: Any = self._shared.version
         while not self._ended.wait(0.1):
-            self._shared.look_at_compiling()
-            self._clear()
+            self._shared.update_compile_progress()
+            self._release_memory()
             if self._shared.version != version:
                 version = self._shared.version
                 self._shared.notify()
 
-    def _clear(self) -> None:
-        """Give the memory of sessions that have ended back to the system.
+    def _release_memory(self) -> None:
+        """Return the memory of ended sessions to the system.
 
-        Else what they needed remains in the heap, as holes: when all visitors of 20,000 points had left, memory was 308
-        to 385 MB, and in one of two runs 10% more after 20,000 events than after 10,000; so it is 261 to 302 MB.
+        Otherwise it remains in the heap as holes. With 20,000 points, after all visitors had left, memory was 308 to
+        385 MB, and in one of two runs it grew by 10% from 10,000 to 20,000 events; with this call it is 261 to 302 MB.
         """
         with self._lock:
             ended = {session for session in self._leaving if session.has_ended}
@@ -101,11 +101,9 @@ class Viewer:
             give_back()
 
     def _repr_html_(self) -> str:
-        """For a notebook: the page itself, and what to do where it does not appear."""
+        """Return the page as an inline frame for a notebook, with a hint in case it does not appear."""
         if self._server.proxied:
-            hint = (
-                "If nothing appears: pip install jupyter-server-proxy where the notebook's server runs, and restart it."
-            )
+            hint = "If nothing appears: run pip install jupyter-server-proxy on the notebook server and restart it."
         else:
             hint = (
                 "If nothing appears, the notebook runs on another machine: forward the port from yours, "

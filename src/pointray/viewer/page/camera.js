@@ -1,26 +1,26 @@
 /**
- * The camera and its movements: pure functions from a camera to a camera.
+ * Camera movements: pure functions from a camera to a camera.
  *
- * Movements of the pointer are fractions of the window's height, angles radians, all else world units.
+ * Pointer movements are fractions of the window's height, angles are in radians, all else is in world units.
  */
 
 import { add, cross, dot, isVector, length, mix, scale, subtract, unit } from "./vector.js";
 
 /**
  * @typedef {{eye: number[], target: number[], up: number[], fov: number, orthographic?: boolean}} Camera
- *   fov: vertical, degrees; an orthographic one shows as much as this angle does at the target's distance
+ *   fov: vertical, degrees; an orthographic camera shows what this angle covers at the target's distance
  */
 
-const STEEPEST = ((90 - 0.5) * Math.PI) / 180; // elevation at which an orbit stops, short of the pole
-const PARALLEL = 1e-6; // sine of the angle between view and up below which up says nothing
+const STEEPEST = ((90 - 0.5) * Math.PI) / 180; // limit of the elevation, just below the pole
+const PARALLEL = 1e-6; // sine of the angle between view and up, below which they count as parallel
 
-const NARROWEST = 0.02; // degrees, and
-const WIDEST = 170; // of an orthographic camera's angle
+const NARROWEST = 0.02; // degrees, limits of
+const WIDEST = 170; // an orthographic camera's angle
 
 const radians = (degrees) => (degrees * Math.PI) / 180;
 const angleOf = (half) => Math.max(NARROWEST, Math.min(WIDEST, (2 * Math.atan(half) * 180) / Math.PI));
 
-/** Whether a message's value is a camera that sees something. */
+/** Return whether a value of a message is a valid camera. */
 export function isCamera(value) {
   return (
     isVector(value?.eye) &&
@@ -33,7 +33,7 @@ export function isCamera(value) {
   );
 }
 
-/** A camera of its own, without what else a message carries. */
+/** Copy a camera without the other fields of a message. */
 export const copyCamera = ({ eye, target, up, fov, orthographic = false }) => ({
   eye: [...eye],
   target: [...target],
@@ -42,13 +42,13 @@ export const copyCamera = ({ eye, target, up, fov, orthographic = false }) => ({
   orthographic,
 });
 
-/** Whether two cameras take the same picture. */
+/** Return whether two cameras give the same image. */
 export function sameCamera(a, b) {
   const same = (name) => a[name].every((value, axis) => value === b[name][axis]);
   return a.fov === b.fov && a.orthographic === b.orthographic && same("eye") && same("target") && same("up");
 }
 
-/** The unit vectors of the view; where up is parallel to it, the axes that the renderer takes (camera.py, _axes). */
+/** Return the unit vectors of the view. If up is parallel to it, use the renderer's axes (view_axes in camera.py). */
 export function viewAxes(camera) {
   const forward = unit(subtract(camera.target, camera.eye));
   const choices = [unit(camera.up), [0, 1, 0], [1, 0, 0]];
@@ -57,13 +57,13 @@ export function viewAxes(camera) {
   return { forward, right, top: cross(right, forward) };
 }
 
-/** How far the eye is from its target. */
+/** Distance from the eye to the target. */
 export const targetDistance = (camera) => length(subtract(camera.eye, camera.target));
 
-/** World units at the target's distance that the window's height shows. */
+/** Height of the window in world units at the target's distance. */
 export const heightAtTarget = (camera) => 2 * targetDistance(camera) * Math.tan(radians(camera.fov) / 2);
 
-/** The eye as seen from the target: distance, elevation above the plane across `pole`, unit direction in that plane. */
+/** Position of the eye relative to the target: distance, elevation, and unit heading in the plane normal to `pole`. */
 function turntable(camera, pole) {
   const offset = subtract(camera.eye, camera.target);
   const rise = dot(offset, pole);
@@ -71,23 +71,23 @@ function turntable(camera, pole) {
   const distance = length(offset);
   const elevation = Math.atan2(rise, length(level));
   if (length(level) > PARALLEL * distance) return { distance, elevation, heading: unit(level) };
-  // Over the pole the eye would leave it towards the picture's lower edge; under it, towards the upper one.
+  // At the upper pole the heading is the lower edge of the image, at the lower pole the upper edge.
   const { top } = viewAxes(camera);
   const back = subtract(top, scale(pole, dot(top, pole)));
   return { distance, elevation, heading: unit(scale(back, -Math.sign(rise) || 1)) };
 }
 
-/** Where the eye is, from the target: the inverse of `turntable`. */
+/** Offset of the eye from the target: the inverse of `turntable`. */
 function offsetOf({ distance, elevation, heading }, pole) {
   const level = scale(heading, distance * Math.cos(elevation));
   return add(level, scale(pole, distance * Math.sin(elevation)));
 }
 
-/** A vector across the pole, turned about it. */
+/** Rotate a vector normal to the pole about it. */
 const turned = (heading, pole, angle) =>
   add(scale(heading, Math.cos(angle)), scale(cross(pole, heading), Math.sin(angle)));
 
-/** The eye moves about the target: `right` about the up axis, `rise` towards its pole. */
+/** Move the eye about the target: `right` about the up axis, `rise` towards its pole. */
 export function orbit(camera, right, rise) {
   const pole = unit(camera.up);
   const from = turntable(camera, pole);
@@ -96,12 +96,12 @@ export function orbit(camera, right, rise) {
   return { ...camera, eye: add(camera.target, offsetOf({ ...from, elevation, heading }, pole)) };
 }
 
-/** Eye and target move together. */
+/** Move eye and target together. */
 export function shift(camera, by) {
   return { ...camera, eye: add(camera.eye, by), target: add(camera.target, by) };
 }
 
-/** The other projection: at the target's distance it shows the same. fov: of a perspective one, degrees. */
+/** Switch the projection, keeping the view at the target's distance. fov: degrees, for the perspective one. */
 export function reproject(camera, fov) {
   if (!camera.orthographic) return { ...camera, orthographic: true };
   const distance = heightAtTarget(camera) / (2 * Math.tan(radians(fov) / 2));
@@ -109,17 +109,17 @@ export function reproject(camera, fov) {
   return { ...camera, eye, fov, orthographic: false };
 }
 
-/** The plane through the target follows the pointer, which moved by dx, dy (down is positive). */
+/** Move the plane through the target with the pointer, by dx, dy (down is positive). */
 export function pan(camera, dx, dy) {
   const { right, top } = viewAxes(camera);
   const height = heightAtTarget(camera);
   return shift(camera, add(scale(right, -dx * height), scale(top, dy * height)));
 }
 
-/** The eye's distance to its target times a factor, no less than `least`. */
+/** Multiply the distance to the target by a factor, to `least` at minimum. */
 export function dolly(camera, factor, least = 0) {
   if (camera.orthographic) {
-    // The eye stays where it is: closer, it would pass what is before the target.
+    // The eye stays: moving closer, it could pass objects in front of the target.
     return { ...camera, fov: angleOf(Math.tan(radians(camera.fov) / 2) * factor) };
   }
   const distance = targetDistance(camera);
@@ -128,21 +128,21 @@ export function dolly(camera, factor, least = 0) {
   return { ...camera, eye: add(camera.target, scale(subtract(camera.eye, camera.target), wanted / distance)) };
 }
 
-/** Eye and target move by lengths [right, up, forward]; up is the up axis, as walking on the ground would have it. */
+/** Move eye and target by lengths [right, up, forward], where up is the up axis, not that of the image. */
 export function fly(camera, [right, up, forward]) {
   const axes = viewAxes(camera);
   const level = add(scale(axes.right, right), scale(axes.forward, forward));
   return shift(camera, add(level, scale(unit(camera.up), up)));
 }
 
-/** The same view of another target. */
+/** Move the camera to another target, keeping the view direction. */
 export const aimedAt = (camera, target) => ({ ...shift(camera, subtract(target, camera.target)), target });
 
 /**
- * The camera at a share 0..1 of the way from a to b.
+ * Interpolate from camera a to camera b; share 0..1.
  *
- * The eye moves about the target on an arc, as an orbit would: azimuth the shorter way round, elevation, and the
- * logarithm of the distance evenly. An arc of a great circle could pass over the pole, where the picture flips.
+ * The eye moves about the target as in an orbit: azimuth (the shorter way), elevation and the logarithm of the
+ * distance change evenly. A great circle could pass over the pole, where the image flips.
  */
 export function between(a, b, share) {
   if (share >= 1) return copyCamera(b);
@@ -166,7 +166,7 @@ export function between(a, b, share) {
   };
 }
 
-/** A function from a point to its place in the picture: x, y 0..1 from the left and the top; depth along the view. */
+/** Return a function that projects a point: x, y 0..1 from the left and the top; depth along the view. */
 export function projector(camera, aspect) {
   const { forward, right, top } = viewAxes(camera);
   const half = Math.tan(radians(camera.fov) / 2);

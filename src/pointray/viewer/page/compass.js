@@ -1,30 +1,30 @@
-/** What a map has: a scale bar in orthographic views, and where north is if the scan is georeferenced. */
+/** Scale bar in orthographic views, and north arrow for georeferenced scans. */
 
 import { heightAtTarget, viewAxes } from "./camera.js";
 import { dot, isVector } from "./vector.js";
 
-const LONGEST = 160; // CSS px of the bar
-const STEEPEST = 0.1; // of north's length must be seen, else the view is along it and the arrow means nothing
+const LONGEST = 160; // CSS px, maximum length of the bar
+const STEEPEST = 0.1; // minimum projected length of north; the arrow is hidden in views nearly along north
 
 const byId = (id) => document.getElementById(id);
 
-/** The greatest 1, 2 or 5 times a power of ten that is not above a length. */
+/** Return the greatest 1, 2 or 5 times a power of ten that does not exceed a length. */
 export function roundLength(length) {
   const power = 10 ** Math.floor(Math.log10(length));
   const digit = [5, 2, 1].find((step) => step * power <= length * (1 + 1e-9)) ?? 1;
-  return Number((digit * power).toPrecision(1)); // no 0.30000000000000004
+  return Number((digit * power).toPrecision(1)); // avoids 0.30000000000000004
 }
 
 export class Compass {
-  #camera = null; // of the picture that is shown
-  #north = null; // unit vector, null where nobody knows
+  #camera = null; // camera of the shown image
+  #north = null; // unit vector, null if unknown
 
   setNorth(north) {
     this.#north = isVector(north) ? north : null;
     this.redraw();
   }
 
-  /** With the camera of another picture. */
+  /** Update for the camera of a new image. */
   follow(camera) {
     this.#camera = camera;
     this.redraw();

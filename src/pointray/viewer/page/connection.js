@@ -1,8 +1,8 @@
-/** The socket to the server: opened again each second when it is lost. */
+/** WebSocket to the server; reconnects every second after a loss. */
 
 const RETRY = 1000; // ms
 
-/** A binary message: uint32 length of a JSON header, little-endian; the header; the payload. */
+/** Unpack a binary message: uint32 length of a JSON header, little-endian; the header; the payload. */
 function unpack(buffer) {
   const size = new DataView(buffer).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
@@ -28,7 +28,7 @@ export class Connection {
     return this.#socket?.readyState === WebSocket.OPEN;
   }
 
-  /** Whether it could be sent: what happens while disconnected is dropped, size and camera are sent anew afterwards. */
+  /** Send a message; return false if disconnected. It is then lost, but size and camera are sent again later. */
   send(message) {
     if (this.connected) this.#socket.send(JSON.stringify(message));
     return this.connected;
@@ -46,13 +46,13 @@ export class Connection {
     this.#socket = socket;
   }
 
-  /** A message that cannot be read must not end the page. */
+  /** Process a message; an invalid one is logged and ignored. */
   #receive(data) {
     try {
       const { header, payload } = typeof data === "string" ? { header: JSON.parse(data) } : unpack(data);
       this.#on.received(header, payload);
     } catch (error) {
-      console.warn("pointray: a message was passed over:", error);
+      console.warn("pointray: ignored an invalid message:", error);
     }
   }
 }

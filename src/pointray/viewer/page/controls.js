@@ -1,4 +1,4 @@
-/** One row of the panel for each kind of control. */
+/** Rows of the panel, by kind of control. */
 
 import { LogarithmicRange, Note, NumberField, VectorFields } from "./widgets.js";
 
@@ -8,11 +8,11 @@ const toHex = (channels) => "#" + channels.map((value) => toByte(value).toString
 const fromHex = (hex) => [1, 3, 5].map((start) => parseInt(hex.slice(start, start + 2), 16) / 255);
 
 const toNumber = (value) => (Number.isFinite(value) ? value : 0);
-const same = (a, b) => JSON.stringify(a) === JSON.stringify(b); // values of options may be lists or null
+const same = (a, b) => JSON.stringify(a) === JSON.stringify(b); // option values may be lists or null
 const itself = (value) => value;
 
 /**
- * For each kind: what lil-gui's model holds of a message's value (`inward`), the way back (`outward`), and the row.
+ * For each kind: conversion from a message's value to lil-gui's model (`inward`), back (`outward`), and the row.
  * The model is {value}; `add` makes the row in a lil-gui folder.
  */
 const KINDS = {
@@ -21,7 +21,7 @@ const KINDS = {
     return {
       inward: (value) => labels[options.findIndex(([option]) => same(option, value))] ?? String(value),
       outward: (label) => options[labels.indexOf(label)][0],
-      // Let go of the keyboard: its letters are the camera's.
+      // Release focus, so that keys move the camera.
       add: (folder, model) => folder.add(model, "value", labels).onFinishChange(() => document.activeElement?.blur()),
     };
   },
@@ -39,12 +39,12 @@ const KINDS = {
   note: () => ({ inward: (value) => String(value ?? ""), add: (folder, model) => new Note(folder, model) }),
 };
 
-/** A row of the kind "button": it has no value. */
+/** Add a button. */
 function addButton(folder, pressed) {
   return folder.add({ press: pressed }, "press");
 }
 
-/** A row with a value: `show` gives it a new one without a report. */
+/** Add a row with a value; `show` sets it without calling `changed`. */
 function addValue(folder, control, changed) {
   const { inward, outward = itself, add } = KINDS[control.kind](control);
   const model = { value: inward(control.value) };
@@ -58,7 +58,7 @@ function addValue(folder, control, changed) {
 }
 
 /**
- * Adds a control to a folder; null for one that is of no known kind or has no sensible description.
+ * Add a control to a folder; return null if its kind is unknown or its description invalid.
  * @param {{changed: (value: any) => void, pressed: () => void}} on
  * @returns {{show: (value: any) => void} | null}
  */
@@ -73,7 +73,7 @@ export function addControl(folder, control, on) {
     row.domElement.title = control.hint ?? "";
     return { show };
   } catch (error) {
-    console.warn("pointray: a control was passed over:", control, error);
+    console.warn("pointray: ignored an invalid control:", control, error);
     return null;
   }
 }

@@ -1,8 +1,8 @@
-/** Dialogs: a text to copy, the help; and files to save. */
+/** Dialogs (text to copy, help) and downloads. */
 
 const byId = (id) => document.getElementById(id);
 
-/** Puts the shown text on the clipboard; whether the browser let it. */
+/** Copy the shown text to the clipboard; return whether the browser allowed it. */
 async function copyShown() {
   const field = byId("copy-text");
   field.select();
@@ -10,16 +10,16 @@ async function copyShown() {
     await navigator.clipboard.writeText(field.value);
     return true;
   } catch {
-    return document.execCommand("copy"); // for pages that are not from this machine, by http
+    return document.execCommand("copy"); // pages over http from other machines have no clipboard API
   }
 }
 
 async function copyAndTell() {
   const copied = await copyShown();
-  byId("copy-state").textContent = copied ? "Copied." : "The browser does not allow it: press Ctrl+C.";
+  byId("copy-state").textContent = copied ? "Copied." : "The browser blocked it: press Ctrl+C.";
 }
 
-/** Shows a text, selected, and tries to put it on the clipboard. */
+/** Show a text, selected, and try to copy it to the clipboard. */
 export function showCopy({ text, title = "Copy" }) {
   const dialog = byId("copy");
   byId("copy-title").textContent = title;
@@ -28,7 +28,7 @@ export function showCopy({ text, title = "Copy" }) {
   copyAndTell();
 }
 
-/** The buttons of both dialogs; once. */
+/** Connect the buttons of both dialogs; call once. */
 export function prepareDialogs() {
   byId("copy-copy").addEventListener("click", copyAndTell);
   for (const button of document.querySelectorAll("dialog .dismiss")) {
@@ -36,22 +36,22 @@ export function prepareDialogs() {
   }
 }
 
-/** Not modal: one can try the keys while reading them. */
+/** Not modal, so that keys can be tried while the help is open. */
 export function toggleHelp() {
   const help = byId("help");
   if (help.open) return help.close();
   help.show();
-  document.activeElement?.blur(); // of its button
+  document.activeElement?.blur(); // removes focus from its button
 }
 
-/** Whether there was a help box to close. */
+/** Close the help; return whether it was open. */
 export function closeHelp() {
   const { open } = byId("help");
   byId("help").close();
   return open;
 }
 
-/** Saves a file as a download. */
+/** Save a file as a download. */
 export function saveFile({ name = "pointray", mime = "application/octet-stream" }, payload) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob([payload], { type: mime }));

@@ -1,7 +1,7 @@
 /**
- * The keyboard: keys that are held move the camera, others act once.
+ * Keyboard: held keys move the camera, others act once.
  *
- * Keys are named by place (`code`), so that W A S D lie under the hand on any layout.
+ * Keys are identified by position (`code`), so that W A S D work on any keyboard layout.
  */
 
 const FLIGHT = {
@@ -24,12 +24,12 @@ const TYPED = "input:not([type=checkbox], [type=color], [type=button]), textarea
 
 const isTyping = (event) => event.target instanceof Element && event.target.matches(TYPED);
 
-/** Escape gives the keys back to the camera. */
+/** Leave a text field on Escape, so that keys move the camera again. */
 function leave({ code, target }) {
   if (code === "Escape") target.blur();
 }
 
-/** Sum of the directions of held keys: opposite ones cancel. */
+/** Sum the directions of held keys; opposite ones cancel. */
 function direction(table, held, length) {
   const ways = [...held].map((code) => table[code]).filter(Boolean);
   return Array.from({ length }, (_, axis) => ways.reduce((sum, way) => sum + way[axis], 0));
@@ -45,7 +45,7 @@ export class Keys {
    */
   constructor(actions) {
     this.#actions = actions;
-    // Capturing: the panel keeps keys from bubbling, but a button that was clicked there must not stop a flight.
+    // Capture phase: the panel stops key events from bubbling, but a click on its buttons must not stop a flight.
     window.addEventListener("keydown", (event) => this.#down(event), true);
     window.addEventListener("keyup", (event) => this.#up(event), true);
     window.addEventListener("blur", () => this.#release());

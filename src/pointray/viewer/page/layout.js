@@ -1,10 +1,10 @@
-/** What of the view is free: the panel and the legend stand over the picture. */
+/** The part of the view that the panel and the legend do not cover. */
 
-const LEAST = 1 / 3; // of the view must stay free; what covers more stands over the picture for a moment, as on a phone
+const LEAST = 1 / 3; // fraction of the view that must stay free; larger boxes, as on a phone, are ignored
 
 const area = ({ left, top, right, bottom }) => Math.max(0, right - left) * Math.max(0, bottom - top);
 
-/** The largest rectangle beside, above or below a box. */
+/** Return the largest rectangle beside, above or below a box. */
 function beside(free, box) {
   if (box.right <= free.left || box.left >= free.right || box.bottom <= free.top || box.top >= free.bottom) return free;
   const parts = [
@@ -17,10 +17,10 @@ function beside(free, box) {
 }
 
 /**
- * What boxes leave free of a view.
+ * Return the part of a view that boxes leave free.
  *
  * @param {{width: number, height: number}} view  CSS px
- * @param {{left: number, top: number, right: number, bottom: number}[]} boxes  in the order in which they matter
+ * @param {{left: number, top: number, right: number, bottom: number}[]} boxes  most important first
  * @returns {number[]} left, top, right, bottom, CSS px
  */
 export function freeOf({ width, height }, boxes) {

@@ -1,7 +1,7 @@
 /**
- * pointray's viewer: the server's pictures, the user's hand.
+ * Page of pointray's viewer.
  *
- * The server renders and knows the scene; this page knows the camera, and sends it when it has moved.
+ * The server holds the scene and renders; the page holds the camera and sends it when it has moved.
  */
 
 import { copyCamera, isCamera, sameCamera } from "./camera.js";
@@ -18,8 +18,8 @@ import { Picture } from "./picture.js";
 import { Pointer } from "./pointer.js";
 
 const WIDEST = 3840; // device pixels
-const TURN = Math.PI; // radians an orbit turns for a drag of the window's height
-const LATENCIES = 1000; // as many are kept
+const TURN = Math.PI; // radians of orbit for a drag over the window's height
+const LATENCIES = 1000; // latencies kept
 
 const view = document.getElementById("view");
 const motion = new Motion();
@@ -28,10 +28,10 @@ const compass = new Compass();
 const picture = new Picture(view, drawn);
 const panel = new Panel(document.getElementById("panel"), send);
 
-const sent = { camera: null, size: "" }; // what the server knows
+const sent = { camera: null, size: "" }; // last values sent to the server
 const sun = { dx: 0, dy: 0 }; // not sent yet
-let waiting = 0; // the animation frame that is asked for
-let touched = 0; // ms, when the user's hand moved first since the last camera was sent
+let waiting = 0; // requested animation frame
+let touched = 0; // ms, time of the first input since the last camera was sent
 
 const report = { frames: 0, latency: [], timed: 0 };
 
@@ -47,7 +47,7 @@ const messages = {
   camera: takeCamera,
   panel({ folders }) {
     panel.build(folders);
-    sendSize(); // the first one: until now nobody knew what the panel covers
+    sendSize(); // only now is it known what the panel covers
   },
   values: ({ values }) => panel.setValues(values),
   status: ({ lines }) => overlay.showStatus(lines),
@@ -62,12 +62,12 @@ const messages = {
   file: saveFile,
 };
 
-/** Types that this page does not know come from a newer server, and are nothing to it. */
+/** Dispatch a message; unknown types, from a newer server, are ignored. */
 function received(message, payload) {
   if (Object.hasOwn(messages, message?.type)) messages[message.type](message, payload);
 }
 
-/** The server's camera. */
+/** Take a camera from the server. */
 function takeCamera(message) {
   if (!isCamera(message)) return;
   if (message.animate && motion.camera) {
@@ -83,13 +83,13 @@ function opened() {
   sent.size = "";
   picture.restart();
   overlay.showBanner(false);
-  // Before the size, which the server answers with a camera of its own as long as it knows of no other.
+  // Before the size: the server answers a size with its own camera until it has received one.
   sent.camera = null;
   sendCamera();
   sendSize();
 }
 
-/** After each picture; also after one that was passed over, as the server waits for the word. */
+/** Acknowledge each image, also one that was skipped, because the server waits for it. */
 function drawn(header, shown) {
   send({ type: "seen", number: header.number });
   if (!shown) return;
@@ -101,7 +101,7 @@ function drawn(header, shown) {
   if (header.time > report.timed) measureLatency(header.time);
 }
 
-/** Of a camera's first picture only: the finer ones after it keep its time. */
+/** Measure the latency of a camera's first image; the refined ones repeat its time. */
 function measureLatency(time) {
   report.timed = time;
   requestAnimationFrame(() => {
@@ -114,7 +114,7 @@ function send(message) {
   return connection.send(message);
 }
 
-/** The view in device pixels, and what of it nothing stands over. */
+/** Send the size of the view in device pixels, and the part that is not covered. */
 function sendSize() {
   const { innerWidth, innerHeight, devicePixelRatio } = window;
   const ratio = Math.min(devicePixelRatio, WIDEST / innerWidth);
@@ -136,7 +136,7 @@ function sendSun() {
   sun.dx = sun.dy = 0;
 }
 
-/** Once an animation frame, and only while something moves. */
+/** Runs once per animation frame, only while something moves. */
 function tick(now) {
   waiting = 0;
   if (motion.advance(now)) wake();
@@ -149,14 +149,14 @@ function wake() {
   waiting ||= requestAnimationFrame(tick);
 }
 
-/** Something that the next animation frame tells the server. */
+/** Run an action whose result is sent in the next animation frame. */
 function act(action) {
   touched ||= performance.now();
   action();
   wake();
 }
 
-// Beside the page: the address has a token, which the socket needs too.
+// Relative to the page, whose address contains the token that the socket needs.
 const connection = new Connection(new URL("socket", location.href.replace("http", "ws")).href, {
   opened,
   closed: () => overlay.showBanner(true),
@@ -192,7 +192,7 @@ window.addEventListener("resize", () => {
 });
 view.addEventListener("pointerdown", () => panel.yield());
 
-// They come, go, open and fold; what is free of the view changes with them.
+// The free part of the view changes with the panel and the legend.
 const covering = new ResizeObserver(wake);
 for (const id of ["panel", "legend"]) covering.observe(document.getElementById(id));
 

@@ -1,12 +1,12 @@
-/** What sticks to places of the model: markers of picked points, their box of values, the measured line. */
+/** Overlays at positions of the model: markers of picked points, the box with their values, the measured line. */
 
 import { projector } from "./camera.js";
 import { closeButton } from "./overlay.js";
 import { isVector, mix } from "./vector.js";
 
-const LINE = 17; // px from the length to its parts
+const LINE = 17; // px from the text of the length to that of its components
 const GAP = 14; // px from a marker to its box, and from the box to the window's edge
-const NEAR = 1e-3; // of the line's far depth: what of it is nearer is cut off
+const NEAR = 1e-3; // near clipping depth of the line, as a fraction of its far depth
 
 const byId = (id) => document.getElementById(id);
 
@@ -15,24 +15,24 @@ const set = (shape, attributes) => {
 };
 
 export class Markers {
-  #view = null; // {camera, aspect} of the picture that is shown
+  #view = null; // {camera, aspect} of the shown image
   #points = []; // at most two
   #line = null; // {from, to}
   #box = null; // {position, width, height} px
   #cleared;
 
-  /** cleared: told when the user has taken all away. */
+  /** cleared: called when the user removes all markers. */
   constructor(cleared) {
     this.#cleared = cleared;
   }
 
-  /** With the camera of another picture. */
+  /** Update for the camera of a new image. */
   follow(camera, aspect) {
     this.#view = { camera, aspect };
     this.redraw();
   }
 
-  /** A picked point, the second of a measurement perhaps, and what is known of it. */
+  /** Mark a picked point, perhaps the second of a measurement, and show its values. */
   pick({ position, lines, second }) {
     if (!isVector(position)) return;
     this.#points = second ? [...this.#points.slice(0, 1), position] : [position];
@@ -41,7 +41,7 @@ export class Markers {
     this.redraw();
   }
 
-  /** parts: of the way from one to the other along x, y and z, as text. */
+  /** Show a measured line. parts: its components along x, y and z, as text */
   measure({ from, to, text, parts }) {
     if (!isVector(from) || !isVector(to)) return;
     this.#points = [from, to];
@@ -65,7 +65,7 @@ export class Markers {
     this.#box = { position, width: box.offsetWidth, height: box.offsetHeight };
   }
 
-  /** All at their places in the picture. */
+  /** Place everything for the current view. */
   redraw() {
     byId("markers").toggleAttribute("hidden", !this.#points.length);
     if (!this.#box) byId("picked").hidden = true;
@@ -98,7 +98,7 @@ export class Markers {
     set(byId("line-parts"), { ...middle, y: middle.y + LINE });
   }
 
-  /** Beside its marker, within the window; hidden behind the eye. */
+  /** Place the box beside its marker, within the window; hide it if the point is behind the eye. */
   #placeBox({ x, y, depth }) {
     const { width, height } = this.#box;
     const box = byId("picked");
@@ -110,7 +110,7 @@ export class Markers {
   }
 }
 
-/** The places of a line's ends, cut where it passes the eye; null if all of it is behind. */
+/** Project the ends of a line, clipped in front of the eye; null if all of it is behind. */
 function visiblePart(from, to, place) {
   const [a, b] = [place(from), place(to)];
   const least = NEAR * Math.max(a.depth, b.depth);

@@ -1,36 +1,36 @@
-/** Where the camera is now: moved at once by a drag, over time by an animation or keys that are held. */
+/** Current camera: moved immediately by drags, over time by animations and held keys. */
 
 import * as moves from "./camera.js";
 import { isVector, length, scale, subtract } from "./vector.js";
 
-const GLIDE = 300; // ms an animation takes
-const FOV = 40; // degrees, of a perspective view that was orthographic from the start
-const FLIGHT = 1 / 4; // diagonals of the model a second
-const HURRY = 4; // times as fast, with Shift
-const TURN = Math.PI / 3; // radians a second, arrow keys
-const CLOSEST = 1e-5; // least distance to the target, diagonals
-const LONGEST_STEP = 100; // ms; a browser that slept must not fly through the wall
-const NORMAL_STEP = 1000 / 60; // ms, for the first step of a key: a tap moves, too
+const GLIDE = 300; // ms, duration of an animation
+const FOV = 40; // degrees, default of perspective views
+const FLIGHT = 1 / 4; // speed in diagonals of the model per second
+const HURRY = 4; // speed factor with Shift
+const TURN = Math.PI / 3; // radians per second, arrow keys
+const CLOSEST = 1e-5; // minimum distance to the target in diagonals
+const LONGEST_STEP = 100; // ms; limits the flight after the browser was suspended
+const NORMAL_STEP = 1000 / 60; // ms, first step of a key, so that a tap moves the camera
 
-/** Slow at both ends; share 0..1. */
+/** Ease in and out; share 0..1. */
 const ease = (share) => share * share * (3 - 2 * share);
 
 export class Motion {
-  /** @type {moves.Camera | null} none before the server's first one */
+  /** @type {moves.Camera | null} null before the server has sent one */
   camera = null;
   diagonal = 1;
   #glide = null;
   #keys = { flight: [0, 0, 0], turn: [0, 0], fast: false };
   #before = 0;
-  #fov = FOV; // of the last perspective view
+  #fov = FOV; // fov of the last perspective view
 
-  /** The model's box, for speeds and distances. */
+  /** Set the model's bounds, which scale speeds and distances. */
   setBounds(bounds) {
     if (!Array.isArray(bounds) || !bounds.every(isVector) || bounds.length !== 2) return;
     this.diagonal = length(subtract(bounds[1], bounds[0])) || 1;
   }
 
-  /** A movement by hand, which ends an animation. */
+  /** Apply a movement by the user and stop any animation. */
   move(movement) {
     if (!this.camera) return;
     this.#glide = null;
@@ -49,30 +49,30 @@ export class Motion {
     this.move((camera) => moves.dolly(camera, factor, CLOSEST * this.diagonal));
   }
 
-  /** Is there at once; also the first camera of all. */
+  /** Set the camera immediately. */
   jump(camera) {
     this.#glide = null;
     this.camera = moves.copyCamera(camera);
   }
 
-  /** Goes there smoothly; `advance` does the steps. */
+  /** Start an animation to a camera; `advance` does the steps. */
   glide(camera) {
     if (!this.camera) return this.jump(camera);
     this.#glide = { from: this.camera, to: camera, began: null };
   }
 
-  /** Perspective becomes orthographic, and back. */
+  /** Switch between perspective and orthographic projection. */
   reproject() {
     if (this.camera && !this.camera.orthographic) this.#fov = this.camera.fov;
     this.move((camera) => moves.reproject(camera, this.#fov));
   }
 
-  /** The orbit's target glides to a point; distance and direction of the view stay. */
+  /** Animate the target to a point, keeping distance and direction of the view. */
   aim(position) {
     if (this.camera && isVector(position)) this.glide(moves.aimedAt(this.camera, position));
   }
 
-  /** Which way held keys take the camera from now on: flight [right, up, forward], turn [right, up]; each -1, 0, 1. */
+  /** Set the directions of held keys: flight [right, up, forward], turn [right, up]; each -1, 0 or 1. */
   hold(keys) {
     const resting = !this.#held;
     this.#keys = keys;
@@ -85,7 +85,7 @@ export class Motion {
     return [...this.#keys.flight, ...this.#keys.turn].some((way) => way !== 0);
   }
 
-  /** One step, `now` in ms; whether more are to come. */
+  /** Advance to time `now` in ms; return whether motion continues. */
   advance(now) {
     if (!this.camera) return false;
     if (this.#held) this.#step(now);

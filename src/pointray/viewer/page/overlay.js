@@ -1,16 +1,16 @@
-/** Texts over the picture: statistics, progress, toasts, legend, banner. */
+/** Overlays on the image: statistics, progress, toasts, legend, banner. */
 
 const TOAST_TIME = 6000; // ms
 const MOST_TOASTS = 5;
 
 const byId = (id) => document.getElementById(id);
 
-/** The statistics, lower left corner. */
+/** Show the statistics in the lower left corner. */
 export function showStatus(lines) {
   byId("status").textContent = Array.isArray(lines) ? lines.join("\n") : "";
 }
 
-/** What the server is busy with; share 0..1 and seconds left, null where they are not known; no stage: nothing. */
+/** Show the server's progress: share 0..1 and seconds left (null if unknown); an empty stage hides it. */
 export function showProgress(stage, share, seconds) {
   const known = Number.isFinite(share);
   const percent = Math.round(100 * Math.min(1, Math.max(0, known ? share : 1)));
@@ -22,12 +22,12 @@ export function showProgress(stage, share, seconds) {
   text.textContent = known ? `${stage}, ${percent} %${left}` : `${stage} …`;
 }
 
-/** Seconds as people say them. */
+/** Format a duration in seconds. */
 function timeLeft(seconds) {
   return seconds < 90 ? `${Math.max(1, Math.round(seconds))} s` : `${Math.round(seconds / 60)} min`;
 }
 
-/** A message that goes after a while unless it is to stay; a second time the same one takes the first one's place. */
+/** Show a message for a while, or permanently; a repetition replaces the earlier one. */
 export function showToast({ level = "info", text, stay = false }) {
   if (!text) return;
   const toasts = byId("toasts");
@@ -42,7 +42,7 @@ export function showToast({ level = "info", text, stay = false }) {
   if (!stay) setTimeout(() => toast.remove(), TOAST_TIME);
 }
 
-/** The small cross of a box. */
+/** Create the close button of a box. */
 export function closeButton(close) {
   const button = document.createElement("button");
   button.className = "close";
@@ -52,7 +52,7 @@ export function closeButton(close) {
   return button;
 }
 
-/** The legend of the colours, an image's URL, or null for none. */
+/** Show the legend of the colours (URL of an image); null hides it. */
 export function showLegend(image) {
   const legend = byId("legend");
   legend.hidden = !image;
@@ -60,18 +60,18 @@ export function showLegend(image) {
   else legend.removeAttribute("src");
 }
 
-/** Where the legend stands, null while there is none. */
+/** Bounds of the legend; null if hidden. */
 export function legendBox() {
   const box = byId("legend").getBoundingClientRect();
   return box.width && box.height ? box : null;
 }
 
-/** The banner of a lost connection. */
+/** Show or hide the banner of a lost connection. */
 export function showBanner(shown) {
   byId("banner").hidden = !shown;
 }
 
-/** Hides or shows the panel and all texts, to see the picture alone. */
+/** Hide or show the panel and all overlays. */
 export function togglePlain() {
   document.body.classList.toggle("plain");
 }

@@ -1,10 +1,10 @@
-/** The panel: lil-gui built from the server's description, what the user changes sent back. */
+/** The panel: lil-gui built from the server's description; changes are sent to the server. */
 
 import { addControl } from "./controls.js";
 import { GUI } from "./lil-gui.esm.min.js";
 
-const PAUSE = 50; // ms between two values of one control
-const NARROW = 600; // CSS px; a panel in a narrower window is closed unless it is at work
+const PAUSE = 50; // ms between two values of a control
+const NARROW = 600; // CSS px; in narrower windows the panel is closed when not in use
 
 export class Panel {
   #container;
@@ -12,12 +12,12 @@ export class Panel {
   #gui = null;
   #title = "pointray";
   #controls = new Map(); // name -> {show}
-  #toggled = new Map(); // title -> whether the user left it open; the panel itself has none
+  #toggled = new Map(); // title -> whether the user left it open; "" is the panel itself
   #narrow = isNarrow();
-  #changes = new Map(); // name -> value that is still to be sent
+  #changes = new Map(); // name -> value not sent yet
   #timer = 0;
-  #held = null; // name of the control under a pressed pointer
-  #late = new Map(); // values that came for it meanwhile
+  #held = null; // name of the control being dragged
+  #late = new Map(); // values received for it meanwhile
 
   /** @param {HTMLElement} container  @param {(message: object) => void} send */
   constructor(container, send) {
@@ -34,7 +34,7 @@ export class Panel {
     this.#gui?.title(title);
   }
 
-  /** All of the panel anew; folders stay as the user left them. */
+  /** Rebuild the panel; folders stay open or closed as the user left them. */
   build(folders) {
     const scrolled = this.#gui?.$children.scrollTop ?? 0;
     this.#gui?.destroy();
@@ -51,8 +51,8 @@ export class Panel {
   }
 
   /**
-   * What it takes of the window, null for nothing. An open one may grow down to the window's edge; in a narrow window it
-   * opens over the picture for a moment, and only its title counts.
+   * Bounds of the panel, null if hidden. An open panel counts down to the window's edge, since it may grow. In a narrow
+   * window it covers the image only briefly, and only its title counts.
    */
   get box() {
     const title = this.#gui?.$title.getBoundingClientRect();
@@ -61,7 +61,7 @@ export class Panel {
     return { left, right, top: 0, bottom: this.#narrow || this.#gui._closed ? title.bottom : window.innerHeight };
   }
 
-  /** The window has another size: one that has become narrow has no room for an open panel. */
+  /** Handle a new window size: close the panel when the window becomes narrow, open it when it becomes wide. */
   resized() {
     if (isNarrow() === this.#narrow) return;
     this.#narrow = isNarrow();
@@ -69,7 +69,7 @@ export class Panel {
     this.#fold(this.#narrow);
   }
 
-  /** The user turns to the picture: in a narrow window the panel goes out of its way. */
+  /** Close the panel in a narrow window, when the user works in the image. */
   yield() {
     if (this.#narrow) this.#fold(true);
   }
@@ -93,7 +93,7 @@ export class Panel {
     if (shown) this.#controls.set(name, shown);
   }
 
-  /** New values of controls, which are not sent back. A control in the user's hand takes its own when let go. */
+  /** Show new values of controls without sending them back. A control being dragged is updated on release. */
   setValues(values) {
     for (const [name, value] of Object.entries(values)) {
       if (name === this.#held) this.#late.set(name, value);
@@ -114,11 +114,11 @@ export class Panel {
   }
 
   #pressed(name) {
-    this.#sendChanges(); // the button acts on what the user sees
+    this.#sendChanges(); // so that the button acts on the values shown
     this.#send({ type: "press", name });
   }
 
-  /** Sends what has changed, and again after a pause as long as there is more. */
+  /** Send changes, and repeat after a pause while there are more. */
   #flush() {
     this.#timer = this.#changes.size ? setTimeout(() => this.#flush(), PAUSE) : 0;
     this.#sendChanges();

@@ -1,24 +1,24 @@
 /**
- * The pictures: decoded one after the other and shown over the whole window.
+ * Images: decoded in order and shown over the whole window.
  *
- * A "bitmaprenderer" canvas takes the decoded bitmap as it is. Drawing it into a 2D canvas is a copy more: the same CPU
+ * A "bitmaprenderer" canvas takes over the decoded bitmap. A 2D canvas needs another copy: the same CPU
  * time at 640 x 360, an eighth more at 1280 x 720; an <img> of a blob: URL takes 1.2 to 1.8 times as much (Chromium
  * without a graphics card).
  */
 
 export class Picture {
-  /** @type {object | null} header of the picture that is shown */
+  /** @type {object | null} header of the shown image */
   header = null;
-  #newest = -Infinity; // its number
+  #newest = -Infinity; // number of the newest shown image
   #canvas;
   #context;
   #drawn;
   #queue = Promise.resolve();
-  #age = 0; // which connection the pictures come from
+  #age = 0; // counts connections
 
   /**
    * @param {HTMLCanvasElement} canvas
-   * @param {(header: object, shown: boolean) => void} drawn  after each picture, also one that could not be read
+   * @param {(header: object, shown: boolean) => void} drawn  after each image, also one that could not be decoded
    */
   constructor(canvas, drawn) {
     this.#canvas = canvas;
@@ -26,25 +26,25 @@ export class Picture {
     this.#drawn = drawn;
   }
 
-  /** Width over height of what is shown. */
+  /** Width over height of the shown image. */
   get aspect() {
     return this.#canvas.width / this.#canvas.height;
   }
 
-  /** Pictures are counted anew, from another server perhaps; the one that is shown stays. */
+  /** Reset for a new connection, whose image numbers start again; the shown image stays. */
   restart() {
     this.#age += 1;
     this.#newest = -Infinity;
   }
 
-  /** Shows a picture after those that came before it. */
+  /** Show an image after those received before it. */
   show(header, payload) {
     const age = this.#age;
     const next = async () => {
       const bitmap = await decode(header, payload);
       if (age === this.#age) this.#present(header, bitmap);
     };
-    this.#queue = this.#queue.then(next).catch(console.error); // one that fails must not end the others
+    this.#queue = this.#queue.then(next).catch(console.error); // a failure must not stop later images
   }
 
   #present(header, bitmap) {
@@ -57,7 +57,7 @@ export class Picture {
     this.#drawn(header, shown);
   }
 
-  /** The canvas has the picture's size, and CSS scales it; setting a size clears it, so only a new one is set. */
+  /** Show a bitmap at its own size, scaled by CSS. Setting a canvas size clears it, so it is set only if it differs. */
   #transfer(bitmap) {
     const { width, height } = bitmap;
     if (this.#canvas.width !== width || this.#canvas.height !== height) Object.assign(this.#canvas, { width, height });
@@ -66,12 +66,12 @@ export class Picture {
   }
 }
 
-/** The bitmap, or null: a broken picture is passed over. */
+/** Decode an image; null if it is damaged. */
 async function decode(header, payload) {
   try {
     return await createImageBitmap(new Blob([payload], { type: header.mime ?? "image/jpeg" }));
   } catch (error) {
-    console.warn(`pointray: picture ${header.number} cannot be shown:`, error);
+    console.warn(`pointray: picture ${header.number} cannot be decoded:`, error);
     return null;
   }
 }

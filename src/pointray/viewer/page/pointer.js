@@ -1,21 +1,21 @@
-/** Mouse, pen and touch over the picture, as movements of the camera and clicks. */
+/** Mouse, pen and touch input on the image: camera movements and clicks. */
 
-const SLOP = 4; // CSS px the pointer may move in a click
-const TAP = 400; // ms a click of a finger or a pen may last
-const DOUBLE = 500; // ms from one click to the second of a double click
-const QUERY_DELAY = 250; // ms, so that most double clicks do not query first
-const NOTCH = 0.9; // distance factor of one notch of the wheel
-const PINCH = 10; // px of wheel delta a notch, in a trackpad's pinch (which comes as ctrl + wheel)
-const LARGEST_TURN = 5; // notches in one event
+const SLOP = 4; // CSS px, maximum movement in a click
+const TAP = 400; // ms, maximum duration of a click by finger or pen
+const DOUBLE = 500; // ms, maximum time between the clicks of a double click
+const QUERY_DELAY = 250; // ms, so that most double clicks send no query first
+const NOTCH = 0.9; // distance factor per notch of the wheel
+const PINCH = 10; // px of wheel delta per notch in a trackpad's pinch (reported as ctrl + wheel)
+const LARGEST_TURN = 5; // notches, maximum per event
 
-/** What a drag does, from the button and keys at its start. */
+/** Return what a drag does, given the button and keys at its start. */
 function dragKind(event) {
   if (event.button !== 0) return "pan";
   if (event.ctrlKey) return "sun";
   return event.shiftKey ? "pan" : "orbit";
 }
 
-/** Notches of the wheel towards the user; trackpads give fractions. */
+/** Return notches of the wheel towards the user; fractional for trackpads. */
 export function wheelNotches(event) {
   const notch = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 3 : event.deltaY % 120 === 0 ? 120 : 100;
   const pinch = event.ctrlKey && event.deltaMode === WheelEvent.DOM_DELTA_PIXEL && Math.abs(event.deltaY) < 50;
@@ -26,9 +26,9 @@ export function wheelNotches(event) {
 export class Pointer {
   #view;
   #actions;
-  #fingers = new Map(); // pointer id -> its last place, CSS px
+  #fingers = new Map(); // pointer id -> last position, CSS px
   #press = null; // the gesture in progress
-  #click = null; // the last click, while it may become a double one
+  #click = null; // the last click, while it may become a double click
 
   /**
    * @param {HTMLElement} view
@@ -49,8 +49,8 @@ export class Pointer {
   }
 
   #down(event) {
-    event.preventDefault(); // no scrolling by the middle button, no selection of text
-    document.activeElement?.blur(); // keys are the camera's again
+    event.preventDefault(); // no scrolling with the middle button, no text selection
+    document.activeElement?.blur(); // keys move the camera again
     this.#view.setPointerCapture(event.pointerId);
     this.#fingers.set(event.pointerId, { x: event.clientX, y: event.clientY });
     if (this.#fingers.size > 1) {
@@ -77,7 +77,7 @@ export class Pointer {
     if (dx || dy) this.#actions[kind](dx / height, dy / height);
   }
 
-  /** Two fingers: their middle pans, their distance dollies. */
+  /** Two fingers: their midpoint pans, their distance dollies. */
   #pinch(id, place) {
     const before = this.#grip();
     this.#fingers.set(id, place);

@@ -1,4 +1,4 @@
-/** Vectors of three numbers, float64 throughout: world coordinates may be millions, lengths millimetres. */
+/** Vectors of three float64: world coordinates may be in the millions, with details of millimetres. */
 
 /** @typedef {[number, number, number]} Vector */
 
@@ -18,11 +18,11 @@ export const cross = (a, b) => [
 
 export const length = (a) => Math.hypot(a[0], a[1], a[2]);
 
-/** The vector at length 1; the null vector stays null. */
+/** Normalize a vector; the zero vector stays zero. */
 export const unit = (a) => scale(a, 1 / (length(a) || 1));
 
-/** From a to b, straight; share 0..1. Exactly b at 1. */
+/** Interpolate linearly from a to b; share 0..1. Exactly b at 1. */
 export const mix = (a, b, share) => a.map((value, axis) => value * (1 - share) + b[axis] * share);
 
-/** Whether a message's value is a vector one can calculate with. */
+/** Return whether a value of a message is a finite vector. */
 export const isVector = (value) => Array.isArray(value) && value.length === 3 && value.every(Number.isFinite);

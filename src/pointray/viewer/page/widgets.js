@@ -1,18 +1,18 @@
-/** Rows that lil-gui lacks. Each works on {value}, and calls its onChange as lil-gui's own do. */
+/** Controllers missing in lil-gui. Each edits {value} and calls onChange like lil-gui's own. */
 
 import { Controller, NumberController } from "./lil-gui.esm.min.js";
 
-const DIGITS = 10; // of a number as it is shown: metres of a map, and their millimetres
-const SHORT = 6; // beside a slider, where there is less room
-const SLIDER_DIGITS = 3; // of a value that a logarithmic slider gives
-const KEY_STEP = 1.05; // factor of one arrow key on a logarithmic value
+const DIGITS = 10; // significant digits shown: map coordinates in metres to the millimetre
+const SHORT = 6; // beside a slider, where there is less space
+const SLIDER_DIGITS = 3; // digits of a logarithmic slider's values
+const KEY_STEP = 1.05; // factor per arrow key on a logarithmic value
 
 const rounded = (value, digits) => (Number.isInteger(value) ? value : Number(value.toPrecision(digits)));
 const readable = (value, digits = DIGITS) => String(rounded(value, digits));
 
 const element = (name, className) => Object.assign(document.createElement(name), { className });
 
-/** A field for a number: `typed` is called with what was typed, when it is complete. */
+/** Create a number field; `typed` is called with each completed input. */
 function numberField(label, typed) {
   const field = element("input", "");
   field.type = "text";
@@ -24,7 +24,7 @@ function numberField(label, typed) {
   return field;
 }
 
-/** lil-gui's number or slider, without 17 digits. */
+/** lil-gui's number or slider, showing fewer than 17 digits. */
 export class NumberField extends NumberController {
   constructor(folder, model, { min, max, step }) {
     super(folder, model, "value", min ?? undefined, max ?? undefined, step ?? undefined);
@@ -38,7 +38,7 @@ export class NumberField extends NumberController {
   }
 }
 
-/** A slider over the logarithm of a positive value; the field shows the value itself. */
+/** Logarithmic slider for a positive value; the field shows the value itself. */
 export class LogarithmicRange extends Controller {
   constructor(folder, model, { min, max, step }) {
     super(folder, model, "value", "lil-number");
@@ -113,7 +113,7 @@ export class VectorFields extends Controller {
   }
 }
 
-/** A text to read. */
+/** Read-only text. */
 export class Note extends Controller {
   constructor(folder, model) {
     super(folder, model, "value", "note");
