@@ -35,16 +35,9 @@ class Backlog:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._rows: dict[bool, dict[str, float]] = {
-            False: {},
-            True: {},
-        }  # second process? -> kernel -> seconds
+        self._rows: dict[bool, dict[str, float]] = {False: {}, True: {}}  # second process? -> kernel -> seconds
         self._begun: dict[str, float] = {}  # kernel -> start of its compilation
-        self._done, self._should, self._took = (
-            0,
-            0.0,
-            0.0,
-        )  # compiled kernels; their expected and actual seconds
+        self._done, self._should, self._took = 0, 0.0, 0.0  # compiled kernels; their expected and actual seconds
         self._since: float | None = None
 
     def expect(self, kernels: dict[str, float], beside: bool = False) -> None:

@@ -106,14 +106,14 @@ def _refuse(array: Any, kind: str) -> None:
     """
     dtype, axes, layout = _array(kind)
     if not isinstance(array, np.ndarray):
-        raise TypeError(f"expected an array of type {kind}, got {type(array).__name__}")
+        raise TypeError(f"{type(array).__name__} found, expected an array of type {kind}")
     flags = array.flags
     fits = array.dtype == np.dtype(dtype) and array.ndim == axes and flags.aligned
     fits = fits and (flags.writeable or kind.startswith("const"))
     if not fits or not {"C": flags.c_contiguous, "F": flags.f_contiguous, "A": True}[layout]:
         traits = [name for name in ("c_contiguous", "f_contiguous", "aligned", "writeable") if getattr(flags, name)]
         found = f"{array.dtype.str}, {array.ndim} axes, {', '.join(traits) or 'no flags'}"
-        raise TypeError(f"expected an array of type {kind}, got {found}")
+        raise TypeError(f"got an array of {found} (expected {kind})")
 
 
 def size_of(kind: Any, records: Mapping[str, Any]) -> int:
