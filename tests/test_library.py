@@ -164,7 +164,7 @@ def test_a_level_that_this_processor_lacks_is_passed_over(folder):
     assert chosen()[1] == f"compiled for {best}"
     manifest["libraries"] = {"x86-64-v9": about}
     (folder / library.MANIFEST).write_text(json.dumps(manifest))
-    assert chosen() == (None, "the compiled kernels cannot be used: this processor is not one of x86-64-v9")
+    assert chosen() == (None, "the compiled kernels cannot be used: this CPU does not support x86-64-v9")
 
 
 @needs_library

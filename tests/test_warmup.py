@@ -179,7 +179,7 @@ def test_where_the_process_beside_fails_nobody_waits(tmp_path, monkeypatch, unco
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     scene = pr.Scene()
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
-    jit.compile_beside("sad_module", {uncompiled: 1.0})
+    jit.compile_in_background("sad_module", {uncompiled: 1.0})
     assert scene.intersect((0, 0, 2), (0, 0, -1)).t == 2.0
     assert uncompiled not in beside._coming and jit.BACKLOG.state is None
 
@@ -194,7 +194,7 @@ def test_who_waits_is_told_when_it_is_there_and_may_give_up(tmp_path, monkeypatc
         "input()\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    jit.compile_beside("slow_module", {uncompiled: 1.0})
+    jit.compile_in_background("slow_module", {uncompiled: 1.0})
     kernel = jit.KERNELS[uncompiled]
     assert not jit.wait_for(kernel, lambda: True)
     assert jit.BACKLOG.state is not None

@@ -1,8 +1,8 @@
-"""How kernels are written in Python and become machine code.
+"""Kernels: written in Python, compiled to machine code.
 
-jit : decorators, compilation, the disk cache, compiled libraries, running on all cores
+jit : decorators, compilation, disk cache, compiled libraries, execution on all cores
 simd : the vector type of kernels
-kernels : the records that kernels share, scratch memory, vectors of three, sampling
+kernels : records shared by kernels, scratch memory, vectors of three numbers, sampling
 
 Begin with jit/decorators, then kernels/tree.
 """

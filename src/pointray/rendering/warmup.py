@@ -20,7 +20,7 @@ import numpy as np
 from ..baking.baked import bake
 from ..baking.gather import send_rays
 from ..baking.settings import BakeSettings
-from ..engine.jit import BACKLOG, KERNELS, compile_beside, wait_for
+from ..engine.jit import BACKLOG, KERNELS, compile_in_background, wait_for
 from ..engine.kernels.records import BAKED, BAKED_FRAME
 from ..scene.instances import Plane
 from ..scene.scene import Scene
@@ -59,7 +59,7 @@ def warm_up(
         wanted.setdefault(_full(CLICK), RECORD["rays"][CLICK])
     missing = [name for name in wanted if not KERNELS[name].is_compiled]
     wanted.update({name: wanted[name] + SHARED for name in missing[:1]})
-    compile_beside(__name__, wanted)
+    compile_in_background(__name__, wanted)
     expect(BUILD | BLEND if bakes else BUILD)
 
 

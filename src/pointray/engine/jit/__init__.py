@@ -1,12 +1,13 @@
-"""A Python function -> a compiled kernel, cached on disk and run on all cores.
+"""Compilation of Python functions to kernels, which are cached on disk and run on all cores.
 
-This folder and `simd` are the only ones that import Numba, when something is compiled. A *kernel* is called from Python
-and is cached on disk; an *inline* and a *routine* are pieces of a kernel and are compiled into it.
+Only this folder and `simd` import Numba, and only when something is compiled. A *kernel* is called from Python and
+cached on disk. An *inline* or a *routine* is a device function: it is called from kernels and compiled into them.
 
-decorators : what kernels and their pieces are; compile : Numba compiles them; disk_cache : Numba's cache
-threads : `run`, `next_tile` and `Cancel`; a tile is here any part of the work
-arrays, numbers : what kernels compute with; intrinsics : the arrays' part that needs Numba
-second_process, backlog : kernels compiled in a second process; how long it will take
+decorators : kernels and device functions; compile : compilation by Numba; disk_cache : Numba's cache
+library, boundary : kernels compiled ahead of time, and calls of them
+threads : `run`, `next_tile` and `Cancel`; a tile is here any unit of work
+arrays, numbers : types and array functions for kernels; intrinsics : those array functions, which need Numba
+second_process, backlog : compilation in a second process; remaining compile time
 
 Begin with decorators, then threads.
 """
@@ -18,7 +19,7 @@ from .backlog import BACKLOG, Compiling, compilations, compile_seconds, compile_
 from .decorators import KERNELS, Kernel, Table, inline, kernel, later, routine, uncompiled
 from .library import CHECK
 from .numbers import Array, f32, f64, i32, i64, u64
-from .second_process import compile_beside, wait_for
+from .second_process import compile_in_background, wait_for
 from .threads import Cancel, cancelled, next_tile, run, thread_count
 
 __all__ = [
@@ -39,7 +40,7 @@ __all__ = [
     "borrow",
     "cancelled",
     "compilations",
-    "compile_beside",
+    "compile_in_background",
     "compile_seconds",
     "compile_times",
     "inline",

@@ -1,4 +1,4 @@
-"""Arrays in kernels: arrays from an address, arrays without reference counts, and numbers that threads share."""
+"""Array functions of kernels: arrays from an address, arrays without reference counts, atomic access."""
 
 from __future__ import annotations
 

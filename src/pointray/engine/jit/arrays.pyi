@@ -1,4 +1,4 @@
-# What mypy cannot infer about `arrays`: how its functions are called in kernels.
+# Signatures of the functions of `arrays` as kernels call them, for mypy.
 from typing import Any, TypeVar
 
 from .numbers import Array

@@ -1,4 +1,4 @@
-"""Which kernels are still to be compiled, in this process and in a second one, and how long that will take."""
+"""Kernels waiting to be compiled, in this process and in a second one, and the time that will take."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import time
 from collections.abc import Iterable
 from typing import NamedTuple
 
-UNKNOWN = 1.0  # seconds assumed for a kernel whose compile time is not known
-ENOUGH = 2.0  # seconds of expected compiling after which this machine's speed is known
+UNKNOWN = 1.0  # seconds assumed for a kernel of unknown compile time
+ENOUGH = 2.0  # seconds of expected compile time after which the speed of this machine is taken into account
 
 
 class Compiling(NamedTuple):
-    """The progress of compiling.
+    """Progress of compilation.
 
     Attributes
     ----------
     number, total : int
-        The kernel that is being compiled, from 1, and how many there will be.
+        Number of the kernel being compiled, from 1, and the number of all.
     share : float
-        Share of the time that is spent.
+        Share of the time already spent, 0 to 1.
     seconds : float
-        About how many seconds are left.
+        Estimated remaining time.
     """
 
     number: int
@@ -31,22 +31,22 @@ class Compiling(NamedTuple):
 
 
 class Backlog:
-    """Kernels by name, in two queues: of this process and of the second one. Each compiles its queue one by one."""
+    """Two queues of kernels by name, one for each process. Each process compiles its queue one by one."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._rows: dict[bool, dict[str, float]] = {False: {}, True: {}}  # beside? -> kernel -> seconds it should take
-        self._begun: dict[str, float] = {}  # kernel -> when its compiling began
+        self._rows: dict[bool, dict[str, float]] = {False: {}, True: {}}  # second process? -> kernel -> seconds
+        self._begun: dict[str, float] = {}  # kernel -> start of its compilation
         self._done, self._should, self._took = 0, 0.0, 0.0  # compiled kernels; their expected and actual seconds
         self._since: float | None = None
 
     def expect(self, kernels: dict[str, float], beside: bool = False) -> None:
-        """Add kernels that will be compiled, with the seconds that each should take on a usual machine."""
+        """Add kernels to a queue, with their compile times in seconds on a typical machine."""
         with self._lock:
             self._rows[beside].update(kernels)
 
     def begin(self, name: str, beside: bool = False) -> None:
-        """Note that a kernel is being compiled."""
+        """Mark a kernel as being compiled."""
         with self._lock:
             self._rows[beside].setdefault(name, UNKNOWN)
             self._begun[name] = time.perf_counter()
@@ -54,7 +54,7 @@ class Backlog:
                 self._since = self._begun[name]
 
     def end(self, name: str, beside: bool = False) -> None:
-        """Note that a kernel is compiled."""
+        """Mark a kernel as compiled."""
         with self._lock:
             should, begun = self._rows[beside].pop(name, None), self._begun.pop(name, None)
             if should is not None and begun is not None:
@@ -62,7 +62,7 @@ class Backlog:
                 self._took += time.perf_counter() - begun
 
     def drop(self, kernels: Iterable[str], beside: bool = False) -> None:
-        """Remove kernels that will not be compiled there after all."""
+        """Remove kernels that will not be compiled in that process."""
         with self._lock:
             for name in kernels:
                 self._rows[beside].pop(name, None)
@@ -70,7 +70,7 @@ class Backlog:
 
     @property
     def state(self) -> Compiling | None:
-        """The progress; None if no kernel is being compiled at this moment."""
+        """The progress, or None if no kernel is being compiled."""
         now = time.perf_counter()
         with self._lock:
             if not self._begun or self._since is None:
@@ -83,17 +83,17 @@ class Backlog:
             return Compiling(self._done + 1, total, spent / (spent + left), left)
 
     def _left(self, name: str, cost: float, now: float) -> float:
-        """Seconds that a kernel still takes."""
+        """Return the remaining compile time of a kernel, in seconds."""
         begun = self._begun.get(name)
         return cost if begun is None else max(cost - (now - begun), 0.1 * cost)
 
 
 class Counts:
-    """What was compiled so far.
+    """Statistics of compilation so far.
 
-    kernels : how many, by this process or by a second one for it; loaded ones do not count
-    seconds : spent with compiling them, or with waiting for the second process
-    times : of each kernel compiled in this process, in seconds of processor time
+    kernels : number of kernels compiled by this process or for it by the second one, without loaded ones
+    seconds : time spent compiling or waiting for the second process
+    times : processor time of each kernel compiled in this process, in seconds
     """
 
     def __init__(self) -> None:
@@ -105,15 +105,15 @@ BACKLOG, COUNTS = Backlog(), Counts()
 
 
 def compilations() -> int:
-    """Number of kernels that this process compiled, or had compiled by a second process; loaded ones do not count."""
+    """Return the number of kernels compiled by this process or for it by the second one, without loaded ones."""
     return COUNTS.kernels
 
 
 def compile_seconds() -> float:
-    """How long this process has compiled kernels, or waited for kernels compiled by a second process."""
+    """Return the seconds that this process spent compiling or waiting for the second process."""
     return COUNTS.seconds
 
 
 def compile_times() -> dict[str, float]:
-    """Return the processor time that compiling each kernel took in this process, in seconds."""
+    """Return the processor time of each kernel compiled in this process, in seconds."""
     return dict(COUNTS.times)

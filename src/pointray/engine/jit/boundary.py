@@ -1,8 +1,8 @@
-"""Calling a kernel of a library: arguments are checked and packed, results are unpacked.
+"""Calls of kernels in a compiled library: arguments are checked and packed, results are unpacked.
 
-A type is a text, or a list of them for a tuple: `i8`, `f4`, `b1` are numbers, `f4[2C]` is an array with its number of
-axes and its layout (C, F, or A for any), `const f4[2C]` one that may be read-only, `package.module:Class` a named tuple
-of the manifest's records, `none` no result.
+A type is a string, or a list of types for a tuple. `i8`, `f4`, `b1` are numbers. `f4[2C]` is an array with the number
+of axes and the layout (C, F, or A for any). `const f4[2C]` is an array that may be read-only. `package.module:Class` is
+a named tuple defined in the manifest's records. `none` stands for no result.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-# Bytes of an array's object before the address of its data: the header that all objects have.
+# Offset of the data pointer in an array object: the size of the header that all Python objects have.
 _BEFORE_DATA = object.__basicsize__
 _FORMATS = {"f8": "d", "f4": "f4x", "u8": "Q", "b1": "?7x", "i8": "q", "i4": "i4x", "i2": "h6x", "i1": "b7x"}
 _FORMATS |= {"u4": "I4x", "u2": "H6x", "u1": "B7x"}
@@ -22,9 +22,9 @@ _ERRORS = {error.__name__: error for error in (IndexError, MemoryError, Overflow
 
 
 def packer(arguments: Sequence[Any], records: Mapping[str, Any]) -> Callable[..., bytes]:
-    """A function of a kernel's arguments that gives their slots, eight bytes each.
+    """Return a function that packs a kernel's arguments into slots of eight bytes.
 
-    Its source is made from the types: a call of the largest kernel passes 88 slots, and checks 60 arrays.
+    The function is generated from the types: a call of the largest kernel passes 88 slots and checks 60 arrays.
     """
     writer = _Writer(records)
     names = [f"a{k}" for k in range(len(arguments))]
@@ -45,7 +45,7 @@ def packer(arguments: Sequence[Any], records: Mapping[str, Any]) -> Callable[...
 
 
 class _Writer:
-    """The source of a packer: lines that take tuples apart and check arrays, and a value for each slot."""
+    """Generator of a packer's source: lines that unpack tuples and check arrays, and one value a slot."""
 
     def __init__(self, records: Mapping[str, Any]) -> None:
         self._records, self._count = records, 0
@@ -55,7 +55,7 @@ class _Writer:
         self.dtypes: set[str] = set()
 
     def add(self, argument: str, kind: Any) -> None:
-        """Add an argument, or an item of one, that is in a local variable."""
+        """Add an argument, or an item of a tuple, held in a local variable."""
         kind = self._records.get(kind, kind) if isinstance(kind, str) else kind
         if isinstance(kind, list):
             items = [f"t{self._count + k}" for k in range(len(kind))]
@@ -83,9 +83,9 @@ class _Writer:
 
 
 def _flags(array: str, layout: str, is_const: bool) -> str:
-    """The expression of what an array's flags must be."""
+    """Return the expression that checks an array's flags."""
     if layout == "C" and not is_const:
-        return f"{array}.flags.carray"  # one look in place of three
+        return f"{array}.flags.carray"  # one attribute lookup instead of three
     wanted = (
         {"C": ["c_contiguous"], "F": ["f_contiguous"], "A": []}[layout] + ["aligned"] + ["writeable"] * (not is_const)
     )
@@ -94,27 +94,30 @@ def _flags(array: str, layout: str, is_const: bool) -> str:
 
 
 def _array(kind: str) -> tuple[str, int, str]:
-    """The dtype, the number of axes and the layout in the text of an array's type."""
+    """Split an array type into dtype, number of axes and layout."""
     dtype, _, shape = kind.removeprefix("const ").partition("[")
     return dtype, int(shape[:-2]), shape[-2]
 
 
 def _refuse(array: Any, kind: str) -> None:
-    """Raise unless an array has a type after all: of a class derived from arrays, with another object for the dtype."""
+    """Raise TypeError if an array has another type.
+
+    The generated check also fails for subclasses of ndarray and for equal but distinct dtypes. They are accepted here.
+    """
     dtype, axes, layout = _array(kind)
     if not isinstance(array, np.ndarray):
-        raise TypeError(f"{type(array).__name__} where an array is needed: {kind}")
+        raise TypeError(f"{type(array).__name__} found, expected an array of type {kind}")
     flags = array.flags
     fits = array.dtype == np.dtype(dtype) and array.ndim == axes and flags.aligned
     fits = fits and (flags.writeable or kind.startswith("const"))
     if not fits or not {"C": flags.c_contiguous, "F": flags.f_contiguous, "A": True}[layout]:
         traits = [name for name in ("c_contiguous", "f_contiguous", "aligned", "writeable") if getattr(flags, name)]
         found = f"{array.dtype.str}, {array.ndim} axes, {', '.join(traits) or 'no flags'}"
-        raise TypeError(f"an array is {found} where {kind} is needed")
+        raise TypeError(f"got an array of {found} (expected {kind})")
 
 
 def size_of(kind: Any, records: Mapping[str, Any]) -> int:
-    """How many words a result has."""
+    """Return the number of 8-byte words of a result."""
     kind = records.get(kind, kind) if isinstance(kind, str) else kind
     if isinstance(kind, list):
         return sum(size_of(item, records) for item in kind)
@@ -124,17 +127,17 @@ def size_of(kind: Any, records: Mapping[str, Any]) -> int:
 
 
 class Results:
-    """Takes the words of a kernel's result apart. release : gives an array's memory back"""
+    """Reader of a kernel's result from its words. release : frees the memory of an array"""
 
     def __init__(self, kind: Any, records: Mapping[str, Any], release: Callable[[int], Any]) -> None:
         self._kind, self._records, self._release = kind, records, release
 
     def read(self, words: Any) -> Any:
-        """The result."""
+        """Return the result."""
         return self._read(self._kind, words, 0)[0]
 
     def _read(self, kind: Any, words: Any, k: int) -> tuple[Any, int]:
-        """The value at words[k:], and where the next one is."""
+        """Return the value at words[k:] and the position of the next one."""
         kind = self._records.get(kind, kind) if isinstance(kind, str) else kind
         if isinstance(kind, list):
             items = []
@@ -151,7 +154,7 @@ class Results:
         return (bool(words[k]) if kind == "b1" else words[k]), k + 1
 
     def _array(self, kind: str, words: Any, k: int) -> tuple[Any, int]:
-        """A copy of an array that a kernel has made."""
+        """Return a copy of an array allocated by a kernel."""
         dtype, axes, _ = _array(kind)
         array = np.empty(tuple(words[k + 2 : k + 2 + axes]), dtype)
         ctypes.memmove(array.ctypes.data, words[k], array.nbytes)
@@ -160,6 +163,6 @@ class Results:
 
 
 def error_at(address: int) -> Exception:
-    """The error whose text, `Name: message`, a kernel has left."""
+    """Return the exception described by a kernel's text `Name: message` at an address."""
     name, _, message = ctypes.string_at(address).decode(errors="replace").partition(": ")
     return _ERRORS.get(name, RuntimeError)(message)

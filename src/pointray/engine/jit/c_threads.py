@@ -1,4 +1,4 @@
-"""A thread of which others know when it has ended, also where there was no memory for it to say so."""
+"""Threads whose end other threads can detect, even if they end for lack of memory."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections.abc import Callable
 
 
 class _Life:
-    """What lives as long as the thread that it was given to."""
+    """Object kept alive by the thread it was passed to."""
 
 
 def start(work: Callable[[], None]) -> Callable[[], bool]:
-    """Start a thread, all of it in C; returns a function that tells whether the thread is still there.
+    """Start a thread with C code only, and return a function that says whether the thread is alive.
 
-    A Ctrl-C within the Python code of Thread.start, Thread.join or Event.wait may leave their locks held for ever, or
-    release them twice (Python 3.11).
+    Thread.start, Thread.join and Event.wait are avoided: a Ctrl-C within their Python code may leave their locks held
+    forever, or release them twice (Python 3.11).
 
     Raises
     ------

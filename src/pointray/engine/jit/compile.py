@@ -1,4 +1,4 @@
-"""How Numba compiles kernels and their pieces."""
+"""Compilation of kernels and device functions with Numba."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .library import CHECK
 
 njit: Any = numba.njit
 
-# No `nnan` and `ninf`: a miss is inf. No `reassoc`: positions are summed as (near part) + small part on purpose.
+# `nnan` and `ninf` are left out as a miss is inf; `reassoc`, as positions are summed as (near part) + small part.
 FASTMATH = {"nsz", "arcp", "contract", "afn"}
 
 _COMPILING = threading.RLock()
@@ -29,7 +29,7 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": F
 
 
 def dispatcher_of_kernel(function: Callable[..., Any]) -> Any:
-    """Numba's function of a kernel, which is cached on disk."""
+    """Return the Numba dispatcher of a kernel, which is cached on disk."""
     _with_tables(function)
     dispatcher = njit(**_OPTIONS)(function)
     if cache_folder() is not None:
@@ -39,18 +39,18 @@ def dispatcher_of_kernel(function: Callable[..., Any]) -> Any:
 
 
 def _with_tables(function: Callable[..., Any]) -> None:
-    """Replace `Table` objects among a function's global names by their arrays, which Numba needs there."""
+    """Replace `Table` objects among a function's globals by their arrays, which Numba requires."""
     names = function.__globals__
     names.update({name: value.real for name, value in names.items() if isinstance(value, Table)})
 
 
 def type_of(value: Any) -> Any:
-    """Numba's type of a function that kernels call."""
+    """Return the Numba type of a function called by kernels."""
     return cpu_target.typing_context.resolve_value_type(value)
 
 
 def _compile_alone(dispatcher: Any, signature: Any) -> Any:
-    """Load or compile a kernel; of several threads and processes that need it one compiles, and the others wait."""
+    """Load or compile a kernel. If several threads or processes need it, one compiles and the others wait."""
     compile_or_load = type(dispatcher).compile
     with _COMPILING:
         if is_compiled(dispatcher):
@@ -61,11 +61,11 @@ def _compile_alone(dispatcher: Any, signature: Any) -> Any:
             with dispatcher._cache.exclusive():
                 return compile_or_load(dispatcher, signature)
         finally:
-            BACKLOG.drop([name])  # where another process has compiled it
+            BACKLOG.drop([name])  # for a kernel that another process has compiled
 
 
 class _PieceLibrary(JITCodeLibrary):
-    """The code of a piece, linked into kernels as it is: it is optimized there and nowhere else."""
+    """Code of a device function, linked into kernels without optimization: it is optimized only there."""
 
     def finalize(self) -> None:
         for library in dict.fromkeys(self._linking_libraries):
@@ -75,12 +75,12 @@ class _PieceLibrary(JITCodeLibrary):
 
 
 def dispatcher_of_piece(function: Callable[..., Any], is_inline: bool) -> Any:
-    """Compile for other compiled code only: no wrappers for Python and C, no machine code of its own.
+    """Return the Numba dispatcher of a device function, without wrappers for Python and C and without machine code.
 
-    A kernel takes three times as long to compile if each piece is optimized and becomes machine code by itself, and
-    twice where an argument is a constant in one call and not in another (docs/decisions/jit-and-cache.md).
+    A kernel takes three times as long to compile if each device function is optimized and compiled to machine code by
+    itself, and twice as long if calls with a constant argument are specialized (docs/decisions/jit-and-cache.md).
     """
-    # The options are all given explicitly: a piece inherits an omitted one from its caller.
+    # All options are given explicitly: a device function inherits omitted ones from its caller.
     options = {"forceinline": is_inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     _with_tables(function)
     dispatcher = njit(**_OPTIONS, **options)(function)
@@ -95,7 +95,7 @@ def dispatcher_of_piece(function: Callable[..., Any], is_inline: bool) -> Any:
         library.__class__ = _PieceLibrary
         if not is_inline:
             library._final_module.get_function(result.fndesc.llvm_func_name).add_function_attribute("noinline")
-        # Callers look a piece up by its address. It has none, so its Python function serves as the key.
+        # Callers look up device functions by address. There is none, so the Python function serves as the key.
         result = result._replace(entry_point=function)
         result.target_context.insert_user_function(function, result.fndesc, [library])
         dispatcher.overloads[tuple(result.signature.args)] = result
@@ -110,12 +110,12 @@ def dispatcher_of_piece(function: Callable[..., Any], is_inline: bool) -> Any:
 
 
 def is_compiled(dispatcher: Any) -> bool:
-    """Whether a kernel is compiled, in this process or on disk."""
+    """Return whether a kernel is compiled, in this process or on disk."""
     return bool(dispatcher.overloads) or (cache_folder() is not None and dispatcher._cache.is_fresh)
 
 
 class _Listener(event.Listener):
-    """Counts and times compilations."""
+    """Listener that counts and times compilations."""
 
     def __init__(self) -> None:
         self._since: dict[Any, tuple[float, float]] = {}
@@ -125,7 +125,7 @@ class _Listener(event.Listener):
         name = name_of(kernel)
         if not name:
             return
-        for module in Later.known:  # Numba learns of intrinsics before it compiles, not within
+        for module in Later.known:  # intrinsics must be registered before compilation starts
             importlib.import_module(module)
         COUNTS.kernels += 1
         self._since[kernel] = time.perf_counter(), time.thread_time()
@@ -141,7 +141,7 @@ class _Listener(event.Listener):
 
 
 def name_of(dispatcher: Any) -> str:
-    """A kernel's name in `KERNELS`; empty for a piece of a kernel."""
+    """Return a kernel's name in `KERNELS`, or an empty string for a device function."""
     name = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}"
     return name if name in KERNELS and KERNELS[name].made is dispatcher else ""
 

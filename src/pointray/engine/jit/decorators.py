@@ -1,4 +1,4 @@
-"""The decorators of kernels and their pieces. Numba is imported where something is compiled, and not before."""
+"""Decorators of kernels and device functions. Numba is imported only when something is compiled."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def _compiler() -> Any:
-    """The module that compiles, which imports Numba."""
+    """Return the module that compiles, which imports Numba."""
     try:
         return importlib.import_module(f"{__package__}.compile")
     except ModuleNotFoundError as error:
@@ -31,9 +31,9 @@ def _compiler() -> Any:
 
 
 class Piece:
-    """A piece of kernels: a function that only compiled code calls.
+    """Device function: a function called only by compiled code.
 
-    is_inline : LLVM inlines it where it is called
+    is_inline : whether LLVM inlines it at each call
     """
 
     def __init__(self, function: Callable[..., Any], is_inline: bool) -> None:
@@ -41,49 +41,49 @@ class Piece:
         self.py_func, self.is_inline = function, is_inline
 
     def __reduce__(self) -> str:
-        return self.py_func.__qualname__  # by its name, as functions are
+        return self.py_func.__qualname__  # pickled by name, as functions are
 
     @cached_property
     def dispatcher(self) -> Any:
-        """Numba's function."""
+        """Numba dispatcher."""
         return _compiler().dispatcher_of_piece(self.py_func, self.is_inline)
 
     @property
     def _numba_type_(self) -> Any:
-        """What Numba takes a global name for that stands for this piece."""
+        """Numba's type of a global that holds this device function."""
         return _compiler().type_of(self.dispatcher)
 
 
 class Kernel(Piece):
-    """A function that Python calls: without the interpreter lock, with one signature."""
+    """Function called from Python, without the interpreter lock and with one signature."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function, is_inline=False)
         self.name = f"{function.__module__}.{function.__qualname__}"
-        self.made: Any = None  # Numba's function, if it was needed
+        self.made: Any = None  # Numba dispatcher, created on demand
 
     def __call__(self, *args: Any) -> Any:
         return self._function(*args)
 
     @cached_property
     def in_library(self) -> Callable[..., Any] | None:
-        """The kernel of the library for this processor, if it is there; ValueError if it must be."""
+        """The kernel in the library for this CPU, else None, or ValueError if POINTRAY_KERNELS=compiled."""
         found, why = choice()
         function = None if found is None else found.find(self.name, Path(self.py_func.__code__.co_filename))
         if function is None and wanted() == "compiled":
             if found is not None:
-                why = f"it is not in the library for {found.level}, or was built from other sources"
-            raise ValueError(f"POINTRAY_KERNELS=compiled, but not {self.name}: {why}")
+                why = f"it is missing in the library for {found.level}, or the library was built from other sources"
+            raise ValueError(f"POINTRAY_KERNELS=compiled, but {self.name} is not available: {why}")
         return function
 
     @cached_property
     def _function(self) -> Callable[..., Any]:
-        """What is called."""
+        """The function to call: from the library, else by Numba."""
         return self.in_library or cast(Callable[..., Any], self.dispatcher)
 
     @property
     def dispatcher(self) -> Any:
-        """Numba's function; threads that call the kernel at the same time for the first time share it."""
+        """Numba dispatcher, shared by threads that call the kernel for the first time at once."""
         with _LOCK:
             if self.made is None:
                 self.made = _compiler().dispatcher_of_kernel(self.py_func)
@@ -91,44 +91,44 @@ class Kernel(Piece):
 
     @property
     def was_called(self) -> bool:
-        """Whether this process has called it."""
+        """Whether this process has called the kernel."""
         return "_function" in vars(self)
 
     @property
     def signatures(self) -> list[Any]:
-        """Those that Numba has compiled it for in this process, or loaded."""
+        """Signatures that Numba has compiled or loaded in this process."""
         return [] if self.made is None else list(self.made.signatures)
 
     @property
     def is_compiled(self) -> bool:
-        """Whether it is compiled, in the library, in this process or on disk."""
+        """Whether the kernel is compiled: in the library, in this process or on disk."""
         if self.in_library is not None:
             return True
         return _compiler().is_compiled(self.dispatcher)
 
 
 class Later:
-    """Something that needs Numba, by its name in one of some modules, which are imported when a kernel is compiled."""
+    """Placeholder of an object that needs Numba. Its module, one of several, is imported when a kernel is compiled."""
 
-    known: set[str] = set()  # noqa: RUF012  # all these modules
+    known: set[str] = set()  # the modules of all placeholders
 
     def __init__(self, modules: Sequence[str], name: str) -> None:
         self._modules, self._name = modules, name
 
     @cached_property
     def real(self) -> Any:
-        """What this stands for."""
+        """The object itself."""
         homes = map(importlib.import_module, self._modules)
         return next(vars(home)[self._name] for home in homes if self._name in vars(home))
 
     @property
     def _numba_type_(self) -> Any:
-        """What Numba takes a global name for that stands for this."""
+        """Numba's type of a global that holds this placeholder."""
         return _compiler().type_of(self.real)
 
 
 def later(package: str | None, modules: Sequence[str], *names: str) -> list[Any]:
-    """Stand-ins for what kernels use of modules of a package that need Numba, by their names there.
+    """Return placeholders of the named objects in modules of a package that need Numba.
 
     The caller assigns the modules to `LATER`, where `dependencies` finds them.
     """
@@ -138,7 +138,7 @@ def later(package: str | None, modules: Sequence[str], *names: str) -> list[Any]
 
 
 class Table:
-    """A constant array of kernels, which is computed when a kernel is compiled. make : computes it"""
+    """Constant array of kernels, computed when a kernel is compiled. make : function that computes it"""
 
     def __init__(self, make: Callable[[], np.ndarray[Any, Any]]) -> None:
         self._make = make
@@ -149,7 +149,7 @@ class Table:
         return self._make()
 
     def __getitem__(self, key: Any) -> Any:
-        """As kernels read it, for Python code."""
+        """Return an item, for Python code that indexes like kernels do."""
         return self.real[key]
 
 
@@ -157,22 +157,22 @@ KERNELS: dict[str, Kernel] = {}
 
 
 def kernel(function: Function) -> Function:
-    """Compile a function that Python calls: without the interpreter lock, cached on disk, one signature."""
+    """Compile a function called from Python: without the interpreter lock, cached on disk, with one signature."""
     made = Kernel(function)
     KERNELS[made.name] = made
     return cast(Function, made)
 
 
 def inline(function: Function) -> Function:
-    """Compile a piece of a kernel; LLVM inlines it where it is called."""
+    """Compile a device function that LLVM inlines at each call."""
     return cast(Function, Piece(function, is_inline=True))
 
 
 def routine(function: Function) -> Function:
-    """Compile a piece of a kernel that is too large, or called from too many places, to be inlined."""
+    """Compile a device function that is not inlined, as it is too large or called from too many places."""
     return cast(Function, Piece(function, is_inline=False))
 
 
 def uncompiled(function: Function) -> Function:
-    """The Python function that a kernel or a piece was compiled from, for Python code that calls a short one."""
+    """Return the Python function of a kernel or device function, for Python code that calls a short one."""
     return cast(Function, cast(Any, function).py_func)

@@ -1,4 +1,4 @@
-"""The disk cache: where compiled kernels are stored, and what they depend on."""
+"""Disk cache of compiled kernels: its location and what its entries depend on."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from numba.core.runtime.nrt import rtsys
 from ...base.dependencies import ROOT, key_of
 from .library import CHECK
 
-KEEP_CACHES = 4  # folders of other environments that are kept; older ones are removed
-KEEP_VERSIONS = 8  # versions of a module's kernels that are kept
-PATIENCE = 900.0  # seconds to wait for a kernel that another process compiles
+KEEP_CACHES = 4  # folders of other environments to keep; older ones are removed
+KEEP_VERSIONS = 8  # versions of a module's kernels to keep
+PATIENCE = 900.0  # timeout in seconds for a kernel that another process compiles
 MARK, MARKED = ".made-by-pointray", b"compiled kernels of pointray: this folder may be removed at any time\n"
 
 
 def cpu_name() -> str:
-    """The processor that kernels are compiled for: this one, or Numba's NUMBA_CPU_NAME."""
+    """Return the CPU that kernels are compiled for: Numba's NUMBA_CPU_NAME, else this one."""
     return os.environ.get("NUMBA_CPU_NAME") or str(llvmlite.binding.get_host_cpu_name())
 
 
 def cpu_features() -> str:
-    """The processor's features in Numba's format: NUMBA_CPU_FEATURES, which may be empty, or this processor's."""
+    """Return the CPU features in Numba's format: NUMBA_CPU_FEATURES, which may be empty, else those of this CPU."""
     features = os.environ.get("NUMBA_CPU_FEATURES")
     if features is None and cpu_name() == "generic":
         return ""
@@ -44,7 +44,7 @@ def cpu_features() -> str:
 
 @cache
 def environment_key() -> str:
-    """Return a hash of what all compiled code depends on besides its sources."""
+    """Return a hash of everything but the sources that compiled code depends on."""
     versions = numba.__version__, llvmlite.__version__, np.__version__, sys.version_info[:2]
     facts = versions, CHECK, cpu_name(), cpu_features()
     return hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
@@ -52,7 +52,7 @@ def environment_key() -> str:
 
 @cache
 def cache_folder() -> Path | None:
-    """Folder of the compiled kernels (in `POINTRAY_CACHE`, else the user's cache); None if it cannot be written."""
+    """Return the folder of compiled kernels, in `POINTRAY_CACHE` or the user's cache; None if it is not writable."""
     base = Path(os.environ.get("POINTRAY_CACHE") or platformdirs.user_cache_dir("pointray", appauthor=False))
     folder = base / f"kernels-{environment_key()}"
     try:
@@ -70,12 +70,12 @@ def cache_folder() -> Path | None:
 
 
 def _prune(base: Path) -> None:
-    """Remove the oldest folders of kernels that carry our mark; other folders with such names stay."""
+    """Remove the oldest kernel folders that carry pointray's mark. Other folders of such names are kept."""
     _remove_oldest((path for path in base.glob("kernels-*") if _is_ours(path)), KEEP_CACHES + 1)
 
 
 def _remove_oldest(folders: Iterable[Path], keep: int) -> None:
-    """Remove all folders but the newest ones."""
+    """Remove all but the newest folders."""
     ages = []
     for folder in folders:
         with suppress(OSError):
@@ -85,7 +85,7 @@ def _remove_oldest(folders: Iterable[Path], keep: int) -> None:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether pointray has made and marked a folder."""
+    """Return whether a folder carries pointray's mark."""
     try:
         return not folder.is_symlink() and (folder / MARK).read_bytes() == MARKED
     except OSError:
@@ -93,9 +93,9 @@ def _is_ours(folder: Path) -> bool:
 
 
 class _Locator:
-    """Tells Numba where to store a kernel: in a folder named after its module and a hash of what that imports.
+    """Location of a kernel in Numba's cache: a folder named after its module and a hash of all files that it imports.
 
-    Numba itself checks only the function's own file: an edit to `engine/kernels/vec.py` would leave stale kernels.
+    Numba checks only the function's own file, so that an edit of `engine/kernels/vec.py` would leave stale kernels.
     """
 
     def __init__(self, py_func: Callable[..., Any], py_file: str) -> None:
@@ -137,7 +137,7 @@ class _CacheImpl(CompileResultCacheImpl):
 
 
 class KernelCache(FunctionCache):
-    """Numba's cache in our folder; a cache that cannot be read or written is no error."""
+    """Numba's cache in pointray's folder. Failures to read or write it are ignored."""
 
     _impl_class = _CacheImpl
 
@@ -146,7 +146,7 @@ class KernelCache(FunctionCache):
 
     @property
     def is_fresh(self) -> bool:
-        """Whether the kernel is on disk, compiled from the source of today."""
+        """Whether the kernel is on disk, compiled from the current sources."""
         try:
             return bool(self._cache_file._load_index())
         except MemoryError:
@@ -156,8 +156,8 @@ class KernelCache(FunctionCache):
 
     @contextmanager
     def exclusive(self) -> Iterator[None]:
-        """Keep other processes from compiling this kernel, where the file system has locks."""
-        from filelock import FileLock  # takes 50 ms: not before something is compiled
+        """Lock out other processes that compile this kernel, if the file system supports locks."""
+        from filelock import FileLock  # takes 50 ms, so only when something is compiled
 
         with ExitStack() as stack:
             with suppress(OSError, NotImplementedError):
@@ -166,10 +166,10 @@ class KernelCache(FunctionCache):
             yield
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """A kernel from the disk; None if it has to be compiled.
+        """Load a kernel from disk. Returns None if it has to be compiled.
 
-        Numba would first import all that compiling needs, which takes 0.4 s of a first picture's 2.4. Compiling imports
-        it itself.
+        Numba would first import all modules needed for compilation, which takes 0.4 s of the 2.4 s of a first picture.
+        Compilation imports them itself.
         """
         rtsys.initialize(target_context)
         try:
@@ -184,6 +184,6 @@ class KernelCache(FunctionCache):
                 super().save_overload(sig, data)  # type: ignore[no-untyped-call]
             except OSError:
                 raise
-            except Exception:  # a damaged index: begin a new one
+            except Exception:  # a damaged index: start a new one
                 self.flush()  # type: ignore[no-untyped-call]
                 super().save_overload(sig, data)  # type: ignore[no-untyped-call]

@@ -1,4 +1,4 @@
-"""How `arrays` is compiled."""
+"""Compilation of the functions in `arrays`."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import llvmlite.ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic as _intrinsic
 
-intrinsic: Any = _intrinsic  # its type describes the definition, not the call in a kernel
+intrinsic: Any = _intrinsic  # typed for its definition, not for its calls in kernels
 
 
 @intrinsic
 def fetch_add(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
-    """array[index] += value as one atomic step; returns the value before."""
+    """Add value to array[index] atomically, and return the previous value."""
     if not (isinstance(array, types.Array) and array.dtype == types.int64):
         return None
 
@@ -27,7 +27,7 @@ def fetch_add(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
 
 @intrinsic
 def peek(typingctx: Any, array: Any, index: Any) -> Any:
-    """array[index], read afresh from memory."""
+    """Read array[index] from memory, not from a register."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
@@ -39,7 +39,7 @@ def peek(typingctx: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def array_at(typingctx: Any, address: Any, length: Any, like: Any) -> Any:
-    """The one-dimensional array of `length` items of the type of `like` at an address; it does not own its memory."""
+    """Return the one-dimensional array of `length` items of the type of `like` at an address, not owning its memory."""
     array = types.Array(like, 1, "C")
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -62,10 +62,10 @@ def array_at(typingctx: Any, address: Any, length: Any, like: Any) -> Any:
 
 @intrinsic
 def borrow(typingctx: Any, value: Any) -> Any:
-    """The same array, or record of arrays, without references to its memory, which its owner must keep alive.
+    """Return the same array or record of arrays without references to its memory, which the owner must keep alive.
 
-    Numba counts references with atomic additions at every use of an array that owns its memory; two threads that share
-    one then wait for each other. Rays that hit nothing took 160 ns with reference counts and 25 ns without.
+    Numba counts references with atomic additions at every use of an array that owns its memory, and threads that share
+    one wait for each other. Rays that hit nothing took 160 ns with reference counts and 25 ns without.
     """
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -75,7 +75,7 @@ def borrow(typingctx: Any, value: Any) -> Any:
 
 
 def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """The value with arrays that have no owner, also inside tuples; other values stay as they are."""
+    """Return a value whose arrays, also inside tuples, have no owner. Other values are unchanged."""
     if isinstance(kind, types.BaseTuple):
         for k, item in enumerate(cast(Any, kind)):
             part = _without_owner(context, builder, item, builder.extract_value(value, k))
@@ -90,7 +90,7 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 @intrinsic
 def keep_alive(typingctx: Any, value: Any) -> Any:
-    """Keep arrays alive up to this line: the last line of a kernel whose own arrays were borrowed."""
+    """Keep arrays alive up to this line, the last of a kernel that borrowed its own arrays."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return context.get_dummy_value()

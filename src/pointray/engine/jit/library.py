@@ -1,7 +1,7 @@
-"""Kernels that were compiled before: the library for this processor, if there is one that fits the sources.
+"""Kernels compiled ahead of time: the library for this CPU, if there is one built from the current sources.
 
-`POINTRAY_KERNELS` says what is wanted: `compiled` kernels and no others, `jit` for kernels that Numba compiles, `auto`
-(the default) for Numba where there is no compiled kernel.
+`POINTRAY_KERNELS` selects the kernels: `compiled` for the library only, `jit` for Numba only, `auto` (the default) for
+the library where it has a kernel, else Numba.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from .boundary import Results, error_at, packer, size_of
 
 FOLDER = ROOT / "engine" / "native"
 MANIFEST, FORMAT = "manifest.json", 2
-# Check every array access and every SIMD load (slow). The test suite runs once with it; it is part of the cache key.
+# Check every array access and SIMD load (slow). The test suite runs once with it. It is part of the cache key.
 CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 CHOICES = "auto", "compiled", "jit"
 
 
 def wanted() -> str:
-    """What `POINTRAY_KERNELS` says."""
+    """Return the value of `POINTRAY_KERNELS`."""
     text = os.environ.get("POINTRAY_KERNELS", "") or "auto"
     if text not in CHOICES:
-        raise ValueError(f"POINTRAY_KERNELS must be one of {', '.join(CHOICES)}, not {text!r}")
+        raise ValueError(f"POINTRAY_KERNELS must be one of {', '.join(CHOICES)}, got {text!r}")
     return text
 
 
 def symbol(kernel: str) -> str:
-    """The name of a kernel's C function."""
+    """Return the name of a kernel's C function."""
     return "pr_" + kernel.removeprefix("pointray.").replace(".", "__")
 
 
 class Library:
-    """The compiled kernels for a level of processors.
+    """Compiled kernels for a CPU level.
 
     level : such as x86-64-v3
     """
@@ -51,9 +51,9 @@ class Library:
         self._kernels, self._records, self._sources = manifest["kernels"], manifest["records"], manifest["sources"]
 
     def find(self, kernel: str, file: Path) -> Callable[..., Any] | None:
-        """A kernel that is compiled from the sources of today; None if there is none.
+        """Return a kernel compiled from the current sources, or None.
 
-        file : in which the kernel is written
+        file : the source file of the kernel
         """
         about = self._kernels.get(kernel)
         if about is None or not (self._is_of_today or about["key"] == key_of([file])):
@@ -62,14 +62,14 @@ class Library:
 
     @cached_property
     def _is_of_today(self) -> bool:
-        """Whether all sources are those that the library was built from: quicker than to ask kernel by kernel."""
+        """Whether all sources are those that the library was built from. Faster than a check of each kernel."""
         try:
             return all(digest_of(ROOT / name) == digest for name, digest in self._sources.items())
         except OSError:
             return False
 
     def _callable(self, kernel: str, about: Mapping[str, Any]) -> Callable[..., Any]:
-        """The Python function that calls a kernel."""
+        """Return the Python function that calls a kernel."""
         call = self._code[symbol(kernel)]
         call.argtypes, call.restype = [ctypes.c_void_p, ctypes.c_void_p], ctypes.c_int32
         release = self._code["pr_release"]
@@ -93,9 +93,9 @@ class Library:
 
 @cache
 def choice() -> tuple[Library | None, str]:
-    """The library that is used, if any, and why, as a sentence without its full stop."""
+    """Return the library in use, or None, and the reason as a sentence without its full stop."""
     if CHECK:
-        return None, "POINTRAY_CHECK is set, so Numba compiles kernels with checks"
+        return None, "POINTRAY_CHECK is set: kernels are compiled with bounds checks"
     if wanted() == "jit":
         return None, "POINTRAY_KERNELS=jit"
     try:
@@ -107,11 +107,11 @@ def choice() -> tuple[Library | None, str]:
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         return None, f"the compiled kernels cannot be used: {FOLDER / MANIFEST}: {error}"
     reasons = []
-    for level, about in libraries.items():  # the best first
+    for level, about in libraries.items():  # best level first
         try:
             code = _load(FOLDER / about["file"], about["sha256"])
             if not _runs(level, code):
-                reasons.append(f"this processor is not one of {level}")
+                reasons.append(f"this CPU does not support {level}")
                 continue
             return Library(level, code, manifest), f"compiled for {level}"
         except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -120,24 +120,24 @@ def choice() -> tuple[Library | None, str]:
 
 
 def _check(manifest: Any) -> None:
-    """Raise ValueError where a manifest is of another kind."""
+    """Raise ValueError for a manifest of an unsupported format."""
     if manifest["format"] != FORMAT:
-        raise ValueError(f"its format is {manifest['format']}, not {FORMAT}")
+        raise ValueError(f"unsupported format {manifest['format']}, expected {FORMAT}")
     if not all(isinstance(manifest[part], dict) for part in ("kernels", "records", "sources")):
-        raise ValueError("it is damaged")
+        raise ValueError("the manifest is damaged")
 
 
 def _load(path: Path, sha256: str) -> ctypes.CDLL:
-    """Load a library with known content.
+    """Load a library after a check of its hash.
 
-    Where the system allows it, what is loaded is a copy in memory: whatever happens to the file, kernels stay.
+    Where the system allows it, a copy in memory is loaded, so that later changes of the file have no effect.
     """
     content = path.read_bytes()
     if hashlib.sha256(content).hexdigest() != sha256:
-        raise ValueError(f"{path} is damaged or of another build")
+        raise ValueError(f"{path} is damaged or from another build")
     if hasattr(os, "memfd_create"):
         with suppress(OSError):
-            # It stays open: the loader takes another library of the same path for this one.
+            # The descriptor stays open: the loader would take another library at the same path for this one.
             descriptor = os.memfd_create(path.name)
             with open(descriptor, "wb", closefd=False) as file:
                 file.write(content)
@@ -146,7 +146,7 @@ def _load(path: Path, sha256: str) -> ctypes.CDLL:
 
 
 def _runs(level: str, code: ctypes.CDLL) -> bool:
-    """Whether this processor is one of a level."""
+    """Return whether this CPU supports a level."""
     if not level.startswith("x86-64-v"):
         return True
     return int(code.pr_level()) >= int(level.removeprefix("x86-64-v"))

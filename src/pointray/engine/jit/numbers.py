@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[Any]  # an array in a kernel; the record that holds it defines what its numbers mean
+Array = NDArray[Any]  # an array in a kernel; the record that holds it defines its contents
 
 if TYPE_CHECKING:
 

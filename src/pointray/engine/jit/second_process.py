@@ -1,4 +1,4 @@
-"""Kernels compiled in a second process, while this process goes on with other kernels and other work."""
+"""Compilation of kernels in a second process, while this process continues with other work."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from .decorators import KERNELS
 if TYPE_CHECKING:
     import subprocess
 
-STEP = 0.02  # seconds between two checks whether the caller still wants to wait
+STEP = 0.02  # seconds between two checks for cancellation
 
 _lock = threading.Lock()
-_coming: dict[str, threading.Event] = {}  # kernels that a process compiles now or later; set when compiled
+_coming: dict[str, threading.Event] = {}  # kernels of the second process; the event is set when compiled
 
 
-def compile_beside(module: str, kernels: dict[str, float]) -> None:
-    """Have kernels compiled by `python -m module NAME...`, unless they are compiled already; returns at once.
+def compile_in_background(module: str, kernels: dict[str, float]) -> None:
+    """Compile kernels in a second process, `python -m module NAME...`, unless they are compiled. Returns at once.
 
     The process prints the name of each kernel on a line when it is on disk, and ends when its input ends. `run` waits
-    for a kernel that is being compiled; if the process fails, kernels are compiled where they are used.
+    for a kernel that is being compiled. If the process fails, kernels are compiled where they are used.
 
     Parameters
     ----------
     kernels : dict
-        Names in `KERNELS`, in the order in which they are needed, and the seconds that each should take.
+        Names in `KERNELS`, in the order of use, and their expected compile times in seconds.
     """
     with _lock:
         wanted = {k: cost for k, cost in kernels.items() if k not in _coming and not KERNELS[k].is_compiled}
         if not wanted or not _can_be_kept():
             return
-        import subprocess  # only here: it takes 10 ms, which compiled kernels do not need
+        import subprocess  # takes 10 ms, which are saved if kernels are compiled
 
         command, pipe = [sys.executable, "-m", module, *wanted], subprocess.PIPE
         try:
@@ -49,19 +49,19 @@ def compile_beside(module: str, kernels: dict[str, float]) -> None:
 
 
 def _can_be_kept() -> bool:
-    """Whether there is a cache folder, through which the process hands kernels over."""
+    """Return whether there is a cache folder, through which the process passes kernels on."""
     from .disk_cache import cache_folder
 
     return cache_folder() is not None
 
 
 def wait_for(kernel: Any, unwanted: Callable[[], bool]) -> bool:
-    """Wait until a kernel is compiled if a second process compiles it; False if it became unwanted before."""
+    """Wait for a kernel that the second process compiles. Returns False if `unwanted` becomes true first."""
     event = next((event for name, event in list(_coming.items()) if KERNELS[name] is kernel), None)
     if event is None:
         return True
     begun = time.perf_counter()
-    # Not Event.wait: a Ctrl-C within it may leave its lock held, and who sets the event would wait for ever.
+    # Event.wait is avoided: a Ctrl-C within it may leave its lock held, and the thread that sets the event would hang.
     while not event.is_set() and not unwanted():
         time.sleep(STEP)
     COUNTS.seconds += time.perf_counter() - begun
@@ -69,7 +69,7 @@ def wait_for(kernel: Any, unwanted: Callable[[], bool]) -> bool:
 
 
 def _follow(process: subprocess.Popen[str], names: list[str]) -> None:
-    """Wake the threads that wait for a kernel when it is compiled, and all of them when the process ends."""
+    """Wake the threads waiting for a kernel when it is compiled, and all of them when the process ends."""
     left = list(names)
     BACKLOG.begin(left[0], beside=True)
     with process, suppress(OSError, ValueError):

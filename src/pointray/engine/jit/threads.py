@@ -1,4 +1,4 @@
-"""Running kernels on all cores: tiles from a shared counter, progress, Ctrl-C."""
+"""Execution of kernels on all cores: tiles from a shared counter, progress, Ctrl-C."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from .decorators import inline
 from .numbers import Array
 from .second_process import wait_for
 
-# The slots that a kernel and its caller share: int64, a cache line apart.
+# Slots shared by a kernel and its caller: int64, a cache line apart.
 NEXT, TOTAL, CANCEL, SLOTS = 0, 8, 16, 24
 
 
 class Cancel:
-    """Cancels the run that it was given to, between two tiles; a run that begins later is cancelled at once."""
+    """Cancellation of a run between two tiles. A run that begins after the call is cancelled at once."""
 
     def __init__(self) -> None:
         self.wanted = False
@@ -34,15 +34,15 @@ class Cancel:
             self._work[CANCEL] = 1
 
     def watch(self, work: np.ndarray[Any, Any]) -> None:
-        """From now on this run is the one that is cancelled."""
+        """Make a run the one to cancel."""
         self._work = work
-        if self.wanted:  # it was called before the run began
+        if self.wanted:  # called before the run began
             work[CANCEL] = 1
 
 
 @inline
 def next_tile(work: Array) -> int:
-    """The number of the next tile; -1 if none is left, or if cancelled."""
+    """Return the number of the next tile, or -1 if none is left or the run is cancelled."""
     if peek(work, CANCEL) != 0:
         return -1
     tile = fetch_add(work, NEXT, 1)
@@ -51,12 +51,12 @@ def next_tile(work: Array) -> int:
 
 @inline
 def cancelled(work: Array) -> bool:
-    """Whether the caller wants the kernel to stop."""
+    """Return whether the run is cancelled."""
     return peek(work, CANCEL) != 0
 
 
 def thread_count(threads: int | None = None) -> int:
-    """Number of threads: the argument, else `POINTRAY_THREADS`, else all processors that this process may use."""
+    """Return the number of threads: the argument, else `POINTRAY_THREADS`, else all CPUs that this process may use."""
     if threads is None:
         text = os.environ.get("POINTRAY_THREADS", "")
         if not text:
@@ -64,9 +64,9 @@ def thread_count(threads: int | None = None) -> int:
         try:
             threads = int(text)
         except ValueError:
-            raise ValueError(f"POINTRAY_THREADS must be a whole number, not {text!r}") from None
+            raise ValueError(f"POINTRAY_THREADS must be an integer, got {text!r}") from None
     if threads < 1:
-        raise ValueError(f"threads must be at least 1, not {threads}")
+        raise ValueError(f"threads must be at least 1, got {threads}")
     return threads
 
 
@@ -81,10 +81,11 @@ def run(
 ) -> list[Any]:
     """Run `kernel(work, *args)` in worker threads that call `next_tile(work)` until no tile is left.
 
-    tiles : how many there are; first : the number of the first one
+    tiles : number of tiles; first : number of the first one
+    progress : called with the share done, about ten times a second
 
-    The caller only waits, so that Ctrl-C gets through: it cancels the kernels between two tiles, as `cancel` does.
-    `progress` is called with the share done, about ten times a second. Returns what each worker returned.
+    The caller only waits, so that Ctrl-C gets through. Ctrl-C and `cancel` stop the kernels between two tiles. Returns
+    the results of the workers.
     """
     if not wait_for(kernel, lambda: cancel is not None and cancel.wanted):
         return []
@@ -114,13 +115,13 @@ def run(
             try:
                 done.get(timeout=0.1)
             except queue.Empty:
-                # All have ended, one without a word: it found no memory, not even for that.
+                # All threads have ended, one without a result: it ran out of memory.
                 if not any(is_there() for is_there in started) and len(results) + len(errors) < len(started):
-                    raise MemoryError("for a thread") from None
+                    raise MemoryError("out of memory in a worker thread") from None
                 if progress is not None:
                     progress(min((work[NEXT] - first) / max(tiles, 1), 1.0))
     except BaseException:
-        # A worker may be inside the compiler, which cannot be interrupted: wait a little and leave it behind.
+        # A worker may be inside the compiler, which cannot be interrupted: wait briefly, then abandon it.
         work[CANCEL] = 1
         end = time.monotonic() + 0.3
         with suppress(queue.Empty):
@@ -133,7 +134,7 @@ def run(
 
 
 def _start(worker: Callable[[], None], needed: bool) -> list[Callable[[], bool]]:
-    """Start a worker if there is memory for its stack, else the others do its work; tells whether it is still there."""
+    """Start a worker if there is memory for its stack. Returns a list of its liveness function, or an empty list."""
     try:
         return [start(worker)]
     except RuntimeError:
