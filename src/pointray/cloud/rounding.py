@@ -80,7 +80,7 @@ def _message(steps: Sequence[float], largest: Floats, single: bool, spacing: flo
     cure = "export with double precision or a local origin" if single else "export with more decimals"
     return (
         f"coordinates are rounded to steps of {steps[axis]:g}{where}{cause}, {steps[axis] / spacing:.2g} times "
-        f"the mean point spacing, and finer detail is lost; {cure}"
+        f"the mean point spacing: finer detail is lost; {cure}"
     )
 
 
