@@ -156,7 +156,7 @@ ONE = [[1.0, 2.0, 3.0]]
         (np.zeros((0, 3)), {}, "no points"),
         ([1, 2, 3], {}, r"\(n, 3\), not \(3,\)"),
         (np.zeros((5, 2)), {}, r"\(5, 2\)"),
-        ([[1, 2, 3], [4, 5]], {}, "positions is no regular array"),
+        ([[1, 2, 3], [4, 5]], {}, "positions is not a regular array"),
         ([["a", "b", "c"]], {}, "positions must hold ints or floats"),
         ([[1j, 2, 3]], {}, "complex128"),
         (np.full((2, 3), None), {}, "object"),

@@ -41,10 +41,10 @@ def test_float32_at_millions_of_metres(spacing, rng):
     rows = hills(rng, spacing) + PLACE
     steps, message = find_rounding(pr.Points(rows.astype(np.float32)))
     assert steps[1:] == (0.5, 0)
-    assert message.startswith("coordinates were rounded to steps of 0.5 in ") and "(float32 at 5.4e6)" in message
-    times = float(message.split(", ")[-1].split(" times the mean distance of points: ")[0])
+    assert message.startswith("coordinates are rounded to steps of 0.5 in ") and "(float32 at 5.4e6)" in message
+    times = float(message.split(", ")[-1].split(" times the mean point spacing: ")[0])
     assert times == pytest.approx(0.5 / spacing, rel=0.2)
-    assert message.endswith("export it with double precision or a local origin")
+    assert message.endswith("export with double precision or a local origin")
     assert find_rounding(pr.Points(rows)) == ((0, 0, 0), None)
 
 
@@ -133,7 +133,7 @@ def test_info_and_render_name_them(file, tmp_path, capsys, rng):
     assert execute(["info", str(file), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["steps"] == [0, 0.5, 0]
-    note = "coordinates were rounded to steps of 0.5 in y (float32 at 5.4e6), 1.3 times the mean distance of points: "
+    note = "coordinates are rounded to steps of 0.5 in y (float32 at 5.4e6), 1.3 times the mean point spacing: "
     assert len(facts["notes"]) == 1 and facts["notes"][0].startswith(note)
     assert execute(["render", str(file), "-o", str(tmp_path / "a.png"), "--size", "32x24", *QUICK]) == 0
     assert capsys.readouterr().err.count(f"pointray: note: {note}") == 1

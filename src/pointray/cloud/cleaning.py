@@ -1,8 +1,8 @@
-"""Cleaning: exact duplicates and far outliers are found, reported and dropped.
+"""Cleaning: find, report and drop exact duplicates and distant outliers.
 
-An outlier belongs to a group, single or small, that lies far from everything else: farther than FAR times the usual
-spacing around the nearest of the rest and of the whole cloud, and farther than the group is wide. Sparse parts of an
-uneven scan stay, as they have many points that are close together for their own spacing.
+An outlier belongs to a group of few points, or stands alone, far from everything else: farther than FAR times the
+larger of the local and the median spacing. Sparse regions of an uneven scan are kept, since many of their points are
+close together relative to their own spacing.
 """
 
 from __future__ import annotations
@@ -18,28 +18,30 @@ from .neighbors import distinct, neighbors
 from .neighbors.components import connected_components
 from .points import Points
 
-AROUND = 8  # neighbours that give the spacing
-FAR = 12.0  # spacings: how far a group must lie from the rest
+AROUND = 8  # neighbours that define the spacing
+FAR = 12.0  # spacings between a group of outliers and the rest, at least
 FEW = 1e-3  # greatest share of the positions in a group of outliers
-PLACED, NEAR = 0.1, 0.6  # share of the time until positions are distinct; share of the rest until neighbours are found
-GROUP = 30  # or this many positions, if that is less than a tenth of all
+PLACED, NEAR = 0.1, 0.6  # progress when duplicates are found; share of the rest when neighbours are found
+GROUP = 30  # positions that a group may have in any case, if less than a tenth of all
 
 
 class Flaws(NamedTuple):
-    """The flawed rows of a cloud."""
+    """Flaws of a cloud, row by row."""
 
-    duplicates: NDArray[np.bool_]  # (n,), whether an earlier row has the same position, bit for bit
-    outliers: NDArray[np.bool_]  # (n,), whether the row is far from everything else
+    duplicates: NDArray[np.bool_]  # (n,), an earlier row has exactly the same position
+    outliers: NDArray[np.bool_]  # (n,), the row is far from everything else
 
 
 def find_flaws(points: Points, progress: Progress | None = None) -> Flaws:
-    """Duplicates and far outliers; rows that are not finite are neither.
+    """Find exact duplicates and distant outliers.
+
+    Rows that are not finite are neither.
 
     Parameters
     ----------
     points : Points
     progress : callable, optional
-        Called with the share done.
+        Called with the fraction done.
 
     Returns
     -------
@@ -59,18 +61,20 @@ def find_flaws(points: Points, progress: Progress | None = None) -> Flaws:
 
 
 def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Points:
-    """The points without exact duplicates (the first of equal positions stays) and without far outliers.
+    """Remove exact duplicates and distant outliers.
+
+    The first of several equal positions is kept, and so are rows that are not finite.
 
     Parameters
     ----------
     points : Points
     duplicates, outliers : bool
-        What to drop. `find_flaws` tells which rows these are.
+        What to remove; `find_flaws` returns these rows.
 
     Returns
     -------
     Points
-        The other rows in their order; rows that are not finite stay.
+        The remaining rows in their order; `points` itself if nothing is removed.
     """
     duplicates, outliers = check_flag(duplicates, "duplicates"), check_flag(outliers, "outliers")
     flaws = find_flaws(points)
@@ -79,14 +83,14 @@ def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Poi
 
 
 def _far(positions: NDArray[np.float32], progress: Progress | None) -> NDArray[np.bool_]:
-    """Which of the positions, all distinct, are outliers."""
+    """Return which positions, all distinct, are outliers."""
     n = len(positions)
     far = np.zeros(n, np.bool_)
-    if n <= 2 * AROUND:  # too few to tell what is usual
+    if n <= 2 * AROUND:  # too few for statistics
         return far
     distances, near = neighbors(positions, AROUND + 1, progress=part_of(progress, 0.0, NEAR))
     usual = float(np.median(distances[:, AROUND]))
-    # Points closer than FAR spacings are linked; the spacing is the neighbour's or the usual one, whichever is greater.
+    # Points closer than FAR spacings are linked; the spacing is the larger of the neighbour's and the median one.
     local = np.maximum(np.median(distances[:, AROUND][near[:, 1:]], axis=1), usual)
     most = min(max(FEW * n, GROUP), 0.1 * n)
     near = near[:, 1:]

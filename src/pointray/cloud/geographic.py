@@ -1,4 +1,4 @@
-"""Geographic coordinates: degrees of longitude and latitude become metres east and north of the middle of a cloud."""
+"""Geographic coordinates: conversion between degrees of longitude and latitude and metres around a cloud's centre."""
 
 from __future__ import annotations
 
@@ -15,29 +15,30 @@ from .georeference import Survey
 
 # WGS 84, https://earth-info.nga.mil/?dir=wgs84: equatorial radius in metres, and the square of the eccentricity
 RADIUS, ECCENTRICITY2 = 6378137.0, 0.00669437999014
-DECIMALS = 6  # of the middle's degrees
+DECIMALS = 6  # of the centre's longitude and latitude in degrees
 PROJ, PLANE = "+proj=tmerc", "tangent plane"
 NUMBER = r"(-?\d+(?:\.\d+)?)"
 WRITTEN = re.compile(rf"({re.escape(PROJ)}|{PLANE}) \+lat_0={NUMBER} \+lon_0={NUMBER} \+ellps=WGS84 \+units=m")
 GEOGRAPHIC = re.compile(r"\s*(GEOGCS|GEOGCRS|GEOGRAPHICCRS|GEODCRS|GEODETICCRS)\b", re.IGNORECASE)
 COMPOUND = re.compile(r"\s*(COMPD_CS|COMPOUNDCRS)\b", re.IGNORECASE)
 CODES = range(4001, 5000)  # EPSG codes of geographic systems
-WIDEST = 10.0  # degrees: wider clouds are not shown in one plane
-SLENDER = 300  # without a coordinate system, a cloud this many times as high as wide has degrees for x and y
-DISTANT = 100  # times its width from zero: so are degrees, and no model
+WIDEST = 10.0  # degrees: wider clouds are not projected onto one plane
+SLENDER = 300  # without a coordinate system, x and y of a cloud this many times as high as wide are taken for degrees
+DISTANT = 100  # widths from the origin, at least: true of degrees, not of models
 
 Floats = NDArray[np.float64]
 
 
 class LocalFrame(NamedTuple):
-    """Metres east and north of a place, by a transverse Mercator projection or a plane; heights stay as they are.
+    """Local frame of metres east and north of a place; heights are unchanged.
 
     Attributes
     ----------
     latitude, longitude : float
         Of the place, degrees.
     method : str
-        `PROJ`: exact, by pyproj. `PLANE`: without pyproj, by the radii of curvature at the place, exact near it.
+        `PROJ`: transverse Mercator projection by pyproj, exact. `PLANE`: tangent plane by the radii of curvature,
+        without pyproj, accurate near the place.
     """
 
     latitude: float
@@ -46,12 +47,12 @@ class LocalFrame(NamedTuple):
 
     @classmethod
     def of(cls, survey: Survey) -> LocalFrame | None:
-        """Return the frame of points with this survey; None if their coordinates are those of the file.
+        """Return the frame of points with this georeference; None if they have the file's own coordinates.
 
         Raises
         ------
         ValueError
-            If the projection is not one of ours.
+            If the projection was not written by this class.
         """
         if survey.projection is None:
             return None
@@ -65,7 +66,7 @@ class LocalFrame(NamedTuple):
         return f"{self.method} +lat_0={latitude} +lon_0={longitude} +ellps=WGS84 +units=m"
 
     def to_local(self, degrees: NDArray[Any]) -> Floats:
-        """Return metres east, north and up of longitudes, latitudes and heights, (n, 3)."""
+        """Convert longitudes, latitudes and heights, (n, 3), to metres east, north and up."""
         rows = np.asarray(degrees, np.float64)
         if self.method == PROJ:
             east, north = _transformer(str(self)).transform(rows[:, 0], rows[:, 1])
@@ -73,17 +74,17 @@ class LocalFrame(NamedTuple):
         return (rows - (self.longitude, self.latitude, 0.0)) * self._metres
 
     def to_degrees(self, local: NDArray[Any]) -> Floats:
-        """Return longitudes, latitudes and heights of metres east, north and up, (n, 3)."""
+        """Convert metres east, north and up, (n, 3), to longitudes, latitudes and heights."""
         rows = np.asarray(local, np.float64)
         if self.method == PROJ:
             longitude, latitude = _transformer(str(self)).transform(rows[:, 0], rows[:, 1], direction="INVERSE")
-            longitude = longitude + 360.0 * np.rint((self.longitude - longitude) / 360.0)  # of files up to 360 degrees
+            longitude = longitude + 360.0 * np.rint((self.longitude - longitude) / 360.0)  # some files use 0 to 360
             return _finite(np.stack([longitude, latitude, rows[:, 2]], axis=1))
         return rows / self._metres + (self.longitude, self.latitude, 0.0)
 
     @property
     def _metres(self) -> Floats:
-        """Metres a degree of longitude and of latitude, and 1: radii of curvature (Snyder 1987, eq. 4-18 to 4-21)."""
+        """Metres per degree of longitude and latitude, and 1: radii of curvature (Snyder 1987, eq. 4-18 to 4-21)."""
         latitude = np.radians(self.latitude)
         across = RADIUS / np.sqrt(1 - ECCENTRICITY2 * np.sin(latitude) ** 2)
         along = across**3 * (1 - ECCENTRICITY2) / RADIUS**2
@@ -99,13 +100,13 @@ def _transformer(projection: str) -> Any:
 
 
 def _finite(rows: Floats) -> Floats:
-    """Rows with NaN where pyproj gives infinity for what it cannot project."""
+    """Replace rows that pyproj could not project, which are infinite, by NaN."""
     rows[np.isinf(rows).any(axis=1)] = np.nan
     return rows
 
 
 def projected(survey: Survey, sample: NDArray[Any]) -> Survey:
-    """Return the survey with a projection if the coordinates are geographic, and tell so; else as it is.
+    """Return the georeference with a projection, with a warning, if coordinates are geographic; else unchanged.
 
     Parameters
     ----------
@@ -136,13 +137,13 @@ def projected(survey: Survey, sample: NDArray[Any]) -> Survey:
 
 
 def in_file(survey: Survey, world: NDArray[Any]) -> NDArray[Any]:
-    """Return coordinates as a file has them, in degrees if the survey has a projection. world : (n, 3)"""
+    """Return coordinates as in the file: in degrees if the georeference has a projection. world : (n, 3)"""
     frame = LocalFrame.of(survey)
     return world if frame is None else frame.to_degrees(world)
 
 
 def is_geographic(survey: Survey) -> bool:
-    """Return whether the coordinate system of a file has degrees."""
+    """Return whether a file's coordinate system uses degrees."""
     crs = survey.crs or ""
     code = re.fullmatch(r"EPSG:(\d{4,5})", crs.strip(), re.IGNORECASE)
     if code is not None:

@@ -1,4 +1,4 @@
-"""Survey: what a file says of where its points lie on Earth, how they were measured and from where."""
+"""Georeference of a file: coordinate system, units, scanner positions and acquisition format."""
 
 from __future__ import annotations
 
@@ -10,36 +10,37 @@ from numpy.typing import NDArray
 
 from ..base.arguments import check_position, check_text, wrong
 
-SCAN = "scan"  # the attribute that tells from which station each point was seen: a row of `Survey.stations`
+SCAN = "scan"  # attribute with the station of each point: an index into `Survey.stations`
 
-RESIDUAL = "grid_residual"  # the attribute for what float32 loses of a file's whole numbers, in steps of `Survey.scale`
+RESIDUAL = "grid_residual"  # attribute with the rounding error of float32 against a file's integers, in `Survey.scale`
 
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """What a file says of its coordinates, carried along with the points and written again.
+    """Georeference of points, kept with them and written back to files.
 
     Attributes
     ----------
     crs : str or None
         The coordinate reference system: well-known text, or a code like "EPSG:25832".
     unit : str or None
-        The unit of the coordinates, in words: "metre".
+        The unit of the coordinates, for example "metre".
     scale, offset : (3,) tuple of float or None
-        The file's coordinates are whole numbers: coordinate = offset + scale * number (LAS).
+        For files with integer coordinates (LAS): coordinate = offset + scale * integer.
     stations : tuple of (3,) tuple of float
-        Where scanners stood, world coordinates. With more than one, the attribute `SCAN` tells each point's.
+        Scanner positions in world coordinates. With more than one, the attribute "scan" holds each point's index.
     projection : str or None
-        The file's coordinates are degrees of longitude and latitude; those of the points are metres east and north of a
-        place, by this projection. Files are written in degrees again.
+        Local projection, if the file's coordinates are degrees of longitude and latitude and the points' are metres
+        east and north of a place. Files are written in degrees again.
     format : str or None
-        The format of the file, if it suggests which axis is up: "LAS", "E57", "PTX", "PTS", "KITTI", "glTF", "SPZ",
+        The file format, where it suggests which axis is up: "LAS", "E57", "PTX", "PTS", "KITTI", "glTF", "SPZ",
         "COLMAP" or "depth image".
 
     Raises
     ------
     ValueError
-        If a value has another type, a scale is not positive or a number is not finite.
+        If a value has the wrong type, a scale is not positive, a number is not finite, or only one of scale and offset
+        is given.
     """
 
     crs: str | None = None
@@ -58,7 +59,7 @@ class Survey:
             value = getattr(self, name)
             object.__setattr__(self, name, None if value is None else check_position(value, name))
         if (self.scale is None) != (self.offset is None):
-            raise ValueError("scale and offset are given together, or not at all")
+            raise ValueError("scale and offset must be given together")
         if self.scale is not None and min(self.scale) <= 0:
             raise ValueError(f"scale must be positive, not {self.scale}")
         if not isinstance(self.stations, list | tuple):
@@ -67,11 +68,11 @@ class Survey:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What it holds, as values of JSON, for `Survey(**facts)`."""
+        """Its values as JSON types, for `Survey(**facts)`."""
         return {name: value for name, value in asdict(self).items() if value not in (None, ())}
 
 
 def numbers_of(survey: Survey, world: NDArray[Any]) -> NDArray[np.int64]:
-    """The whole numbers that coordinates (n, 3) are in a file with a survey's scale and offset, (n, 3) int64."""
+    """Return the integers, (n, 3) int64, that encode world coordinates (n, 3) in a file with this scale and offset."""
     numbers = np.rint((world - np.array(survey.offset)) / np.array(survey.scale))
     return np.asarray(np.nan_to_num(numbers), np.int64)

@@ -1,4 +1,4 @@
-"""The path through a cloud: its places in an order that keeps neighbours together."""
+"""Kd ordering of a cloud: its distinct positions in an order that keeps neighbours together in memory."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from .points import Points
 
 
 class Path(NamedTuple):
-    """The distinct positions of the finite rows of some points, in the order of `kd_order`.
+    """Distinct positions of the finite rows of some points, in the order of `kd_order`.
 
     Attributes
     ----------
     positions : (m, 3) float32
     ids : (k,) int32
-        For each finite row, the number of its position.
+        Index into `positions` for each finite row.
     rows : (m,) int32
         The first row at each position.
     """
@@ -28,11 +28,11 @@ class Path(NamedTuple):
     rows: NDArray[np.int32]
 
     def order(self) -> NDArray[np.integer[Any]]:
-        """The finite rows, counted among themselves, in the order of their positions."""
+        """Return the finite rows, numbered among themselves, in the order of their positions."""
         return self.rows if len(self.rows) == len(self.ids) else np.argsort(self.ids, kind="stable")
 
     def moved(self, points: Points) -> Path:
-        """The path through the same points elsewhere: their order stays."""
+        """Return the ordering of the same points at other positions, without sorting them again."""
         finite, order = np.flatnonzero(points.finite), self.order()
         positions = take(points.positions, finite[order])
         rows, ids = distinct(positions)
@@ -41,7 +41,7 @@ class Path(NamedTuple):
         return Path(take(positions, rows), ids_of, finite[order[rows]].astype(np.int32))
 
     def spread(self, values: NDArray[Any], points: Points) -> NDArray[Any]:
-        """What is known of each position, (m, ...), for each row of the points; 0 for rows that are not finite."""
+        """Copy values of positions, (m, ...), to all rows of the points; rows that are not finite get 0."""
         found = take(values, self.ids)
         if len(found) == len(points):
             return found
@@ -51,7 +51,7 @@ class Path(NamedTuple):
 
 
 def along_path(points: Points) -> Path:
-    """The path through points."""
+    """Return the kd ordering of points."""
     finite = points.finite
     whole = bool(finite.all())
     positions = points.positions if whole else points.positions[finite]

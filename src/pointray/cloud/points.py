@@ -1,4 +1,4 @@
-"""The data that stages pass to each other: shape, dtype, unit and 'none' value of each array, defined once."""
+"""`Points`: the point cloud that all stages share, with shape, dtype, unit and missing value of each array."""
 
 from __future__ import annotations
 
@@ -14,42 +14,42 @@ from ..base.arguments import check_kind, check_mapping, vector
 from .georeference import SCAN, Survey
 
 FARTHEST = 1e12  # a coordinate beyond this is a scanner's 'no return' marker: its square is useless in float32
-MOST = 2**31 - 1  # the most rows: their numbers are int32 in trees
+MOST = 2**31 - 1  # greatest number of rows: trees index them by int32
 SAMPLE = 20_000  # rows from which the spacing is estimated
-FAR = 16  # times its own size: a cloud farther from zero than that loses digits of doubles, which an origin keeps
+FAR = 16  # sizes of the cloud from zero beyond which doubles lose digits that an origin keeps
 MOST_CATEGORIES = 32  # distinct values
-FEWEST_ROWS = 10  # rows for each category, on average: a few points with whole numbers tell nothing
-LABELS = "classification", "point_source_id", SCAN  # names whose whole numbers are categories, however few points
-MEASURES = "intensity", "reflectance", "reflectivity", "amplitude"  # names whose whole numbers are no categories
-MOST_LABELS = 256  # distinct ones: as many classes as LAS has
+FEWEST_ROWS = 10  # rows per category, on average: a few points with integer values prove nothing
+LABELS = "classification", "point_source_id", SCAN  # names whose integers are always categories
+MEASURES = "intensity", "reflectance", "reflectivity", "amplitude"  # names whose integers are never categories
+MOST_LABELS = 256  # distinct labels: as many classes as LAS has
 PROBE = 1000  # rows that are tested first
-CHUNK = 1 << 20  # rows that are looked at together
-SPREAD, STRETCHES = 1 << 18, 256  # rows of a mapped file that stand for all, in how many stretches
+CHUNK = 1 << 20  # rows that are tested at a time
+SPREAD, STRETCHES = 1 << 18, 256  # sampled rows of a mapped file, and the number of contiguous ranges they form
 
 
 @dataclass(frozen=True, slots=True, init=False, repr=False, eq=False)
 class Points:
-    """A point cloud as a scanner or a file gives it, one row for each point.
+    """A point cloud, one row per point.
 
-    Rows with a position that is NaN or infinite are kept, so that row numbers stay the caller's; see `finite`.
+    Rows with a NaN or infinite position are kept, so that row numbers do not change; see `finite`.
 
     Parameters
     ----------
     positions : (n, 3) array_like, float or int
         World coordinates.
     normals : (n, 3) array_like, optional
-        Stored as given: not normalised, and zero or NaN where unknown.
+        Stored as given: not normalised; zero or NaN where unknown.
     colors : (n, 3) or (n, 4) array_like, optional
-        sRGB, uint8 (0 to 255), uint16 (0 to 65535) or float (0 to 1); alpha is dropped. Some formats (LAS) keep 8 bits
-        in uint16: give these as uint8.
+        sRGB, uint8 (0 to 255), uint16 (0 to 65535) or float (0 to 1); alpha is dropped. Pass 8-bit values stored in
+        uint16, as in some LAS files, as uint8.
     attributes : dict of str to (n,) or (n, k) array_like, optional
-        Any other values of each point: whole numbers, floats or bools.
+        Other values of each point: integers, floats or bools.
     origin : (3,) array_like, optional
         The point that stored positions are relative to. None: zero, unless float32 would lose a ten-thousandth of the
         spacing (maps: millions of metres), or digits of doubles that lie farther from zero than 16 times the cloud's
-        size; then a rounded point near the middle.
+        size; then a rounded point near the centre.
     survey : Survey, optional
-        What is known of the coordinates: their reference system and unit, the scanners' places.
+        Georeference: reference system, unit, scanner positions.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Points:
     normals : (n, 3) float32 or None
     colors : (n, 3) uint8 or None
     attributes : dict of str to (n,) or (n, k) array
-        Of the dtypes given, native; only floats of other than 4 or 8 bytes become float32 or float64.
+        In the given dtypes, native byte order; floats of other than 4 or 8 bytes become float32 or float64.
     survey : Survey
 
     Raises
@@ -98,7 +98,7 @@ class Points:
         attributes: Mapping[str, ArrayLike] | None = None,
         survey: Survey | None = None,
     ) -> Points:
-        """Points whose (n, 3) float32 positions are already relative to `origin`."""
+        """Create points from (n, 3) float32 positions that are already relative to `origin`."""
         points = cls.__new__(cls)
         positions = _check_positions(positions)
         points._fill(_localise(positions, np.zeros(3)), vector(origin, "origin"), normals, colors, attributes, survey)
@@ -139,20 +139,20 @@ class Points:
 
     @property
     def finite(self) -> NDArray[np.bool_]:
-        """(n,) bool: whether the row's position can be used: no NaN, no infinity, nothing beyond `FARTHEST`."""
+        """(n,) bool: whether the position is usable: neither NaN nor infinite nor beyond 1e12."""
         return are_finite(self.positions)
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """Least and greatest world coordinates of the finite rows, (2, 3) float64."""
+        """Minimum and maximum world coordinates of the finite rows, (2, 3) float64."""
         finite = self.finite
         rows = self.positions if finite.all() else self.positions[finite]
-        # Column by column, in 1/8 of the time for rows of three.
+        # Column by column: 1/8 of the time for rows of three.
         least, greatest = [column.min() for column in rows.T], [column.max() for column in rows.T]
         return np.stack([least, greatest]) + self.origin
 
     def select(self, rows: NDArray[np.integer[Any]] | NDArray[np.bool_]) -> Points:
-        """The given rows (numbers or a mask), with the same origin."""
+        """Return the given rows (indices or a mask), with the same origin."""
         rows = _check_rows(rows, len(self))
         return Points.about(
             self.origin,
@@ -164,19 +164,19 @@ class Points:
         )
 
     def changed(self, **fields: Any) -> Points:
-        """The same points with other normals, colors, attributes, survey or positions; the other arrays are shared."""
+        """Return the points with other normals, colors, attributes, survey or positions; other arrays are shared."""
         kept = {name: getattr(self, name) for name in ("positions", "normals", "colors", "attributes", "survey")}
         return Points.about(self.origin, **{**kept, **fields})
 
     def with_normals(self, normals: ArrayLike | None) -> Points:
-        """The same points with other normals, or without any if None; the other arrays are shared."""
+        """Return the points with other normals, or without normals if None; the other arrays are shared."""
         return self.changed(normals=normals)
 
     def __len__(self) -> int:
         return len(self.positions)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickles and copies hold the arrays, which are checked again."""
+        """Pickle and copy by the arrays, which are validated again."""
         arrays = self.origin, self.positions, self.normals, self.colors, self.attributes
         return Points.about, (*arrays, self.survey)
 
@@ -189,17 +189,17 @@ class Points:
 
 
 def check_count(n: int) -> None:
-    """ValueError for more points than int32 numbers, which trees use, can count."""
+    """Raise a ValueError for more points than int32 can index."""
     if n > MOST:
-        raise ValueError(f"{n:,} points are too many: at most {MOST:,} can be held at once")
+        raise ValueError(f"{n:,} points are too many: at most {MOST:,} are supported")
 
 
 def _numbers(values: ArrayLike, name: str) -> NDArray[Any]:
-    """`values` as an array of ints or floats."""
+    """Return `values` as an array of ints, floats or bools."""
     try:
         array = np.asarray(values)
     except (TypeError, ValueError) as error:  # rows of different lengths
-        raise ValueError(f"{name} is no regular array of numbers: {error}") from None
+        raise ValueError(f"{name} is not a regular array of numbers: {error}") from None
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{name} must hold ints or floats, not {array.dtype} (shape {array.shape})")
     return array
@@ -218,18 +218,16 @@ def _check_positions(positions: ArrayLike) -> NDArray[Any]:
 def _check_rows(rows: Any, n: int) -> NDArray[Any]:
     array = _numbers(rows, "rows")
     if array.ndim != 1 or array.dtype.kind == "f" or (array.dtype == bool and len(array) != n):
-        raise ValueError(
-            f"rows must be whole numbers, or a mask of {n:,}, not {array.dtype} of the shape {array.shape}"
-        )
+        raise ValueError(f"rows must be integers or a mask of {n:,}, not {array.dtype} of shape {array.shape}")
     if len(array) == 0 or (array.dtype == bool and not array.any()):
-        raise ValueError("rows chooses no points")
+        raise ValueError("rows selects no points")
     if array.dtype != bool and (array.min() < -n or array.max() >= n):
-        raise ValueError(f"rows must be numbers from 0 to {n - 1}, not up to {array.max()}")
+        raise ValueError(f"rows must be from 0 to {n - 1}, not up to {array.max()}")
     return array
 
 
 def _float32(array: NDArray[Any]) -> NDArray[np.float32]:
-    """A writable, C-contiguous float32 array, in the same memory where that is possible."""
+    """Return a writable, C-contiguous float32 array, without a copy where possible."""
     with np.errstate(over="ignore"):  # too large a number becomes infinite: the row is not finite
         return np.require(array, np.float32, ["C", "W", "A"])
 
@@ -239,32 +237,32 @@ def _localise(world: NDArray[Any], origin: NDArray[np.float64]) -> NDArray[np.fl
 
 
 def check_any_finite(finite: int, n: int) -> None:
-    """ValueError if none of n rows is finite."""
+    """Raise a ValueError if none of n rows is finite."""
     if not finite:
         raise ValueError(f"positions: none of the {n:,} rows is finite and below {FARTHEST:g}")
 
 
 def are_finite(positions: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """(n,) bool: whether each of some positions (n, 3) can be used, see `Points.finite`."""
+    """Return whether each position, (n, 3), is usable, (n,) bool; see `Points.finite`."""
     x, y, z = positions.T
     limit = np.float32(FARTHEST)
     return np.asarray((np.abs(x) <= limit) & (np.abs(y) <= limit) & (np.abs(z) <= limit))
 
 
 def choose_origin(world: NDArray[Any], count: int | None = None) -> NDArray[np.float64]:
-    """Zero, unless float32 about zero is too coarse for the spacing of the points, or for the digits of doubles.
+    """Choose an origin: zero, unless float32 about zero is too coarse for the spacing or for the digits of doubles.
 
     count : the number of points, if only some of them are given
     """
     rows = world[:: -(-len(world) // SAMPLE)].astype(np.float64)
-    rows = rows[(np.abs(rows) <= FARTHEST).all(axis=1) & rows.any(axis=1)]  # 0, 0, 0 stands for no return
+    rows = rows[(np.abs(rows) <= FARTHEST).all(axis=1) & rows.any(axis=1)]  # 0, 0, 0 marks a missing return
     if len(rows) == 0:
         return np.zeros(3)
-    # The inner 96%, as a stray point (often at 0, 0, 0) must not decide the size of the model.
+    # The inner 96%: an outlier, often at 0, 0, 0, must not decide the size of the model.
     low, high = np.quantile(rows, [0.02, 0.98], axis=0)
     spacing = _spacing(high - low, count or len(world))
     distance = np.maximum(-low, high).max()
-    is_exact = (rows.astype(np.float32) == rows).all()  # as they are; about an origin they may lose their last bit
+    is_exact = (rows.astype(np.float32) == rows).all()  # about an origin they could lose their last bit
     if distance * 2.0**-24 <= 1e-4 * spacing and (is_exact or distance <= FAR * (high - low).max()):
         return np.zeros(3)
     step = 10.0 ** np.floor(np.log10(max((high - low).max(), spacing)))
@@ -272,7 +270,7 @@ def choose_origin(world: NDArray[Any], count: int | None = None) -> NDArray[np.f
 
 
 def _spacing(size: NDArray[np.float64], n: int) -> float:
-    """Distance between neighbours if n points cover the sides of a box; one unit if the box has no size."""
+    """Return the point spacing if n points cover the sides of a box; one unit if the box has no size."""
     x, y, z = size
     area = x * y + y * z + z * x
     return float(np.sqrt(area / n) or size.max() / n or 1.0)
@@ -310,13 +308,13 @@ def _check_attributes(attributes: Mapping[str, ArrayLike] | None, n: int) -> dic
 
 
 def check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
-    """An attribute of n points, (n,) or (n, k), in the dtype in which it is kept; ValueError if it is none."""
+    """Return an attribute of n points, (n,) or (n, k), in the dtype that is stored; ValueError if it is invalid."""
     if not isinstance(name, str) or not name:
-        raise ValueError(f"attributes: the name of one must be a string with letters in it, not {name!r}")
+        raise ValueError(f"attributes: a name must be a non-empty string, not {name!r}")
     array = _numbers(values, f"attributes: attribute {name!r}")
     if array.ndim not in (1, 2) or len(array) != n:
         raise ValueError(
-            f"attributes: attribute {name!r} must have the shape ({n},) or ({n}, k), a row for each position, "
+            f"attributes: attribute {name!r} must have the shape ({n},) or ({n}, k), one row per position, "
             f"not {array.shape}"
         )
     dtype = array.dtype.newbyteorder("=")
@@ -326,7 +324,7 @@ def check_attribute(name: str, values: ArrayLike, n: int) -> NDArray[Any]:
 
 
 def spread_rows(n: int, most: int = SPREAD) -> NDArray[np.int64]:
-    """At most so many of n rows, in even stretches: of a mapped file few pages are read."""
+    """Return at most `most` of n rows, in evenly spaced ranges, so that few pages of a mapped file are read."""
     if n <= most:
         return np.arange(n)
     each = most // STRETCHES
@@ -335,19 +333,19 @@ def spread_rows(n: int, most: int = SPREAD) -> NDArray[np.int64]:
 
 
 def is_label(name: str) -> bool:
-    """Whether an attribute's name says that its whole numbers are categories."""
+    """Return whether an attribute of this name holds categories."""
     return _plain(name) in LABELS
 
 
 def _plain(name: str) -> str:
-    """An attribute's name as others than CloudCompare write it."""
+    """Return an attribute's name in lower case, without CloudCompare's prefix."""
     return name.lower().removeprefix("scalar_")
 
 
 def categories_of(values: NDArray[Any], name: str = "") -> tuple[int, ...] | None:
-    """The categories of a column of values, None if it has none: bools, and whole numbers of few different values.
+    """Return the categories of a column: its distinct values, if it holds bools or few different integers; else None.
 
-    name : of the attribute; that of a label allows more values, and fewer points; a measure has no categories
+    name : of the attribute; labels may have more values and fewer points, and measures have no categories
     """
     if values.ndim != 1 or _plain(name) in MEASURES:
         return None

@@ -1,4 +1,4 @@
-"""The points of a model before they get a support: those that are finite, on their surface, with unit normals."""
+"""Preparation of a model's points: finite rows, smoothed positions and unit normals, before radii are estimated."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from .kd_ordering import along_path
 from .outliers import merge_for_model
 from .points import FARTHEST, Points
 
-PEAK = 350  # bytes a point beyond the points, at the peak: of noisy ones; clean ones take 100 to 190
-MERGED = 0.15  # share of the time for normals until second layers are merged
-SMALL = 1 << 16  # points from which memory is asked for: fewer take less than kernels do
-WAYS_OUT = "use fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
+PEAK = 350  # bytes per point at the peak, beyond the points themselves, for noisy points; clean ones take 100 to 190
+MERGED = 0.15  # share of the progress after which second layers are merged
+SMALL = 1 << 16  # points from which memory is checked: fewer take less than the kernels do
+WAYS_OUT = "use fewer points (--max-points, --every) or run `pointray prepare --tolerance` on a larger machine"
 
 
 def finite_rows(points: Points) -> NDArray[np.int32]:
-    """The rows that are finite; a warning tells how many are not."""
+    """Return the finite rows; warn if some are not."""
     used = np.flatnonzero(points.finite).astype(np.int32)
     tell_left_out(len(points) - len(used), len(points))
     return used
@@ -34,9 +34,9 @@ def tell_left_out(lost: int, total: int) -> None:
 
 
 def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: Progress) -> Placed:
-    """Points with unit normals, repaired or estimated where needed, on the surface where they are noisy.
+    """Return points with unit normals, repaired or estimated where needed, smoothed where they are noisy.
 
-    merge : whether second layers may be moved onto the surface, unless nothing is to be smoothed
+    merge : whether second layers may be moved onto the surface; ignored if sigma is 0
     """
     merge, along = merge and sigma != 0.0, None
     if merge:
@@ -55,7 +55,7 @@ def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: 
 
 
 def check_model_memory(count: int) -> None:
-    """ValueError if the memory that so many points take while a model is made of them is not available."""
+    """Raise a ValueError if the memory for making a model of `count` points is not available."""
     if count < SMALL:
         return
     try:

@@ -1,11 +1,11 @@
-"""Were coordinates rounded? Points on steps that are coarse for their spacing have lost their surface.
+"""Detection of rounded coordinates: points on steps that are coarse for their spacing have lost their surface.
 
-Steps are searched for per axis, among decimal numbers and powers of two, to which people and floats round. Steps alone
-prove little: rasters and voxels lie on steps too, as far apart as their points. Points count as rounded if they have
+Steps are searched per axis among round decimal numbers and powers of two, as used by people and floats. Steps alone
+prove little: rasters and voxels lie on steps as wide as their spacing. Points count as rounded if they have
 
-- one axis, or all, on exactly the step that float32 has at these coordinates, or
-- two or three axes on coarse steps, and there either several points at the same position or points that are farther
-  apart than a step: in a raster each position has one point, and the next one is one step away.
+- one axis, or all, on exactly the step of float32 at these coordinates, or
+- two or three axes on coarse steps, and in addition several points at the same position or points farther apart than a
+  step: in a raster each position has one point, and the next one is one step away.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from .points import Points
 
 Floats = NDArray[np.float64]
 
-COARSE = 0.25  # spacings: smaller steps hardly show
+COARSE = 0.25  # spacings: smaller steps are hardly visible
 SAMPLE = 5_000  # rows whose coordinates are examined
-LEVELS = 8  # different coordinates that an axis must have: the two sides of a box lie on steps too
+LEVELS = 8  # distinct coordinates required on an axis: the two sides of a box lie on steps too
 ON_STEPS = 0.99  # share of the rows
-EXACT = 0.02  # how far off a step a coordinate may be, in steps
-AREAS, AREA = 500, 64  # neighbourhoods that tell the spacing, and their points
-LEAST = 1_000  # rows: smaller clouds are not judged
+EXACT = 0.02  # tolerance of a coordinate, in steps
+AREAS, AREA = 500, 64  # neighbourhoods from which the spacing is estimated, and their points
+LEAST = 1_000  # rows: smaller clouds are not tested
 ALIKE = 0.15  # share of rows that coincide with another row: a cube's faces with 2,600 points have 9%
 APART = 1.1  # steps between neighbours: a raster has 1, random points less than this for steps from 0.6 spacings on
 
 
 def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | None]:
-    """Steps that the coordinates were rounded to, where these are coarse for the points' spacing.
+    """Find the steps that coordinates were rounded to, where these are coarse for the spacing.
 
     Parameters
     ----------
@@ -41,9 +41,9 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
     Returns
     -------
     steps : tuple of three floats
-        Steps of x, y and z, in the points' unit; 0 if not rounded, or so finely that it does not show.
+        Steps of x, y and z, in the points' unit; 0 if not rounded, or too finely to be visible.
     message : str or None
-        One line about the rounding.
+        One line that describes the rounding.
     """
     none = (0.0, 0.0, 0.0)
     finite = points.finite
@@ -72,20 +72,20 @@ def find_rounding(points: Points) -> tuple[tuple[float, float, float], str | Non
 
 
 def _message(steps: Sequence[float], largest: Floats, single: bool, spacing: float) -> str:
-    """A message with the coarsest step, its cause and a remedy."""
+    """Return a message with the coarsest step, its cause and a remedy."""
     axis = int(np.argmax(steps))
     named = [name for name, step in zip("xyz", steps, strict=True) if step]
     where = "" if len(named) == 3 else f" in {' and '.join(named)}"
     cause = f" (float32 at {largest[axis]:.2g})".replace("e+0", "e") if single else ""
-    cure = "export it with double precision or a local origin" if single else "export it with more decimals"
+    cure = "export with double precision or a local origin" if single else "export with more decimals"
     return (
-        f"coordinates were rounded to steps of {steps[axis]:g}{where}{cause}, {steps[axis] / spacing:.2g} times "
-        f"the mean distance of points: the file holds no finer positions; {cure}"
+        f"coordinates are rounded to steps of {steps[axis]:g}{where}{cause}, {steps[axis] / spacing:.2g} times "
+        f"the mean point spacing: finer detail is lost; {cure}"
     )
 
 
 def _step(values: Floats, exact: float) -> float:
-    """The largest step that nearly all coordinates lie on, counted from one of them; 0 if there is none."""
+    """Return the largest step on which nearly all coordinates lie, counted from one of them; 0 if there is none."""
     values = values - np.median(values)
     values -= values[np.abs(values).argmin()]
     extent = float(np.abs(values).max())
@@ -100,7 +100,7 @@ def _step(values: Floats, exact: float) -> float:
 
 
 def _candidates(low: float, high: float) -> list[float]:
-    """Powers of two and round decimal numbers between two bounds, from large to small."""
+    """Return powers of two and round decimal numbers between two bounds, descending."""
     if not 0 < low < high:
         return []
     twos = [2.0**e for e in range(int(np.floor(np.log2(low))), int(np.ceil(np.log2(high))) + 1)]
@@ -110,14 +110,14 @@ def _candidates(low: float, high: float) -> list[float]:
 
 
 def _mean_spacing(near: Neighborhoods) -> float:
-    """The square root of the area per row; rows at the same position all count."""
+    """Return the square root of the area per row, counting coincident rows."""
     return float(np.median(near.farthest * np.sqrt(np.pi / near.shared.sum(axis=1))))
 
 
 def _is_no_raster(
     positions: NDArray[np.float32], near: Neighborhoods, axes: Sequence[int], steps: Sequence[float]
 ) -> bool:
-    """Whether rows share positions on the coarse axes, or lie farther apart there than neighbours in a raster."""
+    """Return whether rows share positions on the coarse axes, or are farther apart than neighbours in a raster."""
     offsets = positions[near.rows][:, :, axes].astype(np.float64) - positions[near.rows[:, :1]][:, :, axes]
     levels = np.rint(offsets / [steps[axis] for axis in axes]).astype(np.int64)
     different = sum(len(np.unique(rows, axis=0)) for rows in levels)

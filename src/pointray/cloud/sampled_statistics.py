@@ -1,4 +1,4 @@
-"""Statistics of a cloud, computed from a sample in which some points lie at one place: see `CloudStatistics`."""
+"""Statistics of a cloud, computed from a sample in which some points may coincide: see `CloudStatistics`."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from .statistics import CloudStatistics, Rows
 
 
 class SampledStatistics(CloudStatistics):
-    """What is usual in a cloud, asked of a sample among the points at hand.
+    """Statistics computed from a sample of the points in memory.
 
     Parameters
     ----------
     rows : (m,) int64
         The sample.
     known : dict of str to float, optional
-        Where numbers are kept.
+        Where the numbers are stored.
     """
 
     def __init__(self, rows: Rows, known: dict[str, float] | None = None) -> None:
@@ -25,7 +25,7 @@ class SampledStatistics(CloudStatistics):
 
 
 def of_places(usual: CloudStatistics, ids: NDArray[np.integer] | None) -> CloudStatistics:
-    """The same, where each place counts once. ids : (n,) the number of each point's place; None: each has its own"""
+    """Return statistics that count each position once. ids : (n,) number of each point's position; None: all differ"""
     if ids is None or not isinstance(usual, SampledStatistics):
         return usual
     return CloudStatistics(np.unique(ids[usual.sample]).astype(np.int64), usual.known)

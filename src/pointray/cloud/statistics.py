@@ -1,7 +1,7 @@
-"""What is usual in a whole cloud: numbers by which all its points are measured.
+"""Statistics of a whole cloud, by which all its points are measured.
 
-They come from a sample: stretches of the kd order, with all their points. So a part of a cloud that does not fit into
-memory is measured by the same numbers as the whole, once the sample has been examined.
+They are computed from a sample: ranges of the kd order, each with all its points. After the sample has been evaluated,
+the parts of a cloud that does not fit into memory are measured by the same numbers as the whole.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 
 Rows = NDArray[np.int64]
 
-STRETCH, STRETCHES = 1 << 16, 16  # points, and how many of the stretches stand for a larger cloud
-# Bits of a number that is told. The rest depends on how far a part's margin reaches, and through these numbers the last
-# bits of 6 in 10 hits (docs/decisions/parts.md).
+STRETCH, STRETCHES = 1 << 16, 16  # points of a range; ranges in the sample of a large cloud
+# Bits of a quantized number. The remaining bits depend on how far a part's margin extends; through these numbers they
+# would change the last bits of 6 in 10 hits (docs/decisions/parts.md).
 BITS = 8
-SAMPLE = 20_000  # numbers that tell where a quantile of many lies
-MARGIN = 0.02  # share of the numbers to either side among which it is looked for: 5 times what the sample may be off
+SAMPLE = 20_000  # values that locate a quantile of many
+MARGIN = 0.02  # share of the values on either side in which the quantile is searched: 5 times the sample's error
 
 
 def sample_of(count: int) -> list[slice]:
-    """The stretches of the kd order that stand for a cloud of so many points: all, if there are few."""
+    """Return the ranges of the kd order that represent a cloud of `count` points; one range if there are few."""
     whole = count // STRETCH
     if whole < STRETCHES:
         return [slice(0, count)]
@@ -32,21 +32,21 @@ def sample_of(count: int) -> list[slice]:
 
 
 class CloudStatistics:
-    """Numbers that tell what is usual in a cloud.
+    """Statistics of a cloud, computed on demand and cached by name.
 
     Parameters
     ----------
     rows : (m,) int64, optional
-        The sample, among the points at hand. None: all of them.
+        The sample, as rows of the points in memory. None: all rows.
     known : dict of str to float, optional
-        Numbers that were found before.
+        Numbers computed before.
     is_told : bool
-        Whether these are all: the points at hand are a part of the cloud.
+        Whether `known` holds all numbers because the points in memory are only a part of the cloud.
 
     Attributes
     ----------
     known : dict of str to float
-        All that were found so far.
+        All numbers computed so far.
     """
 
     def __init__(self, rows: Rows | None = None, known: dict[str, float] | None = None, is_told: bool = False) -> None:
@@ -57,36 +57,36 @@ class CloudStatistics:
 
     @classmethod
     def of(cls, count: int) -> CloudStatistics:
-        """For a whole cloud of so many points, in kd order."""
+        """Return the statistics of a whole cloud of `count` points in kd order."""
         stretches = sample_of(count)
         if len(stretches) == 1:
             return cls()
         return cls(np.concatenate([np.arange(one.start, one.stop) for one in stretches]))
 
     def ask(self, name: str, find: Callable[[], float]) -> float:
-        """The number with a name; it is found, if it is not known."""
+        """Return the number with this name; compute it by `find` if it is not cached."""
         own = name + self._suffix
-        if self._is_told and own not in self.known and name in self.known:  # no points of the sample count as one
+        if self._is_told and own not in self.known and name in self.known:  # no sampled points coincide
             return self.known[name]
         if own not in self.known:
             self.known[own] = float(find())
         return self.known[own]
 
     def settle(self, names: tuple[str, ...], find: Callable[[], tuple[float, ...]]) -> None:
-        """Find numbers that are found together, unless they are known."""
+        """Compute numbers that are found together, unless they are cached."""
         if names[0] not in self.known:
             self.known.update(zip(names, map(float, find()), strict=True))
 
     def quantile(self, name: str, values: NDArray[np.float32], share: float) -> float:
-        """The quantile of numbers, one for each point at hand."""
+        """Return a quantile of `values`, which hold one number per point in memory."""
         return self.ask(name, lambda: quantize(quantile(self._of_sample(values), share)))
 
     def least(self, name: str, values: NDArray[np.float32]) -> float:
-        """The least of numbers, one for each point at hand."""
+        """Return the minimum of `values`, which hold one number per point in memory."""
         return self.ask(name, lambda: float(self._of_sample(values).min()))
 
     def diagonal(self, name: str, positions: NDArray[np.float32]) -> float:
-        """The diagonal of the box of the middle 98% of positions, one for each point at hand."""
+        """Return the diagonal of the box around the central 98% of the positions."""
 
         def find() -> float:
             some = self._of_sample(positions)
@@ -96,35 +96,35 @@ class CloudStatistics:
         return self.ask(name, find)
 
     def share(self, name: str, flags: NDArray[np.bool_]) -> float:
-        """How many of the points at hand have a flag, of all."""
+        """Return the share of points whose flag is set."""
         return self.ask(name, lambda: quantize(float(self._of_sample(flags).mean())))
 
     def merged(self, members: Rows) -> CloudStatistics:
-        """What is usual where points count as one: `members` has the number of each point's place among all places."""
+        """Return statistics that count coincident points once; `members` holds one row of the values per point."""
         other = CloudStatistics(self._rows, self.known, self._is_told)
         other._members, other._suffix = members, " of places"
         return other
 
     def some(self, count: int, most: int) -> Rows:
-        """At most so many rows of the sample, chosen at random, for `count` points at hand."""
+        """Return at most `most` random rows of the sample, for `count` points in memory."""
         rows = np.random.default_rng(0).permutation(count if self._rows is None else len(self._rows))[:most]
         return rows if self._rows is None else self._rows[rows]
 
     def spread(self, count: int, most: int) -> Rows:
-        """About so many rows of the sample, evenly spread, for `count` points at hand; less than twice as many."""
+        """Return evenly spaced rows of the sample, from `most` to less than twice as many, for `count` points."""
         rows = np.arange(count) if self._rows is None else self._rows
         return rows[:: max(len(rows) // most, 1)]
 
     def quantile_among(self, name: str, values: NDArray[np.float32], rows: Rows, share: float) -> float:
-        """The quantile of the numbers of some rows, rounded up: those of `rows_to_ask`."""
+        """Return a quantile of the values at `rows`, rounded up; see `rows_to_ask`."""
         return self.ask(name, lambda: -quantize(-float(np.quantile(values[rows], share)), is_limit=True))
 
     def rows_to_ask(self, count: int) -> Rows:
-        """About `SAMPLE` rows of `count` points at hand; none if all numbers are known."""
+        """Return about `SAMPLE` of `count` rows; no rows if all numbers are known."""
         return np.zeros(0, np.int64) if self._is_told else self.spread(count, SAMPLE)
 
     def _of_sample(self, values: NDArray[Any]) -> NDArray[Any]:
-        """The numbers of the sample's points."""
+        """Return the values of the sampled points."""
         rows = self._rows
         if self._members is not None:
             rows = self._members if rows is None else self._members[rows]
@@ -132,7 +132,7 @@ class CloudStatistics:
 
 
 def quantize(value: float, is_limit: bool = False) -> float:
-    """The number to BITS bits, so that it is the same for values that hardly differ. is_limit : rounded down"""
+    """Round a number to BITS bits, so that nearly equal values become equal. is_limit : round down"""
     if not math.isfinite(value):
         return value
     fraction, exponent = math.frexp(value)
@@ -141,7 +141,7 @@ def quantize(value: float, is_limit: bool = False) -> float:
 
 
 def quantile(values: NDArray[np.float32], share: float) -> float:
-    """The exact quantile of numbers, like `np.quantile`, in a fifth of the time: a sample tells where it lies."""
+    """Return the same quantile as `np.quantile` in a fifth of the time: a sample brackets it first."""
     if len(values) > 2 * SAMPLE:
         sample = np.sort(values[:: len(values) // SAMPLE])
         low, high = (int(np.clip((share + side) * len(sample), 0, len(sample) - 1)) for side in (-MARGIN, MARGIN))
