@@ -1,7 +1,7 @@
 """Models in parts, built from clouds larger than memory, or split from a model in memory.
 
 prepare : files -> a model in parts, resumable; split : a model in memory -> the same in parts
-builder : all stages of a cloud on disk; work : progress of the stages, kept on disk; tasks, stages : each stage of a part
+builder : all stages of a cloud on disk; work : finished stages, kept on disk; tasks, stages : a stage of a part
 arrange : columns in kd order; local : a part with a margin of its neighbours; given : radii and stations of the files
 separate_scattered : scattered points in columns of their own; scattered_parts : their parts
 facing, signs, thin_sheets, disk_votes : signs of normals over all parts; second_layers : layers over all parts
