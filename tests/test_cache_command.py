@@ -72,7 +72,7 @@ class Shared:
         self.shown = []
         self.settings = pr.Settings()
 
-    def say(self, *_):
+    def report(self, *_):
         pass
 
     def show(self, scene, coarse=False):

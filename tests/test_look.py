@@ -301,5 +301,5 @@ def test_the_lights_of_a_loaded_scan_are_the_studio():
     for azimuth in (25.0, 25.0, 30.0):
         scene = ball()
         scene.lights = studio(UP, azimuth)
-        display._take(scene)
+        display._set_scene(scene)
         assert display.view.look == "studio" and len(display.view.lamps) == 3

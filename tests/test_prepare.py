@@ -131,7 +131,7 @@ def test_a_file_replaces_itself_by_force_only(scan, capsys, kind):
         (["--tolerance", "nan%"], "positive"),
         (["--tolerance", "1e9"], "diagonal"),
         (["--count", "0"], "1 or more"),
-        (["--count", "9999"], "different places"),
+        (["--count", "9999"], "different positions"),
         (["--viewpoint", "1,2,3"], "--estimate-normals"),
     ],
 )
