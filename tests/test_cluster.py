@@ -15,7 +15,7 @@ import pointray as pr
 from clusters import ball, camera_of, cluster_of, scene_of
 from conftest import long
 from pointray.cluster import dispatch, worker
-from pointray.cluster.client import check_client
+from pointray.cluster.client import check_client, is_fit, unfit
 from pointray.cluster.dispatch import Job
 from pointray.cluster.scattered_objects import scattered_objects_of
 from pointray.cluster.worker_pool import WorkerPool
@@ -399,3 +399,16 @@ def test_several_threads_may_use_a_client(client: Any) -> None:
     for camera, image in images:
         np.testing.assert_array_equal(image, pr.render(scene, camera))
     assert scattered_objects_of(client).client is client
+
+
+class LosesOne:
+    """A client, one of whose workers is lost while it is asked."""
+
+    def run(self, function: Any, workers: list[str], on_error: str) -> dict[str, Any]:
+        return dict(zip(workers, [function(), OSError("connection closed")], strict=True))
+
+
+def test_a_worker_that_is_lost_while_it_is_asked_is_neither_fit_nor_reported() -> None:
+    client = LosesOne()
+    assert unfit(client, ["there", "lost"]) == {}
+    assert is_fit(client, "there") and not is_fit(client, "lost")
