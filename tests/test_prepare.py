@@ -97,7 +97,8 @@ def test_a_tolerance_is_told_once(scan, capsys):
     pr.write(scan, pr.Points(rows, sphere_points(3000)))
     status, text, err = run(capsys, "prepare", scan, "-o", out, "--tolerance", "0.002")
     assert status == 0 and err == "" and text.count("0.002") == 1 and text.count("within") == 1
-    assert re.search(r"of 3,000, \d\d\.\d% of them within 0\.002 of the surface, not 99\.9%: the points are noisier", text)
+    share = r"of 3,000, \d\d\.\d% of them within 0\.002 of the surface, not 99\.9%"
+    assert re.search(f"{share}: the points are noisier", text)
 
 
 def link_of(scan: Path, kind: str) -> Path:
