@@ -13,10 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary, WeakValueDictionary
 
-import numpy as np
-
 from ..base.version import __version__
-from ..engine.kernels.tree import Tree
 from ..model.model import Model
 from ..model.model_file import Place
 from .recipe import read_recipe
@@ -187,14 +184,6 @@ def _kept(things: OrderedDict[K, T], key: K, most: int, make: Callable[[], T]) -
 def _aligned(model: Model) -> Model:
     """A model whose arrays kernels can read."""
     for one in (model, *model.levels, *model.parts):
-        _align(one)
+        if one.source is None:
+            one.align_tree()
     return model
-
-
-def _align(model: Model) -> None:
-    """Copy the arrays that kernels read of a model if they lie at odd addresses, as parts of a message.
-
-    What is read from a file does not.
-    """
-    if model.source is None and not all(array.flags.aligned for array in model.tree):
-        model.tree = Tree(*(np.require(array, requirements=["A", "C", "W"]) for array in model.tree))

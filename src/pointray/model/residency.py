@@ -9,21 +9,19 @@ from __future__ import annotations
 import os
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 from ..base.memory import available_memory
 from ..engine.kernels.tree import Tree
 from .array_file import drop_pages
+from .model_data import ModelData
 from .model_file import Level
 from .model_folder import Index, LevelFile, PartFile, read_level, read_part
 
 SHARE = 0.5  # of the memory that is available when a model is loaded: its budget, if none is given
 UNKNOWN = 1 << 32  # bytes: the budget where that memory is unknown
 MOST_OPEN = 400  # files: each that is mapped takes one of the descriptors of the process, often 1,024
-
-T = TypeVar("T")
 
 
 class Key(NamedTuple):
@@ -33,15 +31,14 @@ class Key(NamedTuple):
     level: int
 
 
-class Opened(NamedTuple, Generic[T]):
-    """What is open. tree : the mapped arrays; nbytes : of the file"""
+class Opened(NamedTuple):
+    """An open file. data : its mapped arrays; nbytes : its size"""
 
-    thing: T
-    tree: Tree
+    data: ModelData
     nbytes: int
 
 
-class ResidencyCache(Generic[T]):
+class ResidencyCache:
     """The parts of a model and their levels of detail, on disk and in memory. Threads may use it at once.
 
     Parameters
@@ -50,8 +47,6 @@ class ResidencyCache(Generic[T]):
     index : Index
     whole : Level
         The whole, with all points and without splats.
-    make : callable
-        Makes of what a file holds what `open` returns.
     budget : int, optional
         Bytes of files that are open at once. None: half of the memory that is available now.
 
@@ -60,15 +55,13 @@ class ResidencyCache(Generic[T]):
     budget : int
     """
 
-    def __init__(
-        self, folder: Path, index: Index, whole: Level, make: Callable[[Level], T], budget: int | None = None
-    ) -> None:
-        self._folder, self._index, self._whole, self._make = folder, index, whole, make
+    def __init__(self, folder: Path, index: Index, whole: Level, budget: int | None = None) -> None:
+        self._folder, self._index, self._whole = folder, index, whole
         if budget is None:
             free = available_memory()
             budget = UNKNOWN if free is None else int(SHARE * free)
         self.budget = budget
-        self._open: OrderedDict[Key, Opened[T]] = OrderedDict()  # the least recently used first
+        self._open: OrderedDict[Key, Opened] = OrderedDict()  # the least recently used first
         self._sound: dict[Key, tuple[int, ...]] = {}  # files that were found sound, as they were then
         self._lock = threading.Lock()  # guards all of these
         self._reading: dict[Key, threading.Lock] = {}
@@ -83,16 +76,16 @@ class ResidencyCache(Generic[T]):
         part = self._index.parts[key.part]
         return part.levels[key.level - 1] if key.level else part
 
-    def find(self, key: Key) -> T | None:
+    def find(self, key: Key) -> ModelData | None:
         """What a file holds if it is open, which counts as use; else None."""
         with self._lock:
             found = self._open.get(key)
             if found is None:
                 return None
             self._open.move_to_end(key)
-            return found.thing
+            return found.data
 
-    def open(self, key: Key) -> T:
+    def open(self, key: Key) -> ModelData:
         """What a file holds; it is opened and checked if it is not open.
 
         Raises
@@ -117,7 +110,7 @@ class ResidencyCache(Generic[T]):
                 gone = self._surplus(key)
         for tree in gone:
             drop_pages(tree)
-        return opened.thing
+        return opened.data
 
     @property
     def room(self) -> int:
@@ -139,7 +132,7 @@ class ResidencyCache(Generic[T]):
         with self._lock:
             return sum(opened.nbytes for opened in self._open.values())
 
-    def _read(self, key: Key) -> Opened[T]:
+    def _read(self, key: Key) -> Opened:
         file, path = self.file(key), self._folder / self.file(key).name
         facts = os.stat(path)
         now = facts.st_ino, facts.st_size, facts.st_mtime_ns
@@ -147,11 +140,11 @@ class ResidencyCache(Generic[T]):
         read = read_level if key.level else read_part
         level = read(self._folder, self._index, key, self._whole, is_sound)
         try:
-            thing = self._make(level)
+            data = ModelData.from_stored(level)
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path}: the model is damaged: {error}") from error
         self._sound[key] = now
-        return Opened(thing, level.tree, file.nbytes)
+        return Opened(data, file.nbytes)
 
     def _surplus(self, newest: Key) -> list[Tree]:
         """Let what is beyond the budget go; returns its trees."""
@@ -163,73 +156,35 @@ class ResidencyCache(Generic[T]):
                 break
             opened = self._open.pop(key)
             total -= opened.nbytes
-            gone.append(opened.tree)
+            gone.append(opened.data.tree)
         return gone
 
 
 class Source(NamedTuple):
     """Where a part, or a level of detail of one, comes from."""
 
-    residence: ResidencyCache[Any]
+    cache: ResidencyCache
     key: Key
 
-    def open(self) -> Any:
+    def open(self) -> ModelData:
         """See `ResidencyCache.open`."""
-        return self.residence.open(self.key)
+        return self.cache.open(self.key)
 
-    def find(self) -> Any:
+    def find(self) -> ModelData | None:
         """See `ResidencyCache.find`."""
-        return self.residence.find(self.key)
+        return self.cache.find(self.key)
 
     @property
     def is_open(self) -> bool:
         """See `ResidencyCache.is_open`."""
-        return self.residence.is_open(self.key)
+        return self.cache.is_open(self.key)
 
     @property
     def is_kept(self) -> bool:
         """See `ResidencyCache.is_kept`."""
-        return self.residence.is_kept(self.key)
+        return self.cache.is_kept(self.key)
 
     @property
     def file(self) -> PartFile | LevelFile:
         """What the index says of it."""
-        return self.residence.file(self.key)
-
-
-# Attributes of a model on disk that are read from its file, each time they are needed.
-ABSENT = frozenset({"tree", "points", "radii", "settings", "surface", "smooth", "drawing", "_bounds"})
-
-
-class OnDisk:
-    """What a model is as long as it lies on disk: what is not here is asked of its file, each time it is needed."""
-
-    _source: Source | None = None
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:  # asked for what is not here
-            source = self.__dict__.get("_source")
-            if source is None or name not in ABSENT:
-                raise AttributeError(f"a {type(self).__name__} has no attribute {name!r}")
-            return getattr(source.open(), name)
-
-    @property
-    def source(self) -> Source | None:
-        """Of a part of a model, or a level of detail of one: its file, as long as it lies on disk."""
-        return self._source
-
-    @property
-    def told_reach(self) -> list[list[float]] | None:
-        """Of a part on disk: what the index says that rays can reach; None: nothing, or it is no part."""
-        file = None if self._source is None else self._source.file
-        return file.reach if isinstance(file, PartFile) else None
-
-    def _state(self) -> dict[str, Any]:
-        """All attributes, with those that lie on disk, and without the file."""
-        state = self.__dict__.copy()
-        source = state.pop("_source", None)
-        if source is not None:
-            opened = source.open()
-            state |= {name: getattr(opened, name) for name in ABSENT}
-        return state
+        return self.cache.file(self.key)

@@ -64,7 +64,7 @@ _CATEGORIES: WeakKeyDictionary[Any, dict[str, tuple[int, ...] | None]] = WeakKey
 
 def categories_in(model: Model, name: str) -> tuple[int, ...] | None:
     """The categories of an attribute of a model's points; None if it has none."""
-    known = _CATEGORIES.setdefault(model if model.source is None else model.source.residence, {})
+    known = _CATEGORIES.setdefault(model if model.source is None else model.source.cache, {})
     if name not in known:
         known[name] = categories_of(column_of(model.points, name), name)
     return known[name]

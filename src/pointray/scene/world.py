@@ -242,6 +242,6 @@ def reach_boxes(records: NDArray[np.float64], models: Sequence[Model], rows: NDA
     A ray enters the box before any of its hits. So the nearest hit does not depend on which instance comes first.
     """
     records = records.reshape(-1, INSTANCE)[rows]
-    reaches = [model.reach + [[-model.step], [model.step]] for model in models]
+    reaches = [model.surface_bounds + [[-model.step], [model.step]] for model in models]
     bounds = np.array(reaches).reshape(-1, 2, 3)[records[:, SHAPE_ROW].astype(int)]
     return boxes_around(records[:, TO_MODEL:].reshape(-1, 3, 4), bounds)
