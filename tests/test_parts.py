@@ -196,12 +196,12 @@ def described(name: str, spacing: float) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda f: (f / INDEX).unlink(), "no index.json"),
+        (lambda f: (f / INDEX).unlink(), "index.json is missing"),
         (lambda f: (f / INDEX).write_text("{"), "index.json"),
         (lambda f: (f / INDEX).write_text("[]"), "not the index"),
         (lambda f: damaged(f, format="other"), "not the index"),
         (lambda f: damaged(f, version=99), "another version"),
-        (lambda f: damaged(f, parts=[]), "no parts"),
+        (lambda f: damaged(f, parts=[]), "parts are missing"),
         (lambda f: damaged(f, supports=[0, 1]), "supports"),
         (lambda f: damaged(f, bounds=[[0, 0, 0], [1, 1, "a"]]), "index.json"),
         (lambda f: damaged(f, settings={"surface": "other"}), "damaged"),
@@ -214,9 +214,9 @@ def described(name: str, spacing: float) -> dict[str, object]:
         (lambda f: damaged_part(f, name="part-0001.pointray"), "files of the folder"),
         (lambda f: damaged_part(f, levels=[{"name": "a.pointray"}]), "index.json"),
         (lambda f: damaged_part(f, levels=[described("a", 2.0), described("b", 1.0)]), "fine to coarse"),
-        (lambda f: (f / "part-0001.pointray").write_bytes(b""), "part-0001.pointray.*cut off"),
+        (lambda f: (f / "part-0001.pointray").write_bytes(b""), "part-0001.pointray.*truncated"),
         (lambda f: shutil.copy(f / "part-0000.pointray", f / "part-0001.pointray"), "part-0001.pointray"),
-        (lambda f: (f / POINTS).write_bytes((f / POINTS).read_bytes()[:-64]), "points.pointray.*cut off"),
+        (lambda f: (f / POINTS).write_bytes((f / POINTS).read_bytes()[:-64]), "points.pointray.*truncated"),
     ],
     ids=range(21),
 )

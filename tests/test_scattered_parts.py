@@ -379,7 +379,7 @@ def test_prepare_names_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"scattered": 10**9}, "more points are scattered"),
+        ({"scattered": 10**9}, "more scattered points than"),
         ({"scattered": -1}, "points, blocks or bytes"),
         ({"scattered": 0.5}, "points, blocks or bytes"),
         ({"settings": {"surface": "apss", "scatter": "balls"}}, "damaged"),

@@ -1,7 +1,7 @@
-"""What is open of a model in parts: opened when it is first needed, within a budget of memory, and let go again.
+"""Cache of open model parts and levels of detail, within a memory budget; the least recently used are closed first.
 
-The least recently used parts and levels of detail go first. What a picture still reads stays as long as it is read:
-only its pages are given back to the system, which fetches them from the file again where they are touched.
+Arrays that an image still reads stay mapped. Only their pages are returned to the system, which reads them again from
+the file when they are touched.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from .model_data import ModelData
 from .model_file import Level
 from .model_folder import Index, LevelFile, PartFile, read_level, read_part
 
-SHARE = 0.5  # of the memory that is available when a model is loaded: its budget, if none is given
-UNKNOWN = 1 << 32  # bytes: the budget where that memory is unknown
-MOST_OPEN = 400  # files: each that is mapped takes one of the descriptors of the process, often 1,024
+SHARE = 0.5  # default budget as a share of the available memory when a model is loaded
+UNKNOWN = 1 << 32  # default budget in bytes where the available memory is unknown
+MOST_OPEN = 400  # open files: each mapped file takes one of the descriptors of the process, often 1,024
 
 
 class Key(NamedTuple):
-    """A file. level : 0 is all points of the part, 1 its finest level of detail"""
+    """Key of a file. level : 0 for the part itself, 1 for its finest level of detail"""
 
     part: int
     level: int
@@ -39,16 +39,16 @@ class Opened(NamedTuple):
 
 
 class ResidencyCache:
-    """The parts of a model and their levels of detail, on disk and in memory. Threads may use it at once.
+    """Cache of the open parts and levels of detail of a model in a folder. Thread-safe.
 
     Parameters
     ----------
     folder : Path
     index : Index
     whole : Level
-        The whole, with all points and without splats.
+        The whole: all points, and a tree without splats.
     budget : int, optional
-        Bytes of files that are open at once. None: half of the memory that is available now.
+        Bytes of files that are open at once. Default: half of the available memory.
 
     Attributes
     ----------
@@ -61,23 +61,23 @@ class ResidencyCache:
             free = available_memory()
             budget = UNKNOWN if free is None else int(SHARE * free)
         self.budget = budget
-        self._open: OrderedDict[Key, Opened] = OrderedDict()  # the least recently used first
-        self._sound: dict[Key, tuple[int, ...]] = {}  # files that were found sound, as they were then
-        self._lock = threading.Lock()  # guards all of these
+        self._open: OrderedDict[Key, Opened] = OrderedDict()  # least recently used first
+        self._validated: dict[Key, tuple[int, ...]] = {}  # validated files: inode, size and time of change then
+        self._lock = threading.Lock()  # guards the dictionaries
         self._reading: dict[Key, threading.Lock] = {}
 
     @property
     def step(self) -> float:
-        """The longest step of a ray's samples in any part, in the points' unit."""
+        """Longest step of a ray's samples in any part, in the points' unit."""
         return self._index.longest
 
     def file(self, key: Key) -> PartFile | LevelFile:
-        """What the index says of a file."""
+        """Return the entry of a file in the index."""
         part = self._index.parts[key.part]
         return part.levels[key.level - 1] if key.level else part
 
     def find(self, key: Key) -> ModelData | None:
-        """What a file holds if it is open, which counts as use; else None."""
+        """Return the data of a file if it is open, which counts as a use; else None."""
         with self._lock:
             found = self._open.get(key)
             if found is None:
@@ -86,49 +86,49 @@ class ResidencyCache:
             return found.data
 
     def open(self, key: Key) -> ModelData:
-        """What a file holds; it is opened and checked if it is not open.
+        """Return the data of a file; open and validate it if necessary.
 
         Raises
         ------
         OSError
             If the file cannot be opened; the error names it.
         ValueError
-            If it is damaged, or not what the index says; the message names it.
+            If it is damaged or does not match the index; the message names it.
         """
         found = self.find(key)
         if found is not None:
             return found
         with self._lock:
             reading = self._reading.setdefault(key, threading.Lock())
-        with reading:  # of two threads that need a file one reads it
+        with reading:  # one of the threads that need a file reads it
             found = self.find(key)
             if found is not None:
                 return found
             opened = self._read(key)
             with self._lock:
                 self._open[key] = opened
-                gone = self._surplus(key)
-        for tree in gone:
+                closed = self._close_surplus(key)
+        for tree in closed:
             drop_pages(tree)
         return opened.data
 
     @property
     def room(self) -> int:
-        """Bytes of the budget for what can be let go again: without the coarsest levels, which stay."""
+        """Bytes of the budget for files that can be closed: all but the coarsest levels, which stay open."""
         with self._lock:
             return self.budget - sum(opened.nbytes for key, opened in self._open.items() if self.is_kept(key))
 
     def is_kept(self, key: Key) -> bool:
-        """Whether a file stays open: the coarsest level of a part, which is small, and stands for all others."""
+        """Return whether a file stays open: the coarsest level of a part, which can stand in for all others."""
         return key.level > 0 and key.level == len(self._index.parts[key.part].levels)
 
     def is_open(self, key: Key) -> bool:
-        """Whether a file is open; that does not count as use."""
+        """Return whether a file is open; does not count as a use."""
         return key in self._open
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all files that are open."""
+        """Total size of the open files in bytes."""
         with self._lock:
             return sum(opened.nbytes for opened in self._open.values())
 
@@ -136,32 +136,32 @@ class ResidencyCache:
         file, path = self.file(key), self._folder / self.file(key).name
         facts = os.stat(path)
         now = facts.st_ino, facts.st_size, facts.st_mtime_ns
-        is_sound = self._sound.get(key) == now
+        is_valid = self._validated.get(key) == now
         read = read_level if key.level else read_part
-        level = read(self._folder, self._index, key, self._whole, is_sound)
+        level = read(self._folder, self._index, key, self._whole, is_valid)
         try:
             data = ModelData.from_stored(level)
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path}: the model is damaged: {error}") from error
-        self._sound[key] = now
+        self._validated[key] = now
         return Opened(data, file.nbytes)
 
-    def _surplus(self, newest: Key) -> list[Tree]:
-        """Let what is beyond the budget go; returns its trees."""
-        gone: list[Tree] = []
+    def _close_surplus(self, newest: Key) -> list[Tree]:
+        """Remove files beyond the budget from the cache; return their trees."""
+        closed: list[Tree] = []
         total = sum(opened.nbytes for opened in self._open.values())
-        loose = [key for key in self._open if key != newest and not self.is_kept(key)]
-        for key in loose:
-            if total <= self.budget and len(loose) - len(gone) < MOST_OPEN:
+        closable = [key for key in self._open if key != newest and not self.is_kept(key)]
+        for key in closable:
+            if total <= self.budget and len(closable) - len(closed) < MOST_OPEN:
                 break
             opened = self._open.pop(key)
             total -= opened.nbytes
-            gone.append(opened.data.tree)
-        return gone
+            closed.append(opened.data.tree)
+        return closed
 
 
 class Source(NamedTuple):
-    """Where a part, or a level of detail of one, comes from."""
+    """The file of a part or level of detail, and the cache through which it is opened."""
 
     cache: ResidencyCache
     key: Key
@@ -186,5 +186,5 @@ class Source(NamedTuple):
 
     @property
     def file(self) -> PartFile | LevelFile:
-        """What the index says of it."""
+        """Entry of the file in the index."""
         return self.cache.file(self.key)
