@@ -5,8 +5,8 @@ wide, at most one per grid cell of that size, that lie on a smooth sheet with it
 points, their connection is perpendicular to the sum of their normals. A disc needs q supporters, or it is isolated. In
 scatter, many discs support each other by chance; there the required share grows with q. Isolated discs do not count as
 supporters.
-supporters.
 
+Where the density drops sharply, dense and sparse points both reach across the gap, so both would cover its middle. At
 an edge, the wide discs of dense points would also cover detail on the other side. So dense points reach less far.
 """
 
