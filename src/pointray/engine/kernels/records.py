@@ -66,7 +66,7 @@ BASE_COLOR = 2  # 2..4: otherwise this one, linear
 SPECULAR, EXPONENT = 5, 6  # of Phong
 IOR = 5  # of Dielectric: index of refraction inside over that outside
 ALPHA, METALLIC = 5, 6  # of Principled: roughness alpha of the microfacet distribution, metallic share
-COAT = 7  # 7..9: reflectance of a dielectric coat at normal incidence, its increase at 90 degrees, the exponent
+COAT = 7  # 7..9: reflectance of dielectric facets at normal incidence, its increase at 90 degrees, the exponent
 EMITTED = 5  # 5..7, of Emissive: radiance, linear RGB
 
 # A paint, which colours an instance by an attribute: 8 float64.
@@ -78,7 +78,7 @@ BLENDED, CLASSES, BY_COORDINATE = range(3)
 PAINT_COLORS, PAINT_COUNT = 1, 2  # first colour of its map in World.map_colors, number of colours
 PAINT_POSITIONS = 3  # first entry of its model's splats in World.map_positions
 PAINT_ALONG, PAINT_START = 3, 6  # BY_COORDINATE: a world-space point x has the map position along (3).x + start
-PAINT_COARSER = 7  # BLENDED: number of equal paints that follow, for the coarser levels of its model
+PAINT_COARSER = 7  # BLENDED: number of paints that follow: the same, for the levels of detail of its model
 
 # Baked light of an instance: 5 int64 in `World.baked`, addresses and numbers of its records.
 BAKED = 5
@@ -176,7 +176,7 @@ class World(NamedTuple):
 
     def __reduce__(self) -> str:
         """Refuse to copy or pickle: the addresses would outlive the arrays they point to."""
-        raise TypeError("World holds addresses and cannot be copied or pickled: use the scene instead")
+        raise TypeError("World holds addresses and cannot be copied: copy or pickle the scene instead")
 
 
 class WorldHit(NamedTuple):

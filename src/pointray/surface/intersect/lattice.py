@@ -14,11 +14,11 @@ from ...engine.simd import F16, ONE, ZERO, Mask, broadcast16, select, trunc, vab
 
 MOST_STEPS = f32(2.0**22)  # from the ray's entry into the model's bounds
 SAMPLES_PER_BASE = f32(16.0)  # samples whose positions are relative to the same base point
-NONZERO_BEGIN = f32(1e-30)  # replaces 0 as the begin of a ray, so that it can have a sign, see `scratch.BEGIN`
+NONZERO_BEGIN = f32(1e-30)  # replaces 0 as the start of a ray, so that it can have a sign, see `scratch.BEGIN`
 
 
 class SampleRange(NamedTuple):
-    """Samples of the rays to evaluate: indices of the first and the last one; and the rays' begins.
+    """Samples of the rays to evaluate: indices of the first and the last one; and the rays' starts.
 
     begin : negative if a ray begins elsewhere, or on no surface, so that the start rule does not apply; then never 0
     """

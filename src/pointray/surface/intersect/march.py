@@ -17,7 +17,7 @@ surface, at any angle, but block one that goes to the other side. A ray cut by a
 Apart from the start rule, the ends of a ray, t_min and t_max, do not decide which root is found: samples extend beyond
 both ends, and a root outside does not count. The tree is also traversed one step farther, because the estimate of a
 root may lie before the slab that contains the surface. Where the first crossing between two samples lies before the
-begin of the ray, the rest of their interval is searched too.
+start of the ray, the rest of their interval is searched too.
 
 A hit has a unit normal: where the normals of the splats cancel, or numbers exceed float32, there is no surface
 (`accept`).
@@ -101,7 +101,7 @@ def accept(
     """Return the rays that hit at their roots, and the normals there. Jumps of f and roots beyond the trim are no hits.
 
     limits : sought_side, 1 or -1 to accept only a sheet that faces the rays or faces away, else 0; the lift of f; and
-        the rays' begins, with any sign
+        the rays' starts, with any sign
     """
     sought_side, lift, begin = limits
     asked = bits(root.t < INF)
@@ -161,7 +161,7 @@ def _events(tree: Tree, leaf: int, a: Samples, b: Samples) -> tuple[Bits, Bits]:
 
 @inline
 def _lift_of(tree: Tree, leaf: int, f: F16) -> F16:
-    """Return the lift of rays by the start rule, given f at their begins."""
+    """Return the lift of rays by the start rule, given f at their starts."""
     share = START if tree.head[REFINE] > ZERO else START_UNREFINED
     lift = broadcast16(share * tree.leaves[leaf * LEAF + LEAST])
     return select(vabs(f) < lift, lift, broadcast16(ZERO))
@@ -225,7 +225,7 @@ def search(
             if bits(root.t < INF) != 0:
                 early = root.t < vabs(sampled.begin)
                 if bits(early) != 0:
-                    # As above: a root before the ray's begin.
+                    # As above: a root before the ray's start.
                     lift = select(early, broadcast16(ONE), lift)
                     left &= ~fold(bits(early))
                     events &= ~bits(early)
@@ -246,7 +246,7 @@ def search(
 
 @inline
 def _rest(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, begin: F16) -> tuple[Pair, Mask]:
-    """Return the part of the interval between two samples behind the ray's begin; and whether f changes sign in it."""
+    """Return the part of the interval between two samples behind the ray's start; and whether f changes sign in it."""
     f, slope = evaluate(tree, scratch, frame, begin)
     return Pair(begin, f, slope, pair.tb, pair.fb, pair.slope_b), crossing(f, pair.fb)
 
@@ -264,7 +264,7 @@ def search_one(
     none = broadcast16(ZERO)
     step = tree.leaves[leaf * LEAF + STEP]
     starts, last, begin = lane(sampled.begin, 0) >= ZERO, lane(sampled.last, 0), vabs(sampled.begin)
-    # The first sample is at the ray's begin only if the start rule lifts the ray.
+    # The first sample is at the ray's start only if the start rule lifts the ray.
     low, high = select(lift > ZERO, begin, none), sampled.last * step
     between = lane(sampled.begin, 0) > ZERO
     t_before = f_before = slope_before = broadcast16(NAN)

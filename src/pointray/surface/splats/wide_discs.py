@@ -84,19 +84,19 @@ def limit_wide(
         Mask of isolated points.
     """
     typical = np.float32(middle)
-    stray = np.zeros(len(reach), np.bool_)
+    isolated = np.zeros(len(reach), np.bool_)
     rows = np.flatnonzero(reach > NOTICE * typical)
     if len(rows) == 0:
-        return stray
+        return isolated
     supporters = _find_supporters(positions, normals, reach, rows, typical)
     rows = _find_isolated(reach, supporters, typical)
-    stray[rows] = True
+    isolated[rows] = True
     beside = around(rows)[:, 1:]
-    limit = _first_medians(np.where(stray[beside], np.float32(np.nan), reach[beside]), typical)
-    stray[rows] = reach[rows] > limit
+    limit = _first_medians(np.where(isolated[beside], np.float32(np.nan), reach[beside]), typical)
+    isolated[rows] = reach[rows] > limit
     reach[rows] = np.minimum(reach[rows], limit)
     _spare(positions, reach, supporters, typical, reach_around)
-    return stray
+    return isolated
 
 
 def _find_supporters(positions: Floats, normals: Floats, reach: Floats, rows: Rows, typical: np.float32) -> Supporters:
@@ -142,8 +142,8 @@ def _find_isolated(reach: Floats, supporters: Supporters, typical: np.float32) -
         if (stays == explained[rows]).all():
             break
         explained[rows] = stays
-    strays: Rows = rows[~explained[rows]]
-    return strays
+    isolated: Rows = rows[~explained[rows]]
+    return isolated
 
 
 def _first_medians(values: Floats, otherwise: np.float32) -> Floats:

@@ -75,7 +75,7 @@ def into_model(
     """Transform a world ray (o, d, t_min, t_max) into model space, starting where it enters the bounds.
 
     Return (start, unit direction, low, high, speed, begin): low and high along the unit direction, low > high for a
-    ray that misses the bounds; speed is the length of the original direction in model space; begin is the ray's begin
+    ray that misses the bounds; speed is the length of the original direction in model space; begin is the ray's start
     relative to low. No branches: the rays of a tile are processed as vectors.
     step : the model's longest step (0: unknown), and 1 / step
     """

@@ -133,7 +133,7 @@ def tile_ray(rows: Array, i: int) -> Ray:
 def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Planes, float], rows: Array, v: int) -> Bits:
     """Store the intervals of 16 rays, from v on, in the leaf's voxel and slab; return the rays that pass all tests.
 
-    planes : rows of the near and the far planes of boxes, and the begin of the traversal
+    planes : rows of the near and the far planes of boxes, and the start of the traversal
     """
     near, far, begin = planes
     ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
@@ -264,7 +264,7 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
 
 @inline
 def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
-    """Return the begin of the traversal: that of the first ray of a span. Begins may be signed, see `scratch.BEGIN`."""
+    """Return where the traversal begins: at the first ray of a span. Values may be signed, see `scratch.BEGIN`."""
     low, high = range_of(rows, BEGIN, span)
     return walk_begin(tree, low if low >= ZERO else min(high, ZERO))
 

@@ -121,7 +121,7 @@ def prefetch_columns(tree: Tree, leaf: int) -> None:
 
 @inline
 def walk_begin(tree: Tree, begin: float) -> float:
-    """Return the begin of a ray's traversal: a step before the ray, see `surface/intersect/march.py`."""
+    """Return where a ray's traversal begins: a step before the ray, see `surface/intersect/march.py`."""
     return max(abs(begin) - tree.head[LONGEST], ZERO)
 
 
