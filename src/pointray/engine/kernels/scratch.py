@@ -31,7 +31,7 @@ below, part by part: each name is the offset of its rows in the part's array.
 | sums | `film` | `film` | one tile of the image |
 
 Two parts are shared by uses that exclude each other: IMAGE_X and IMAGE_Y are the direction's rows until rays are
-generated; COST_ORIGIN and COST_DIRECTION are rows of shading points where there are none.
+generated; COST_ORIGIN and COST_DIRECTION are rows of shading points while these are unused.
 """
 
 from __future__ import annotations

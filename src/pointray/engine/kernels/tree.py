@@ -123,7 +123,7 @@ def no_tree(bounds: Array) -> Tree:
 
 
 def first_scattered(tree: Tree) -> int:
-    """Return the index of the first block of scattered points, or the number of blocks if there are none."""
+    """Return the index of the first block of scattered points, or the number of blocks without any."""
     leaf = ~tree.children[(tree.children < 0) & (tree.children != NO_CHILD)].astype(np.int64)
     scattered = leaf[leaf >= SCATTERED] - SCATTERED
     return int(scattered.min(initial=tree.blocks.size // BLOCK))
