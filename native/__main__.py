@@ -48,11 +48,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m native", description=__doc__)
     parser.add_argument("what", nargs="?", choices=["build", "signatures"], default="build")
     parser.add_argument("--system", choices=SYSTEMS, default=this_system())
-    parser.add_argument(
-        "--level",
-        action="append",
-        help="processor level to build for, repeatable (default: this one's; with --zig all)",
-    )
+    parser.add_argument("--level", action="append", help="processor level (default: this one's; with --zig all)")
     parser.add_argument("--zig", action="store_true", help="link with Zig, for older or other systems")
     parser.add_argument("--out", type=Path, default=LIBRARIES)
     parser.add_argument("--objects", type=Path, default=ROOT / "build/native", help="folder of object files")
