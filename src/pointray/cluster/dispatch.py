@@ -161,7 +161,7 @@ class Dispatch:
         """Retry a failed job, or raise its error. error : None if the job or its result was lost with its worker"""
         self._release(assignment)
         if isinstance(error, UnseenFileError):
-            if assignment.job.home and error.args[0].index:  # a model in parts is never sent
+            if assignment.job.home and error.args[0].index:  # workers hold only some of its parts
                 raise ValueError(str(error))
             self._pool.mark_unseen(error.args[0])
             self._retry(assignment, assignment.attempt)

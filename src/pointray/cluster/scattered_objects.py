@@ -16,7 +16,7 @@ from weakref import WeakKeyDictionary
 from ..model.model import Model
 from ..model.model_file import Place
 
-PATIENCE = 5  # timeout in seconds for a worker to receive it
+PATIENCE = 5  # timeout in seconds for any worker to be available
 
 
 @dataclass

@@ -95,7 +95,7 @@ class _Packed:
 
 
 def current_client() -> Any:
-    """Return Dask's default client, or None if there is none or it is asynchronous."""
+    """Return Dask's default client, or None if there is none, or it is closed or asynchronous."""
     distributed: Any = sys.modules.get("distributed")
     with suppress(ValueError, AttributeError):
         client = distributed.Client.current()

@@ -166,7 +166,7 @@ class Instances:
         world = corners @ matrix[:3, :3].T + matrix[:3, 3]
         self._boxes[row, :3], self._boxes[row, 3:] = world.min(axis=0), world.max(axis=0)
 
-    def in_parts(self) -> Instances:
+    def expand_parts(self) -> Instances:
         """Return a copy with a row for each part of models in parts; self if no model has parts."""
         parts = [_with_surface(shape.parts) if isinstance(shape, Model) else () for shape in self.shapes]
         if not any(parts):

@@ -61,7 +61,7 @@ class Shares:
 
 
 def held_scene(scene: Snapshot, rows: Rows) -> Snapshot:
-    """Return a scene in which rays hit only those parts on disk that are in the given rows. Nothing is opened here."""
+    """Return a scene in which rays miss the parts on disk that are not in the given rows. Opens nothing."""
     away = np.setdiff1d(scene.on_disk, rows)
     records = instances_of(scene.world).copy()
     records[away, KIND] = PLANE  # any kind but MODEL: the table of planes does not list it

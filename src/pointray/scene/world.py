@@ -176,7 +176,7 @@ def take_snapshot(
     baked: BakedLight | None,
 ) -> Snapshot:
     """Return a snapshot of instances and lights. `instances` must be detached before its next change."""
-    instances = instances.in_parts()
+    instances = instances.expand_parts()
     models, planes, materials, paints = instances.finish()
     lamps = [light for light in lights if not isinstance(light, EnvironmentLight)]
     skies = [light.tables() for light in lights if isinstance(light, EnvironmentLight)]
