@@ -2,7 +2,7 @@
 
 The jobs of a lost worker are retried elsewhere. When all jobs are assigned, idle workers take over jobs that are queued
 elsewhere, and duplicate jobs that take much longer than the median to compute or to send back. The first result is
-used; both are the same.
+used; both are identical.
 """
 
 from __future__ import annotations
