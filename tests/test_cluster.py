@@ -379,7 +379,7 @@ def test_without_dask_it_is_said_how_to_install_it(monkeypatch: pytest.MonkeyPat
 def test_clients_that_cannot_render_are_refused() -> None:
     with cluster_of(0, processes=False) as client, pytest.raises(ValueError, match="no workers: start some with `dask"):
         pr.render(scene_of(MODEL), camera_of(), client=client)
-    with pytest.raises(ValueError, match="client must be one that is connected"):
+    with pytest.raises(ValueError, match="client must be a connected client"):
         pr.render(scene_of(MODEL), camera_of(), client=client)
     with pytest.raises(ValueError, match="client must be a dask"):
         pr.render(scene_of(MODEL), camera_of(), client="tcp://a:1")

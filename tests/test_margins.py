@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from conftest import long
-from pointray.baking.surfaces import find_sheets
+from pointray.baking.surfaces import find_surfaces
 from pointray.model.model import PrebuiltModel
 from pointray.surface.tree.indices import check_indices
 
@@ -127,7 +127,7 @@ def test_clean_points_have_no_margin():
 def test_baked_light_begins_as_far_off():
     model, scene = smooth_ground(0.3), pr.Scene()
     scene.add(model, np.diag([2.0, 2.0, 2.0, 1.0]))
-    sheet = find_sheets(scene.snapshot(), 500, 1.0)[0]
+    sheet = find_surfaces(scene.snapshot(), 500, 1.0)[0]
     assert np.median(sheet.margins) == pytest.approx(2 * np.median(model.tree.noise), rel=0.05)
 
 
