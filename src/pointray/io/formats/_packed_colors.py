@@ -34,7 +34,7 @@ class PackedColors:
 
     @property
     def note(self) -> str:
-        """Message about points without a colour; empty if there are none."""
+        """Message about points without a colour, or empty."""
         return f"{self.missing:,} points without a colour (NaN) are set to grey" if self.missing else ""
 
     def unpack(self, packed: NDArray[Any]) -> NDArray[np.uint8]:

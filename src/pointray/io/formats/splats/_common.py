@@ -65,7 +65,7 @@ def listing_of(count: int, opacity: float, facts: Mapping[str, Any], row: int = 
 def opaque_chunks(
     parts: Iterable[tuple[Splats, float]], opacity: float, facts: dict[str, Any] | None = None
 ) -> Iterator[Chunk]:
-    """Yield points for the splats that are opaque enough; raise ValueError if there are none.
+    """Yield points for the splats that are opaque enough; raise ValueError if no splat is.
 
     Parameters
     ----------

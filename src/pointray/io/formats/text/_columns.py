@@ -81,7 +81,7 @@ class Layout(NamedTuple):
     Attributes
     ----------
     positions, normals, colors : list of int
-        Column numbers, from 0; empty if there are none.
+        Column numbers, from 0; may be empty.
     attributes : dict of str to int
     types : dict of int to dtype
         Types of integer columns; the others are floats.

@@ -35,7 +35,7 @@ def is_row(line: str) -> bool:
 
 
 def top_of(text: bytes, begin: int = 0) -> Top:
-    """Classify the lines at the beginning of a file; `rows` is empty if there are none."""
+    """Classify the lines at the beginning of a file; `rows` may be empty."""
     comments: list[str] = []
     header: str | None = None
     announced: int | None = None
