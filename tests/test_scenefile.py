@@ -347,7 +347,7 @@ WRONG = {
         "transforms",
     ),
     "no file": ('file = "scan.ply"', 'file = "scam.ply"', "models.scan.file", "scam.ply: No such file or directory"),
-    "unreadable": ('file = "scan.ply"', 'file = "sky.exr"', "models.scan.file", "sky.exr: cannot read .exr"),
+    "unreadable": ('file = "scan.ply"', 'file = "sky.exr"', "models.scan.file", "sky.exr: unsupported file type .exr"),
     "no picture": ('image = "sky.exr"', 'image = "x.exr"', "lights[5].image", "x.exr: No such file or directory"),
     "no transforms": ('"many.npy"', '"scan.ply"', "instances[2].transforms", "scan.ply: this is no .npy file"),
     "procedural": (

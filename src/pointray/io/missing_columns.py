@@ -24,10 +24,10 @@ def warn_missing_columns(files: Sequence[tuple[str, Chunk]]) -> None:
             lacking.setdefault(missing, []).append(file)
     for missing, those in lacking.items():
         more = f" and {len(those) - FEW:,} more" if len(those) > FEW else ""
-        warn(f"missing {missing}, which other files have: {', '.join(those[:FEW])}{more}", stacklevel=2)
+        warn(f"columns that only some files have: {missing}; missing in: {', '.join(those[:FEW])}{more}", stacklevel=2)
 
 
 def _names(chunk: Chunk) -> list[str]:
     """Return the names of the columns other than positions."""
-    known = {"normals": chunk.normals, "colors (grey here)": chunk.colors, **chunk.attributes}
+    known = {"normals": chunk.normals, "colors (set to grey)": chunk.colors, **chunk.attributes}
     return [name for name, values in known.items() if values is not None]

@@ -62,7 +62,7 @@ class NpzSource(Source):
     def chunks(self) -> Iterator[Chunk]:
         if self._left_out:
             warn(
-                f"ignored arrays without one number per point: {', '.join(map(repr, self._left_out[:20]))}",
+                f"arrays without one number per point are ignored: {', '.join(map(repr, self._left_out[:20]))}",
                 stacklevel=2,
             )
         names = self._table_names()
@@ -131,7 +131,7 @@ def _first(members: dict[str, Member]) -> tuple[str, str]:
     tables = [name for name, m in members.items() if m.header.dtype.fields or m.header.width >= 3]
     if len(tables) != 1:
         names = ", ".join(repr(name[:30])[1:-1] for name in list(members)[:20])
-        raise ValueError(f"array positions, points or xyz, or arrays x, y, z, not found; available: {names}")
+        raise ValueError(f"positions not found: expected an array positions, points or xyz, or arrays x, y, z; available: {names}")
     return tables[0], tables[0]
 
 

@@ -116,7 +116,7 @@ def _scan(node: Node, index: int, size: int) -> Scan | None:
         raise ValueError(f"is damaged: scan {index} announces {count:,} points from byte {offset:,} of {size:,}")
     fields = {field.name: field for child in points.find("prototype") or () if (field := _field(child)) is not None}
     if not (set(CARTESIAN) <= fields.keys() or set(SPHERICAL) <= fields.keys()):
-        raise ValueError(f"scan {index} has no positions; available: {', '.join(fields) or 'nothing'}")
+        raise ValueError(f"scan {index} has no positions; available: {', '.join(fields) or 'none'}")
     rotation, station, posed = _pose(node, index)
     turned = bool(np.any(station) or (rotation != np.eye(3)).any())
     scale = tuple(_scale(node, name, fields[name]) for name in COLORS if name in fields)

@@ -118,7 +118,7 @@ def parts_of(file: BinaryIO, header: Header, packing: Packing, size: int, faults
         rows[-1] = _rows_of_last(file, header, packing, starts[-1], most - sum(rows[:-1]))
     credible = max(most, DENSEST * sum(sizes)) if packing.layers else most
     if min(rows) <= 0 or max(rows) > credible or (packing.layers and sum(rows) > credible):
-        raise ValueError(f"is damaged: {most:,} rows expected from the header, but its {number:,} chunks differ")
+        raise ValueError(f"is damaged: the header announces {most:,} rows, which its {number:,} chunks contradict")
     if packing.layers or packing.rows == VARIABLE:
         check_total(header, sum(rows), faults)
     return [Part(*part) for part in zip(starts, sizes, rows, strict=True)]
