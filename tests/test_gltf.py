@@ -85,7 +85,9 @@ def test_a_quantized_mesh_with_all_attributes(tmp_path):
         assert (points.colors[points.world[:, 1] < -0.6] == [250, 0, 0]).all()
         assert (points.colors[points.world[:, 1] > 0.6] == [0, 0, 250]).all()
     (tmp_path / "a.png").unlink()
-    with pytest.warns(UserWarning, match=r"a\.gltf: refers to 'a\.png', not found in its folder: colors may be missing"):
+    with pytest.warns(
+        UserWarning, match=r"a\.gltf: refers to 'a\.png', not found in its folder: colors may be missing"
+    ):
         assert pr.read(path).colors is None
     with pytest.raises(ValueError, match=r"refers to 'a\.png', not found in its folder"):
         pr.read(path, strict=True)
@@ -125,9 +127,7 @@ def test_sparse_values_replace_those_stored(rng, tmp_path, dtype, is_stored):
 @pytest.mark.parametrize("name", ["KHR_draco_mesh_compression", "EXT_meshopt_compression"])
 def test_compression_is_named(tmp_path, name):
     path = gltf(tmp_path / "a.glb", {"POSITION": np.eye(3, dtype="f4")}, extensionsRequired=[name])
-    with pytest.raises(
-        ValueError, match=rf"a\.glb: is compressed with {name}, which is unsupported: save it without"
-    ):
+    with pytest.raises(ValueError, match=rf"a\.glb: is compressed with {name}, which is unsupported: save it without"):
         pr.read(path)
 
 

@@ -391,7 +391,9 @@ def test_an_unknown_file_lists_what_can_be_read(tmp_path):
     with pytest.raises(ValueError, match=r"a\.nothing: is empty"):
         read(tmp_path / "a.nothing")
     (tmp_path / "a.nothing").write_bytes(bytes(range(250, 256)) * 9)
-    with pytest.raises(ValueError, match=r"unsupported file type \.nothing: begins with .*; supported formats: .*\.ply"):
+    with pytest.raises(
+        ValueError, match=r"unsupported file type \.nothing: begins with .*; supported formats: .*\.ply"
+    ):
         read(tmp_path / "a.nothing")
     with pytest.raises(ValueError, match=r"cannot write \.nothing; can write .*\.ply"):
         write(tmp_path / "a.nothing", Points(XYZ))

@@ -51,7 +51,11 @@ def format_of(path: Path, named: Path | None = None) -> Format:
         meant = [x for x in _formats().values() if inner.suffix.lower() in x.extensions]
         # Splats are stored in PLY files too, but that format is read only.
         names = [x.name for x in meant if x.write is not None] or [x.name for x in meant]
-        what = f"invalid {' or '.join(names)} file" if meant else f"unsupported file type {inner.suffix or '(no extension)'}"
+        what = (
+            f"invalid {' or '.join(names)} file"
+            if meant
+            else f"unsupported file type {inner.suffix or '(no extension)'}"
+        )
         if not meant and inner.suffix.lower() in HINTS:
             raise ValueError(f"{file}: {what}: {HINTS[inner.suffix.lower()]}")
         raise ValueError(f"{file}: {what}: begins with {head[:12]!r}; supported formats: {', '.join(extensions())}")

@@ -131,7 +131,9 @@ def _first(members: dict[str, Member]) -> tuple[str, str]:
     tables = [name for name, m in members.items() if m.header.dtype.fields or m.header.width >= 3]
     if len(tables) != 1:
         names = ", ".join(repr(name[:30])[1:-1] for name in list(members)[:20])
-        raise ValueError(f"positions not found: expected an array positions, points or xyz, or arrays x, y, z; available: {names}")
+        raise ValueError(
+            f"positions not found: expected an array positions, points or xyz, or arrays x, y, z; available: {names}"
+        )
     return tables[0], tables[0]
 
 
