@@ -144,7 +144,7 @@ def test_ply_files(tmp_path, points):
     with pytest.warns(UserWarning) as told:
         pr.write(tmp_path / "a.ply", points)
     said = " ".join(str(warning.message) for warning in told)
-    assert all(f"keeps {name} as floats of 8 bytes" in said for name in ("u8", "id")) and "scanners stood" in said
+    assert all(f"stores {name} as 64-bit floats" in said for name in ("u8", "id")) and "scanner positions" in said
     found = pr.read(tmp_path / "a.ply")
     np.testing.assert_allclose(found.world, points.world, atol=1e-9)
     assert found.crs == points.crs
@@ -161,7 +161,7 @@ def test_ply_files(tmp_path, points):
 @pytest.mark.parametrize("number", [2**53 + 1, -(2**53) - 1, -(2**63)])
 def test_ply_tells_of_numbers_that_it_rounds(tmp_path, number):
     few = pr.Points(np.eye(3), attributes={"id": np.array([0, 1, number])})
-    with pytest.warns(UserWarning, match="keeps id as floats"):
+    with pytest.warns(UserWarning, match="stores id as 64-bit floats"):
         pr.write(tmp_path / "a.ply", few)
     small = pr.Points(np.eye(3), attributes={"id": np.array([0, -(2**31), 2**53])})
     pr.write(tmp_path / "b.ply", small)  # a warning would be an error

@@ -70,7 +70,7 @@ def test_what_the_target_cannot_hold_is_told(scan, capsys, monkeypatch):
         (". a.ply", "a.ply: is the input itself; --force overwrites it"),
         ("a.ply", "Missing argument"),
         ("note.txt b.ply", "note.txt: "),
-        ("scene.toml b.ply", "scene.toml: cannot read .toml"),
+        ("scene.toml b.ply", "scene.toml: unsupported file type .toml"),
     ],
 )
 def test_bad_input(arguments, message, scan, capsys):

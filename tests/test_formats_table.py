@@ -1,11 +1,11 @@
-"""docs/formats.md is what the readers say of themselves."""
+"""docs/formats.md matches the descriptions of the readers."""
 
 import formats_table
 import pointray as pr
 
 
 def test_the_document_is_up_to_date():
-    assert formats_table.TARGET.read_text() == formats_table.formats_page(), "python bench/formats_table.py makes it"
+    assert formats_table.TARGET.read_text() == formats_table.formats_page(), "run python bench/formats_table.py"
 
 
 def test_every_format_is_in_both_tables():

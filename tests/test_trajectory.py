@@ -60,7 +60,7 @@ def test_a_cloud_is_a_trajectory(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("x,y,z\n1,2,3\n2,3,4\n", "no column gps_time or time"),
+        ("x,y,z\n1,2,3\n2,3,4\n", "expected a column gps_time or time"),
         ("time,x,y,z\n2,0,0,0\n1,0,0,0\n", "row 2 of the trajectory has an earlier time .* sort"),
         ("time,x,y,z\n2,0,0,0\nnan,0,0,0\n", "row 2 of the trajectory has a time"),
         ("time,x,y,z\n2,0,nan,0\n3,0,0,0\n", "row 1 of the trajectory has a time"),
@@ -76,7 +76,7 @@ def test_what_is_no_trajectory(tmp_path, text, words):
 
 
 def test_points_without_times(tmp_path):
-    with pytest.raises(ValueError, match="no attribute gps_time: pass a viewpoint"):
+    with pytest.raises(ValueError, match="the attribute gps_time of the points, which is missing: pass a viewpoint"):
         pr.eyes_along(Points(np.eye(3)), drive(tmp_path / "car.csv"))
 
 

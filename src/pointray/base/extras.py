@@ -1,4 +1,4 @@
-"""Optional packages: an error names the `pip install` that brings a missing one, before any work is done."""
+"""Import of optional packages, with installation instructions if one is missing."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import Any
 
 
 def require(module: str, extra: str, what: str) -> Any:
-    """The module of an optional package; ValueError, which says how to install it, if it is absent.
+    """Import a module of an optional package; raise ValueError with the `pip install` command if it is missing.
 
     Parameters
     ----------
     extra : str
-        The extra of pointray that installs it.
+        Optional dependency group of pointray that contains it.
     what : str
-        What needs it; the message begins with it: "a.exr".
+        What needs it, such as "a.exr"; the message begins with it.
     """
     try:
         return importlib.import_module(module)

@@ -1,4 +1,4 @@
-"""Columns without names: which are coordinates, normals, colours, numbers of points or times, by their values."""
+"""Columns without names: coordinates, normals, colours, point numbers and times are recognised by their values."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ from ..colors import ColorRange
 
 POSITIONS, NORMALS, COLORS = ("x", "y", "z"), ("nx", "ny", "nz"), ("r", "g", "b")
 INDEX, TIME, INTENSITY, LABEL, ALPHA = "index", "gps_time", "intensity", "label", "alpha"
-UNIT = 0.03  # how much the length of a normal may differ from 1: of one with two decimals by 0.01
-MOSTLY = 0.99  # share of rows in which normals have this length, among those that are neither 0 0 0 nor NaN
-EARLY = 1e8  # greater numbers are times: seconds since 1970 or 1980, or parts of them
-STEADY = 0.5  # least relative deviation of the steps between sorted values that are no times
-DIM, BRIGHT = 15, 30  # whole numbers up to DIM, beside others above BRIGHT, are counts or classes, not a colour
+UNIT = 0.03  # tolerance of a normal's length: two decimals cause an error of 0.01
+MOSTLY = 0.99  # fraction of the normals that must have this length, not counting 0 0 0 and NaN
+EARLY = 1e8  # larger numbers are times: seconds since 1970 or 1980, or fractions of them
+STEADY = 0.5  # minimum relative deviation of the steps between sorted values that are not times
+DIM, BRIGHT = 15, 30  # integers up to DIM, next to others above BRIGHT, are counts or classes, not a colour channel
 MOST_CLASSES = 50
-MOST_NAMED = 8  # columns that a note names one by one
-CLEARLY = 0.7  # colours differ less from each other than from what stands beside them, by this factor
-HOW = "--columns x,y,z,r,g,b,... names the columns"
-SAMPLE = 10_000  # rows of an array that are looked at
+MOST_NAMED = 8  # maximum number of columns that a note lists
+CLEARLY = 0.7  # colour channels must differ less from each other than from the next column, by this factor
+HOW = "name the columns with --columns x,y,z,r,g,b,..."
+SAMPLE = 10_000  # rows of an array that are examined
 
 Values = NDArray[np.float64]
 
 
 class UndecidedError(ValueError):
-    """Numbers from which it cannot be told what they are."""
+    """Raised if the meaning of columns is ambiguous."""
 
 
 class Judged(NamedTuple):
-    """What columns are.
+    """Names found for the columns.
 
     Attributes
     ----------
     names : list of str
-        Those of unrecognised columns are column_4 and so on.
+        Unrecognised columns are named column_4 and so on.
     note : str
-        For the user; empty if all columns are recognised.
+        Message for the user; empty if all columns are recognised.
     """
 
     names: list[str]
@@ -46,21 +46,21 @@ class Judged(NamedTuple):
 
 
 def judge(values: Values, is_whole: Sequence[bool], intensity_first: bool | None = None) -> Judged:
-    """Decide what columns are.
+    """Recognise columns by their values.
 
     Parameters
     ----------
     values : (n, k) float64
-        Rows of a file's beginning.
+        First rows of a file.
     is_whole : sequence of bool
-        Whether the file has a column's numbers without decimals.
+        Whether the numbers of a column are written without decimals.
     intensity_first : bool, optional
-        Whether an intensity stands before or behind colours if their values do not decide.
+        Whether an intensity precedes or follows the colours, if their values do not decide.
 
     Raises
     ------
     UndecidedError
-        If colours may be either of two groups of columns.
+        If either of two groups of columns may be colours.
     """
     k = values.shape[1]
     names = [f"column_{c}" for c in range(1, k + 1)]
@@ -82,12 +82,12 @@ def judge(values: Values, is_whole: Sequence[bool], intensity_first: bool | None
         names[left[0]] = _scalar(values[:, left[0]], colors is not None and left[0] == begin + colors + 3)
     note = _note(names, begin > 3)
     if is_guess and colors is not None:
-        note = f"columns {begin + colors + 1} to {begin + colors + 3} are taken for colours; {note or HOW}"
+        note = f"columns {begin + colors + 1} to {begin + colors + 3} are read as colours; {note or HOW}"
     return Judged(names, note)
 
 
 def judge_array(blocks: Callable[[], Iterable[NDArray[Any]]], width: int) -> Judged:
-    """Decide what the columns of an array are. blocks : returns its rows, (m, width) blocks; it may be called twice"""
+    """Recognise the columns of an array. blocks : returns its rows in (m, width) blocks; may be called twice"""
     head = next(iter(blocks()), np.empty((0, width)))[:SAMPLE]
     if not len(head):
         return Judged([*POSITIONS, *(f"column_{c}" for c in range(4, width + 1))], "")
@@ -95,7 +95,7 @@ def judge_array(blocks: Callable[[], Iterable[NDArray[Any]]], width: int) -> Jud
     try:
         found = judge(head.astype(np.float64), is_whole)
     except UndecidedError as error:
-        raise ValueError(f"{error}; --columns x,y,z,... names them") from None
+        raise ValueError(f"{error}; name them with --columns x,y,z,...") from None
     names = list(found.names)
     for three, holds in ((NORMALS, _stay_normals), (COLORS, _stay_colors)):
         if three[0] in names:
@@ -108,17 +108,17 @@ def judge_array(blocks: Callable[[], Iterable[NDArray[Any]]], width: int) -> Jud
 def _note(names: Sequence[str], is_late: bool) -> str:
     notes = []
     if is_late:
-        kind = "numbers the points" if names[0] == INDEX else "is taken for a time"
+        kind = "contains point numbers" if names[0] == INDEX else "is read as time"
         notes.append(f"column 1 {kind}: x, y, z are columns 2 to 4")
     left = [name for name in names if name.startswith("column_")]
     if left:
         first, last = left[0].removeprefix("column_"), left[-1].removeprefix("column_")
         if len(left) > MOST_NAMED:
-            notes.append(f"{len(left)} of the columns {first} to {last} are not recognised: kept as {left[0]}, ...")
+            notes.append(f"{len(left)} of the columns {first} to {last} are not recognised: read as {left[0]}, ...")
         else:
             numbers = ", ".join(name.removeprefix("column_") for name in left)
             some = f"columns {numbers} are" if len(left) > 1 else f"column {numbers} is"
-            notes.append(f"{some} not recognised: kept as {', '.join(left)}")
+            notes.append(f"{some} not recognised: read as {', '.join(left)}")
     return "; ".join([*notes, HOW]) if notes else ""
 
 
@@ -126,9 +126,9 @@ def _note(names: Sequence[str], is_late: bool) -> str:
 
 
 def _leading(values: Values, is_whole: Sequence[bool]) -> str | None:
-    """The name of a column before x, y, z: a point's number, the index of a scan line, or a time; None: there is none.
+    """Return the name of a column before x, y, z: a point number, a scan line index or a time; None if there is none.
 
-    x, y and z have decimals, such numbers have not. Times increase in even steps, which sorted coordinates do not.
+    x, y and z have decimals, point numbers do not. Times increase in even steps, sorted coordinates do not.
     """
     if values.shape[1] < 4 or len(values) < 3:
         return None
@@ -158,7 +158,7 @@ def _are_whole(values: Values) -> bool:
 
 
 def are_normals(rows: NDArray[Any]) -> bool:
-    """Whether (n, 3) rows have length 1, as far as they are neither zero nor NaN."""
+    """Whether (n, 3) rows that are neither zero nor NaN have length 1."""
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.sqrt((rows.astype(np.float64) ** 2).sum(axis=1))
     length = length[np.isfinite(length) & (length > 0)]
@@ -168,9 +168,9 @@ def are_normals(rows: NDArray[Any]) -> bool:
 def _find_colors(
     more: Values, is_whole: Sequence[bool], normals: int | None, intensity_first: bool | None
 ) -> tuple[int | None, bool]:
-    """Return the first of three columns of colours, or None, and whether that is a guess.
+    """Return the first of three colour columns, or None, and whether it is a guess.
 
-    more : (n, m), what follows x, y, z
+    more : (n, m), the columns after x, y, z
     """
     m = more.shape[1]
     taken = set() if normals is None else {normals, normals + 1, normals + 2}
@@ -179,7 +179,7 @@ def _find_colors(
     kinds: dict[int, list[int]] = {}
     for c in starts:
         kind = _color_kind(more[:, c : c + 3], all(is_whole[c : c + 3]), is_strict)
-        if kind is None and m == 4 and c == intensity_first and _are_bytes(more[:, c:]):  # very dark
+        if kind is None and m == 4 and c == intensity_first and _are_bytes(more[:, c:]):  # very dark colours
             kind = 0
         if kind is not None:
             kinds.setdefault(kind, []).append(c)
@@ -197,16 +197,16 @@ def _find_colors(
         return best, True
     if is_strict:
         return None, False
-    raise UndecidedError("which of its columns are colours, normals and intensity cannot be told")
+    raise UndecidedError("ambiguous columns: colours, normals and intensity cannot be told apart")
 
 
 def _color_kind(rows: Values, is_whole: bool, is_strict: bool) -> int | None:
-    """How (n, 3) values may be colours: 0 whole to 255, 1 whole to 65535, 2 floats to 1; None: they are not.
+    """Return the range of (n, 3) colours: 0 integers to 255, 1 integers to 65535, 2 floats to 1; None: not colours.
 
-    is_strict : whether they have to be colours rather than other numbers of this size
+    is_strict : whether other numbers of this size must be excluded
     """
     least, most = float(rows.min(initial=np.inf)), rows.max(axis=0, initial=0.0)
-    if not least >= 0 or are_normals(rows):  # NaN too
+    if not least >= 0 or are_normals(rows):  # also excludes NaN
         return None
     if most.max() > 2 and (rows == np.rint(rows)).all():
         varied = np.ptp(rows, axis=0) > 0
@@ -224,18 +224,18 @@ def _are_bytes(rows: Values) -> bool:
 
 
 def _is_opaque(column: Values, kind: int) -> bool:
-    """Whether a column behind colours is an alpha that hides what is behind."""
+    """Whether a column after colours is an alpha channel that is fully opaque."""
     return bool((column == (255, 65535, 1)[kind]).all())
 
 
 def _difference(rows: Values) -> float:
-    """How much neighbouring columns differ, relative to their size: colours of a scan are similar."""
+    """Return how much neighbouring columns differ, relative to their size: the channels of a scan are similar."""
     left, right = rows[:, :-1], rows[:, 1:]
     return float((np.abs(left - right).mean(axis=0) / np.maximum((left + right).mean(axis=0), 1e-30)).sum())
 
 
 def _scalar(column: Values, is_behind_colors: bool) -> str:
-    """The name of the only column that is left."""
+    """Return the name of the only unnamed column."""
     if is_behind_colors:
         if len(column) > 1 and (column == column[0]).all() and column[0] in (1, 255, 65535):
             return ALPHA
@@ -249,7 +249,7 @@ def _stay_normals(parts: list[NDArray[Any]]) -> bool:
 
 
 def _stay_colors(parts: list[NDArray[Any]]) -> bool:
-    """Whether all values of columns are within the range of the first ones."""
+    """Whether all values of the columns are within the colour range of the first rows."""
     kind = parts[0].dtype
     try:
         return ColorRange.of(parts).white(kind) == ColorRange.of([parts[0][:SAMPLE]]).white(kind)

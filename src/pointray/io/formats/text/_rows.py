@@ -1,4 +1,4 @@
-"""The rows of a text file."""
+"""Rows of a text file."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ._first_look import LOOK, look_at
 from ._lines import shortened
 from ._numbers import Block, Reader, line_at
 
-MOST_BLOCKS = 10_000  # blocks of rows, each after a line with their number (PTS)
+MOST_BLOCKS = 10_000  # maximum number of blocks of rows, each after a line with their number (PTS)
 
 
 class TextSource(Source):
-    """The rows of a text file."""
+    """A text file with rows of numbers."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -44,7 +44,7 @@ class TextSource(Source):
         k = len(look.names)
         with self._path.open("rb") as file:
             doubtful = layout.doubtful(look.whole)
-            if doubtful:  # all chunks have the same types, so all rows are looked at first: a third of the time
+            if doubtful:  # all chunks must have the same types, so all rows are scanned first: a third of the time
                 stats = merged(self._blocks(file, scanning(k, doubtful)), None)
                 assert stats is not None
                 layout = layout.typed(stats, doubtful)
@@ -53,7 +53,7 @@ class TextSource(Source):
                     yield layout.chunk(block, block.end / max(self._size, 1))
 
     def _blocks(self, file: BinaryIO, modes: list[int]) -> Iterator[Block]:
-        """All blocks of rows, checked against the numbers that are announced before them (PTS)."""
+        """Yield all blocks of rows, and compare their number with the announced ones (PTS)."""
         reader = Reader(file, self._look.dialect, modes, self._look.start, None, self.faults)
         announced, line, total, there = self._look.announced, "the line before the first row", 0, 0
         for _ in range(MOST_BLOCKS):
@@ -77,13 +77,13 @@ class TextSource(Source):
 def _check_count(announced: int | None, count: int, line: str) -> None:
     if announced is not None and announced != count:
         what = "is cut off" if count < announced else "is damaged"
-        raise ValueError(f"{what}: {line} announces {announced:,} rows, {count:,} are there")
+        raise ValueError(f"{what}: {line} announces {announced:,} rows, {count:,} found")
 
 
 def _announced(file: BinaryIO, reader: Reader, before: int | None, faults: Faults) -> tuple[int, str] | None:
-    """The number of rows in a line between rows, and where it is; the reader goes on behind it.
+    """Read the number of rows from a line between rows; return it with its place and move the reader past it.
 
-    None if the line is the file's last one, and is cut off.
+    Return None if the line is an incomplete last line.
     """
     number, text, within = line_at(file, reader.at)
     is_last = file.seek(0, 2) <= reader.at + len(text) - within
@@ -91,6 +91,6 @@ def _announced(file: BinaryIO, reader: Reader, before: int | None, faults: Fault
         faults.add("its last line is cut off")
         return None
     if before is None or not re.fullmatch(r"\s*\d{1,18}\s*", text):
-        raise ValueError(f"line {number:,} has 1 column, the rows before it have more: {shortened(text)}")
+        raise ValueError(f"line {number:,} has 1 column, the previous rows have more: {shortened(text)}")
     reader.at += len(text) - within
     return int(text), f"line {number:,}"
