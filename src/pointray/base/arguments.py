@@ -1,4 +1,6 @@
-"""Validation of arguments: each function returns the converted value, or raises a ValueError that names the parameter.
+"""Validation of arguments: each function returns the converted value, or raises an error that names the parameter.
+
+Arguments of the wrong type raise `ArgumentTypeError`, a TypeError; invalid values raise a ValueError.
 
 NumPy scalars and 0-dimensional arrays are accepted as numbers, bools are not.
 """
@@ -8,7 +10,7 @@ from __future__ import annotations
 import operator
 import os
 import reprlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,24 +23,36 @@ Vector = tuple[float, float, float]
 LEAST_LENGTH = 1e-100  # the squared length of shorter vectors underflows in float64
 
 
+class ArgumentTypeError(TypeError, ValueError):
+    """Error for an argument of the wrong type. Also a ValueError, which earlier releases raised."""
+
+
 def wrong(name: str, wanted: str, value: Any) -> ValueError:
     """Return the error for an invalid argument: `name` must be `wanted`, not `value`."""
+    return ValueError(f"{name} must be {wanted}, not {_shown(value)}")
+
+
+def wrong_type(name: str, wanted: str, value: Any) -> ArgumentTypeError:
+    """Return the error for an argument of the wrong type."""
+    return ArgumentTypeError(f"{name} must be {wanted}, not {_shown(value)}")
+
+
+def _shown(value: Any) -> str:
     large = isinstance(value, np.ndarray) and value.size > 8
-    shown = f"{value.dtype} of shape {value.shape}" if large else reprlib.repr(value)
-    return ValueError(f"{name} must be {wanted}, not {shown}")
+    return f"{value.dtype} of shape {value.shape}" if large else reprlib.repr(value)
 
 
 def check_kind(value: Any, name: str, kind: type[T] | tuple[type[T], ...], wanted: str) -> T:
     """Check that a value is an instance of a class, or of one of several."""
     if not isinstance(value, kind):
-        raise wrong(name, wanted, value)
+        raise wrong_type(name, wanted, value)
     return value
 
 
 def check_callback(value: Any, name: str = "progress") -> None:
     """Check that a value is callable or None."""
     if value is not None and not callable(value):
-        raise wrong(name, "callable or None", value)
+        raise wrong_type(name, "callable or None", value)
 
 
 def check_flag(value: Any, name: str) -> bool:
@@ -48,7 +62,7 @@ def check_flag(value: Any, name: str) -> bool:
 
 def check_text(value: Any, name: str) -> str:
     """Return a non-empty string."""
-    if not isinstance(value, str) or not value:
+    if not check_kind(value, name, str, "a non-empty string"):
         raise wrong(name, "a non-empty string", value)
     return str(value)
 
@@ -57,14 +71,15 @@ def check_choice(value: Any, name: str, choices: Iterable[str]) -> str:
     """Return a string that is one of the choices."""
     known = tuple(choices)
     if not isinstance(value, str) or value not in known:
-        raise ValueError(f"unknown {name} {reprlib.repr(value)}: one of {', '.join(known)}")
+        error = ValueError if isinstance(value, str) else ArgumentTypeError
+        raise error(f"unknown {name} {reprlib.repr(value)}: one of {', '.join(known)}")
     return str(value)
 
 
 def check_path(value: Any, name: str = "path") -> Path:
     """Return a path given as a string or a path object."""
     if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
-        raise wrong(name, "a path", value)
+        raise wrong_type(name, "a path", value)
     return Path(value)
 
 
@@ -82,22 +97,27 @@ def _plain(value: Any) -> Any:
 
 def check_whole(value: Any, name: str, low: int, high: int | None = None, or_none: bool = False) -> int:
     """Return an integer from `low` to `high`. or_none : the message says that None is valid too"""
+    span = f"from {low}" if high is None else f"from {low} to {high}"
+    wanted = f"a whole number {span}{', or None' if or_none else ''}"
+    plain = _plain(value)
     try:
-        number = operator.index(_plain(value))
-        fits = low <= number and (high is None or number <= high) and not isinstance(_plain(value), bool)
+        number = None if isinstance(plain, bool) else operator.index(plain)
     except TypeError:
-        fits = False
-    if not fits:
-        span = f"from {low}" if high is None else f"from {low} to {high}"
-        raise wrong(name, f"a whole number {span}{', or None' if or_none else ''}", value)
+        number = None
+    if number is None and not isinstance(plain, float):
+        raise wrong_type(name, wanted, value)
+    if number is None or number < low or (high is not None and number > high):
+        raise wrong(name, wanted, value)
     return int(number)
 
 
 def check_number(value: Any, name: str, wanted: str, fits: Callable[[float], bool] = np.isfinite) -> float:
     """Return a float for which `fits` is true; NaN is invalid. wanted : description of valid numbers for the message"""
     plain = _plain(value)
+    if isinstance(plain, bool) or not isinstance(plain, int | float):
+        raise wrong_type(name, wanted, value)
     try:
-        number = float(plain) if isinstance(plain, int | float) and not isinstance(plain, bool) else np.nan
+        number = float(plain)
     except OverflowError:  # an int of 400 digits
         number = np.nan
     if number != number or not fits(number):
@@ -125,7 +145,9 @@ def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any
     except (TypeError, ValueError, OverflowError):  # rows of different lengths, or an int of 400 digits
         raise wrong(name, wanted, value) from None
     if array.dtype.kind not in "iuf":
-        raise wrong(name, wanted, value)
+        raise (wrong if isinstance(value, np.ndarray | Sequence) and not isinstance(value, str) else wrong_type)(
+            name, wanted, value
+        )
     return array
 
 

@@ -6,8 +6,12 @@ import importlib
 from typing import Any
 
 
+class MissingPackageError(ImportError, ValueError):
+    """Error for a missing optional package. Also a ValueError, which earlier releases raised."""
+
+
 def require(module: str, extra: str, what: str) -> Any:
-    """Import a module of an optional package; raise ValueError with the `pip install` command if it is missing.
+    """Import a module of an optional package; raise MissingPackageError with the `pip install` command.
 
     Parameters
     ----------
@@ -19,4 +23,4 @@ def require(module: str, extra: str, what: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise ValueError(f"{what} needs {module.replace('_', '-')}: pip install 'pointray[{extra}]'") from None
+        raise MissingPackageError(f"{what} needs {module.replace('_', '-')}: pip install 'pointray[{extra}]'") from None
