@@ -1,11 +1,11 @@
-"""Edges: points near creases go to the mean of the places that the planes of their neighbours tell.
+"""Edges: points near creases move to the mean of the positions predicted by their neighbours' planes.
 
-No quadric fits a crease, and small ones that hide this are uncertain. Planes are fitted beside every other point whose
-quadric leaves much more than noise; one alone may err, so the points around ask some.
+No quadric fits a crease, and fits so small that they hide it are uncertain. Planes are fitted at every other point
+whose quadric leaves much more than noise. A single fit may be wrong, so points nearby combine several of them.
 
-A sharp edge is no surface that splats can show: discs of either face stand out where the other one has a gap. A cube of
-exact points and normals has 99.9% of its hits near edges within 1.1 spacings; with edges of a radius of 0.75 spacings,
-0.28, and with 1.5, 0.44. So edges become round.
+Edges are rounded, because splats cannot represent sharp ones: discs of one face stick out where the other has a gap.
+On a cube of exact points and normals, 99.9% of the hits near edges are within 1.1 spacings; with edges rounded by 0.75
+spacings 0.28, by 1.5 spacings 0.44.
 """
 
 from __future__ import annotations
@@ -22,35 +22,35 @@ from .creases import MODEL, fit_creases
 
 Floats = NDArray[np.float32]
 
-ROUNDING = 0.7  # spacings: radius of edges
-MUCH = 0.4  # noise in spacings from which creases are not to be told from noise
-# What a quadric leaves beyond the noise, in spacings, from which planes are fitted, and from which a point asks for
-# them: 0.24 at nine of ten points within 3 spacings of a right angle (noise 0.3).
+ROUNDING = 0.7  # radius of edges, in spacings
+MUCH = 0.4  # noise in spacings above which creases cannot be told from noise
+# What a quadric leaves beyond the noise, in spacings, above which planes are fitted, and above which a point uses those
+# of others: 0.24 at nine of ten points within 3 spacings of a right angle (noise 0.3).
 BENT, ASKS = 0.2, 0.12
-BEYOND = 0.6  # the least of it in the noise's standard deviations: planes have it at 4% of their points
-SHARE = 2  # of the former those in every so manieth row: a part of a cloud has the same ones
-# Planes that are asked, and how many there must be: with 3, which must agree to 0.9, a tower's mortar had specks.
+BEYOND = 0.6  # the same in standard deviations of the noise: plane surfaces exceed it at 4% of their points
+SHARE = 2  # planes are fitted at rows divisible by this, so that a part of a cloud uses the same rows
+# Planes that are combined, and their least number: with 3, which must agree to 0.9, a tower's mortar had specks.
 ASKED, FEW = 8, 6
-AROUND = 3.0  # spacings: how far away they may be
+AROUND = 3.0  # greatest distance of these planes, in spacings
 AGREE = 0.95  # least length of their mean normal
-WIDE, GOOD = 128, 0.6  # neighbours that are tried where planes were found, and the weight from which those count
-TURNS = 30  # of Hildreth's method: planes at right angles take two
+WIDE, GOOD = 128, 0.6  # neighbours tried where planes were found; least weight of the result
+TURNS = 30  # iterations of Hildreth's method: planes at right angles take two
 CHUNK = 512
 PART = 1 << 16  # rows at a time
 
 
 @inline
 def _over(model: Array, a: int, x: Vec3) -> float:
-    """Height of x over plane a."""
+    """Return the height of x above plane a."""
     at = 1 + 4 * a
     return f64(model[at]) * x[0] + f64(model[at + 1]) * x[1] + f64(model[at + 2]) * x[2] + f64(model[at + 3])
 
 
 @routine
 def onto(model: Array, x: Vec3, rounding: float, shares: Array) -> tuple[Vec3, Vec3]:
-    """The place of the rounded solid that is nearest to x, and the normal there.
+    """Return the point of the rounded solid that is nearest to x, and the normal there.
 
-    Hildreth's method finds the nearest place of the solid that is smaller by the rounding.
+    Hildreth's method finds the nearest point of the solid shrunk by the rounding.
     """
     count, top, which = int(model[0]), -np.inf, 0
     for a in range(count):
@@ -79,7 +79,7 @@ def onto(model: Array, x: Vec3, rounding: float, shares: Array) -> tuple[Vec3, V
 
 @inline
 def _side(model: Array, normals: Array, row: int) -> float:
-    """1 if a normal looks out of the solid, else -1: the plane that is most alike tells."""
+    """Return 1 if a normal faces out of the solid, else -1; the most similar plane decides."""
     most = 0.0
     for a in range(int(model[0])):
         at, along = 1 + 4 * a, 0.0
@@ -94,10 +94,10 @@ def _side(model: Array, normals: Array, row: int) -> float:
 def _settle(
     work: Array, positions: Array, normals: Array, rows: Array, near: Array, seats: Array, models: Array, out: Array
 ) -> int:
-    """Write to out[i] the way of positions[rows[i]] to its place, the normal there, and 1, or 0 if there is no crease.
+    """Write to out[i] the move of positions[rows[i]], the normal there, and 1, or 0 if there is no crease.
 
-    near : (m, k) seats beside each row, or -1; seats, models : rows that have models, and these
-    out : (m, 8), the last column the spacing
+    near : (m, k) nearby entries of `seats`, or -1; seats, models : rows with models, and the models
+    out : (m, 8), the last column holds the spacing
     """
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     models, out = borrow(models), borrow(out)
@@ -148,9 +148,9 @@ class Edges:
     def add(
         self, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, errors: Floats, spacing: Floats
     ) -> None:
-        """Take those of some points that quadrics do not fit, and fit planes beside the worst.
+        """Collect points that quadrics do not fit, and fit planes at the worst of them.
 
-        near : (m, k), neighbours; errors : (m, 2), see `fit_surface`
+        near : (m, k) neighbours; errors : (m, 2), see `fit_surface`
         """
         beyond = np.where((noise > 0) & (noise < MUCH * spacing), errors[:, 0], 0.0)
         some = np.flatnonzero(beyond > ASKS * spacing)
@@ -165,7 +165,7 @@ class Edges:
         self._errors.append(known[found])
 
     def settle(self, normals: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Rows near creases, the ways to their places, and the normals there, on the sides of the fitted ones."""
+        """Return rows near creases, their moves, and the normals there, on the sides of the fitted ones."""
         if sum(map(len, self._seats)) < ASKED:
             return np.zeros(0, np.int64), normals[:0], normals[:0]
         rows, seats, models = np.concatenate(self._rows), np.concatenate(self._seats), np.concatenate(self._models)
@@ -179,7 +179,7 @@ class Edges:
         return rows[some], out[some, :3], out[some, 3:6]
 
     def _widen(self, seats: NDArray[np.int64], models: Floats) -> None:
-        """Replace models by those of more neighbours, where planes fit these too."""
+        """Replace models by fits to more neighbours where these fit as well."""
         tree, errors = NeighborTree(self._positions, in_order=True), np.concatenate(self._errors)
         for start in range(0, len(seats), PART):
             part = slice(start, start + PART)

@@ -1,4 +1,4 @@
-"""Smoothing: noisy points are moved onto the surface that their neighbours show; clean ones stay where they are."""
+"""Smoothing: noisy points are moved onto the surface fitted to their neighbours; clean points are unchanged."""
 
 from __future__ import annotations
 
@@ -24,27 +24,28 @@ from .noise import LITTLE, Stretches, examined, settled
 Floats = NDArray[np.float32]
 
 MOVES = 0.09  # noise in spacings from which points move all the way
-USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings from which there are 128, in twice the time, and no edges
-SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: the root of the area per point
-FAR = 5.0  # standard deviations that points move to an edge at most
-SURVEYED = 0.1  # share of the time after which the noise is known
+USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings above which 128 are used, in twice the time, and no edges
+SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: root of the area per point
+FAR = 5.0  # greatest move of a point to an edge, in standard deviations
+SURVEYED = 0.1  # progress after the noise is measured
 
 
 def smooth(points: Points, sigma: str | float = "auto", progress: Progress | None = None) -> Points:
-    """Points moved onto the surface that their neighbours show, as far as they are noisy, with the normals there.
+    """Smooth noisy points: move them onto the surface fitted to their neighbours, and replace their normals.
 
-    A quadric is fitted to the 16 to 128 nearest neighbours of each noisy point, as noise and detail there require, and
-    the point moves along its normal. Edges of points without normals become round. Clean points stay, to the bit.
+    A quadric is fitted to the 16 to 128 nearest neighbours of each noisy point, depending on local noise and detail,
+    and the point moves along its normal. Edges of points without normals are rounded. Clean points are unchanged, to
+    the bit.
 
     Parameters
     ----------
     points : Points
-        Their normals, where they have some, tell the sides: neighbours that face the opposite side do not count.
+        If they have normals, neighbours that face the opposite side are not used.
     sigma : "auto" or float
-        Standard deviation of the noise, in the points' unit. "auto": it is measured, place by place; where it is less
-        than some tenth of the spacing points stay. 0: all stay.
+        Standard deviation of the noise, in the points' unit. "auto": measured locally; points stay where it is below
+        about a tenth of the spacing. 0: all points stay.
     progress : callable, optional
-        Called with the share done.
+        Called with the fraction done.
 
     Returns
     -------
@@ -55,7 +56,7 @@ def smooth(points: Points, sigma: str | float = "auto", progress: Progress | Non
     Raises
     ------
     ValueError
-        If sigma is neither "auto" nor a finite number from 0, or there are fewer than three different positions.
+        If sigma is neither "auto" nor a finite number from 0, or there are fewer than three distinct positions.
 
     References
     ----------
@@ -72,11 +73,11 @@ def smooth(points: Points, sigma: str | float = "auto", progress: Progress | Non
 
 
 class Placed(NamedTuple):
-    """Points where rays shall meet them, with unit normals.
+    """Points prepared for a surface, with unit normals.
 
-    noise : (n,) float32, standard deviation of the noise that was smoothed away, in the points' unit; None if none was
-    order : (n,) int, their kd order, or about that; None if it is not known
-    apart : whether all positions are known to be different
+    noise : (n,) float32, standard deviation of the removed noise, in the points' unit; None if none was removed
+    order : (n,) int, their kd order, or nearly; None if unknown
+    apart : whether all positions are known to be distinct
     """
 
     points: Points
@@ -85,7 +86,7 @@ class Placed(NamedTuple):
     apart: bool = False
 
     def select(self, mask: NDArray[np.bool_]) -> Placed:
-        """Some of the points."""
+        """Select some of the points."""
         order = self.order
         if order is not None:
             order = (np.cumsum(mask) - 1)[order[mask[order]]]
@@ -96,9 +97,9 @@ class Placed(NamedTuple):
 def place(
     points: Points, sigma: str | float, progress: Progress | None = None, along: Path | None = None
 ) -> tuple[Placed, str | None]:
-    """Points with unit normals, moved where they are noisy, and what `mend_normals` says.
+    """Return points with unit normals, moved where they are noisy, and the message of `repair_normals`.
 
-    along : the path through the points, if it is known
+    ordering : of the points, if known
     """
     if points.normals is None:
         return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress, along=along)), None
@@ -107,22 +108,22 @@ def place(
 
 
 def check_sigma(value: object, name: str) -> str | float:
-    """ "auto", or a number from 0."""
+    """Validate sigma: "auto", or a number from 0."""
     if isinstance(value, str) and value == "auto":
         return value
     return check_number(value, name, "'auto' or a finite number from 0", lambda x: 0 <= x < math.inf)
 
 
 class Fitting:
-    """Fits for `with_fits` that move noisy points.
+    """Fit for `with_fits` that moves noisy points.
 
     Parameters
     ----------
     sigma : "auto" or float
     noise : Noise, optional
-        If it is known.
+        If known.
     usual : CloudStatistics, optional
-        Of the cloud that the points are a part of. None: they are the whole.
+        Of the cloud that the points are a part of. None: they are the whole cloud.
     """
 
     def __init__(self, sigma: str | float, noise: Noise | None = None, usual: CloudStatistics | None = None) -> None:
@@ -136,7 +137,7 @@ class Fitting:
         progress: Progress | None = None,
         planes: Planes | None = None,
     ) -> Fits:
-        """Like `fit_normals`; positions are the moved ones."""
+        """Fit like `fit_normals`, but return moved positions."""
         noise, most = self._noise or noise_of(path, self._sigma)
         tell(progress, SURVEYED)
         left = part_of(progress, SURVEYED, 1.0)
@@ -165,7 +166,7 @@ class Fitting:
             near[part] = found[:, : near.shape[1]]
         rows, shifts, turned = edges.settle(normals)
         likely = np.linalg.norm(shifts, axis=1) < FAR * noise[rows]
-        if eye is not None:  # the scanner sees no side that faces away
+        if eye is not None:  # the scanner cannot see a side that faces away
             to_eye = (eye if eye.ndim == 1 else eye[rows]) - path[rows]
             likely &= ~(np.einsum("ij,ij->i", turned, to_eye) < 0)
         rows, shifts, turned = rows[likely], shifts[likely], turned[likely]
@@ -181,7 +182,7 @@ def smooth_known(
     along: Path | None = None,
     known_noise: Noise | None = None,
 ) -> Placed:
-    """`smooth` for points with unit normals, whose sides the moved points' normals keep."""
+    """Smooth points with unit normals; the moved points' normals keep their sides."""
     if sigma == 0.0:
         return Placed(points, None)
     along = along or along_path(points)
@@ -207,14 +208,14 @@ def smooth_known(
 
 
 class Noise(NamedTuple):
-    """The noise of each point, (n,), None if none is worth a move; and the most neighbours to fit to."""
+    """Noise of each point, (n,), None if negligible everywhere; and the largest number of neighbours to fit."""
 
     values: Floats | None
     most: int
 
 
 def noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -> Noise:
-    """The noise of points that are all different and in kd order."""
+    """Return the noise of distinct points in kd order."""
     if len(path) < SIZES[0] or sigma == 0.0:
         return Noise(None, USUAL)
     if not isinstance(sigma, str):
@@ -223,7 +224,7 @@ def noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) ->
 
 
 def noise_by(stretches: Stretches, rows: NDArray[np.int64]) -> Noise:
-    """The noise of some rows of a cloud's kd order, by all its stretches."""
+    """Return the noise of some rows of a cloud's kd order, from all its ranges."""
     shares = stretches.noise / np.maximum(stretches.spacing, 1e-30)
     if not (shares > LITTLE).any():
         return Noise(None, USUAL)
@@ -233,7 +234,7 @@ def noise_by(stretches: Stretches, rows: NDArray[np.int64]) -> Noise:
 def _shares(
     path: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, sigma: str | float
 ) -> tuple[Floats, Floats]:
-    """How much of its way to the surface each point goes, (m, 1), and the spacing around it, (m,)."""
+    """Return the fraction of its move that each point makes, (m, 1), and the local spacing, (m,)."""
     k = min(SIZES[0], near.shape[1]) - 1
     spacing = SPACING * np.linalg.norm(path[near[:, k]] - path[rows], axis=1)
     if not isinstance(sigma, str):
@@ -243,9 +244,9 @@ def _shares(
 
 
 def _asked(wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The rows that are fitted so that some are, and which of them are these.
+    """Return the rows to fit so that the wanted ones are fitted, and which of them are wanted.
 
-    Rows that are fitted side by side have each other's last bits: whole groups of them are fitted, the same ones
+    Points fitted in the same vector affect each other's last bits. Whole vectors are fitted, so that they are the same
     wherever a part of a cloud begins.
     """
     groups = np.add.reduceat(wanted, np.arange(0, len(wanted), LANES)) > 0
@@ -254,7 +255,7 @@ def _asked(wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.boo
 
 
 def _blended(known: Floats, fitted: Floats, share: Floats) -> Floats:
-    """Unit normals between known ones and fitted ones, on the side of the known ones, (m, 3)."""
+    """Interpolate unit normals between known and fitted ones, on the side of the known ones, (m, 3)."""
     same = np.sign(np.einsum("ij,ij->i", known, fitted))[:, None]
     mixed = (1 - share) * known + share * same * fitted
     length = np.linalg.norm(mixed, axis=1, keepdims=True)

@@ -1,6 +1,6 @@
-"""Solids of planes: two or three candidates, with signs, whose solid lies closest to a point's neighbours.
+"""Solids of planes: the two or three candidates, with signs, whose solid is closest to a point's neighbours.
 
-Every so manieth neighbour judges. Its heights over all candidates are one vector.
+Some of the neighbours are used for scoring; the heights of one above all candidates are one vector.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from ...engine.simd import (
 from ..normals.fit_batch import LANES, zeros
 from .candidates import CANDIDATES, JUDGES, Neighbors, height
 
-BLUNT = 0.9  # cosine of the angle between planes from which they are one
-BELOW = f32(-1e15)  # offset of a plane below all
+BLUNT = 0.9  # cosine between planes above which they count as one
+BELOW = f32(-1e15)  # offset of a plane below all others
 
 
 @routine
 def judge(k: int, memory: Neighbors) -> int:
-    """Write the heights of some neighbours over all candidates; returns how many neighbours."""
+    """Write the heights of the scoring neighbours above all candidates; return their number."""
     found, width, judges = memory.found, len(memory.weights), 0
     n = load16(found, 0), load16(found, LANES), load16(found, 2 * LANES)
     offset = load16(found, 3 * LANES)
@@ -48,7 +48,7 @@ def judge(k: int, memory: Neighbors) -> int:
 
 @inline
 def _unlike(planes: Array, a: int, memory: Neighbors) -> Mask:
-    """Which candidates are at an angle to plane a."""
+    """Return which candidates are at an angle to plane a."""
     found, normal = memory.found, (planes[a], planes[LANES + a], planes[2 * LANES + a])
     cosine = load16(found, 0) * normal[0] + load16(found, LANES) * normal[1] + load16(found, 2 * LANES) * normal[2]
     return vabs(cosine) <= f32(BLUNT)
@@ -63,7 +63,7 @@ def _take(memory: Neighbors, at: int, a: int, sign: float) -> None:
 
 @routine
 def choose_two(judges: int, cut: float, memory: Neighbors) -> float:
-    """The two candidates, with signs, whose solid lies closest to the neighbours; returns the sum of squares."""
+    """Choose the two candidates, with signs, whose solid is closest to the neighbours; return the sum of squares."""
     least, one, two, sign_one, sign_two = INF, 0, 0, 1.0, 1.0
     for a in range(1, CANDIDATES):
         allowed = _unlike(memory.found, a, memory) & mask16((1 << a) - 1)
@@ -87,7 +87,7 @@ def choose_two(judges: int, cut: float, memory: Neighbors) -> float:
 
 @inline
 def _squares(judges: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, F16, F16, F16]:
-    """Squared distances to the solids of candidate a and each other one, with both, neither or one of them turned."""
+    """Return the summed squared distances to the solids of candidate a and each other one, for all four signs."""
     most = broadcast16(f32(cut))
     convex = concave = up = down = zeros()
     for j in range(judges):
@@ -100,7 +100,7 @@ def _squares(judges: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, F
 
 @routine
 def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
-    """Replace one of three planes by the candidate with which their solid comes closest; returns the sum of squares."""
+    """Replace one of three planes by the candidate that brings their solid closest; return the sum of squares."""
     chosen, one, two, judges = memory.chosen, (at + 1) % 3, (at + 2) % 3, 0
     allowed = _unlike(chosen, one, memory) & _unlike(chosen, two, memory) & mask16((1 << CANDIDATES) - 1)
     if bits(allowed) == 0:
@@ -122,7 +122,7 @@ def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
 
 @inline
 def choose_third(k: int, cut: float, memory: Neighbors) -> float:
-    """The candidate that makes the solid of two planes come closest, then better ones than these two."""
+    """Choose the third candidate, then try to improve the first two; return the sum of squares."""
     least = _replace(k, 2, cut, memory)
     if least < INF:
         least = min(least, _replace(k, 0, cut, memory))

@@ -1,4 +1,4 @@
-"""Normals: estimated if a cloud has none, and mended if some are missing or disagree."""
+"""Estimation of normals for clouds without any, and repair of missing or inconsistent normals."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from .stations import (
 from .units import to_units
 from .visibility import ignored_stations
 
-MENDING = 8  # good normals that stand in for a missing one
-UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before a message mentions it
+MENDING = 8  # nearest valid normals that replace a missing one
+UNIT = 0.01  # tolerated difference of lengths from each other, or of all from 1, without a message
 DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are recomputed: real scans have up to 0.006
 
-FITTED, ORIENTED = 0.7, 0.8  # shares of the time after which normals are fitted, and oriented
+FITTED, ORIENTED = 0.7, 0.8  # progress after fitting and after orienting
 
 Floats = NDArray[np.float32]
 Fitting = Callable[[Floats, int, Floats | None, Progress | None, Planes | None], Fits]  # see `fit_normals`
@@ -49,36 +49,35 @@ def estimate_normals(
     viewpoint: ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> Points:
-    """Normals of quadrics fitted to the nearest neighbours, turned to agree with each other.
+    """Estimate normals from quadrics fitted to the nearest neighbours, and orient them consistently.
 
     Parameters
     ----------
     points : Points
     neighbors : int, optional
-        How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10 to 64, chosen by
-        the point's noise and detail and the distance of scan lines.
+        Number of points that a quadric is fitted to, including the point itself (below 8: a plane). None: 10 to 64,
+        chosen for each point by noise, detail and the distance of scan lines.
     viewpoint : (3,) or (n, 3) array_like, optional
-        World position of the scanner, or of the one that saw each point, NaN where that is unknown (`eyes_along` tells
-        it for a scanner that moved): every normal is turned towards the scanner, or, where it grazes the view, with the
-        plane through its neighbours. Of equal positions the first row's scanner
-        counts. None: the stations of `points.survey`, where the attribute "scan" tells which of them saw each point (a
-        single one without that attribute saw all); one from which its points cannot have been seen, as in merged
-        clouds, is ignored with a warning. Where the scanner is unknown signs pass from point to point and from
-        part to part, from those that are known; a connected group without any is turned outward, or up if it has no
-        outside.
+        World position of the scanner, or of the scanner that saw each point, NaN where unknown (`eyes_along` computes
+        it for a moving scanner). Each normal is turned towards the scanner; where it grazes the view, the plane through
+        the neighbours decides. Of rows with equal positions the first one's scanner counts. None: the stations of
+        `points.survey`; the attribute "scan" holds each point's station, and a single station without that attribute
+        saw all points. A station from which its points cannot have been seen, as in merged clouds, is ignored with a
+        warning. Where the scanner is unknown, signs propagate from points where it is known; a connected group without
+        any is turned outward, or up if it has no outside.
     progress : callable, optional
-        Called with the share done.
+        Called with the fraction done.
 
     Returns
     -------
     Points
-        The same points with unit normals, (n, 3) float32; rows that are not finite have the normal 0.
+        The same points with unit normals, (n, 3) float32; 0 for rows that are not finite.
 
     Raises
     ------
     ValueError
-        If there are fewer than three distinct positions, `neighbors` is less than 3, or the viewpoint has another
-        shape, or three numbers that are not finite, or is a single one among the points.
+        If there are fewer than three distinct positions, `neighbors` is less than 3, or `viewpoint` has the wrong
+        shape, is a single position that is not finite, or is a single position among the points.
 
     References
     ----------
@@ -101,9 +100,9 @@ def with_fits(
     progress: Progress | None = None,
     along: Path | None = None,
 ) -> tuple[Points, Floats | None]:
-    """The points with what is fitted to their neighbours, and the noise that was smoothed away at each, (n,), if any.
+    """Return the points with the results of a fit, and the noise removed at each row, (n,), or None.
 
-    Normals get signs like those of `estimate_normals`. `along`, if it is known, is the path through the points.
+    Normals are oriented as by `estimate_normals`. ordering : of the points, if known
     """
     eyes = _stations_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
     along = along or along_path(points)
@@ -139,14 +138,14 @@ def with_fits(
 
 
 def _stations_of(points: Points) -> NDArray[np.float64] | None:
-    """The stations that saw the points, see `eyes_of`; a warning names those that are ignored."""
+    """Return the stations that saw the points, see `eyes_of`; warn of those that are ignored."""
     ignored = ignored_stations(points)
     warn_of_ignored(ignored, len(points.survey.stations))
     return eyes_of(points, ignored)
 
 
 def seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]) -> Floats:
-    """The eyes of some rows, (m, 3), about the origin."""
+    """Return the viewpoints of some rows, (m, 3), relative to the origin."""
     chosen = eyes if eyes.ndim == 1 else eyes[rows]
     return np.broadcast_to((chosen - points.origin).astype(np.float32), (len(rows), 3))
 
@@ -154,24 +153,24 @@ def seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]
 def mend_normals(
     points: Points, progress: Progress | None = None, along: Path | None = None
 ) -> tuple[Points, str | None]:
-    """The points with unit normals wherever the position is finite, and a message on what was mended.
+    """Return the points with a unit normal at each finite position, and a message on what was repaired.
 
     Parameters
     ----------
     points : Points
     progress : callable, optional
     along : Path, optional
-        The path through the points, if it is known.
+        The ordering of the points, if known.
 
     Returns
     -------
     points : Points
-        A missing normal (zero, NaN or infinite) becomes the mean of the nearest good ones; if none is good, all are
-        estimated. If neighbours all over face opposite sides, directions are kept and signs are recomputed, with the
-        stations of `points.survey` as in `estimate_normals`. Normals that all face inwards are kept. Rows that are not
+        A missing normal (zero, NaN or infinite) becomes the mean of the nearest valid ones; if none is valid, all are
+        estimated. If many neighbours face opposite sides, directions are kept and signs are recomputed, with the
+        stations of `points.survey` as in `estimate_normals`. Normals that all point inward are kept. Rows that are not
         finite have the normal 0.
     message : str or None
-        One line; None if all normals were good.
+        One line; None if all normals were valid.
     """
     if points.normals is None:
         why = "the points have no normals: estimated from their neighbours"
@@ -201,11 +200,11 @@ def mend_normals(
 
 
 class Mended(NamedTuple):
-    """Normals of unit length.
+    """Unit normals, and what was repaired.
 
     unit : (n, 3) float32; 0 for rows that are not finite
-    sound : (n,) bool, which of them were given, for a row that is finite
-    lost, odd : how many were taken from their neighbours, and had another length
+    sound : (n,) bool, whether the row is finite and had a valid normal
+    lost, odd : number of normals that were missing, and that were not of unit length
     """
 
     unit: Floats
@@ -215,9 +214,9 @@ class Mended(NamedTuple):
 
 
 def with_units(points: Points, counted: NDArray[np.int64] | None = None) -> Mended | None:
-    """The points' normals, made unit ones; missing ones are the mean of the nearest good ones. None: none is good.
+    """Return the normals at unit length, missing ones replaced by the mean of the nearest; None if none is valid.
 
-    counted : the rows that the numbers of mended ones are about. None: all
+    counted : rows that the counts refer to. None: all
     """
     assert points.normals is not None
     finite = points.finite
@@ -238,7 +237,7 @@ def with_units(points: Points, counted: NDArray[np.int64] | None = None) -> Mend
 
 
 def told(lost: int, odd: int, total: int) -> list[str]:
-    """What was mended of so many normals, in words."""
+    """Return messages on the repairs of `total` normals."""
     said = []
     if lost:
         said.append(f"{lost:,} of {total:,} normals are zero or not finite: taken from their neighbours")
@@ -248,8 +247,8 @@ def told(lost: int, odd: int, total: int) -> list[str]:
 
 
 def _odd_lengths(length: NDArray[np.float64]) -> int:
-    """How many lengths are not 1 within UNIT; 0 if all are scaled alike."""
-    if not len(length) or length.max() - length.min() <= UNIT * length.min():  # as nearly always
+    """Return how many lengths differ from 1 by more than UNIT; 0 if all are scaled alike."""
+    if not len(length) or length.max() - length.min() <= UNIT * length.min():  # the usual case
         return 0
     usual = np.median(length)
     if np.abs(length - usual).max() <= UNIT * usual:
@@ -258,7 +257,7 @@ def _odd_lengths(length: NDArray[np.float64]) -> int:
 
 
 def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, along: Path | None) -> Floats:
-    """The same directions with recomputed signs; rows with equal positions face the same side, or their stations."""
+    """Return the same directions with recomputed signs; equal positions face the same side, or their stations."""
     if eyes is not None and np.isfinite(eyes).all():
         out = unit.copy()
         out[~faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1
@@ -284,5 +283,5 @@ def _mean_of_nearest(positions: Floats, unit: Floats, good: NDArray[Any], lost: 
     _, near = neighbors(positions[good], MENDING, positions[lost])
     nearest = unit[good][near]
     mean, length = to_units(nearest.mean(axis=1))
-    mean[length == 0] = nearest[length == 0, 0]  # they cancel out
+    mean[length == 0] = nearest[length == 0, 0]  # the mean cancels out
     return mean

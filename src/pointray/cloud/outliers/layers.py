@@ -1,4 +1,4 @@
-"""Second layers: sparse passes of a surface that do not fit, which models move onto it."""
+"""Second layers: sparse, misaligned passes of a surface, which models move onto it."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ from .search import Search
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
-SPARSE_MERGED = 0.6  # share of the time
-OPPOSITE = -0.3  # mean cosine of a point's given normal and those around it, below which it is another sheet
+SPARSE_MERGED = 0.6  # progress after sparse layers are merged
+OPPOSITE = -0.3  # mean cosine of a point's given normal and those around it, below which it belongs to another sheet
 
-# A layer is a group of many points that are about as far off on the same side. Clean clouds have groups of at most 10.
+# A layer is a large group of points at about the same height on the same side. Clean clouds have groups of at most 10.
 FEWEST = 50
-LINKS, APART = 8, 6.0  # the nearest points of the layer that it links, at most so many spacings away
-LEVEL, ALIKE = 1.0, 0.5  # differences in height, in spacings, and cosines of the ways to the floor
+LINKS, APART = 8, 6.0  # nearest points of the layer that are linked, and their greatest distance in spacings
+LEVEL, ALIKE = 1.0, 0.5  # greatest difference in height, in spacings; least cosine of the directions to the floor
 
 
 class Part(NamedTuple):
-    """Of which cloud points are a part.
+    """Description of the cloud that the points are a part of.
 
-    total : how many positions that has
-    numbers : (m,) int64, for each position of the part, in order, its place in the kd order of all
-    usual : numbers that hold for all
-    blocks : those of its positions that show layers, see `Search`; None: they are searched for
-    ignored : the numbers of stations that are not believed; None: the points show it, see `eyes_of`
+    total : number of its positions
+    numbers : (m,) int64, place in its kd order of each position of the part, in order
+    statistics : statistics of the whole cloud
+    blocks : its blocks that show layers, see `LayerSearch`; None: they are searched
+    ignored : numbers of stations to ignore; None: found from the points, see `eyes_of`
     """
 
     total: int
@@ -49,11 +49,13 @@ class Part(NamedTuple):
 def merge_for_model(
     points: Points, progress: Progress | None = None, along: Path | None = None, part: Part | None = None
 ) -> Points:
-    """The points with those of second layers and passes moved onto one surface; `points` itself, where there are none.
+    """Move the points of second layers and passes onto one surface; return `points` itself if there are none.
 
-    Unlike `merge_layers` it looks closely only where a few stretches of the kd order show layers, and moves only
-    groups of `FEWEST` points or more: a surface without layers stays as it is, to the bit. `along`, if it is known, is
-    the path through the points; `part` tells of which cloud they are a part, None: they are the whole.
+    Unlike `merge_layers` this examines the cloud closely only where a few ranges of the kd order show layers, and moves
+    only groups of at least `FEWEST` points: a surface without layers is unchanged, to the bit.
+
+    ordering : of the points, if known
+    part : the cloud that the points are a part of; None: they are the whole cloud
     """
     along = along or along_path(points)
     path, ids, _ = along
@@ -74,7 +76,7 @@ def merge_for_model(
 
 
 def _shifts(points: Points, along: Path, part: Part, progress: Progress | None) -> Floats | None:
-    """By how much positions of second layers are moved, (n, 3); None: there are none."""
+    """Return the moves of positions in second layers, (n, 3); None if there are none."""
     ground = Ground(along.positions)
     search = Search(ground, part.total, part.numbers)
     if part.blocks is None:
@@ -94,7 +96,7 @@ def _shifts(points: Points, along: Path, part: Part, progress: Progress | None) 
 
 
 def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
-    """Which of some rows that are off their floor are in a large group at about the same height."""
+    """Return which rows, all off their floor, are in a large group at about the same height."""
     m = len(rows)
     if m < FEWEST:
         return np.zeros(m, np.bool_)
@@ -109,7 +111,7 @@ def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
 
 
 def faces_back(points: Points, rows: NDArray[np.integer[Any]], floors: Floors, some: Rows) -> NDArray[np.bool_]:
-    """Which of some positions have a given normal against those around: they are the back of a thin body.
+    """Return which positions have a given normal opposite to those around: they are the back of a thin body.
 
     rows : the row of `points` of each position
     """
