@@ -6,7 +6,7 @@ import pytest
 import pointray as pr
 from pointray import Points
 from pointray.cloud.georeference import SCAN, Survey
-from pointray.cloud.normals.stations import check_apart
+from pointray.cloud.normals.stations import check_outside
 from pointray.io.trajectory import read_trajectory
 
 FAR = np.array([512_345.678, 5_400_000.123, 321.5])
@@ -93,7 +93,7 @@ def test_a_viewpoint_in_a_wall_is_refused(shift):
 
 def test_returns_that_a_scanner_lost_do_not_make_it_lie_among_the_points():
     ball = pr.procedural("sphere", 2000)
-    check_apart(np.concatenate([ball.positions, np.zeros((5, 3), np.float32)]), np.zeros(3))
+    check_outside(np.concatenate([ball.positions, np.zeros((5, 3), np.float32)]), np.zeros(3))
     found = pr.estimate_normals(Points(np.concatenate([ball.positions, [[0, 0, 0]]])), viewpoint=(0, 0, 0)).normals
     assert (np.sum(found[:-1] * ball.normals, axis=1) < 0).all()
     assert np.isfinite(found).all() and found[-1].any()

@@ -7,7 +7,7 @@ import pointray as pr
 from conftest import shared_model
 from pointray import Points, Survey, estimate_normals
 from pointray.cloud.georeference import SCAN
-from pointray.cloud.normals.estimate import mend_normals
+from pointray.cloud.normals.estimate import repair_normals
 from pointray.cloud.normals.stations import eyes_of
 from pointray.cloud.normals.visibility import HIDDEN, hidden_share, ignored_stations
 from test_large import prepared
@@ -94,7 +94,7 @@ def test_signs_of_merged_normals_are_set_anew_without_a_station(rng):
     torus = pr.procedural("torus", 6000)
     given = torus.normals * rng.choice([-1, 1], (len(torus), 1))
     with pytest.warns(UserWarning, match=NOTE):
-        mended, said = mend_normals(Points(torus.world, given, survey=Survey(stations=((5.0, 2.0, 1.5),))))
+        mended, said = repair_normals(Points(torus.world, given, survey=Survey(stations=((5.0, 2.0, 1.5),))))
     assert (np.einsum("ij,ij->i", mended.normals, torus.normals) > 0).all() and "signs set anew" in said
 
 

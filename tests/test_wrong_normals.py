@@ -13,7 +13,7 @@ from pointray.cli import execute
 from pointray.cli.scan_scene import PLAIN
 from pointray.cloud.neighbors import few_queries as nearby
 from pointray.cloud.normals.comparison import WRONG
-from pointray.cloud.normals.validation import trusted
+from pointray.cloud.normals.validation import select_normals
 from pointray.viewer.loading import FileLoader
 from pointray.viewer.shared_scene import SharedScene
 
@@ -177,7 +177,7 @@ def test_wrong_normals_are_replaced_and_keep_their_side():
     truth = ripple()
     for side in (1, -1):
         with pytest.warns(UserWarning, match="a median of 21 degrees off the surface: fitted ones are used"):
-            points = trusted(ripple(2.2).with_normals(side * ripple(2.2).normals))
+            points = select_normals(ripple(2.2).with_normals(side * ripple(2.2).normals))
         cosines = side * np.sum(points.normals * truth.normals, axis=1)
         assert np.median(cosines) > 0.999 and (cosines > 0).mean() > 0.99
 
@@ -186,10 +186,10 @@ def test_right_ones_are_kept_and_wrong_ones_where_that_is_chosen():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         right, wrong = ripple(), ripple(2.2)
-        assert trusted(right) is right
-        assert trusted(wrong, "file") is wrong
-        assert trusted(right, "fit").normals is None
-        assert trusted(right.with_normals(None)).normals is None
+        assert select_normals(right) is right
+        assert select_normals(wrong, "file") is wrong
+        assert select_normals(right, "fit").normals is None
+        assert select_normals(right.with_normals(None)).normals is None
 
 
 def test_a_model_keeps_what_points_have():

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cloud.points import STRETCHES, Points, spread_rows
+from ..cloud.points import RANGES, Points, spread_rows
 from ..engine.kernels.records import TO_MODEL
 from ..engine.kernels.tree import Tree
 from ..model.model import Model
@@ -206,7 +206,7 @@ def _representative_points(model: Model) -> list[Points]:
     coarse = [part.levels[level - 1].points for part, is_leveled in zip(model.parts, stood, strict=True) if is_leveled]
     share = sum(map(len, coarse)) / max(sum(itertools.compress(counts, stood)), 1) or MOST / len(model.points)
     rest = [
-        start + spread_rows(count, max(int(share * count), STRETCHES))
+        start + spread_rows(count, max(int(share * count), RANGES))
         for start, count, is_leveled in zip(np.cumsum([0, *counts]), counts, stood, strict=False)
         if not is_leveled
     ]

@@ -13,7 +13,7 @@ import numpy as np
 from ..base.arguments import check_positive
 from ..base.choices import AUTO
 from ..base.warning_log import warn
-from ..cloud.normals.validation import trusted
+from ..cloud.normals.validation import select_normals
 from ..io.selection import Selection
 from ..io.trajectory import read_trajectory
 from ..model.model import SURFACE
@@ -218,7 +218,7 @@ def _prepared(
         done.append("normals estimated")
     elif is_scan:
         show("normals", 0.0)
-        points = trusted(points, options["normals"], progress=partial(show, "normals"))
+        points = select_normals(points, options["normals"], progress=partial(show, "normals"))
     if tolerance is not None or options["count"] is not None:
         before = len(points)
         limit = None

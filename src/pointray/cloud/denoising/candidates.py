@@ -31,8 +31,8 @@ from ..normals.fit_batch import LANES, TINIEST, Triple, distance_weight, zeros
 
 CANDIDATES = 9
 NARROW = 0.52  # radius of a candidate's neighbourhood, relative to that of all neighbours
-JUDGES = 31  # neighbours by which candidates are scored: with 21, edges of a cube are 0.41 spacings off; with 64, 0.38
-MOST_JUDGES = 2 * JUDGES
+SAMPLES = 31  # neighbours by which candidates are scored: with 21, edges of a cube are 0.41 spacings off; with 64, 0.38
+MOST_SAMPLES = 2 * SAMPLES
 SUMS = 10  # sums of a plane: weights, places and their products
 
 
@@ -81,7 +81,7 @@ def new_neighbors(most: int) -> Neighbors:
         np.zeros(4 * LANES, np.float32),
         np.zeros(4 * LANES, np.float32),
         np.zeros(4 * LANES, np.float32),
-        np.zeros(MOST_JUDGES * LANES, np.float32),
+        np.zeros(MOST_SAMPLES * LANES, np.float32),
     )
 
 

@@ -41,7 +41,7 @@ from .candidates import (
     new_neighbors,
     store_sums,
 )
-from .solids import choose_third, choose_two, judge
+from .solids import choose_third, choose_two, score
 
 Floats = NDArray[np.float32]
 
@@ -146,9 +146,9 @@ def crease(k: int, sigma: float, memory: Neighbors) -> tuple[int, float, float, 
     """Fit planes; return their number, 0 if there is no crease, and the result of `_error`."""
     cut = (CUT * sigma) ** 2
     find_candidates(k, memory)
-    judges = judge(k, memory)
-    two = choose_two(judges, cut, memory)
-    poor = POOR * sigma * sigma * judges
+    samples = score(k, memory)
+    two = choose_two(samples, cut, memory)
+    poor = POOR * sigma * sigma * samples
     if two > 2.0 * poor:
         return 0, 0.0, 0.0, 0.0
     three = choose_third(k, cut, memory)
@@ -156,11 +156,11 @@ def crease(k: int, sigma: float, memory: Neighbors) -> tuple[int, float, float, 
         return 0, 0.0, 0.0, 0.0
     count = 3 if three < THIRD * two else 2
     if count == 2:
-        choose_two(judges, cut, memory)
+        choose_two(samples, cut, memory)
     sound = _refine(count, sigma, memory)
     if not sound and count == 3:
         count = 2
-        choose_two(judges, cut, memory)
+        choose_two(samples, cut, memory)
         sound = _refine(count, sigma, memory)
     if not sound:
         return 0, 0.0, 0.0, 0.0

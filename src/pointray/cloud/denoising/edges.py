@@ -26,11 +26,11 @@ ROUNDING = 0.7  # radius of edges, in spacings
 MUCH = 0.4  # noise in spacings above which creases cannot be told from noise
 # What a quadric leaves beyond the noise, in spacings, above which planes are fitted, and above which a point uses those
 # of others: 0.24 at nine of ten points within 3 spacings of a right angle (noise 0.3).
-BENT, ASKS = 0.2, 0.12
+BENT, USES = 0.2, 0.12
 BEYOND = 0.6  # the same in standard deviations of the noise: plane surfaces exceed it at 4% of their points
 SHARE = 2  # planes are fitted at rows divisible by this, so that a part of a cloud uses the same rows
 # Planes that are combined, and their least number: with 3, which must agree to 0.9, a tower's mortar had specks.
-ASKED, FEW = 8, 6
+COMBINED, FEW = 8, 6
 AROUND = 3.0  # greatest distance of these planes, in spacings
 AGREE = 0.95  # least length of their mean normal
 WIDE, GOOD = 128, 0.6  # neighbours tried where planes were found; least weight of the result
@@ -92,11 +92,18 @@ def _side(model: Array, normals: Array, row: int) -> float:
 
 @kernel
 def _settle(
-    work: Array, positions: Array, normals: Array, rows: Array, near: Array, seats: Array, models: Array, out: Array
+    work: Array,
+    positions: Array,
+    normals: Array,
+    rows: Array,
+    near: Array,
+    fitted_rows: Array,
+    models: Array,
+    out: Array,
 ) -> int:
     """Write to out[i] the move of positions[rows[i]], the normal there, and 1, or 0 if there is no crease.
 
-    near : (m, k) nearby entries of `seats`, or -1; seats, models : rows with models, and the models
+    near : (m, k) nearby entries of `fitted_rows`, or -1; seats, models : rows with models, and the models
     out : (m, 8), the last column holds the spacing
     """
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
@@ -110,14 +117,14 @@ def _settle(
             s0 = s1 = s2 = n0 = n1 = n2 = 0.0
             total = 0.0
             for j in range(near.shape[1]):
-                seat = near[i, j]
-                if seat < 0 or models[seat, 0] < 2:
+                slot = near[i, j]
+                if slot < 0 or models[slot, 0] < 2:
                     continue
-                other = seats[seat]
+                other = fitted_rows[slot]
                 q = (p[0] - positions[other, 0], p[1] - positions[other, 1], p[2] - positions[other, 2])
-                y, n = onto(models[seat], q, ROUNDING * out[i, 7], shares)
-                sign = _side(models[seat], normals, row)
-                w = f64(models[seat, MODEL - 1])
+                y, n = onto(models[slot], q, ROUNDING * out[i, 7], shares)
+                sign = _side(models[slot], normals, row)
+                w = f64(models[slot, MODEL - 1])
                 yes, total = yes + 1, total + w
                 s0, s1, s2 = s0 + w * (y[0] - q[0]), s1 + w * (y[1] - q[1]), s2 + w * (y[2] - q[2])
                 n0, n1, n2 = n0 + sign * w * n[0], n1 + sign * w * n[1], n2 + sign * w * n[2]
@@ -141,7 +148,7 @@ class Edges:
         self._positions = positions
         self._rows: list[NDArray[np.int64]] = []
         self._spacing: list[Floats] = []
-        self._seats: list[NDArray[np.int64]] = []
+        self._fitted_rows: list[NDArray[np.int64]] = []
         self._models: list[Floats] = []
         self._errors: list[Floats] = []
 
@@ -153,37 +160,41 @@ class Edges:
         near : (m, k) neighbours; errors : (m, 2), see `fit_surface`
         """
         beyond = np.where((noise > 0) & (noise < MUCH * spacing), errors[:, 0], 0.0)
-        some = np.flatnonzero(beyond > ASKS * spacing)
+        some = np.flatnonzero(beyond > USES * spacing)
         self._rows.append(rows[some])
         self._spacing.append(spacing[some].astype(np.float32))
-        seats = np.flatnonzero((beyond > BENT * spacing) & (beyond > BEYOND * noise) & (rows % SHARE == 0))
-        known = np.stack([noise[seats], errors[seats, 1]], axis=1)
-        models = fit_creases(self._positions, rows[seats], near[seats], known)
+        fitted_rows = np.flatnonzero((beyond > BENT * spacing) & (beyond > BEYOND * noise) & (rows % SHARE == 0))
+        known = np.stack([noise[fitted_rows], errors[fitted_rows, 1]], axis=1)
+        models = fit_creases(self._positions, rows[fitted_rows], near[fitted_rows], known)
         found = models[:, 0] > 0
-        self._seats.append(rows[seats[found]])
+        self._fitted_rows.append(rows[fitted_rows[found]])
         self._models.append(models[found])
         self._errors.append(known[found])
 
-    def settle(self, normals: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
+    def find_moves(self, normals: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
         """Return rows near creases, their moves, and the normals there, on the sides of the fitted ones."""
-        if sum(map(len, self._seats)) < ASKED:
+        if sum(map(len, self._fitted_rows)) < COMBINED:
             return np.zeros(0, np.int64), normals[:0], normals[:0]
-        rows, seats, models = np.concatenate(self._rows), np.concatenate(self._seats), np.concatenate(self._models)
+        rows, fitted_rows, models = (
+            np.concatenate(self._rows),
+            np.concatenate(self._fitted_rows),
+            np.concatenate(self._models),
+        )
         out = np.zeros((len(rows), 8), np.float32)
-        self._widen(seats, models)
+        self._widen(fitted_rows, models)
         out[:, 7] = np.concatenate(self._spacing)
-        away, near = NeighborTree(self._positions[seats]).query(ASKED, self._positions[rows])
+        away, near = NeighborTree(self._positions[fitted_rows]).query(COMBINED, self._positions[rows])
         near[away > AROUND * out[:, 7:]] = -1
-        run(_settle, -(-len(rows) // CHUNK), self._positions, normals, rows, near, seats, models, out)
+        run(_settle, -(-len(rows) // CHUNK), self._positions, normals, rows, near, fitted_rows, models, out)
         some = out[:, 6] > 0
         return rows[some], out[some, :3], out[some, 3:6]
 
-    def _widen(self, seats: NDArray[np.int64], models: Floats) -> None:
+    def _widen(self, fitted_rows: NDArray[np.int64], models: Floats) -> None:
         """Replace models by fits to more neighbours where these fit as well."""
         tree, errors = NeighborTree(self._positions, in_order=True), np.concatenate(self._errors)
-        for start in range(0, len(seats), PART):
+        for start in range(0, len(fitted_rows), PART):
             part = slice(start, start + PART)
-            near = tree.query(WIDE, self._positions[seats[part]])[1]
-            wide = fit_creases(self._positions, seats[part], near, errors[part])
+            near = tree.query(WIDE, self._positions[fitted_rows[part]])[1]
+            wide = fit_creases(self._positions, fitted_rows[part], near, errors[part])
             fits = wide[:, -1] > GOOD
             models[part][fits] = wide[fits]

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
 from ...engine.simd import INF, ONE, Mask, bits, broadcast16, load16, select, store, vmax, vsqrt
-from ..normals.fit_batch import LANES, FitBatch16, inner, load_place, load_point, new_sixteen, zeros
+from ..normals.fit_batch import LANES, FitBatch16, inner, load_place, load_point, new_fit_batch, zeros
 from ..normals.jet import AXIS, HEIGHT, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, SPREAD, jet, take_triple
 
 Floats = NDArray[np.float32]
@@ -40,7 +40,7 @@ def _fit(
     """
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     normals, noise, out = borrow(normals), borrow(noise), borrow(out)
-    memory, found = new_sixteen(near.shape[1]), np.zeros(LANES * FOUND, np.float32)
+    memory, found = new_fit_batch(near.shape[1]), np.zeros(LANES * FOUND, np.float32)
     same = np.empty((1, near.shape[1]), np.int32)
     tile = next_tile(work)
     while tile >= 0:

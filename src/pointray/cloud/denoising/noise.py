@@ -29,7 +29,7 @@ HEIGHTS = 0.73  # median of the squared heights, relative to their mean
 LEFT = 0.4  # share of the noise's square that fits leave, at least: 0.64 of up to 0.3 spacings, 0.31 of 1
 LITTLE = 0.06  # negligible noise, in spacings
 SHARE, FEWEST = 32, 20_000  # one of this many points is examined, but at least so many in total
-STRETCH = 128  # examined points of a range
+RANGE = 128  # examined points of a range
 # Where this quantile of the nearest ranges exceeds LOUD spacings, it is a lower limit: at 1 spacing a quarter of the
 # dragon's ranges and some of a torus's passed for detail. Their error was 0.497 and 0.233, and is 0.283 and 0.173.
 LOUD, NEAREST, LOUDER = 0.5, 9, 0.75
@@ -39,7 +39,7 @@ DETAIL = 0.6  # height below which it is detail, in distance times difference of
 ALIKE = 0.7  # cosine above which normals may belong to the same smooth piece
 
 
-class Stretches(NamedTuple):
+class NoiseRanges(NamedTuple):
     """Noise of ranges of the kd order.
 
     places : (m,) int64, rows of their middles
@@ -53,18 +53,18 @@ class Stretches(NamedTuple):
     noise: NDArray[np.float64]
     spacing: NDArray[np.float64]
 
-    def along(self, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def interpolate(self, rows: NDArray[np.int64]) -> tuple[Floats, Floats]:
         """Interpolate noise and spacing at rows of the kd order, (n,) each."""
         noise, spacing = (np.interp(rows, self.places, values) for values in (self.noise, self.spacing))
         return noise.astype(np.float32), spacing.astype(np.float32)
 
 
-def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Floats]:
+def estimate_noise(ordered: Floats, normals: Floats | None = None) -> tuple[Floats, Floats]:
     """Estimate the distance of points from their surface, and their spacing, in their unit.
 
     Parameters
     ----------
-    path : (n, 3) float32
+    ordered : (n, 3) float32
         Distinct positions in kd order.
     normals : (n, 3) float32, optional
         Measured or known unit normals.
@@ -76,71 +76,71 @@ def noise_along(path: Floats, normals: Floats | None = None) -> tuple[Floats, Fl
     spacing : (n,) float32
         Square root of the area per point.
     """
-    return settled(examined(path, normals)).along(np.arange(len(path)))
+    return raise_to_typical(measure_ranges(ordered, normals)).interpolate(np.arange(len(ordered)))
 
 
-def points_per_stretch(count: int) -> int:
+def points_per_range(count: int) -> int:
     """Return the number of points of a range for a cloud of `count` points, a power of two."""
     every = max(min(SHARE, count // FEWEST), 1)
-    return STRETCH << (every.bit_length() - 1)
+    return RANGE << (every.bit_length() - 1)
 
 
-def examined(path: Floats, normals: Floats | None = None, size: int | None = None) -> Stretches:
-    """Measure each range alone, for `raise_outliers`.
+def measure_ranges(ordered: Floats, normals: Floats | None = None, size: int | None = None) -> NoiseRanges:
+    """Measure each range alone, for `raise_to_typical`.
 
     size : points of a range; None: as for a whole cloud. The last range may be longer.
     """
-    n = len(path)
+    n = len(ordered)
     if n < MOST:
-        return Stretches(np.zeros(1, np.int64), path[:1], np.zeros(1), np.ones(1))
-    size = points_per_stretch(n) if size is None else size
-    rows = np.arange(0, n, size // STRETCH)
-    ends = np.append(np.arange(0, max(len(rows) // STRETCH, 1) * STRETCH, STRETCH), len(rows))
-    stretches = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
-    away, near = NeighborTree(path, in_order=True).query(MOST if normals is None else AROUND, path[rows])
-    spacing = _quantiles(away[:, AROUND - 1].astype(np.float64), stretches) * math.sqrt(math.pi / AROUND)
+        return NoiseRanges(np.zeros(1, np.int64), ordered[:1], np.zeros(1), np.ones(1))
+    size = points_per_range(n) if size is None else size
+    rows = np.arange(0, n, size // RANGE)
+    ends = np.append(np.arange(0, max(len(rows) // RANGE, 1) * RANGE, RANGE), len(rows))
+    ranges = [slice(*pair) for pair in zip(ends[:-1], ends[1:], strict=True)]
+    away, near = NeighborTree(ordered, in_order=True).query(MOST if normals is None else AROUND, ordered[rows])
+    spacing = _quantiles(away[:, AROUND - 1].astype(np.float64), ranges) * math.sqrt(math.pi / AROUND)
     if normals is not None:
-        square = _quantiles(_heights(path, normals, rows, near[:, 1 : 1 + BESIDE]), stretches) / HEIGHTS
+        square = _quantiles(_heights(ordered, normals, rows, near[:, 1 : 1 + BESIDE]), ranges) / HEIGHTS
         loud = square > (LITTLE * spacing) ** 2
         if loud.any():  # wrong normals look like noise, but fits to clean points do not
-            fitted = _quantiles(fit_residuals(path, rows, near, FEW) ** 2, stretches) / LEFT
+            fitted = _quantiles(fit_residuals(ordered, rows, near, FEW) ** 2, ranges) / LEFT
             square = np.where(loud, np.minimum(square, fitted), square)
     else:
-        square = _residuals(path, rows, near, stretches, spacing)
+        square = _residuals(ordered, rows, near, ranges, spacing)
     middles = rows[(ends[:-1] + ends[1:]) // 2]
-    return Stretches(middles, path[middles], np.sqrt(square), spacing)
+    return NoiseRanges(middles, ordered[middles], np.sqrt(square), spacing)
 
 
-def settled(stretches: Stretches) -> Stretches:
+def raise_to_typical(ranges: NoiseRanges) -> NoiseRanges:
     """Return the ranges of a whole cloud with the noise raised to what is typical around, where that is large."""
-    usual = _around(stretches.middles, stretches.noise / stretches.spacing)
-    return stretches._replace(noise=np.maximum(stretches.noise, usual * stretches.spacing))
+    typical = _around(ranges.middles, ranges.noise / ranges.spacing)
+    return ranges._replace(noise=np.maximum(ranges.noise, typical * ranges.spacing))
 
 
 def _residuals(
-    path: Floats,
+    ordered: Floats,
     rows: NDArray[np.int64],
     near: NDArray[np.int32],
-    stretches: list[slice],
+    ranges: list[slice],
     spacing: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return the squared noise of each range, from residuals of fits."""
-    least, middle, most = (fit_residuals(path, rows, near, k) ** 2 for k in (FEW, MANY, MOST))
-    little = _quantiles(2 * least - middle, stretches, QUANTILE) / SHOWN
-    much = _quantiles(2 * middle - most, stretches, QUANTILE) / MUCH_SHOWN
+    least, middle, most = (fit_residuals(ordered, rows, near, k) ** 2 for k in (FEW, MANY, MOST))
+    little = _quantiles(2 * least - middle, ranges, QUANTILE) / SHOWN
+    much = _quantiles(2 * middle - most, ranges, QUANTILE) / MUCH_SHOWN
     return np.where(little > MUCH * spacing**2, np.maximum(little, np.minimum(much, MORE * little)), little)
 
 
 def _around(middles: Floats, noise: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the noise that is typical around each range, in spacings; 0 where it is small."""
     near = NeighborTree(middles).query(NEAREST)[1]
-    usual = np.quantile(noise[near], LOUDER, axis=1)
-    return np.where(usual > LOUD, usual, 0.0)
+    typical = np.quantile(noise[near], LOUDER, axis=1)
+    return np.where(typical > LOUD, typical, 0.0)
 
 
-def _quantiles(values: NDArray[np.float64], stretches: list[slice], q: float = 0.5) -> NDArray[np.float64]:
+def _quantiles(values: NDArray[np.float64], ranges: list[slice], q: float = 0.5) -> NDArray[np.float64]:
     """Return a quantile of each range, not below zero; zero where too few values are finite."""
-    parts = [values[stretch] for stretch in stretches]
+    parts = [values[span] for span in ranges]
     known = [part[np.isfinite(part)] for part in parts]
     return np.array(
         [
@@ -150,11 +150,11 @@ def _quantiles(values: NDArray[np.float64], stretches: list[slice], q: float = 0
     )
 
 
-def _heights(path: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> NDArray[np.float64]:
+def _heights(ordered: Floats, normals: Floats, rows: NDArray[np.int64], near: NDArray[np.int32]) -> NDArray[np.float64]:
     """Return half the mean squared height of neighbours above the mean of two tangent planes; NaN without any."""
     own, others = normals[rows][:, None].astype(np.float64), normals[near].astype(np.float64)
     cosine = np.einsum("ijc,ijc->ij", own, others)
-    away = path[near].astype(np.float64) - path[rows][:, None]
+    away = ordered[near].astype(np.float64) - ordered[rows][:, None]
     height = np.einsum("ijc,ijc->ij", away, own + others) / 2
     bend = (away**2).sum(axis=2) * 2 * (1 - cosine)  # squared distance times difference of normals
     alike = cosine >= ALIKE

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from ...base.arguments import check_callback, check_kind, check_number
 from ...base.progress import Progress, part_of, tell
-from ..kd_ordering import Path, along_path
+from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import neighbor_chunks, take
-from ..normals.estimate import mend_normals, with_fits
+from ..normals.estimate import repair_normals, with_fits
 from ..normals.fit_batch import LANES
-from ..normals.jets import Fits, Planes, faces, fit_normals, survey
+from ..normals.jets import Fits, Planes, faces, fit_normals, measure_noise
 from ..points import Points
 from ..statistics import CloudStatistics
 from .edges import Edges
 from .fit import SIZES, fit_surface
-from .noise import LITTLE, Stretches, examined, settled
+from .noise import LITTLE, NoiseRanges, measure_ranges, raise_to_typical
 
 Floats = NDArray[np.float32]
 
@@ -95,16 +95,16 @@ class Placed(NamedTuple):
 
 
 def place(
-    points: Points, sigma: str | float, progress: Progress | None = None, along: Path | None = None
+    points: Points, sigma: str | float, progress: Progress | None = None, ordering: KdOrdering | None = None
 ) -> tuple[Placed, str | None]:
     """Return points with unit normals, moved where they are noisy, and the message of `repair_normals`.
 
     ordering : of the points, if known
     """
     if points.normals is None:
-        return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress, along=along)), None
-    mended, said = mend_normals(points, progress, along)
-    return smooth_known(mended, sigma, progress, along), said
+        return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress, ordering=ordering)), None
+    mended, message = repair_normals(points, progress, ordering)
+    return smooth_known(mended, sigma, progress, ordering), message
 
 
 def check_sigma(value: object, name: str) -> str | float:
@@ -122,40 +122,42 @@ class Fitting:
     sigma : "auto" or float
     noise : Noise, optional
         If known.
-    usual : CloudStatistics, optional
+    statistics : CloudStatistics, optional
         Of the cloud that the points are a part of. None: they are the whole cloud.
     """
 
-    def __init__(self, sigma: str | float, noise: Noise | None = None, usual: CloudStatistics | None = None) -> None:
-        self._sigma, self._noise, self._usual = sigma, noise, usual
+    def __init__(
+        self, sigma: str | float, noise: Noise | None = None, statistics: CloudStatistics | None = None
+    ) -> None:
+        self._sigma, self._noise, self._usual = sigma, noise, statistics
 
     def fit(
         self,
-        path: Floats,
+        ordered: Floats,
         kept: int,
         eye: Floats | None = None,
         progress: Progress | None = None,
         planes: Planes | None = None,
     ) -> Fits:
         """Fit like `fit_normals`, but return moved positions."""
-        noise, most = self._noise or noise_of(path, self._sigma)
+        noise, most = self._noise or noise_of(ordered, self._sigma)
         tell(progress, SURVEYED)
         left = part_of(progress, SURVEYED, 1.0)
         if noise is None:
-            return fit_normals(path, kept, eye, left, planes, usual=self._usual)
-        n = len(path)
-        moved, normals = path.copy(), np.zeros_like(path)
+            return fit_normals(ordered, kept, eye, left, planes, statistics=self._usual)
+        n = len(ordered)
+        moved, normals = ordered.copy(), np.zeros_like(ordered)
         near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
         shares = np.empty((n, 1), np.float32)
-        wanted = 0 if planes is None else planes.wanted(survey(path, self._usual)[0])
-        edges = Edges(path)
-        for part, found in neighbor_chunks(path, max(most, kept, wanted), left):
+        needed = 0 if planes is None else planes.needed(measure_noise(ordered, self._usual)[0])
+        edges = Edges(ordered)
+        for part, found in neighbor_chunks(ordered, max(most, kept, needed), left):
             rows = np.arange(part.start, part.start + len(found))
             table = np.ascontiguousarray(found[:, :most])
-            if planes is not None and wanted:
-                planes.lay(part, found)
-            shifts, normals[part], flat, errors = fit_surface(path, rows, table, None, noise[part])
-            shares[part], spacing = _shares(path, rows, table, noise[part], self._sigma)
+            if planes is not None and needed:
+                planes.add_neighbors(part, found)
+            shifts, normals[part], flat, errors = fit_surface(ordered, rows, table, None, noise[part])
+            shares[part], spacing = _shares(ordered, rows, table, noise[part], self._sigma)
             moved[part] += shares[part] * shifts
             residuals[part] = noise[part] / spacing
             if most == USUAL:
@@ -164,13 +166,13 @@ class Fitting:
                 to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
                 normals[part][~faces(normals[part], flat, to_eye)] *= -1
             near[part] = found[:, : near.shape[1]]
-        rows, shifts, turned = edges.settle(normals)
+        rows, shifts, turned = edges.find_moves(normals)
         likely = np.linalg.norm(shifts, axis=1) < FAR * noise[rows]
         if eye is not None:  # the scanner cannot see a side that faces away
-            to_eye = (eye if eye.ndim == 1 else eye[rows]) - path[rows]
+            to_eye = (eye if eye.ndim == 1 else eye[rows]) - ordered[rows]
             likely &= ~(np.einsum("ij,ij->i", turned, to_eye) < 0)
         rows, shifts, turned = rows[likely], shifts[likely], turned[likely]
-        moved[rows] = path[rows] + shares[rows] * shifts
+        moved[rows] = ordered[rows] + shares[rows] * shifts
         normals[rows] = turned
         return Fits(moved, normals, near, residuals, noise * shares[:, 0])
 
@@ -179,32 +181,32 @@ def smooth_known(
     points: Points,
     sigma: str | float,
     progress: Progress | None = None,
-    along: Path | None = None,
+    ordering: KdOrdering | None = None,
     known_noise: Noise | None = None,
 ) -> Placed:
     """Smooth points with unit normals; the moved points' normals keep their sides."""
     if sigma == 0.0:
         return Placed(points, None)
-    along = along or along_path(points)
-    path = along.positions
+    ordering = ordering or compute_kd_ordering(points)
+    ordered = ordering.positions
     assert points.normals is not None
-    known = take(points.normals, along.rows)
-    noise, most = known_noise or noise_of(path, sigma, known)
+    known = take(points.normals, ordering.rows)
+    noise, most = known_noise or noise_of(ordered, sigma, known)
     if noise is None:
         return Placed(points, None)
     noise = noise.copy()
-    moved, turned = path.copy(), known.copy()
-    for part, found in neighbor_chunks(path, most, part_of(progress, SURVEYED, 1.0)):
+    moved, turned = ordered.copy(), known.copy()
+    for part, found in neighbor_chunks(ordered, most, part_of(progress, SURVEYED, 1.0)):
         rows = np.arange(part.start, part.start + len(found))
-        share, _ = _shares(path, rows, found, noise[part], sigma)
-        asked, some = _asked(share[:, 0] > 0)
-        shifts, normals, _, _ = fit_surface(path, rows[asked], found[asked], known, noise[part][asked])
-        moved[part][asked[some]] += share[asked[some]] * shifts[some]
-        turned[part][asked[some]] = _blended(known[part][asked[some]], normals[some], share[asked[some]])
+        share, _ = _shares(ordered, rows, found, noise[part], sigma)
+        fitted, some = _whole_vectors(share[:, 0] > 0)
+        shifts, normals, _, _ = fit_surface(ordered, rows[fitted], found[fitted], known, noise[part][fitted])
+        moved[part][fitted[some]] += share[fitted[some]] * shifts[some]
+        turned[part][fitted[some]] = _blended(known[part][fitted[some]], normals[some], share[fitted[some]])
         noise[part] *= share[:, 0]
-    positions, out = along.spread(moved, points), along.spread(turned, points)
+    positions, out = ordering.spread(moved, points), ordering.spread(turned, points)
     positions[~points.finite] = points.positions[~points.finite]
-    return Placed(points.changed(positions=positions, normals=out), along.spread(noise, points))
+    return Placed(points.changed(positions=positions, normals=out), ordering.spread(noise, points))
 
 
 class Noise(NamedTuple):
@@ -214,44 +216,44 @@ class Noise(NamedTuple):
     most: int
 
 
-def noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -> Noise:
+def noise_of(ordered: Floats, sigma: str | float, normals: Floats | None = None) -> Noise:
     """Return the noise of distinct points in kd order."""
-    if len(path) < SIZES[0] or sigma == 0.0:
+    if len(ordered) < SIZES[0] or sigma == 0.0:
         return Noise(None, USUAL)
     if not isinstance(sigma, str):
-        return Noise(np.full(len(path), sigma, np.float32), USUAL)
-    return noise_by(settled(examined(path, normals)), np.arange(len(path)))
+        return Noise(np.full(len(ordered), sigma, np.float32), USUAL)
+    return noise_by(raise_to_typical(measure_ranges(ordered, normals)), np.arange(len(ordered)))
 
 
-def noise_by(stretches: Stretches, rows: NDArray[np.int64]) -> Noise:
+def noise_by(ranges: NoiseRanges, rows: NDArray[np.int64]) -> Noise:
     """Return the noise of some rows of a cloud's kd order, from all its ranges."""
-    shares = stretches.noise / np.maximum(stretches.spacing, 1e-30)
+    shares = ranges.noise / np.maximum(ranges.spacing, 1e-30)
     if not (shares > LITTLE).any():
         return Noise(None, USUAL)
-    return Noise(stretches.along(rows)[0], SIZES[-1] if np.median(shares) > MUCH else USUAL)
+    return Noise(ranges.interpolate(rows)[0], SIZES[-1] if np.median(shares) > MUCH else USUAL)
 
 
 def _shares(
-    path: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, sigma: str | float
+    ordered: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, sigma: str | float
 ) -> tuple[Floats, Floats]:
     """Return the fraction of its move that each point makes, (m, 1), and the local spacing, (m,)."""
     k = min(SIZES[0], near.shape[1]) - 1
-    spacing = SPACING * np.linalg.norm(path[near[:, k]] - path[rows], axis=1)
+    spacing = SPACING * np.linalg.norm(ordered[near[:, k]] - ordered[rows], axis=1)
     if not isinstance(sigma, str):
         return np.ones((len(rows), 1), np.float32), spacing
     share = (noise / np.maximum(spacing, 1e-30) - LITTLE) / (MOVES - LITTLE)
     return np.clip(share, 0.0, 1.0).astype(np.float32)[:, None], spacing
 
 
-def _asked(wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _whole_vectors(needed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return the rows to fit so that the wanted ones are fitted, and which of them are wanted.
 
     Points fitted in the same vector affect each other's last bits. Whole vectors are fitted, so that they are the same
     wherever a part of a cloud begins.
     """
-    groups = np.add.reduceat(wanted, np.arange(0, len(wanted), LANES)) > 0
-    rows = np.flatnonzero(np.repeat(groups, LANES)[: len(wanted)])
-    return rows, wanted[rows]
+    groups = np.add.reduceat(needed, np.arange(0, len(needed), LANES)) > 0
+    rows = np.flatnonzero(np.repeat(groups, LANES)[: len(needed)])
+    return rows, needed[rows]
 
 
 def _blended(known: Floats, fitted: Floats, share: Floats) -> Floats:

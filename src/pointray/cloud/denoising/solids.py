@@ -26,24 +26,24 @@ from ...engine.simd import (
     vmin,
 )
 from ..normals.fit_batch import LANES, zeros
-from .candidates import CANDIDATES, JUDGES, Neighbors, height
+from .candidates import CANDIDATES, SAMPLES, Neighbors, height
 
 BLUNT = 0.9  # cosine between planes above which they count as one
 BELOW = f32(-1e15)  # offset of a plane below all others
 
 
 @routine
-def judge(k: int, memory: Neighbors) -> int:
+def score(k: int, memory: Neighbors) -> int:
     """Write the heights of the scoring neighbours above all candidates; return their number."""
-    found, width, judges = memory.found, len(memory.weights), 0
+    found, width, samples = memory.found, len(memory.weights), 0
     n = load16(found, 0), load16(found, LANES), load16(found, 2 * LANES)
     offset = load16(found, 3 * LANES)
-    for j in range(0, k, max(k // JUDGES, 1)):
+    for j in range(0, k, max(k // SAMPLES, 1)):
         x, y = broadcast_from(memory.places, j), broadcast_from(memory.places, width + j)
         z = broadcast_from(memory.places, 2 * width + j)
-        store(memory.heights, LANES * judges, n[0] * x + n[1] * y + n[2] * z + offset)
-        judges += 1
-    return judges
+        store(memory.heights, LANES * samples, n[0] * x + n[1] * y + n[2] * z + offset)
+        samples += 1
+    return samples
 
 
 @inline
@@ -62,14 +62,14 @@ def _take(memory: Neighbors, at: int, a: int, sign: float) -> None:
 
 
 @routine
-def choose_two(judges: int, cut: float, memory: Neighbors) -> float:
+def choose_two(samples: int, cut: float, memory: Neighbors) -> float:
     """Choose the two candidates, with signs, whose solid is closest to the neighbours; return the sum of squares."""
     least, one, two, sign_one, sign_two = INF, 0, 0, 1.0, 1.0
     for a in range(1, CANDIDATES):
         allowed = _unlike(memory.found, a, memory) & mask16((1 << a) - 1)
         if bits(allowed) == 0:
             continue
-        convex, concave, up, down = _squares(judges, a, cut, memory)
+        convex, concave, up, down = _squares(samples, a, cut, memory)
         best = vmin(vmin(convex, concave), vmin(up, down))
         best = select(allowed, best, broadcast16(INF))
         lowest = reduce_min(best)
@@ -86,11 +86,11 @@ def choose_two(judges: int, cut: float, memory: Neighbors) -> float:
 
 
 @inline
-def _squares(judges: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, F16, F16, F16]:
+def _squares(samples: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, F16, F16, F16]:
     """Return the summed squared distances to the solids of candidate a and each other one, for all four signs."""
     most = broadcast16(f32(cut))
     convex = concave = up = down = zeros()
-    for j in range(judges):
+    for j in range(samples):
         p, q = broadcast_from(memory.heights, LANES * j + a), load16(memory.heights, LANES * j)
         high, low, right, left = vmax(p, q), vmin(p, q), vmax(p, ZERO - q), vmax(ZERO - p, q)
         convex, concave = convex + vmin(high * high, most), concave + vmin(low * low, most)
@@ -101,18 +101,21 @@ def _squares(judges: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, F
 @routine
 def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
     """Replace one of three planes by the candidate that brings their solid closest; return the sum of squares."""
-    chosen, one, two, judges = memory.chosen, (at + 1) % 3, (at + 2) % 3, 0
+    chosen, one, two, samples = memory.chosen, (at + 1) % 3, (at + 2) % 3, 0
     allowed = _unlike(chosen, one, memory) & _unlike(chosen, two, memory) & mask16((1 << CANDIDATES) - 1)
     if bits(allowed) == 0:
         return INF
     width, most, up = len(memory.weights), broadcast16(f32(cut)), zeros()
     down = up
-    for j in range(0, k, max(k // JUDGES, 1)):
+    for j in range(0, k, max(k // SAMPLES, 1)):
         x, y = broadcast_from(memory.places, j), broadcast_from(memory.places, width + j)
         place = x, y, broadcast_from(memory.places, 2 * width + j)
-        p, q = vmax(height(chosen, one, place), height(chosen, two, place)), load16(memory.heights, LANES * judges)
+        p, q = (
+            vmax(height(chosen, one, place), height(chosen, two, place)),
+            load16(memory.heights, LANES * samples),
+        )
         above, below = vmax(p, q), vmax(p, ZERO - q)
-        up, down, judges = up + vmin(above * above, most), down + vmin(below * below, most), judges + 1
+        up, down, samples = up + vmin(above * above, most), down + vmin(below * below, most), samples + 1
     best = select(allowed, vmin(up, down), broadcast16(INF))
     least = reduce_min(best)
     a = count_trailing_zeros(bits(best <= least))

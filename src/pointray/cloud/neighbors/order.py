@@ -168,15 +168,15 @@ def sort_rows(rows: Floats, threads: int | None = None) -> None:
     """Sort rows, (n, 4) of x, y, z and number, into the order of `kd_order`, in place."""
     n = len(rows)
     flat, half = rows.reshape(-1), 1 << max(n - 1, 1).bit_length() - 1
-    stretch = n
-    while n > FEW and n // stretch < COARSE:
+    length = n
+    while n > FEW and n // length < COARSE:
         # Cut each span once; its first half is as long as that of the first span.
-        run(_cut, -(-n // stretch), flat, _stretches(n, stretch), half, threads=threads)
-        stretch, half = half, half // 2
-    run(_cut, -(-n // stretch), flat, _stretches(n, stretch), LEAF, threads=threads)
+        run(_cut, -(-n // length), flat, _spans(n, length), half, threads=threads)
+        length, half = half, half // 2
+    run(_cut, -(-n // length), flat, _spans(n, length), LEAF, threads=threads)
 
 
-def _stretches(n: int, length: int) -> NDArray[np.int64]:
+def _spans(n: int, length: int) -> NDArray[np.int64]:
     starts = np.arange(0, n, length)
     return np.stack([starts, np.minimum(starts + length, n)], axis=1)
 

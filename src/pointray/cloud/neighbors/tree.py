@@ -67,10 +67,10 @@ class NeighborTree:
         distances : (m, min(k, n)) float32
         indices : (m, min(k, n)) int32
         """
-        asked = self._points if queries is None else make_blocks(queries, self._scale, False)
+        queried = self._points if queries is None else make_blocks(queries, self._scale, False)
         k = min(k, self._points.size)
-        distances = np.empty((asked.size, k), np.float32)
-        return Near(distances, self._search(asked, (0, asked.size), distances, k, progress))
+        distances = np.empty((queried.size, k), np.float32)
+        return Near(distances, self._search(queried, (0, queried.size), distances, k, progress))
 
     def rows(self, k: int, part: slice | None = None, progress: Progress | None = None) -> Indices:
         """Find the rows of the k nearest positions of each position, (n, min(k, n)) int32.
@@ -83,19 +83,19 @@ class NeighborTree:
 
     def rows_at(self, k: int, queries: Floats) -> Indices:
         """Find the rows of the k nearest positions of each query, (m, min(k, n)) int32."""
-        asked, k = make_blocks(queries, self._scale, False), min(k, self._points.size)
-        return self._search(asked, (0, asked.size), np.empty((0, k), np.float32), k, None)
+        queried, k = make_blocks(queries, self._scale, False), min(k, self._points.size)
+        return self._search(queried, (0, queried.size), np.empty((0, k), np.float32), k, None)
 
     def _search(
-        self, asked: Blocks, span: tuple[int, int], distances: Floats, k: int, progress: Progress | None
+        self, queried: Blocks, span: tuple[int, int], distances: Floats, k: int, progress: Progress | None
     ) -> Indices:
         count = span[1] - span[0]
         indices = np.empty((count, k), np.int32)
-        numbers = np.empty(0, np.int32) if asked is self._points and self._in_order else asked.numbers
+        numbers = np.empty(0, np.int32) if queried is self._points and self._in_order else queried.numbers
         tree = self._points.blocks, self._points.numbers, *self._boxes
         rows = 1.0 / self._scale, distances.reshape(-1), indices.reshape(-1)
         tiles = -(-count // (LANES * CHUNK))
-        run(find_nearest, tiles, tree, (asked.blocks, numbers, span[0]), span[1], k, rows, progress=progress)
+        run(find_nearest, tiles, tree, (queried.blocks, numbers, span[0]), span[1], k, rows, progress=progress)
         tell(progress, 1.0)
         return indices
 

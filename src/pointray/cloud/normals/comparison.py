@@ -19,7 +19,7 @@ from ..rounding import find_rounding
 
 WRONG = 15.0  # degrees: eleven scans and meshes with correct normals have 0.4 to 3.8
 SURE = 5.0  # degrees: largest standard deviation of the tilt of a plane that is used
-TOLD = 0.1, 12  # share and number of planes that must be usable
+ENOUGH = 0.1, 12  # share and number of planes that must be usable
 SAMPLE = 2_000  # points whose normals are compared
 SIZES = (12, 16, 32, 64)  # neighbourhood sizes to choose from
 LOCAL = 16  # least number of points, over a neighbourhood's: planes through a whole torus are off by 24 degrees
@@ -98,7 +98,7 @@ def _median_angle(
     angles, tilts = map(np.array, zip(*(_compare(offsets[:, :k], unit[:, :k], least) for k in sizes), strict=True))
     best, columns = tilts.argmin(axis=0), np.arange(len(rows))
     angle, sure = angles[best, columns], tilts[best, columns] < SURE
-    return float(np.median(angle[sure])) if sure.mean() >= TOLD[0] and sure.sum() >= TOLD[1] else None
+    return float(np.median(angle[sure])) if sure.mean() >= ENOUGH[0] and sure.sum() >= ENOUGH[1] else None
 
 
 def _compare(offsets: Floats, unit: Floats, least: float) -> tuple[Floats, Floats]:

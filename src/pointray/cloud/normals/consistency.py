@@ -54,9 +54,9 @@ def agreement_share(positions: Floats, normals: Floats, order: NDArray[np.int32]
     order = kd_order(positions) if order is None else order
     order = order[sample_rows(len(order))]
     order = order[distinct(positions[order])[0]]
-    path, unit = positions[order], normals[order]
-    if len(path) < 2:
+    ordered, unit = positions[order], normals[order]
+    if len(ordered) < 2:
         return 0.0
-    rows = np.arange(0, len(path), 4)
-    near = neighbors(path, 4, path[rows])[1][:, 1:]
-    return float(_count_agreement(path, unit, rows, np.ascontiguousarray(near)) / near.size)
+    rows = np.arange(0, len(ordered), 4)
+    near = neighbors(ordered, 4, ordered[rows])[1][:, 1:]
+    return float(_count_agreement(ordered, unit, rows, np.ascontiguousarray(near)) / near.size)

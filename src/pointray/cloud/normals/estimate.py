@@ -11,29 +11,29 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_callback, check_kind, check_whole
 from ...base.progress import Progress, part_of, tell
-from ..kd_ordering import Path, along_path
+from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import distinct, neighbor_chunks, neighbors
 from ..points import Points
 from .consistency import agreement_share
 from .jets import Fits, Planes, fit_normals
-from .layers import Layers, sides
+from .layers import Layers, signs_facing
 from .orientation import NEAR, orient
 from .outward import looks_inward
-from .sheets import part_sheets
+from .sheets import orient_thin_sheets
 from .stations import (
-    check_apart,
     check_eyes,
+    check_outside,
     eyes_of,
     faced,
     is_known,
-    settle_unknown,
+    orient_unknown,
     warn_of_ignored,
     warn_of_lost_scans,
 )
 from .units import to_units
 from .visibility import ignored_stations
 
-MENDING = 8  # nearest valid normals that replace a missing one
+REPLACEMENTS = 8  # nearest valid normals that replace a missing one
 UNIT = 0.01  # tolerated difference of lengths from each other, or of all from 1, without a message
 DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are recomputed: real scans have up to 0.006
 
@@ -98,43 +98,45 @@ def with_fits(
     fit: Fitting,
     viewpoint: ArrayLike | None = None,
     progress: Progress | None = None,
-    along: Path | None = None,
+    ordering: KdOrdering | None = None,
 ) -> tuple[Points, Floats | None]:
     """Return the points with the results of a fit, and the noise removed at each row, (n,), or None.
 
     Normals are oriented as by `estimate_normals`. ordering : of the points, if known
     """
     eyes = _stations_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
-    along = along or along_path(points)
-    path, rows = along.positions, along.rows
-    if len(path) < 3:
-        raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
+    ordering = ordering or compute_kd_ordering(points)
+    ordered, rows = ordering.positions, ordering.rows
+    if len(ordered) < 3:
+        raise ValueError(
+            f"a plane needs at least 3 points: {len(points):,} points take {len(ordered)} different places"
+        )
     if viewpoint is None:
         warn_of_lost_scans(points)
     elif eyes is not None and eyes.ndim == 1:
-        check_apart(path, eyes - points.origin)
+        check_outside(ordered, eyes - points.origin)
     eye = None if eyes is None else seen_from(points, eyes, rows)
-    known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye) & (eye != path).any(axis=1)
+    known = np.zeros(len(ordered), np.bool_) if eye is None else is_known(eye) & (eye != ordered).any(axis=1)
     watch = progress if known.all() else part_of(progress, 0.0, FITTED)
-    layers = None if known.any() else Layers(path)
-    found = fit(path, 1 if known.all() else NEAR, eye, watch, layers)
+    layers = None if known.any() else Layers(ordered)
+    found = fit(ordered, 1 if known.all() else NEAR, eye, watch, layers)
     if layers is not None:
         if layers.noisy:
             layers.planes *= orient(layers.moved, layers.planes, layers.near)[:, None]
-            found.normals[:] *= sides(found.normals, layers.planes, layers.near)[:, None]
+            found.normals[:] *= signs_facing(found.normals, layers.planes, layers.near)[:, None]
         else:
             found.normals[:] *= orient(found.positions, found.normals, found.near)[:, None]
         tell(progress, ORIENTED)
-        part_sheets(found.positions, found.normals, found.near, found.residuals)
+        orient_thin_sheets(found.positions, found.normals, found.near, found.residuals)
     elif not known.all():
-        settle_unknown(found.positions, found.normals, found.near, known)
-    normals = along.spread(found.normals, points)
-    if found.positions is path:
+        orient_unknown(found.positions, found.normals, found.near, known)
+    normals = ordering.spread(found.normals, points)
+    if found.positions is ordered:
         return points.with_normals(normals), None
-    positions = along.spread(found.positions, points)
+    positions = ordering.spread(found.positions, points)
     positions[~points.finite] = points.positions[~points.finite]
     assert found.noise is not None
-    return points.changed(positions=positions, normals=normals), along.spread(found.noise, points)
+    return points.changed(positions=positions, normals=normals), ordering.spread(found.noise, points)
 
 
 def _stations_of(points: Points) -> NDArray[np.float64] | None:
@@ -150,8 +152,8 @@ def seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]
     return np.broadcast_to((chosen - points.origin).astype(np.float32), (len(rows), 3))
 
 
-def mend_normals(
-    points: Points, progress: Progress | None = None, along: Path | None = None
+def repair_normals(
+    points: Points, progress: Progress | None = None, ordering: KdOrdering | None = None
 ) -> tuple[Points, str | None]:
     """Return the points with a unit normal at each finite position, and a message on what was repaired.
 
@@ -159,7 +161,7 @@ def mend_normals(
     ----------
     points : Points
     progress : callable, optional
-    along : Path, optional
+    ordering : Path, optional
         The ordering of the points, if known.
 
     Returns
@@ -175,31 +177,31 @@ def mend_normals(
     if points.normals is None:
         why = "the points have no normals: estimated from their neighbours"
         return estimate_normals(points, progress=progress), why
-    mended = with_units(points)
-    if mended is None:
+    repaired = normalize_normals(points)
+    if repaired is None:
         why = "all normals are zero or not finite: estimated from the points' neighbours"
         return estimate_normals(points, progress=progress), why
-    unit, sound = mended.unit, mended.sound
-    said, whole = told(mended.lost, mended.odd, len(points)), bool(sound.all())
+    unit, sound = repaired.unit, repaired.sound
+    messages, whole = describe_repairs(repaired.lost, repaired.odd, len(points)), bool(sound.all())
     known, facing = (points.positions, unit) if whole else (points.positions[sound], unit[sound])
-    share = agreement_share(known, facing, along.rows if along and whole else None)
+    share = agreement_share(known, facing, ordering.rows if ordering and whole else None)
     if share > DISAGREE:
         eyes = _stations_of(points)
         advice = "" if eyes is not None else " (pass viewpoint= to estimate_normals where it is known)"
         turned = unit
-        unit = _reorient(points, unit, eyes, along)
+        unit = _reorient(points, unit, eyes, ordering)
         if not np.array_equal(unit, turned):
             opposite = f"{100 * share:.0f}% of neighbouring normals look to opposite sides"
-            said.append(f"{opposite}: directions kept, signs set anew{advice}")
+            messages.append(f"{opposite}: directions kept, signs set anew{advice}")
     elif looks_inward(known, facing):
-        said.append(
+        messages.append(
             "the normals look inwards: used as they are; unless this is a room seen from inside, turn them with "
             "points.with_normals(-points.normals)"
         )
-    return points.with_normals(unit), "; ".join(said) or None
+    return points.with_normals(unit), "; ".join(messages) or None
 
 
-class Mended(NamedTuple):
+class RepairedNormals(NamedTuple):
     """Unit normals, and what was repaired.
 
     unit : (n, 3) float32; 0 for rows that are not finite
@@ -213,7 +215,7 @@ class Mended(NamedTuple):
     odd: int
 
 
-def with_units(points: Points, counted: NDArray[np.int64] | None = None) -> Mended | None:
+def normalize_normals(points: Points, counted: NDArray[np.int64] | None = None) -> RepairedNormals | None:
     """Return the normals at unit length, missing ones replaced by the mean of the nearest; None if none is valid.
 
     counted : rows that the counts refer to. None: all
@@ -233,45 +235,45 @@ def with_units(points: Points, counted: NDArray[np.int64] | None = None) -> Mend
         unit[lost] = _mean_of_nearest(points.positions, unit, np.flatnonzero(sound), lost)
     rows = slice(None) if counted is None else counted
     lengths = length[rows] if whole else length[rows][sound[rows]]
-    return Mended(unit, sound, int(lost[rows].sum()), _odd_lengths(lengths))
+    return RepairedNormals(unit, sound, int(lost[rows].sum()), _odd_lengths(lengths))
 
 
-def told(lost: int, odd: int, total: int) -> list[str]:
+def describe_repairs(lost: int, odd: int, total: int) -> list[str]:
     """Return messages on the repairs of `total` normals."""
-    said = []
+    messages = []
     if lost:
-        said.append(f"{lost:,} of {total:,} normals are zero or not finite: taken from their neighbours")
+        messages.append(f"{lost:,} of {total:,} normals are zero or not finite: taken from their neighbours")
     if odd:
-        said.append(f"{odd:,} of {total:,} normals are not of unit length: made so")
-    return said
+        messages.append(f"{odd:,} of {total:,} normals are not of unit length: made so")
+    return messages
 
 
 def _odd_lengths(length: NDArray[np.float64]) -> int:
     """Return how many lengths differ from 1 by more than UNIT; 0 if all are scaled alike."""
     if not len(length) or length.max() - length.min() <= UNIT * length.min():  # the usual case
         return 0
-    usual = np.median(length)
-    if np.abs(length - usual).max() <= UNIT * usual:
+    typical = np.median(length)
+    if np.abs(length - typical).max() <= UNIT * typical:
         return 0
     return int((np.abs(length - 1) > UNIT).sum())
 
 
-def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, along: Path | None) -> Floats:
+def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, ordering: KdOrdering | None) -> Floats:
     """Return the same directions with recomputed signs; equal positions face the same side, or their stations."""
     if eyes is not None and np.isfinite(eyes).all():
         out = unit.copy()
         out[~faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1
         return out
-    path, ids, first = along or along_path(points)
+    ordered, ids, first = ordering or compute_kd_ordering(points)
     finite = np.flatnonzero(points.finite)
     directions = unit[first]
-    near = np.concatenate([found for _, found in neighbor_chunks(path, NEAR)])
+    near = np.concatenate([found for _, found in neighbor_chunks(ordered, NEAR)])
     if eyes is None:
-        directions *= orient(path, directions, near)[:, None]
+        directions *= orient(ordered, directions, near)[:, None]
     else:
         eye = seen_from(points, eyes, first)
-        directions[~faced(path, directions, eye)] *= -1
-        settle_unknown(path, directions, near, is_known(eye))
+        directions[~faced(ordered, directions, eye)] *= -1
+        orient_unknown(ordered, directions, near, is_known(eye))
     out = unit.copy()
     against = np.einsum("ij,ij->i", unit[finite], directions[ids]) < 0
     out[finite[against]] *= -1
@@ -280,7 +282,7 @@ def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, al
 
 def _mean_of_nearest(positions: Floats, unit: Floats, good: NDArray[Any], lost: NDArray[np.bool_]) -> Floats:
     good = good[distinct(positions[good])[0]]  # a thousand equal positions make the search very slow
-    _, near = neighbors(positions[good], MENDING, positions[lost])
+    _, near = neighbors(positions[good], REPLACEMENTS, positions[lost])
     nearest = unit[good][near]
     mean, length = to_units(nearest.mean(axis=1))
     mean[length == 0] = nearest[length == 0, 0]  # the mean cancels out

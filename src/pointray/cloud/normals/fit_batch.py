@@ -53,7 +53,7 @@ class FitBatch16(NamedTuple):
 
 
 @inline
-def new_sixteen(most: int) -> FitBatch16:
+def new_fit_batch(most: int) -> FitBatch16:
     """Return memory for fits to at most `most` neighbours."""
     return FitBatch16(
         np.zeros(most * ROW, np.float32),

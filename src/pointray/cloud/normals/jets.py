@@ -20,7 +20,7 @@ from ...engine.jit import Array, borrow, f32, kernel, next_tile, routine, run
 from ...engine.simd import INF, ONE, broadcast16, load16, select, store, vmax
 from ..neighbors import NeighborTree, neighbor_chunks
 from ..statistics import CloudStatistics
-from .fit_batch import LANES, FitBatch16, load_point, new_sixteen, zeros
+from .fit_batch import LANES, FitBatch16, load_point, new_fit_batch, zeros
 from .jet import AXIS, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, jet, take_triple
 
 Floats = NDArray[np.float32]
@@ -74,7 +74,7 @@ def _fit(
     Residuals are those of the smallest size. The plane is fitted to 16 points, or to more if these lie on a line.
     """
     positions, rows, near, out = borrow(positions), borrow(rows), borrow(near), borrow(out)
-    memory = new_sixteen(sizes[-1])
+    memory = new_fit_batch(sizes[-1])
     found, spacing = np.zeros(LANES * CHOSEN, np.float32), 1.0 / math.sqrt(near.shape[1])
     tile = next_tile(work)
     while tile >= 0:
@@ -107,21 +107,22 @@ def fit_residuals(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.i
     return np.asarray(residuals * spacing / math.sqrt(near.shape[1]), np.float64)
 
 
-def survey(positions: Floats, usual: CloudStatistics | None = None) -> tuple[float, int]:
+def measure_noise(positions: Floats, statistics: CloudStatistics | None = None) -> tuple[float, int]:
     """Return the noise, and the largest size to choose from: with distant scan lines, few points form a line.
 
     Noise is the standard deviation from the surface, in spacings (distance to the k-th neighbour over the root of k).
     statistics : of the cloud that the points are a part of. None: they are the whole cloud
     """
-    usual = usual or CloudStatistics.of(len(positions))
+    statistics = statistics or CloudStatistics.of(len(positions))
     if len(positions) > NOISE_SIZES[0]:
-        usual.settle(
-            ("noise of fits", "points of fits"), lambda: _survey(positions, usual.some(len(positions), NOISE_SAMPLE))
+        statistics.compute_together(
+            ("noise of fits", "points of fits"),
+            lambda: _measure_noise(positions, statistics.some(len(positions), NOISE_SAMPLE)),
         )
-    return usual.known.get("noise of fits", 0.0), int(usual.known.get("points of fits", SIZES[1]))
+    return statistics.known.get("noise of fits", 0.0), int(statistics.known.get("points of fits", SIZES[1]))
 
 
-def _survey(positions: Floats, rows: NDArray[np.int64]) -> tuple[float, int]:
+def _measure_noise(positions: Floats, rows: NDArray[np.int64]) -> tuple[float, int]:
     """Measure noise and size, see `measure_noise`, at some rows."""
     near = NeighborTree(positions, in_order=True).query(NOISE_SIZES[-1], positions[rows]).indices
     noise, size = 0.0, 0
@@ -160,10 +161,10 @@ class Fits(NamedTuple):
 class Planes(Protocol):
     """Receiver of neighbourhoods for additional fits, see `layers`."""
 
-    def wanted(self, noise: float) -> int:
+    def needed(self, noise: float) -> int:
         """Return how many neighbours it needs at this noise in spacings; 0: none."""
 
-    def lay(self, part: slice, found: NDArray[np.int32]) -> None:
+    def add_neighbors(self, part: slice, found: NDArray[np.int32]) -> None:
         """Add the neighbours of some points."""
 
 
@@ -187,7 +188,7 @@ def fit_normals(
     progress: Progress | None = None,
     planes: Planes | None = None,
     neighbors: int | None = None,
-    usual: CloudStatistics | None = None,
+    statistics: CloudStatistics | None = None,
 ) -> Fits:
     """Fit quadrics to the nearest neighbours, for unit normals.
 
@@ -205,20 +206,20 @@ def fit_normals(
         Also receives the neighbours, as many as it needs.
     neighbors : int, optional
         Number of neighbours a quadric is fitted to. None: the best of `SIZES` for each point.
-    usual : CloudStatistics, optional
+    statistics : CloudStatistics, optional
         See `measure_noise`.
     """
     n = len(positions)
-    noise, most = survey(positions, usual) if neighbors is None else (0.0, 0)
+    noise, most = measure_noise(positions, statistics) if neighbors is None else (0.0, 0)
     sizes = [k for k in SIZES if k <= most] if neighbors is None else [neighbors]
     sizes = sorted({min(k, n) for k in sizes})
     normals, near = np.empty_like(positions), np.empty((n, min(kept, n)), np.int32)
     residuals = np.empty(n, np.float32)
-    wanted = 0 if planes is None else planes.wanted(noise)
+    needed = 0 if planes is None else planes.needed(noise)
     tell(progress, SURVEY)
-    for part, found in neighbor_chunks(positions, max(sizes[-1], kept, wanted), part_of(progress, SURVEY, 1.0)):
-        if planes is not None and wanted:
-            planes.lay(part, found)
+    for part, found in neighbor_chunks(positions, max(sizes[-1], kept, needed), part_of(progress, SURVEY, 1.0)):
+        if planes is not None and needed:
+            planes.add_neighbors(part, found)
         rows = np.arange(part.start, part.start + len(found))
         table = np.ascontiguousarray(found[:, : sizes[-1]])
         fits, residuals[part] = _fit_rows(positions, rows, table, sizes, noise)

@@ -17,22 +17,22 @@ from numpy.typing import NDArray
 
 from ...engine.jit import Array, i64, kernel
 from .pieces import climb
-from .votes import Votes, sum_of, turned
+from .votes import Votes, merge_votes, sum_votes
 
 UNITED = 0.8  # clarity of a vote: its unopposed share to this power, times its size to the rest
 
 
-class Tables(Protocol):
+class VoteTables(Protocol):
     """Votes of all pairs of pieces, in tables."""
 
     def __iter__(self) -> Iterator[Votes]:
         """Yield tables in the order of their pairs; each pair occurs once."""
 
-    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> Tables:
+    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> VoteTables:
         """Return all tables transformed; votes of equal pairs are added up. pieces : number of pieces afterwards"""
 
 
-class Held:
+class InMemoryVotes:
     """Votes in memory, in one table.
 
     Parameters
@@ -42,13 +42,13 @@ class Held:
     """
 
     def __init__(self, votes: Sequence[Votes]) -> None:
-        self._all = sum_of(votes)
+        self._all = sum_votes(votes)
 
     def __iter__(self) -> Iterator[Votes]:
         yield self._all
 
-    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> Held:
-        return Held([change(self._all)])
+    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> InMemoryVotes:
+        return InMemoryVotes([change(self._all)])
 
 
 @kernel
@@ -101,7 +101,7 @@ def _number(parent: Array, sign: Array, number: Array) -> int:
     return count
 
 
-def _joined(pieces: int, tables: Tables) -> tuple[NDArray[np.int64], NDArray[np.int8], int]:
+def _joined(pieces: int, tables: VoteTables) -> tuple[NDArray[np.int64], NDArray[np.int8], int]:
     """Join once: return the group of each piece, its sign in it, and the number of groups."""
     best, partner = np.full(pieces, -1.0), np.arange(pieces, dtype=np.int32)
     for votes in tables:
@@ -115,7 +115,7 @@ def _joined(pieces: int, tables: Tables) -> tuple[NDArray[np.int64], NDArray[np.
     return number, sign, _number(parent, sign, number)
 
 
-def join(pieces: int, tables: Tables) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+def join(pieces: int, tables: VoteTables) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
     """Find the connected groups of pieces.
 
     Parameters
@@ -135,7 +135,7 @@ def join(pieces: int, tables: Tables) -> tuple[NDArray[np.int32], NDArray[np.int
     number, turn, size = _joined(pieces, tables)
     group, sign, before = number.astype(np.int32), turn, pieces
     while size < before:  # while there were votes
-        tables, before = tables.changed(partial(turned, number=number, sign=sign), size), size
+        tables, before = tables.changed(partial(merge_votes, number=number, sign=sign), size), size
         number, sign, size = _joined(before, tables)
         turn *= sign[group]
         group = number.astype(np.int32)[group]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...engine.jit import Array, borrow, kernel, next_tile, run
 from ...engine.simd import store
 from .axes import fit_plane
-from .fit_batch import LANES, inner, load_point, new_sixteen
+from .fit_batch import LANES, inner, load_point, new_fit_batch
 from .jet import store_triple
 
 Floats = NDArray[np.float32]
@@ -31,7 +31,7 @@ def _lay(work: Array, positions: Array, rows: Array, near: Array, planes: Array,
     """Write the normal of the plane through the neighbours of positions[rows[i]], and the point moved onto it."""
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     planes, moved = borrow(planes), borrow(moved)
-    memory = new_sixteen(near.shape[1])
+    memory = new_fit_batch(near.shape[1])
     tile = next_tile(work)
     while tile >= 0:
         stop = min((tile + 1) * CHUNK, len(rows))
@@ -84,7 +84,7 @@ class Layers:
     def __init__(self, positions: Floats) -> None:
         self._positions, self.noisy = positions, False
 
-    def wanted(self, noise: float) -> int:
+    def needed(self, noise: float) -> int:
         """Return how many neighbours of each point are needed at this noise in spacings; 0: none."""
         if noise < NOISY:
             return 0
@@ -93,14 +93,14 @@ class Layers:
         self.near = np.empty((n, min(KEPT, n)), np.int32)
         return SIZE
 
-    def lay(self, part: slice, found: NDArray[np.int32]) -> None:
+    def add_neighbors(self, part: slice, found: NDArray[np.int32]) -> None:
         """Fit the planes of some points to their neighbours."""
         rows, table = np.arange(part.start, part.start + len(found)), np.ascontiguousarray(found[:, :SIZE])
         run(_lay, -(-len(rows) // CHUNK), self._positions, rows, table, self.planes, self.moved)
         self.near[part] = found[:, : self.near.shape[1]]
 
 
-def sides(normals: Floats, planes: Floats, near: NDArray[np.int32]) -> NDArray[np.int8]:
+def signs_facing(normals: Floats, planes: Floats, near: NDArray[np.int32]) -> NDArray[np.int8]:
     """Return the signs, (m,), with which normals face the sides of the planes around them.
 
     Parameters

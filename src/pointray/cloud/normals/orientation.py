@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .joins import Held, join
+from .joins import InMemoryVotes, join
 from .outward import inward_groups
 from .pieces import Signs, find_pieces
 from .votes import cast_votes
@@ -40,7 +40,7 @@ def agree(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> tuple[
     """
     all_rows = slice(0, len(positions))
     piece, sign, sizes = find_pieces(positions, normals, near, all_rows)
-    group, turn = join(len(sizes), Held([cast_votes(positions, normals, near, all_rows, piece, sign)]))
+    group, turn = join(len(sizes), InMemoryVotes([cast_votes(positions, normals, near, all_rows, piece, sign)]))
     return sign * turn[piece], group[piece]
 
 

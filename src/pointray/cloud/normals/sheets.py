@@ -68,9 +68,9 @@ def _votes(work: Array, rows: Array, positions: Array, normals: Array, near: Arr
     return 0
 
 
-def _ask(ask: Any, rows: Rows, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Floats:
+def _evaluate(function: Any, rows: Rows, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Floats:
     out = np.empty(len(rows), np.float32)
-    run(ask, -(-len(rows) // CHUNK), rows, positions, normals, near, out)
+    run(function, -(-len(rows) // CHUNK), rows, positions, normals, near, out)
     return out
 
 
@@ -110,7 +110,7 @@ def is_odd(numbers: Floats) -> Flags:
 def is_wrong(rows: Rows, numbers: Floats, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Flags:
     """Return which rows must be flipped, by their numbers, as the other sheet lies on the wrong side of them."""
     excess = numbers.sum(axis=1) - 1
-    return np.asarray((np.abs(excess) > LOOSE) & (excess * _ask(_sides, rows, positions, normals, near) < 0))
+    return np.asarray((np.abs(excess) > LOOSE) & (excess * _evaluate(_sides, rows, positions, normals, near) < 0))
 
 
 def energy(numbers: Floats) -> Floats:
@@ -126,7 +126,7 @@ def is_unsure(before: Floats, after: Floats) -> Flags:
 
 def disagrees(rows: Rows, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Flags:
     """Return which rows have normals that contradict the edges to their neighbours."""
-    return np.asarray(_ask(_votes, rows, positions, normals, near) < 0)
+    return np.asarray(_evaluate(_votes, rows, positions, normals, near) < 0)
 
 
 class _Field:
@@ -136,9 +136,9 @@ class _Field:
         frame = Frame(positions[0], float(np.ptp(positions, axis=0).max()))
         self.positions, self.normals, self.near = frame.of(positions), normals, near
         self._spacing = spacings(self.positions, near)
-        self.settle()
+        self.update()
 
-    def settle(self) -> None:
+    def update(self) -> None:
         """Rebuild the tree with the current normals."""
         self._winding = Winding.of(Splats(self.positions, self.normals, self._spacing))
 
@@ -153,11 +153,11 @@ class _Field:
         if scale is None:
             return False
         self._spacing /= np.float32(scale)
-        self.settle()
+        self.update()
         return True
 
 
-def part_sheets(positions: Floats, normals: Floats, near: NDArray[np.int32], residuals: Floats) -> None:
+def orient_thin_sheets(positions: Floats, normals: Floats, near: NDArray[np.int32], residuals: Floats) -> None:
     """Flip wrong normals of thin plates and cavities, in place.
 
     Parameters
@@ -198,7 +198,7 @@ def _turn(field: _Field, rows: Rows) -> None:
     before = field.around(rows)
     turned = rows[is_wrong(rows, before, field.positions, field.normals, field.near)]
     field.normals[turned] *= -1
-    field.settle()
+    field.update()
     after = field.around(rows)
     gain = np.zeros(len(field.positions), np.float32)
     gain[rows] = energy(before) - energy(after)

@@ -52,7 +52,7 @@ def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
     return eyes
 
 
-def check_apart(positions: Floats, eye: NDArray[np.float64]) -> None:
+def check_outside(positions: Floats, eye: NDArray[np.float64]) -> None:
     """Raise a ValueError for a viewpoint, (3,), among the points, as if it lay in a wall.
 
     Points exactly at the viewpoint do not count: scanners write lost returns there.
@@ -105,7 +105,7 @@ def faced(positions: Floats, normals: Floats, eyes: NDArray[Any]) -> NDArray[np.
     return ~(np.einsum("ij,ij->i", normals, eyes - positions) < 0)
 
 
-def settle_unknown(positions: Floats, normals: Floats, near: NDArray[np.int32], known: NDArray[np.bool_]) -> None:
+def orient_unknown(positions: Floats, normals: Floats, near: NDArray[np.int32], known: NDArray[np.bool_]) -> None:
     """Turn normals without a known viewpoint so that they agree with the others, in place.
 
     In each connected group the known normals vote; a group without any is turned outward, as by `orient`.

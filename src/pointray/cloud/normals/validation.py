@@ -19,7 +19,7 @@ CLEAR = 0.5  # cosine from which a file's normal decides a sign
 AGREED = 0.5  # refitted normals are inverted if opposite signs outweigh equal ones by more than this share
 
 
-def trusted(points: Points, choice: str = "auto", keep: str = KEEP, progress: Progress | None = None) -> Points:
+def select_normals(points: Points, choice: str = "auto", keep: str = KEEP, progress: Progress | None = None) -> Points:
     """Select the requested normals; warn of wrong normals and rounded coordinates.
 
     Parameters
@@ -38,11 +38,11 @@ def trusted(points: Points, choice: str = "auto", keep: str = KEEP, progress: Pr
     ValueError
         If the file's normals are requested but missing.
     """
-    points, wrong = judged(points, choice, keep)
-    return replaced(points, progress) if wrong else points
+    points, wrong = validate_normals(points, choice, keep)
+    return refit_normals(points, progress) if wrong else points
 
 
-def judged(points: Points, choice: str = "auto", keep: str = KEEP) -> tuple[Points, bool]:
+def validate_normals(points: Points, choice: str = "auto", keep: str = KEEP) -> tuple[Points, bool]:
     """Return the points, perhaps without normals, and whether `refit_normals` is needed; warn like `select_normals`."""
     check_normals_choice(points, choice, keep)
     steps, rounded = find_rounding(points)
@@ -54,7 +54,7 @@ def judged(points: Points, choice: str = "auto", keep: str = KEEP) -> tuple[Poin
         return points, False
     found = compare_normals(points, max(steps))
     if found.wrong:
-        warn(f"{told(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
+        warn(f"{describe_normals(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
     return points, found.wrong
 
 
@@ -65,12 +65,12 @@ def check_normals_choice(points: Points, choice: str, keep: str = KEEP) -> None:
         raise ValueError(f"{keep}: there are no normals in the file")
 
 
-def told(found: NormalsCheck) -> str:
+def describe_normals(found: NormalsCheck) -> str:
     """Return the warning about wrong normals."""
     return f"normals in the file are a median of {found.angle:.0f} degrees off the surface"
 
 
-def replaced(points: Points, progress: Progress | None = None) -> Points:
+def refit_normals(points: Points, progress: Progress | None = None) -> Points:
     """Return the points with fitted normals; if the old ones clearly face the other way, all are inverted.
 
     With known stations none are inverted.

@@ -108,14 +108,14 @@ def cast_votes(
     return _add_up(pairs, votes, np.abs(votes))
 
 
-def sum_of(votes: Sequence[Votes]) -> Votes:
+def sum_votes(votes: Sequence[Votes]) -> Votes:
     """Add up votes."""
     if len(votes) == 1:
         return votes[0]
     return _add_up(*(np.concatenate(arrays) for arrays in zip(*votes, strict=True)))
 
 
-def turned(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
+def merge_votes(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
     """Return the votes between larger pieces. number, sign : (p,) new piece of each piece, and its sign in it"""
     one, other = votes.pairs >> 32, votes.pairs & 0xFFFFFFFF
     a, b = number[one], number[other]

@@ -250,39 +250,39 @@ class Winding:
 
     def __init__(self, top: Floats, tiles: int, read: Callable[[Rows], Splats]) -> None:
         self._top, self._tiles, self._read = top, tiles, read
-        self._held = np.zeros(0, np.int64)
+        self._loaded = np.zeros(0, np.int64)
 
     @classmethod
     def of(cls, splats: Splats) -> Winding:
         """Create from a whole cloud in memory."""
         trees, tiles = trees_of(splats), -(-len(splats.positions) // TILE)
         winding = cls(top_of(trees[1::NODES]), tiles, lambda _: splats)
-        winding._take(np.arange(tiles), splats, trees)
+        winding._set_loaded(np.arange(tiles), splats, trees)
         return winding
 
     def around(self, rows: Rows, step: float) -> Floats:
         """Return the numbers `step` spacings in front of and behind points of the cloud, (m, 2)."""
         out, needed = np.empty((len(rows), 2), np.float32), np.zeros(self._tiles, np.int8)
-        self._hold(np.unique(rows // TILE))
+        self._load(np.unique(rows // TILE))
         while len(rows):
             local = self._slots[rows // TILE].astype(np.int64) * TILE + rows % TILE
             trees = self._nodes, np.array([len(self._top)]), self._slots
             run(_wind, -(-len(rows) // CHUNK), local, tuple(self._splats), trees, float(step), out, needed)
             if not needed.any():
                 break
-            self._hold(np.flatnonzero(needed))
+            self._load(np.flatnonzero(needed))
             needed[:] = 0
         return out
 
-    def _hold(self, tiles: Rows) -> None:
+    def _load(self, tiles: Rows) -> None:
         """Load tiles that are not loaded yet."""
-        held = np.union1d(self._held, tiles)
-        if len(held) == len(self._held):
+        loaded = np.union1d(self._loaded, tiles)
+        if len(loaded) == len(self._loaded):
             return
-        splats = self._read(held)
-        self._take(held, splats, trees_of(splats))
+        splats = self._read(loaded)
+        self._set_loaded(loaded, splats, trees_of(splats))
 
-    def _take(self, held: Rows, splats: Splats, trees: Floats) -> None:
-        self._held, self._splats, self._slots = held, splats, np.full(self._tiles, -1, np.int32)
-        self._slots[held] = np.arange(len(held))
+    def _set_loaded(self, loaded: Rows, splats: Splats, trees: Floats) -> None:
+        self._loaded, self._splats, self._slots = loaded, splats, np.full(self._tiles, -1, np.int32)
+        self._slots[loaded] = np.arange(len(loaded))
         self._nodes = np.concatenate([self._top, trees])

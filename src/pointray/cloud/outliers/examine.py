@@ -109,23 +109,23 @@ def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Ar
 
 @kernel
 def _join(
-    work: Array, positions: Array, rows: Array, near: Array, said: Array, about: Array, joins: Array, out: Array
+    work: Array, positions: Array, rows: Array, near: Array, verdicts: Array, details: Array, joins: Array, out: Array
 ) -> int:
     """Write to joins[i] whether the row lies next to others that are off, at their height; to out[i] the new details.
 
     verdicts, details : of all points
     """
-    positions, near, about, out = borrow(positions), borrow(near), borrow(about), borrow(out)
+    positions, near, details, out = borrow(positions), borrow(near), borrow(details), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
             count = x = y = z = a = b = c = spacing = 0.0
             for j in near[i]:
-                if said[j] == OFF:
+                if verdicts[j] == OFF:
                     count += 1.0
                     x, y, z = x + positions[j, 0], y + positions[j, 1], z + positions[j, 2]
-                    a, b, c, spacing = a + about[j, 0], b + about[j, 1], c + about[j, 2], spacing + about[j, 3]
-            joins[i], is_maybe = False, said[rows[i]] == MAYBE
+                    a, b, c, spacing = a + details[j, 0], b + details[j, 1], c + details[j, 2], spacing + details[j, 3]
+            joins[i], is_maybe = False, verdicts[rows[i]] == MAYBE
             height = math.sqrt(a * a + b * b + c * c) / max(count, 1.0)
             if count < (1.0 if is_maybe else BESIDE) or height == 0.0:
                 continue
@@ -146,7 +146,7 @@ def _join(
     return 0
 
 
-def examined(
+def examine_rows(
     tree: NeighborTree, positions: Floats, rows: Rows, noise: Floats, progress: Progress | None = None
 ) -> Floats:
     """Examine some rows, with the noise around them.
@@ -165,20 +165,20 @@ def examined(
     return out
 
 
-def join(tree: NeighborTree, positions: Floats, said: Floats, about: Floats) -> NDArray[np.bool_]:
+def join(tree: NeighborTree, positions: Floats, verdicts: Floats, details: Floats) -> NDArray[np.bool_]:
     """Return which points are off: certain ones, and those next to them at their height, whose details are updated.
 
     verdicts, details : (n,), (n, 5), see `examine_rows`
     """
-    off, rest = said == OFF, np.flatnonzero((said == MAYBE) | (said == DOUBT))
-    found_off, said_of_them = [rest[:0]], [about[:0]]
+    off, rest = verdicts == OFF, np.flatnonzero((verdicts == MAYBE) | (verdicts == DOUBT))
+    found_off, details_of_them = [rest[:0]], [details[:0]]
     for start in range(0, len(rest), ROWS):
         rows = rest[start : start + ROWS]
         near = tree.query(AROUND, positions[rows])[1]
         joins, out = np.zeros(len(rows), np.bool_), np.zeros((len(rows), 5), np.float32)
-        run(_join, -(-len(rows) // CHUNK), positions, rows, near, said, about, joins, out)
+        run(_join, -(-len(rows) // CHUNK), positions, rows, near, verdicts, details, joins, out)
         found_off.append(rows[joins])
-        said_of_them.append(out[joins])
+        details_of_them.append(out[joins])
     joined = np.concatenate(found_off)
-    off[joined], about[joined] = True, np.concatenate(said_of_them)
+    off[joined], details[joined] = True, np.concatenate(details_of_them)
     return np.asarray(off)

@@ -14,14 +14,14 @@ from ..neighbors import distinct, kd_order
 from ..normals.stations import check_eyes, eyes_of
 from ..points import Points
 from .floors import LEAST, Floors, find_floors
-from .groups import adrift, thin
+from .groups import find_floating, find_sparse
 from .layers import faces_back
 from .passes import merge_passes
-from .veils import veiled
+from .veils import find_veils
 
 Floats = NDArray[np.float32]
 
-LOOKED = 0.6  # progress after strays are found, where passes are merged as well
+CLASSIFIED = 0.6  # progress after strays are found, where passes are merged as well
 MOST_STATIONS = 64  # with more scanner positions, veils are not searched
 FLOORED, GROUPED = 0.75, 0.85  # progress after floors, and after groups, are found
 
@@ -69,7 +69,7 @@ def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: Pr
     Strays
         All false for rows that are not finite, and with fewer than 20 distinct positions.
     """
-    return _look(points, viewpoint, progress)[0]
+    return _classify(points, viewpoint, progress)[0]
 
 
 def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: Progress | None = None) -> Points:
@@ -86,13 +86,13 @@ def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: P
         As for `find_strays`. Where no position is known, normals show from which side a surface was seen.
     """
     check_callback(progress)  # also if there is nothing to do
-    strays, offset = _look(points, viewpoint, part_of(progress, 0.0, LOOKED))
+    strays, offset = _classify(points, viewpoint, part_of(progress, 0.0, CLASSIFIED))
     eyes = None if viewpoint is None else check_eyes(viewpoint, len(points))
     if strays.layer.any():
         positions = points.positions.copy()
         positions[strays.layer] += offset[strays.layer]
         points = points.changed(positions=positions)
-    merged = merge_passes(points, eyes, part_of(progress, LOOKED, 1.0))
+    merged = merge_passes(points, eyes, part_of(progress, CLASSIFIED, 1.0))
     tell(progress, 1.0)
     return merged
 
@@ -111,7 +111,7 @@ def without_strays(
     return points.select(~strays.any) if strays.any.any() else points
 
 
-def _look(points: Points, viewpoint: ArrayLike | None, progress: Progress | None) -> tuple[Strays, Floats]:
+def _classify(points: Points, viewpoint: ArrayLike | None, progress: Progress | None) -> tuple[Strays, Floats]:
     """Return the strays, and the offset of each row to its floor."""
     check_kind(points, "points", Points, "Points")
     check_callback(progress)
@@ -141,9 +141,9 @@ def _kinds(
     layer, lone = np.zeros((2, len(rows)), np.bool_)
     layer[off] = floors.in_layer[off]
     lone[off] = ~layer[off]
-    lone |= thin(floors)
+    lone |= find_sparse(floors)
     tell(progress, FLOORED)
-    floating = adrift(positions, floors, layer | lone)
+    floating = find_floating(positions, floors, layer | lone)
     tell(progress, GROUPED)
     veil = _veils(points, positions, floors.core, rows, eyes)
     layer, floating = layer & ~veil, floating & ~(layer | veil)
@@ -165,5 +165,5 @@ def _veils(
     for number, station in enumerate(stations):
         seen = known[which.reshape(-1) == number]
         if len(seen) >= LEAST:
-            veil[seen] = veiled(positions[seen], core[seen], station - points.origin)
+            veil[seen] = find_veils(positions[seen], core[seen], station - points.origin)
     return veil

@@ -20,7 +20,7 @@ GAP = 4.0  # gap around a floating group, in distances to the `CORE`-th neighbou
 FEW, SHARE = 20, 5e-4  # greatest number of points of a floating group, or share of all points
 
 
-def thin(floors: Floors) -> NDArray[np.bool_]:
+def find_sparse(floors: Floors) -> NDArray[np.bool_]:
     """Return which points are much sparser than those around and lie on no smooth sheet of such points."""
     least = np.ascontiguousarray(floors.core)
     for _ in range(STEPS):
@@ -30,7 +30,7 @@ def thin(floors: Floors) -> NDArray[np.bool_]:
     return np.asarray((floors.core > THIN * least) & ~floors.is_on)
 
 
-def adrift(positions: Floats, floors: Floors, strays: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def find_floating(positions: Floats, floors: Floors, strays: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which points are in small groups, far from the rest; strays link nothing."""
     n = len(positions)
     floating = np.zeros(n, np.bool_)

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.progress import Progress, part_of, tell
-from ..kd_ordering import Path, along_path
+from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import neighbors
 from ..neighbors.components import connected_components
 from ..points import Points
 from ..statistics import CloudStatistics
-from .floors import LAYER, LEAST, Floors, Ground
+from .floors import LAYER, LEAST, Floors, FloorSearch
 from .passes import merge_passes
-from .search import Search
+from .search import LayerSearch
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
@@ -41,13 +41,13 @@ class Part(NamedTuple):
 
     total: int
     numbers: Rows
-    usual: CloudStatistics
+    statistics: CloudStatistics
     blocks: Rows | None = None
     ignored: tuple[int, ...] | None = None
 
 
 def merge_for_model(
-    points: Points, progress: Progress | None = None, along: Path | None = None, part: Part | None = None
+    points: Points, progress: Progress | None = None, ordering: KdOrdering | None = None, part: Part | None = None
 ) -> Points:
     """Move the points of second layers and passes onto one surface; return `points` itself if there are none.
 
@@ -57,50 +57,50 @@ def merge_for_model(
     ordering : of the points, if known
     part : the cloud that the points are a part of; None: they are the whole cloud
     """
-    along = along or along_path(points)
-    path, ids, _ = along
+    ordering = ordering or compute_kd_ordering(points)
+    ordered, ids, _ = ordering
     tell(progress, 0.1)
-    if len(path) < LEAST:
+    if len(ordered) < LEAST:
         return points
-    part = part or Part(len(path), np.arange(len(path)), CloudStatistics.of(len(path)))
+    part = part or Part(len(ordered), np.arange(len(ordered)), CloudStatistics.of(len(ordered)))
     if part.blocks is None or len(part.blocks):
-        shift = _shifts(points, along, part, part_of(progress, 0.1, SPARSE_MERGED))
+        shift = _shifts(points, ordering, part, part_of(progress, 0.1, SPARSE_MERGED))
         if shift is not None:
             positions = points.positions.copy()
             positions[points.finite] += shift[ids]
             points = points.changed(positions=positions)
-            along = along.moved(points)
+            ordering = ordering.moved(points)
     tell(progress, SPARSE_MERGED)
     rest = part_of(progress, SPARSE_MERGED, 1.0)
-    return merge_passes(points, None, rest, along, part.usual, part.ignored)
+    return merge_passes(points, None, rest, ordering, part.statistics, part.ignored)
 
 
-def _shifts(points: Points, along: Path, part: Part, progress: Progress | None) -> Floats | None:
+def _shifts(points: Points, ordering: KdOrdering, part: Part, progress: Progress | None) -> Floats | None:
     """Return the moves of positions in second layers, (n, 3); None if there are none."""
-    ground = Ground(along.positions)
-    search = Search(ground, part.total, part.numbers)
+    floor_search = FloorSearch(ordering.positions)
+    search = LayerSearch(floor_search, part.total, part.numbers)
     if part.blocks is None:
-        search.everywhere(progress)
+        search.examine_all(progress)
     else:
         search.open(part.blocks)
-    floors = ground.floors()
+    floors = floor_search.floors()
     off = np.flatnonzero(floors.off)
     off = off[np.linalg.norm(floors.offset[off], axis=1) <= LAYER * floors.spacing[off]]
-    off = off[~faces_back(points, along.rows, floors, off)]
-    off = off[_in_company(along.positions, floors, off)]
+    off = off[~faces_back(points, ordering.rows, floors, off)]
+    off = off[_in_company(ordering.positions, floors, off)]
     if not len(off):
         return None
-    shift = np.zeros_like(along.positions)
+    shift = np.zeros_like(ordering.positions)
     shift[off] = floors.offset[off]
     return shift
 
 
-def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
+def _in_company(ordered: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
     """Return which rows, all off their floor, are in a large group at about the same height."""
     m = len(rows)
     if m < FEWEST:
         return np.zeros(m, np.bool_)
-    away, near = neighbors(path[rows], LINKS + 1)
+    away, near = neighbors(ordered[rows], LINKS + 1)
     offset, spacing = floors.offset[rows], floors.spacing[rows]
     height = np.linalg.norm(offset, axis=1)
     ways = offset / np.maximum(height, 1e-30)[:, None]

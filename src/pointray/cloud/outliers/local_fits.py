@@ -60,7 +60,7 @@ def _keep(
 
 @kernel
 def _survey(
-    work: Array, positions: Array, members: Array, near: Array, reach: Array, about: Array, kept: Array, told: Array
+    work: Array, positions: Array, members: Array, near: Array, reach: Array, about: Array, kept: Array, is_done: Array
 ) -> int:
     """Fit a surface to each group; write each member's height above it, its noise and spacing, the distance to the
     member's `CORE`-th neighbour, and its neighbours.
@@ -68,7 +68,7 @@ def _survey(
     members : (m, g) rows, the middle one first
     near : (m, k) nearest neighbours of the middle one
     reach : (m, k) their distances from it
-    told : (n,) 1 for rows that are done, 0 for those too far from the middle
+    is_done : (n,) 1 for rows that are done, 0 for those too far from the middle
     """
     positions, near, about, kept = borrow(positions), borrow(near), borrow(about), borrow(kept)
     k, whole = min(AROUND, near.shape[1]), near.shape[1] == len(positions)
@@ -90,7 +90,7 @@ def _survey(
                 height -= x[0] + x[1] * p + x[2] * q + x[3] * p * p + x[4] * p * q + x[5] * q * q
                 aside = math.sqrt(aside) * far
                 last = _keep(positions, row, near, reach, i, aside, kept, away)
-                told[row] = whole or last + aside <= reach[i, near.shape[1] - 1]
+                is_done[row] = whole or last + aside <= reach[i, near.shape[1] - 1]
                 about[row, 0], about[row, 1], about[row, 2] = abs(height) * far, noise * far, spacing
                 about[row, 3] = math.sqrt(away[min(CORE, len(away) - 1)])
         tile = next_tile(work)
@@ -116,7 +116,7 @@ def _share(work: Array, rows: Array, about: Array, near: Array, out: Array) -> i
     return 0
 
 
-class Survey:
+class LocalSurfaceFits:
     """Local surface fits at distinct positions in kd order; NaN where none was made.
 
     Attributes
@@ -140,18 +140,18 @@ class Survey:
         self.near = np.zeros((n, min(KEPT, n)), np.int32)
         self.known = np.zeros(-(-n // GROUP), np.bool_)
 
-    def look(self, groups: Rows, progress: Progress | None = None) -> None:
+    def examine(self, groups: Rows, progress: Progress | None = None) -> None:
         """Fit some groups, unless they are fitted already."""
         groups = groups[~self.known[groups]]
         self.known[groups] = True
         for start in range(0, len(groups), ROWS):
             rows = GROUP * groups[start : start + ROWS, None] + np.arange(GROUP)
             rows = np.minimum(rows, len(self._positions) - 1)
-            told = self._fit(_middle_first(self._positions, rows))
-            left = _pairs(rows, ~told[rows])  # those far from the middle of their group need neighbours of their own
+            is_done = self._fit(_middle_first(self._positions, rows))
+            left = _pairs(rows, ~is_done[rows])  # those far from the middle of their group need neighbours of their own
             if len(left):
-                told |= self._fit(left)
-                left = np.unique(left[~told[left]])
+                is_done |= self._fit(left)
+                left = np.unique(left[~is_done[left]])
             if len(left):
                 self._fit(left.reshape(-1, 1))
             tell(progress, min((start + ROWS) / len(groups), 1.0))
@@ -164,10 +164,10 @@ class Survey:
 
     def _fit(self, members: Rows) -> NDArray[np.bool_]:
         """Fit groups of rows, the middle one first; return which rows are done, (n,) bool."""
-        told = np.zeros(len(self._positions), np.bool_)
+        is_done = np.zeros(len(self._positions), np.bool_)
         reach, near = self.tree.query(CANDIDATES, self._positions[members[:, 0]])
-        run(_survey, -(-len(members) // CHUNK), self._positions, members, near, reach, self._about, self.near, told)
-        return told
+        run(_survey, -(-len(members) // CHUNK), self._positions, members, near, reach, self._about, self.near, is_done)
+        return is_done
 
 
 def _pairs(groups: Rows, chosen: NDArray[np.bool_]) -> Rows:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...base.progress import Progress, part_of, tell
 from ..georeference import SCAN
-from ..kd_ordering import Path, along_path
+from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import NeighborTree
 from ..normals.stations import eyes_of
 from ..points import Points
@@ -26,15 +26,15 @@ IDS = SCAN, "point_source_id"  # attributes that hold the scan, or flight line, 
 SAMPLE, SHOWN = 20_000, 0.01  # sampled points; share of them that must show misaligned passes
 KEPT = 24  # neighbours over which moves are averaged: makes the mean of two scans no rougher than each
 ROWS = 1 << 16  # rows of a table at a time
-TOLD, LAID = 0.1, 0.9  # progress after the sample, and after all moves are known
+SAMPLED, MOVED = 0.1, 0.9  # progress after the sample, and after all moves are known
 
 
 def merge_passes(
     points: Points,
     eyes: NDArray[np.float64] | None = None,
     progress: Progress | None = None,
-    along: Path | None = None,
-    usual: CloudStatistics | None = None,
+    ordering: KdOrdering | None = None,
+    statistics: CloudStatistics | None = None,
     ignored: tuple[int, ...] | None = None,
 ) -> Points:
     """Move misaligned scans onto their mean, weighted by density and noise.
@@ -48,9 +48,9 @@ def merge_passes(
         Viewpoint of each point. None: the stations of the points; where they are unknown, normals, if any, show from
         which side the surface was seen.
     progress : callable, optional
-    along : Path, optional
+    ordering : Path, optional
         The ordering of the points, if known.
-    usual : CloudStatistics, optional
+    statistics : CloudStatistics, optional
         Of the cloud that the points are a part of. None: they are the whole cloud.
     ignored : tuple of int, optional
         Stations to ignore, see `eyes_of`.
@@ -63,39 +63,39 @@ def merge_passes(
     scans = _scans_of(points)
     if scans is None:
         return points
-    path, ids, rows = along or along_path(points)
+    ordered, ids, rows = ordering or compute_kd_ordering(points)
     facing = _facing(points, eyes_of(points, ignored) if eyes is None else eyes)
-    if facing is None or len(path) <= AROUND:
+    if facing is None or len(ordered) <= AROUND:
         return points
-    scans, facing, tree = scans[rows], facing[rows], NeighborTree(path, in_order=True)
-    usual = usual or CloudStatistics.of(len(path))
+    scans, facing, tree = scans[rows], facing[rows], NeighborTree(ordered, in_order=True)
+    statistics = statistics or CloudStatistics.of(len(ordered))
 
     def share() -> float:
-        some = np.ascontiguousarray(usual.spread(len(path), SAMPLE))
-        seen = heights(path, some, tree.query(AROUND, path[some])[1], scans, facing)
+        some = np.ascontiguousarray(statistics.spread(len(ordered), SAMPLE))
+        seen = heights(ordered, some, tree.query(AROUND, ordered[some])[1], scans, facing)
         return float(seen[:, :3].any(axis=1).mean())
 
-    shown = usual.ask("share of passes", share)
-    tell(progress, TOLD)
-    if shown < SHOWN:
+    misaligned = statistics.get_or_compute("share of passes", share)
+    tell(progress, SAMPLED)
+    if misaligned < SHOWN:
         return points
-    shifts = _shifts(path, tree, scans, facing, part_of(progress, TOLD, 1.0))
+    shifts = _shifts(ordered, tree, scans, facing, part_of(progress, SAMPLED, 1.0))
     positions = points.positions.copy()
     positions[points.finite] += shifts[ids]
     return points.changed(positions=positions)
 
 
 def _shifts(
-    path: Floats, tree: NeighborTree, scans: NDArray[np.int32], facing: Floats, progress: Progress | None
+    ordered: Floats, tree: NeighborTree, scans: NDArray[np.int32], facing: Floats, progress: Progress | None
 ) -> Floats:
     """Return the move of each point, (n, 3)."""
-    n = len(path)
+    n = len(ordered)
     moves, near = np.zeros((n, 4), np.float32), np.empty((n, KEPT), np.int32)
     for start in range(0, n, ROWS):
         rows = np.arange(start, min(start + ROWS, n))
         found = tree.rows(AROUND, slice(start, start + ROWS))
-        moves[rows], near[rows] = heights(path, rows, found, scans, facing), found[:, :KEPT]
-        tell(progress, LAID * rows[-1] / n)
+        moves[rows], near[rows] = heights(ordered, rows, found, scans, facing), found[:, :KEPT]
+        tell(progress, MOVED * rows[-1] / n)
     return even_out(moves, near, scans)
 
 

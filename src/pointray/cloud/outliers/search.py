@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.progress import Progress, part_of, tell
-from .floors import Ground
+from .floors import FloorSearch
 from .local_fits import GROUP
 
 Rows = NDArray[np.int64]
 
-STRETCH = 16 * GROUP  # consecutive points in kd order, about 8 spacings wide
+RANGE = 16 * GROUP  # consecutive points in kd order, about 8 spacings wide
 SAMPLE, SHARE = 20_000, 32  # points examined in any case; largest number of ranges of a block
 SHOWS = 2  # points off their floor with which a range shows a layer
 SEEDS = 0.5  # progress if no layer is found
@@ -23,15 +23,15 @@ SEEDS = 0.5  # progress if no layer is found
 
 def block_size(total: int) -> int:
     """Return the number of points of a block, a power of two, at most 2,048. total : points of the cloud"""
-    return STRETCH << min(max(total // SAMPLE, 1).bit_length() - 1, SHARE.bit_length() - 1)
+    return RANGE << min(max(total // SAMPLE, 1).bit_length() - 1, SHARE.bit_length() - 1)
 
 
-class Search:
+class LayerSearch:
     """Search for layers among some points of a cloud.
 
     Parameters
     ----------
-    ground : Ground
+    floor_search : Ground
         Without any results yet.
     total : int
         Number of points of the cloud.
@@ -39,25 +39,25 @@ class Search:
         Place of each given point in the cloud's kd order.
     """
 
-    def __init__(self, ground: Ground, total: int, numbers: Rows) -> None:
-        self._ground, size = ground, block_size(total)
-        starts = numbers[::STRETCH]
+    def __init__(self, floor_search: FloorSearch, total: int, numbers: Rows) -> None:
+        self._floor_search, size = floor_search, block_size(total)
+        starts = numbers[::RANGE]
         self._blocks = starts // size
         # The middle range of a block represents it.
-        self._is_seed = starts % size // STRETCH == size // STRETCH // 2
+        self._is_seed = starts % size // RANGE == size // RANGE // 2
 
     def seeds(self, progress: Progress | None = None) -> Rows:
         """Return the blocks whose middle shows a layer, ascending."""
         off = self._off(np.flatnonzero(self._is_seed), False, progress)
-        self._ground.forget()
-        return np.unique(self._blocks[off // STRETCH])
+        self._floor_search.forget()
+        return np.unique(self._blocks[off // RANGE])
 
     def open(self, blocks: Rows, progress: Progress | None = None) -> Rows:
         """Examine all given points of some blocks; return the blocks in which their layers may continue, ascending."""
         off = self._off(np.flatnonzero(np.isin(self._blocks, blocks)), True, progress)
-        return np.unique(self._blocks[self._ground.survey.near[off].ravel() // STRETCH])
+        return np.unique(self._blocks[self._floor_search.fits.near[off].ravel() // RANGE])
 
-    def everywhere(self, progress: Progress | None = None) -> None:
+    def examine_all(self, progress: Progress | None = None) -> None:
         """Examine all blocks that show layers, and those in which they continue."""
         todo = known = self.seeds(part_of(progress, 0.0, SEEDS))
         while len(todo):
@@ -67,10 +67,10 @@ class Search:
             known = np.union1d(known, todo)
         tell(progress, 1.0)
 
-    def _off(self, stretches: Rows, is_exact: bool, progress: Progress | None) -> Rows:
+    def _off(self, ranges: Rows, is_exact: bool, progress: Progress | None) -> Rows:
         """Return the rows off their floor in those ranges that show a layer."""
-        groups = (STRETCH // GROUP * stretches[:, None] + np.arange(STRETCH // GROUP)).ravel()
-        groups = groups[groups < len(self._ground.survey.known)]
-        off = self._ground.look(groups, progress, is_exact)
-        shows = np.bincount(off // STRETCH, minlength=len(self._blocks)) >= SHOWS
-        return off[shows[off // STRETCH]]
+        groups = (RANGE // GROUP * ranges[:, None] + np.arange(RANGE // GROUP)).ravel()
+        groups = groups[groups < len(self._floor_search.fits.known)]
+        off = self._floor_search.examine(groups, progress, is_exact)
+        shows = np.bincount(off // RANGE, minlength=len(self._blocks)) >= SHOWS
+        return off[shows[off // RANGE]]

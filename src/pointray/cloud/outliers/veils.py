@@ -28,7 +28,7 @@ SPARSE_LINE = 2.0  # least ratio of distances to neighbours in space, to those o
 SPARSE = 2.5  # least ratio of distances to neighbours in space, to those of adjacent points
 
 
-def veiled(positions: Floats, core: Floats, eye: NDArray[np.float64]) -> NDArray[np.bool_]:
+def find_veils(positions: Floats, core: Floats, eye: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which positions are isolated between nearer and farther points.
 
     Parameters

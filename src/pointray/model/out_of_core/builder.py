@@ -16,10 +16,10 @@ from ...base.disk_columns import Columns
 from ...base.executor import TaskExecutor
 from ...base.progress import Progress, part_of
 from ...base.warning_log import warn
-from ...cloud.denoising.noise import Stretches, settled
+from ...cloud.denoising.noise import NoiseRanges, raise_to_typical
 from ...cloud.georeference import SCAN
 from ...cloud.normals.consistency import agreement_share, sample_rows
-from ...cloud.normals.estimate import DISAGREE, told
+from ...cloud.normals.estimate import DISAGREE, describe_repairs
 from ...cloud.normals.stations import warn_of_ignored
 from ...cloud.normals.units import to_units
 from ...io.spooling.spooled import Spooled
@@ -198,10 +198,10 @@ class OutOfCoreBuilder:
         if self._wanted.smooth == 0.0 or self._given:
             return
         cloud, work = self._cloud, self._work
-        usual = work.surveyed("layers", partial(merge, cloud))
+        statistics = work.surveyed("layers", partial(merge, cloud))
         find_layers(work, cloud, (SORTED, SEARCHED))
         work.room(MERGED, np.float32, 3)
-        work.each("merge", partial(move_layers, work, cloud, usual), (SEARCHED, MERGED_AT))
+        work.each("merge", partial(move_layers, work, cloud, statistics), (SEARCHED, MERGED_AT))
         self._columns.put(MERGED, {})
 
     def _place(self) -> None:
@@ -212,15 +212,15 @@ class OutOfCoreBuilder:
             self._check_signs()
         if not has_normals or cloud.has_units:
             warn_of_ignored(cloud.ignored, len(cloud.survey.stations))
-        stretches = self._stretches() if sigma == "auto" else None
-        usual = None if has_normals else work.surveyed("fits", partial(survey_fits, cloud))
+        ranges = self._noise_ranges() if sigma == "auto" else None
+        statistics = None if has_normals else work.surveyed("fits", partial(survey_fits, cloud))
         for name in (PLACED, NORMALS, *PLANES):
             work.room(name, np.float32, 3)
         work.room(NOISE, np.float32)
         work.room(THICK, np.int8)
         if cloud.is_seen:
             work.room(KNOWN, np.int8)
-        measure = Measure(sigma, stretches, usual)
+        measure = Measure(sigma, ranges, statistics)
         facts = work.each("place", partial(find_surface, work, cloud, measure), (EXAMINED, PLACED_AT))
         self._is_noisy = any(fact["is_noisy"] for fact in facts)
         if not has_normals:
@@ -229,18 +229,18 @@ class OutOfCoreBuilder:
                 part_thin_sheets(work, cloud, facts, (TURNED_FITS, FACED_AT))
         mended = [fact["mended"] for fact in facts] + [(self._columns.get(TURNED) or {}).get("mended", (0, 0))]
         lost, odd = np.sum(mended, axis=0).tolist()
-        for text in told(lost, odd, cloud.total):
+        for text in describe_repairs(lost, odd, cloud.total):
             warn(text, stacklevel=4)
 
-    def _stretches(self) -> Stretches:
+    def _noise_ranges(self) -> NoiseRanges:
         """The noise of all parts."""
         facts = self._work.each("noise", partial(measure_noise, self._work, self._cloud), (TURNED_AT, EXAMINED))
         kinds = np.int64, np.float32, np.float64, np.float64
         arrays = [
             np.concatenate([np.array(fact[name], kind) for fact in facts])
-            for name, kind in zip(Stretches._fields, kinds, strict=True)
+            for name, kind in zip(NoiseRanges._fields, kinds, strict=True)
         ]
-        return settled(Stretches(*arrays))
+        return raise_to_typical(NoiseRanges(*arrays))
 
     def _check_signs(self) -> None:
         """Warn of normals that look to opposite sides or inwards."""
@@ -258,11 +258,11 @@ class OutOfCoreBuilder:
         """Find the support of each point."""
         cloud, work = self._cloud, self._work
         supporting = Supporting(f"points.{self._names[RADIUS]}" if self._given else None, self._wanted.settings)
-        usual = work.surveyed("support", partial(supporting.find, cloud))
+        statistics = work.surveyed("support", partial(supporting.find, cloud))
         work.room(RADII, np.float32)
         work.room(BORDERS, np.float32, 3)
         work.room(SHEETS, np.int8)
-        find = partial(find_supports, work, cloud, supporting, usual)
+        find = partial(find_supports, work, cloud, supporting, statistics)
         self._supports = work.each("support", find, (FACED_AT, SUPPORTED))
         note = lone_note(sum(fact["lone"] for fact in self._supports), cloud.total)
         if note:

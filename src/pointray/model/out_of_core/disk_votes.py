@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Columns
-from ...cloud.normals.joins import Held, Tables
-from ...cloud.normals.votes import Votes, sum_of
+from ...cloud.normals.joins import InMemoryVotes, VoteTables
+from ...cloud.normals.votes import Votes, sum_votes
 
 PIECES = 1 << 18  # of a table, which has the votes of pairs whose lower piece is one of them: 5 to 10 for each
 
@@ -19,7 +19,7 @@ Whole = NDArray[np.int64]
 
 
 class OnDiskVotes:
-    """Votes in columns, which others replace when they are changed. See `Tables`.
+    """Votes in columns, which others replace when they are changed. See `VoteTables`.
 
     Parameters
     ----------
@@ -37,12 +37,12 @@ class OnDiskVotes:
         for k in range(len(self._cuts[0]) - 1):
             slices = [(name, slice(*cut[k : k + 2])) for name, cut in zip(self._names, self._cuts, strict=True)]
             found = [self._columns[name][rows] for name, rows in slices if rows.stop > rows.start]
-            yield sum_of([Votes(*np.ascontiguousarray(rows.T)) for rows in found or [np.empty((0, 3), np.int64)]])
+            yield sum_votes([Votes(*np.ascontiguousarray(rows.T)) for rows in found or [np.empty((0, 3), np.int64)]])
 
-    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> Tables:
-        """See `Tables`; few votes stay in memory."""
+    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> VoteTables:
+        """See `VoteTables`; few votes stay in memory."""
         if pieces <= PIECES:
-            return Held([change(votes) for votes in self])
+            return InMemoryVotes([change(votes) for votes in self])
         generation, names, cuts = _generation(self._names[0]) + 1, [], []
         for k, votes in enumerate(self):
             names.append(name_of(k, generation))

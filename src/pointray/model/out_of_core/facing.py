@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...base.disk_columns import Column
 from ...cloud.neighbors import NeighborTree
-from ...cloud.normals.layers import KEPT, sides
+from ...cloud.normals.layers import KEPT, signs_facing
 from ...cloud.normals.orientation import NEAR
 from . import signs
 from .local import Local
@@ -69,7 +69,7 @@ class Facing:
         return self._signs.look(self._load(part, alone=True), part, firsts, shared[part])
 
     def _told(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which groups have normals that scanners tell, and which of these must be turned, see `settle_unknown`."""
+        """Which groups have normals that scanners tell, and which of these must be turned, see `orient_unknown`."""
         counts, votes = np.zeros((2, groups))
         for part in range(self._work.parts):
             group, sign = self._signs.told(part, firsts, known[self._work.stretch(part)] != 0)
@@ -128,7 +128,7 @@ def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
         local = work.local(part)
         core = slice(int(local.own[0]), int(local.own[-1]) + 1)
         planes = local.read(columns[PLANES[1]]) * local.read(columns[SIGNED])[:, None]
-        signed = sides(normals, planes, near_in(cloud, local, core, KEPT))
+        signed = signs_facing(normals, planes, near_in(cloud, local, core, KEPT))
     else:
         signed = columns[SIGNED][stretch]
     columns[FACED].write(stretch.start, normals * signed[:, None])

@@ -156,9 +156,9 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
     if (positions == positions[0]).all():  # nothing tells how far apart splats are
         radii = np.full(len(rows), SUPPORT * cell, np.float32)
         return Support(radii, None, None, False, None, np.zeros(len(rows), np.bool_))
-    usual = CloudStatistics(None, known, is_told=True)
+    statistics = CloudStatistics(None, known, is_complete=True)
     if sample is not None:
-        usual = SampledStatistics(np.flatnonzero(np.isin(rows[order], sample)), known)
+        statistics = SampledStatistics(np.flatnonzero(np.isin(rows[order], sample)), known)
     found = find_support(
         positions[order],
         layer.read(NORMALS, rows)[order],
@@ -167,7 +167,7 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
         borders=True,
         sheets=True,
         within=(SUPPORT * cell, layer.read(LIMITS, rows)[order]),
-        statistics=usual,
+        statistics=statistics,
     )
     sheets = None if found.sheets is None else found.sheets[back]
     borders = None if found.borders is None else found.borders[back]

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cloud.outliers.floors import LEAST, Ground
-from ...cloud.outliers.search import Search, block_size
+from ...cloud.outliers.floors import LEAST, FloorSearch
+from ...cloud.outliers.search import LayerSearch, block_size
 from .local import Local
 from .stages import LAYERS, Cloud, path_of
 from .work import Facts, Work
@@ -58,9 +58,9 @@ def _blocks_of(work: Work, cloud: Cloud, part: int) -> slice:
     return slice(rows.start // size, -(-rows.stop // size))
 
 
-def _search(cloud: Cloud, local: Local) -> Search | None:
+def _search(cloud: Cloud, local: Local) -> LayerSearch | None:
     """The search among some points; None: they are too few."""
-    along = path_of(cloud.points(local).positions)
-    if len(along.positions) < LEAST:
+    ordering = path_of(cloud.points(local).positions)
+    if len(ordering.positions) < LEAST:
         return None
-    return Search(Ground(along.positions), cloud.total, local.rows[along.rows])
+    return LayerSearch(FloorSearch(ordering.positions), cloud.total, local.rows[ordering.rows])

@@ -17,7 +17,7 @@ from ...base.disk_columns import Columns
 from ...base.progress import tell
 from ...cloud.neighbors import take
 from ...cloud.normals.estimate import estimate_normals
-from ...cloud.sampled_statistics import of_places
+from ...cloud.sampled_statistics import of_distinct_positions
 from ...cloud.statistics import CloudStatistics
 from ...surface.splats.build import check_size
 from ...surface.splats.local_planes import columns_of
@@ -47,13 +47,13 @@ class Shaping(NamedTuple):
     radii: str | None
 
     def find(
-        self, cloud: Cloud, local: Local, usual: CloudStatistics, mask: NDArray[np.bool_] | None = None
+        self, cloud: Cloud, local: Local, statistics: CloudStatistics, mask: NDArray[np.bool_] | None = None
     ) -> tuple[Floats, Floats]:
         """Radii and directions of some points, see `shapes_of`."""
         points = cloud.points(local)
-        along = path_of(points.positions)
+        ordering = path_of(points.positions)
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
-        return shapes_of(points, along, self.drawing, given, of_places(usual, along.ids), mask)
+        return shapes_of(points, ordering, self.drawing, given, of_distinct_positions(statistics, ordering.ids), mask)
 
 
 def number_rows(columns: Columns, count: int) -> None:
@@ -93,10 +93,10 @@ def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, s
         if count == cloud.total and not is_shown:
             raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
         if count and is_shown and columns.get(f"apart-{DIRECTIONS}") is None:
-            usual = work.surveyed("shapes", partial(shaping.find, cloud))
+            statistics = work.surveyed("shapes", partial(shaping.find, cloud))
             work.room(SPHERES, np.float32)
             work.room(DIRECTIONS, np.float32, 3)
-            work.each("shapes", partial(_shape, work, cloud, shaping, usual), (first, second))
+            work.each("shapes", partial(_shape, work, cloud, shaping, statistics), (first, second))
         if count:
             _put_apart(work, cloud.total, names, is_shown, (second, span[1]))
         known = {"surface": cloud.total - count, "loose": count if is_shown else 0}
@@ -108,18 +108,18 @@ def _find(work: Work, cloud: Cloud, part: int) -> Facts:
     """Write which points of a part are scattered."""
     local = work.local(part)
     points = cloud.points(local)
-    along, fitted = path_of(points.positions), points.normals is None
-    if fitted and len(along.positions) > FEW:
+    ordering, fitted = path_of(points.positions), points.normals is None
+    if fitted and len(ordering.positions) > FEW:
         points = estimate_normals(points)
     normals = None
     if points.normals is not None:
-        normals = Normals(columns_of(take(points.normals, along.rows)), fitted)
-    scattered = scattered_places(along.positions, local.rows[along.rows], normals)[along.ids]
+        normals = Normals(columns_of(take(points.normals, ordering.rows)), fitted)
+    scattered = scattered_places(ordering.positions, local.rows[ordering.rows], normals)[ordering.ids]
     local.write(work.columns[APART], scattered)
     return {"scattered": int(scattered[local.own].sum())}
 
 
-def _shape(work: Work, cloud: Cloud, shaping: Shaping, usual: CloudStatistics, part: int) -> None:
+def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatistics, part: int) -> None:
     """Write how the scattered points of a part are drawn."""
     apart = work.columns[APART][work.stretch(part)] != 0
     if not apart.any():
@@ -127,7 +127,7 @@ def _shape(work: Work, cloud: Cloud, shaping: Shaping, usual: CloudStatistics, p
     local = work.local(part)
     mask = np.zeros(len(local.rows), np.bool_)
     mask[local.own[apart]] = True
-    radii, directions = shaping.find(cloud, local, usual, mask)
+    radii, directions = shaping.find(cloud, local, statistics, mask)
     check_size(radii[mask])
     local.write(work.columns[SPHERES], radii)
     local.write(work.columns[DIRECTIONS], directions)

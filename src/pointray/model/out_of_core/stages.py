@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Columns
-from ...cloud.denoising.noise import Stretches, examined, points_per_stretch
+from ...cloud.denoising.noise import NoiseRanges, measure_ranges, points_per_range
 from ...cloud.denoising.smooth import Fitting, Noise, noise_by, smooth_known
 from ...cloud.georeference import Survey
-from ...cloud.kd_ordering import Path
+from ...cloud.kd_ordering import KdOrdering
 from ...cloud.neighbors import distinct, take
-from ...cloud.normals.estimate import estimate_normals, seen_from, with_units
-from ...cloud.normals.jets import survey
+from ...cloud.normals.estimate import estimate_normals, normalize_normals, seen_from
+from ...cloud.normals.jets import measure_noise
 from ...cloud.normals.layers import Layers
 from ...cloud.normals.orientation import NEAR
 from ...cloud.normals.sheets import is_thick
@@ -27,7 +27,7 @@ from ...cloud.normals.stations import eyes_of, faced, is_known
 from ...cloud.outliers.layers import Part, merge_for_model
 from ...cloud.outliers.search import block_size
 from ...cloud.points import Points
-from ...cloud.sampled_statistics import of_places
+from ...cloud.sampled_statistics import of_distinct_positions
 from ...cloud.statistics import CloudStatistics
 from ...surface.splats.support import Support, find_support
 from ...surface.tree.settings import TreeSettings
@@ -109,68 +109,72 @@ class Surface(NamedTuple):
     thick: NDArray[np.bool_] | None = None
 
 
-def path_of(positions: Floats) -> Path:
-    """The path through points that are in kd order and finite, see `along_path`."""
+def path_of(positions: Floats) -> KdOrdering:
+    """The path through points that are in kd order and finite, see `compute_kd_ordering`."""
     rows, ids = distinct(positions)
-    return Path(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
+    return KdOrdering(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
 
 
-def merge(cloud: Cloud, local: Local, usual: CloudStatistics) -> Floats:
+def merge(cloud: Cloud, local: Local, statistics: CloudStatistics) -> Floats:
     """Positions with those of second layers moved onto one surface, in the blocks that show them if these are known."""
     points = cloud.points(local)
-    along = path_of(points.positions)
+    ordering = path_of(points.positions)
     blocks = None
     if cloud.columns.get(LAYERS) is not None:
         here = distinct_numbers(local.rows // block_size(cloud.total))
         blocks = here[cloud.columns[LAYERS][here] != 0]
-    part = Part(cloud.total, local.rows[along.rows], of_places(usual, along.ids), blocks, cloud.ignored)
-    return merge_for_model(points, along=along, part=part).positions
+    part = Part(
+        cloud.total, local.rows[ordering.rows], of_distinct_positions(statistics, ordering.ids), blocks, cloud.ignored
+    )
+    return merge_for_model(points, ordering=ordering, part=part).positions
 
 
-def examine(cloud: Cloud, local: Local) -> Stretches:
+def examine(cloud: Cloud, local: Local) -> NoiseRanges:
     """What the stretches of a part show of its noise; places are those of the whole cloud."""
     points = cloud.points(local)
-    along = path_of(points.positions)
-    known = None if points.normals is None else take(_units_of(cloud, local, points).normals, along.rows)
-    found = examined(along.positions, known, points_per_stretch(cloud.total))
-    rows = along.rows[found.places]
+    ordering = path_of(points.positions)
+    known = None if points.normals is None else take(_units_of(cloud, local, points).normals, ordering.rows)
+    found = measure_ranges(ordering.positions, known, points_per_range(cloud.total))
+    rows = ordering.rows[found.places]
     own = np.isin(rows, local.own)
-    return Stretches(local.rows[rows[own]], found.middles[own], found.noise[own], found.spacing[own])
+    return NoiseRanges(local.rows[rows[own]], found.middles[own], found.noise[own], found.spacing[own])
 
 
-def place(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None) -> Surface:
+def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None) -> Surface:
     """Points with normals of their own, moved where they are noisy. stretches : of all parts; None: sigma tells"""
     points = cloud.points(local)
     mended = _units_of(cloud, local, points)
-    along = path_of(points.positions)
-    noise = _noise_along(local, along, stretches)
-    placed = smooth_known(points.with_normals(mended.normals), sigma, along=along, known_noise=noise)
+    ordering = path_of(points.positions)
+    noise = _noise_along(local, ordering, ranges)
+    placed = smooth_known(points.with_normals(mended.normals), sigma, ordering=ordering, known_noise=noise)
     assert placed.points.normals is not None
     return Surface(placed.points.positions, placed.points.normals, placed.noise, mended=mended.mended)
 
 
-def survey_fits(cloud: Cloud, local: Local, usual: CloudStatistics) -> None:
+def survey_fits(cloud: Cloud, local: Local, statistics: CloudStatistics) -> None:
     """Find what fits to points without normals ask of the whole cloud."""
-    along = path_of(cloud.points(local).positions)
-    survey(along.positions, of_places(usual, along.ids))
+    ordering = path_of(cloud.points(local).positions)
+    measure_noise(ordering.positions, of_distinct_positions(statistics, ordering.ids))
 
 
-def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None, usual: CloudStatistics) -> Surface:
+def fit(
+    cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None, statistics: CloudStatistics
+) -> Surface:
     """Points without normals, moved where they are noisy; signs are those that scanners tell, or not known."""
     points = cloud.points(local)
-    along, (eye, known) = path_of(points.positions), _eyes_of(cloud, points)
-    path, eyes = along.positions, None if eye is None else take(eye, along.rows)
+    ordering, (eye, known) = path_of(points.positions), _eyes_of(cloud, points)
+    path, eyes = ordering.positions, None if eye is None else take(eye, ordering.rows)
     layers = None if cloud.is_seen else Layers(path)
-    fitting = Fitting(sigma, _noise_along(local, along, stretches), usual)
+    fitting = Fitting(sigma, _noise_along(local, ordering, ranges), statistics)
     found = fitting.fit(path, NEAR, eyes, None, layers)
-    normals, noise = along.spread(found.normals, points), None
+    normals, noise = ordering.spread(found.normals, points), None
     if found.noise is not None:
-        noise = along.spread(found.noise, points)
-    positions = points.positions if found.positions is path else along.spread(found.positions, points)
+        noise = ordering.spread(found.noise, points)
+    positions = points.positions if found.positions is path else ordering.spread(found.positions, points)
     planes = None
     if layers is not None and layers.noisy:
-        planes = along.spread(layers.moved, points), along.spread(layers.planes, points)
-    thick = None if layers is None else along.spread(is_thick(found.residuals), points)
+        planes = ordering.spread(layers.moved, points), ordering.spread(layers.planes, points)
+    thick = None if layers is None else ordering.spread(is_thick(found.residuals), points)
     return Surface(positions, normals, noise, planes, known, thick=thick)
 
 
@@ -194,22 +198,22 @@ def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bo
     return eye, is_known(eye) & (eye != points.positions).any(axis=1)
 
 
-def _noise_along(local: Local, along: Path, stretches: Stretches | None) -> Noise | None:
-    return None if stretches is None else noise_by(stretches, local.rows[along.rows])
+def _noise_along(local: Local, ordering: KdOrdering, ranges: NoiseRanges | None) -> Noise | None:
+    return None if ranges is None else noise_by(ranges, local.rows[ordering.rows])
 
 
 def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
     """The points with unit normals; where none is good they are estimated. Own points alone count as mended."""
     if cloud.has_units:
         return Surface(points.positions, np.asarray(points.normals), None)
-    found = with_units(points, local.own)
+    found = normalize_normals(points, local.own)
     if found is None:
         return Surface(points.positions, np.asarray(estimate_normals(points).normals), None)
     return Surface(points.positions, found.unit, None, mended=(found.lost, found.odd))
 
 
 def support(
-    cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, usual: CloudStatistics
+    cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, statistics: CloudStatistics
 ) -> Support:
     """The support of points on their surface. given : (n,), their radii; None: chosen"""
     positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.normals))
@@ -221,6 +225,6 @@ def support(
         1.0,
         borders=automatic,
         sheets=automatic and settings.surface != "paper",
-        statistics=usual,
+        statistics=statistics,
         noise=local.read(cloud.columns[NOISE]),
     )

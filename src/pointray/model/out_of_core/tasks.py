@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...cloud.denoising.noise import Stretches
+from ...cloud.denoising.noise import NoiseRanges
 from ...cloud.statistics import CloudStatistics
 from ...surface.splats.build import check_size
 from ...surface.splats.support import Support
@@ -25,13 +25,13 @@ class Measure(NamedTuple):
     """How the surface of a part is found.
 
     sigma : the noise's deviation, or "auto"
-    stretches : the noise of all parts; None: sigma tells
-    usual : what fits to points without normals ask of the whole cloud; None: points have normals
+    ranges : the noise of all parts; None: sigma tells
+    statistics : what fits to points without normals ask of the whole cloud; None: points have normals
     """
 
     sigma: str | float
-    stretches: Stretches | None
-    usual: CloudStatistics | None
+    ranges: NoiseRanges | None
+    statistics: CloudStatistics | None
 
 
 class Supporting(NamedTuple):
@@ -40,20 +40,20 @@ class Supporting(NamedTuple):
     radii: str | None
     settings: TreeSettings
 
-    def find(self, cloud: Cloud, local: Local, usual: CloudStatistics) -> Support:
+    def find(self, cloud: Cloud, local: Local, statistics: CloudStatistics) -> Support:
         """The supports of some points."""
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
-        return support(cloud, local, given, self.settings, usual)
+        return support(cloud, local, given, self.settings, statistics)
 
 
-def move_layers(work: Work, cloud: Cloud, usual: CloudStatistics, part: int) -> None:
+def move_layers(work: Work, cloud: Cloud, statistics: CloudStatistics, part: int) -> None:
     """Move second layers onto one surface."""
     local = work.local(part)
-    local.write(work.columns[MERGED], merge(cloud, local, usual))
+    local.write(work.columns[MERGED], merge(cloud, local, statistics))
 
 
 def measure_noise(work: Work, cloud: Cloud, part: int) -> Facts:
-    """What the stretches of a part show of its noise, see `Stretches`."""
+    """What the stretches of a part show of its noise, see `NoiseRanges`."""
     found = examine(cloud, work.local(part))
     return {name: values.tolist() for name, values in found._asdict().items()}
 
@@ -61,8 +61,8 @@ def measure_noise(work: Work, cloud: Cloud, part: int) -> Facts:
 def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts:
     """Write where rays meet the points, their normals and noise."""
     local, columns = work.local(part), work.columns
-    sigma, stretches, usual = measure
-    found = place(cloud, local, sigma, stretches) if usual is None else fit(cloud, local, sigma, stretches, usual)
+    sigma, ranges, statistics = measure
+    found = place(cloud, local, sigma, ranges) if statistics is None else fit(cloud, local, sigma, ranges, statistics)
     local.write(columns[PLACED], found.positions)
     local.write(columns[NORMALS], found.normals)
     if found.noise is not None:
@@ -80,10 +80,10 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
     return {**said, "mended": list(found.mended)}
 
 
-def find_supports(work: Work, cloud: Cloud, supporting: Supporting, usual: CloudStatistics, part: int) -> Facts:
+def find_supports(work: Work, cloud: Cloud, supporting: Supporting, statistics: CloudStatistics, part: int) -> Facts:
     """Write the supports of a part."""
     local, columns = work.local(part), work.columns
-    found = supporting.find(cloud, local, usual)
+    found = supporting.find(cloud, local, statistics)
     check_size(found.radii)
     local.write(columns[RADII], found.radii)
     if found.borders is not None:

@@ -101,11 +101,11 @@ class Work:
             stretches = sample_of(self._total)
             tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in stretches])
             local = local_of(self.columns, tiles, self._total)
-            usual = SampledStatistics(local.own)
-            look(local, usual)
-            known = usual.known
+            statistics = SampledStatistics(local.own)
+            look(local, statistics)
+            known = statistics.known
             self.columns.put(f"usual-{stage}", known)
-        return CloudStatistics(None, known, is_told=True)
+        return CloudStatistics(None, known, is_complete=True)
 
     def all(self, do: Callable[[int], Result], span: tuple[float, float], name: str = "signs") -> list[Result]:
         """Do something for each part, whether or not it is done; what each gives. name : what the dashboard shows"""
