@@ -82,7 +82,7 @@ def test_other_byte_orders_and_floats(points):
     assert narrow.attributes["a"].dtype == np.float32
 
 
-@pytest.mark.filterwarnings("ignore:.* points are of scans like")
+@pytest.mark.filterwarnings("ignore:.* points belong to scans such as")
 def test_normals_radii_and_cleaning_leave_them(points, model):
     same(pr.estimate_normals(points), points)
     same(model.points, points)

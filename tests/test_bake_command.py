@@ -151,7 +151,7 @@ def test_wrong_normals_are_not_lit_and_stay_in_the_file(scan, capsys):
     pr.write(scan, ring().with_normals(wrong))
     out = scan.with_name("lit.ply")
     status, _, err = run(capsys, "bake", scan, "-o", out, *FEW, *LIGHTS)
-    assert status == 0 and "fitted ones are used" in err
+    assert status == 0 and "replaced by fitted normals" in err
     scene = pr.Scene()
     with pytest.warns(UserWarning, match="fitted"):
         number = scene.add(pr.Model(select_normals(pr.read(scan))))

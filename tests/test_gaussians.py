@@ -161,7 +161,7 @@ def test_signs_of_normals_are_set_by_what_mends_them(tmp_path):
     up = made.xyz * rng.choice([-1, 1], (3000, 1))
     made.turn = np.column_stack([1 + up[:, 2], -up[:, 1], up[:, 0], np.zeros(3000)])
     points, message = repair_normals(read(save(tmp_path / "a.ply", trained(made)), opacity=0))
-    assert "signs set anew" in message
+    assert "signs recomputed" in message
     assert (points.normals * made.xyz).sum(axis=1).min() > 0.999
 
 

@@ -319,7 +319,7 @@ def test_rows_without_position_need_no_normal():
 
 def test_flipped_normals_are_noticed_and_used():
     points, message = repair_normals(Points(SPHERE, -SPHERE))
-    assert "look inwards" in message and "-points.normals" in message and "\n" not in message
+    assert "point inward" in message and "-points.normals" in message and "\n" not in message
     np.testing.assert_allclose(points.normals, -SPHERE, atol=1e-6)
 
 
@@ -360,4 +360,4 @@ def test_good_normals_of_scans_cause_no_words_and_flipped_ones_do(name):
 def test_exact_normals_cause_no_words(name, n):
     points = procedural(name, n)
     assert repair_normals(points)[1] is None
-    assert "look inwards" in repair_normals(points.with_normals(-points.normals))[1]
+    assert "point inward" in repair_normals(points.with_normals(-points.normals))[1]

@@ -76,7 +76,7 @@ def check_scattered(model, origins, directions):
     return hits
 
 
-@pytest.mark.filterwarnings("ignore:.* of neighbouring normals look to opposite sides")
+@pytest.mark.filterwarnings("ignore:.* of neighbouring normals face opposite sides")
 @pytest.mark.parametrize("scatter", ["spheres", "discs"])
 def test_rays_meet_what_the_twin_meets(rng, scatter):
     model = model_of(crown(rng), scatter=scatter, normals=unit(rng.normal(size=(1500, 3))))

@@ -69,7 +69,7 @@ def test_a_viewpoint_for_each_point():
             estimate_normals(Points(positions), viewpoint=shape)
 
 
-@pytest.mark.filterwarnings("ignore:.*are of scans like")
+@pytest.mark.filterwarnings("ignore:.*belong to scans such as")
 @pytest.mark.parametrize("scans", [[7, -1], [np.nan, 0.5]])
 def test_all_unknown_is_as_without_stations(scans):
     positions, _, scan = wall(800)
@@ -143,7 +143,7 @@ def test_normals_that_disagree_turn_to_their_stations():
     signs = np.where(np.random.default_rng(3).random(len(exact)) < 0.5, -1, 1)[:, None]
     survey = {"attributes": {SCAN: scan}, "survey": BOTH}
     mended, said = repair_normals(Points(positions, exact * signs, **survey))
-    assert wrong(mended.normals, exact) == 0 and "signs set anew" in said and "viewpoint=" not in said
+    assert wrong(mended.normals, exact) == 0 and "signs recomputed" in said and "viewpoint=" not in said
 
 
 def test_right_normals_of_a_thin_wall_are_not_touched():

@@ -109,7 +109,7 @@ def with_fits(
     ordered, rows = ordering.positions, ordering.rows
     if len(ordered) < 3:
         raise ValueError(
-            f"a plane needs at least 3 points: {len(points):,} points take {len(ordered)} different places"
+            f"normals need at least 3 distinct positions: {len(points):,} points have {len(ordered)} distinct positions"
         )
     if viewpoint is None:
         warn_of_lost_scans(points)
@@ -187,15 +187,15 @@ def repair_normals(
     share = agreement_share(known, facing, ordering.rows if ordering and whole else None)
     if share > DISAGREE:
         eyes = _stations_of(points)
-        advice = "" if eyes is not None else " (pass viewpoint= to estimate_normals where it is known)"
+        advice = "" if eyes is not None else " (pass viewpoint= to estimate_normals if known)"
         turned = unit
         unit = _reorient(points, unit, eyes, ordering)
         if not np.array_equal(unit, turned):
-            opposite = f"{100 * share:.0f}% of neighbouring normals look to opposite sides"
-            messages.append(f"{opposite}: directions kept, signs set anew{advice}")
+            opposite = f"{100 * share:.0f}% of neighbouring normals face opposite sides"
+            messages.append(f"{opposite}: directions kept, signs recomputed{advice}")
     elif looks_inward(known, facing):
         messages.append(
-            "the normals look inwards: used as they are; unless this is a room seen from inside, turn them with "
+            "most normals point inward: used as they are; if this is not a room scanned from inside, flip them: "
             "points.with_normals(-points.normals)"
         )
     return points.with_normals(unit), "; ".join(messages) or None
@@ -242,9 +242,9 @@ def describe_repairs(lost: int, odd: int, total: int) -> list[str]:
     """Return messages on the repairs of `total` normals."""
     messages = []
     if lost:
-        messages.append(f"{lost:,} of {total:,} normals are zero or not finite: taken from their neighbours")
+        messages.append(f"{lost:,} of {total:,} normals are zero or not finite: interpolated from neighbours")
     if odd:
-        messages.append(f"{odd:,} of {total:,} normals are not of unit length: made so")
+        messages.append(f"{odd:,} of {total:,} normals are not of unit length: normalised")
     return messages
 
 

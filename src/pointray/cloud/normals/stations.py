@@ -65,8 +65,8 @@ def check_outside(positions: Floats, eye: NDArray[np.float64]) -> None:
     around = np.linalg.norm(positions - positions[nearest], axis=1)
     if np.partition(distances, CLOSE)[CLOSE] < AMONG * np.partition(around, CLOSE)[CLOSE]:
         raise ValueError(
-            f"the viewpoint lies among the points, {distances[nearest]:.3g} from one: "
-            "give the place where the scanner stood"
+            f"the viewpoint lies among the points, {distances[nearest]:.3g} from the nearest: "
+            "pass the position of the scanner"
         )
 
 
@@ -74,9 +74,9 @@ def warn_of_ignored(ignored: Sequence[int], count: int) -> None:
     """Warn that stations are ignored. count : number of stations"""
     if not ignored:
         return
-    which = "the viewpoint of the file is not where a scanner stood"
+    which = "the viewpoint of the file is not a scanner position"
     if count > 1:
-        which = f"{len(ignored):,} of {count:,} viewpoints of the file are not where a scanner stood"
+        which = f"{len(ignored):,} of {count:,} viewpoints of the file are not scanner positions"
     warn(f"{which}: ignored for normals", stacklevel=3)
 
 
@@ -89,8 +89,8 @@ def warn_of_lost_scans(points: Points) -> None:
         lost = np.isfinite(scans) & (scans >= 0) & ~((scans < count) & (scans == np.rint(scans)))
     if lost.any():
         warn(
-            f"{lost.sum():,} of {len(points):,} points are of scans like {scans[lost][0]:g}, and there are stations "
-            f"for 0 to {count - 1} only: they follow their neighbours; pass viewpoint= if you know who saw them",
+            f"{lost.sum():,} of {len(points):,} points belong to scans such as {scans[lost][0]:g}, but stations "
+            f"are given only for 0 to {count - 1}: their normals follow those of neighbours; pass viewpoint= if known",
             stacklevel=3,
         )
 

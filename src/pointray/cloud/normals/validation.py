@@ -54,7 +54,7 @@ def validate_normals(points: Points, choice: str = "auto", keep: str = KEEP) -> 
         return points, False
     found = compare_normals(points, max(steps))
     if found.wrong:
-        warn(f"{describe_normals(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
+        warn(f"{describe_normals(found)}: replaced by fitted normals ({keep} keeps them)", stacklevel=3)
     return points, found.wrong
 
 
@@ -62,12 +62,12 @@ def check_normals_choice(points: Points, choice: str, keep: str = KEEP) -> None:
     """Raise a ValueError if the file's normals are requested but missing."""
     check_choice(choice, "normals", NORMALS)
     if choice == "file" and points.normals is None:
-        raise ValueError(f"{keep}: there are no normals in the file")
+        raise ValueError(f"{keep}: the file has no normals")
 
 
 def describe_normals(found: NormalsCheck) -> str:
     """Return the warning about wrong normals."""
-    return f"normals in the file are a median of {found.angle:.0f} degrees off the surface"
+    return f"normals in the file deviate from the surface by {found.angle:.0f} degrees (median)"
 
 
 def refit_normals(points: Points, progress: Progress | None = None) -> Points:

@@ -47,7 +47,7 @@ class Strays(NamedTuple):
 
     def __str__(self) -> str:
         """Summarize the numbers of strays."""
-        names = "of second layers", "in veils", "in floating groups", "alone"
+        names = "in second layers", "mixed returns", "in floating groups", "isolated"
         parts = [f"{int(rows.sum()):,} {name}" for rows, name in zip(self, names, strict=True) if rows.any()]
         return f"{int(self.any.sum()):,} strays" + (f" ({', '.join(parts)})" if parts else "")
 
@@ -106,8 +106,8 @@ def without_strays(
     """
     strays = find_strays(points, viewpoint, progress)
     if not (~strays.any & points.finite).any():
-        raise ValueError(f"{name}: no point is left without the {strays}")
-    warn(f"{name}: {strays} left out", stacklevel=2)
+        raise ValueError(f"{name}: no points remain after removing {strays}")
+    warn(f"{name}: {strays} removed", stacklevel=2)
     return points.select(~strays.any) if strays.any.any() else points
 
 

@@ -251,8 +251,8 @@ class OutOfCoreBuilder:
         share = agreement_share(where[rows][good], unit[good], np.arange(len(good), dtype=np.int32))
         if share > DISAGREE:
             turn_given(self._work, self._cloud, (MERGED_AT, TURNED_AT))
-            opposite = f"{100 * share:.0f}% of neighbouring normals look to opposite sides"
-            warn(f"{opposite}: directions kept, signs set anew", stacklevel=5)
+            opposite = f"{100 * share:.0f}% of neighbouring normals face opposite sides"
+            warn(f"{opposite}: directions kept, signs recomputed", stacklevel=5)
 
     def _support(self) -> None:
         """Find the support of each point."""
