@@ -1,7 +1,7 @@
-"""A cloud that does not fit into memory -> a model in parts.
+"""Builder of a model in parts from a cloud that does not fit into memory.
 
-Stages follow each other. Of most, each part is independent of the others, once the stages before are done for all
-parts; what each finds stays in columns in the folder "unfinished", so that an interrupted run goes on where it stopped.
+In most stages the parts are independent of each other once the previous stages are done for all parts. Results are
+stored as columns in the folder "unfinished", so that an interrupted run can be resumed.
 """
 
 from __future__ import annotations
@@ -63,23 +63,23 @@ from .thin_sheets import part_thin_sheets
 from .trees import least_size
 from .work import Work
 
-SEERS = SCAN, "point_source_id"  # attributes that tell who saw each point
-# Shares of the time after which stages are done.
+SEERS = SCAN, "point_source_id"  # attributes that hold the scan of each point
+# Progress after each stage.
 ARRANGED, SORTED, SEARCHED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, TURNED_FITS, FACED_AT, SUPPORTED = (
     *(0.12, 0.16, 0.22, 0.3, 0.35, 0.4, 0.5, 0.56, 0.6, 0.8),
 )
-LEVELED, WRITTEN = 0.95, 0.97  # those of the surface, and of scattered points
-SEPARATED_AT = 0.3  # share after which these are in columns of their own; the surface takes the rest
+LEVELED, WRITTEN = 0.95, 0.97  # progress after the levels of the surface, and of scattered points
+SEPARATED_AT = 0.3  # progress after scattered points are in columns of their own; the surface takes the rest
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """How a model is made, see `Model`.
+    """Options of a model, see `Model`.
 
     size : points of a part, a power of two
     leveled : whether parts get levels of detail
-    drawing : how scattered points are drawn, its scatter perhaps "auto", see `check_drawing`; None: as `Model` does
-    given : whether the cloud comes with radii; None: as its columns tell
+    drawing : how scattered points are drawn, possibly "auto", see `check_drawing`; None: as `Model` does
+    given : whether the cloud has radii; None: decided by its columns
     """
 
     settings: TreeSettings
@@ -91,19 +91,19 @@ class Wanted:
 
 
 class OutOfCoreBuilder:
-    """A cloud on disk, stage by stage; `build` makes a model of it.
+    """Builder of a model from a cloud on disk; `build` runs all stages.
 
     Parameters
     ----------
     folder : path
-        Of the model.
+        Folder of the model.
     columns : Columns
-        What `spool` has left, and what is found.
+        As left by `spool`; results are added.
     spooled : Spooled
     wanted : Wanted
     progress : callable, optional
     tasks : TaskExecutor, optional
-        Workers who do the parts of stages, and see the folder. None: this process.
+        Workers that process parts and see the folder. None: this process.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class OutOfCoreBuilder:
         self.settings, self._progress = wanted.settings, progress
 
     def build(self) -> int:
-        """Do all stages, and write the model; the index comes last. Returns how many points it has."""
+        """Run all stages and write the model, the index last; return the number of points."""
         halves, drawing = [], self._drawing
         surface, loose = self._separate()
         half = None if surface is None else surface.make()
@@ -147,7 +147,7 @@ class OutOfCoreBuilder:
         return sum(half.rows for half in halves)
 
     def make(self) -> Half:
-        """Do all stages of a surface, and write its parts."""
+        """Run all stages of a surface, and write its parts."""
         self._arrange()
         self._merge()
         self._place()
@@ -156,12 +156,12 @@ class OutOfCoreBuilder:
 
     @property
     def _named(self) -> Named:
-        """What the files of the model say."""
+        """Facts that the model's files contain."""
         spooled = self._spooled
         return Named(self._folder, id_in(self._columns), spooled.origin, spooled.survey, list(self._names))
 
     def _separate(self) -> tuple[OutOfCoreBuilder | None, Work | None]:
-        """The surface, and where scattered points are; None where there are no such points."""
+        """Return the builder of the surface and the columns of scattered points; None for either without points."""
         if not self._drawing.is_apart:
             return self, None
         columns, work, drawing = self._columns, self._work, self._drawing
@@ -205,7 +205,7 @@ class OutOfCoreBuilder:
         self._columns.put(MERGED, {})
 
     def _place(self) -> None:
-        """Find normals and noise, and move noisy points."""
+        """Find normals and noise, and smooth noisy points."""
         cloud, sigma, work = self._cloud, self._wanted.smooth, self._work
         has_normals = GIVEN in self._columns
         if has_normals:
@@ -233,7 +233,7 @@ class OutOfCoreBuilder:
             warn(text, stacklevel=4)
 
     def _noise_ranges(self) -> NoiseRanges:
-        """The noise of all parts."""
+        """Measure the noise of all parts."""
         facts = self._work.each("noise", partial(measure_noise, self._work, self._cloud), (TURNED_AT, EXAMINED))
         kinds = np.int64, np.float32, np.float64, np.float64
         arrays = [
@@ -243,7 +243,7 @@ class OutOfCoreBuilder:
         return raise_to_typical(NoiseRanges(*arrays))
 
     def _check_signs(self) -> None:
-        """Warn of normals that look to opposite sides or inwards."""
+        """Warn of normals that face opposite sides; recompute their signs."""
         columns, rows = self._columns, sample_rows(self._cloud.total)
         where = columns[self._cloud.latest(MERGED, POSITIONS)]
         unit, length = to_units(columns[GIVEN][rows])

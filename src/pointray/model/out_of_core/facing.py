@@ -1,4 +1,4 @@
-"""The sides that normals face, over all parts: as in a whole cloud, neighbours agree, and scanners see no back."""
+"""Orientation of normals across parts: neighbours agree as in a whole cloud, and normals face known scanners."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from .signs import PIECE, SIGN, SIGNED, Outlook, Shared, Signs, Whole, firsts_of
 from .stages import FACED, KNOWN, MERGED, NORMALS, PLACED, PLANES, POSITIONS, TURNED, UNITS, Cloud, units
 from .work import Facts, Work
 
-FOUND, VOTED, JOINED, LOOKED = 0.4, 0.75, 0.8, 0.9  # shares of the time after which a pass is done
+FOUND, VOTED, JOINED, LOOKED = 0.4, 0.75, 0.8, 0.9  # progress of the passes
 
 Span = tuple[float, float]
 
 
 class Facing:
-    """Signs of the normals in a column, and what they are made of.
+    """Orientation of the normals in a column.
 
     Parameters
     ----------
     work : Work
     cloud : Cloud
-    places, normals : str
+    Columns of positions, and of normals with arbitrary signs.
         Columns: positions, and normals of either sign.
     near : int
-        Neighbours that signs pass to.
+        Number of neighbours along which signs propagate.
     """
 
     def __init__(self, work: Work, cloud: Cloud, places: str, normals: str, near: int) -> None:
@@ -43,7 +43,7 @@ class Facing:
             work.room(name, dtype)
 
     def settle(self, span: Span) -> None:
-        """Write the sign of each normal to the column `SIGNED`; those that scanners tell are kept."""
+        """Write the sign of each normal to the column `SIGNED`; signs known from scanners are kept."""
         begin, length = span[0], span[1] - span[0]
         shares = ((0, FOUND), (FOUND, VOTED), (JOINED, LOOKED))
         passes = [(begin + a * length, begin + b * length) for a, b in shares]
@@ -69,7 +69,7 @@ class Facing:
         return self._signs.look(self._load(part, alone=True), part, firsts, shared[part])
 
     def _told(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which groups have normals that scanners tell, and which of these must be turned, see `orient_unknown`."""
+        """Return which groups have signs known from scanners, and which of these to invert, see `orient_unknown`."""
         counts, votes = np.zeros((2, groups))
         for part in range(self._work.parts):
             group, sign = self._signs.told(part, firsts, known[self._work.stretch(part)] != 0)
@@ -78,7 +78,7 @@ class Facing:
         return counts > 0, votes < 0
 
     def _load(self, part: int, alone: bool = False) -> signs.Local:
-        """A part with its margin; alone : without both, as neighbours are not asked for"""
+        """Return a part with its margin. alone : without margin and neighbours"""
         columns = self._work.columns
         local = _own(self._work, part) if alone else self._work.local(part)
         core = slice(int(local.own[0]), int(local.own[-1]) + 1)
@@ -88,14 +88,14 @@ class Facing:
 
 
 def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDArray[np.int32]:
-    """The neighbours of a part's own points, or of some points, (m, k), each itself first."""
+    """Return the neighbours of a part's own points, or of some points, (m, k), each itself first."""
     places = local.read(cloud.columns[cloud.latest(MERGED, POSITIONS)])
     tree = NeighborTree(places, in_order=True)
     if isinstance(core, slice):
         rows, near = np.arange(core.start, core.stop), tree.rows(count, core)
     else:
         rows, near = core, tree.rows_at(count, places[core])
-    odd = np.flatnonzero(near[:, 0] != rows)  # another point is at the same place
+    odd = np.flatnonzero(near[:, 0] != rows)  # another point has the same position
     if len(odd):
         at = near[odd] == rows[odd, None]
         near[odd] = np.where(at, near[odd, :1], near[odd])
@@ -109,7 +109,7 @@ def _own(work: Work, part: int) -> Local:
 
 
 def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
-    """Write the normals that were fitted to points, with their signs, to the column `FACED`."""
+    """Write the fitted normals with their signs to the column `FACED`."""
     columns, middle = work.columns, span[0] + 0.8 * (span[1] - span[0])
     if columns.get(FACED) is not None:
         return
@@ -135,7 +135,7 @@ def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
 
 
 def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
-    """Write the normals that points came with, as units with signs of their own, to the column `TURNED`."""
+    """Write the given normals, at unit length and with recomputed signs, to the column `TURNED`."""
     columns = work.columns
     if columns.get(TURNED) is not None:
         return
@@ -153,7 +153,7 @@ def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
 
 
 def _put_units(work: Work, cloud: Cloud, part: int) -> Facts:
-    """Write the normals of a part as units."""
+    """Write the normals of a part at unit length."""
     local = work.local(part)
     found = units(cloud, local)
     local.write(work.columns[UNITS], found.normals)

@@ -1,4 +1,4 @@
-"""Splats in columns -> the files of a model in parts."""
+"""Writing of a model in parts from splats in columns."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from .tasks import BORDERS, RADII, SHEETS
 from .trees import Plan, bounds_about, cells_of, plan_of, shown, tree_of
 from .work import Facts, Work
 
-SHOWN, TREES = 0.07, 0.6  # shares of the time after which boxes and trees are there; the rest is for levels of detail
+SHOWN, TREES = 0.07, 0.6  # progress after boxes, and after trees; levels of detail take the rest
 
 Span = tuple[float, float]
 
 
 class Described(NamedTuple):
-    """What a model is besides its columns.
+    """Description of the surface of a model.
 
     settings, smooth : see `Model`
     attributes : dict of str to str, the columns of the attributes
@@ -52,12 +52,12 @@ class Described(NamedTuple):
 
 
 class Half(NamedTuple):
-    """What is written of the surface, or of the scattered points.
+    """Written parts of the surface, or of the scattered points.
 
-    rows : how many points they are; files : what the index says of their parts; supports : boxes around all supports
-    longest : longest step of the samples
-    columns : (positions, normals and colours by name, each perhaps None; attributes; radii)
-    median : of the radii; None: not asked
+    rows : number of points; files : index entries of the parts; supports : bounding boxes of supports
+    longest : longest sampling step
+    columns : (positions, normals and colours by name, each may be None; attributes; radii)
+    median : median radius, or None
     """
 
     rows: int
@@ -69,7 +69,7 @@ class Half(NamedTuple):
 
 
 class Chain:
-    """Columns one behind the other, for `write_columns`."""
+    """Concatenation of columns, for `write_columns`."""
 
     def __init__(self, columns: list[Column]) -> None:
         self._columns = columns
@@ -91,7 +91,7 @@ def _chained(columns: list[Column | None]) -> Chain | None:
 
 
 class Numbers:
-    """The numbers of rows, for slices and for rows."""
+    """Row numbers, as if read from a column."""
 
     def __getitem__(self, rows: Any) -> NDArray[np.int32]:
         return np.arange(rows.start, rows.stop, dtype=np.int32) if isinstance(rows, slice) else rows.astype(np.int32)
@@ -141,7 +141,7 @@ def finish_loose(named: Named, work: Work, drawing: Drawing, surface: Half | Non
 
 
 def finish(named: Named, halves: list[Half], settings: dict[str, Any], loose: int, say: Progress | None) -> None:
-    """Write the points and, last, the index. loose : how many points are scattered"""
+    """Write the points and, last, the index. loose : number of scattered points"""
     points = {name: _chained([half.columns[0][name] for half in halves]) for name in halves[0].columns[0]}
     attributes = {name: _chained([half.columns[1][name] for half in halves]) for name in named.attributes}
     radii = _chained([half.columns[2] for half in halves])
@@ -160,7 +160,7 @@ def finish(named: Named, halves: list[Half], settings: dict[str, Any], loose: in
 
 
 def _splats_of(cloud: Cloud, model: Described) -> Splats:
-    """All splats, in columns that are opened anew."""
+    """Return all splats, in newly opened columns."""
     columns = cloud.columns
     arrays: list[Any] = [
         *(columns[PLACED], columns[cloud.normals], columns[RADII], Numbers()),
@@ -171,7 +171,7 @@ def _splats_of(cloud: Cloud, model: Described) -> Splats:
 
 
 def _show(work: Work, cloud: Cloud, model: Described, part: int) -> tuple[Groups, NDArray[np.float32]]:
-    """What a part shows to the others."""
+    """Return the groups and bounds of a part that other parts need."""
     return shown(_splats_of(cloud, model), work.size, part)
 
 
@@ -184,7 +184,7 @@ def _grow(folder: Path, id: str, work: Work, cloud: Cloud, model: Described, pla
 
 
 def _layer_of(work: Work, cloud: Cloud, model: Described) -> Layer:
-    """The splats, as levels of detail are made of them."""
+    """Return the splats as the finest layer of levels of detail."""
     columns = work.columns
     sources: dict[str, Any] = {layer.POSITIONS: PLACED, layer.NORMALS: cloud.normals, layer.RADII: RADII}
     if NOISE in model.optional:
@@ -197,7 +197,7 @@ def _layer_of(work: Work, cloud: Cloud, model: Described) -> Layer:
 
 
 def _limit_noise(columns: Columns) -> None:
-    """Whatever a caller says of the noise, a surface has no bumps higher than its supports."""
+    """Limit the noise to the radii: a surface has no bumps higher than its supports."""
     noise, radii = columns[NOISE], columns[RADII]
     for start in range(0, len(radii), CHUNK):
         rows = slice(start, start + CHUNK)
@@ -205,7 +205,7 @@ def _limit_noise(columns: Columns) -> None:
 
 
 def id_in(columns: Columns) -> str:
-    """What all files of the folder name."""
+    """Return the id that all files of the folder contain; create it if missing."""
     facts = columns.get("id")
     if facts is None:
         facts = {"id": secrets.token_hex(8)}

@@ -1,7 +1,7 @@
-"""Scattered points of a model in parts: parts of their own, which follow those of the surface.
+"""Scattered points of a model in parts: separate parts, which follow those of the surface.
 
-Their trees hold nothing else, so that each point lies in one part, and a part is a stretch of their kd order. Levels of
-detail are those of the whole: a cell that several parts share gives one point.
+Their trees hold nothing else, so each point belongs to one part, and a part is a range of their kd order. Levels of
+detail are those of the whole model: a cell that several parts share gives one point.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class LooseParts:
-    """Scattered points, part after part.
+    """Scattered points of all parts.
 
-    layer : Layer, number 0: their positions, directions (as normals), radii, and perhaps colours and attributes
+    layer : Layer, number 0: positions, directions (as normals), radii, and optionally colours and attributes
     drawing : Drawing, spheres or discs
-    first_part, first_row : those before them in the folder
+    first_part, first_row : number of parts and rows before them in the folder
     """
 
     layer: Layer
@@ -51,7 +51,7 @@ class LooseParts:
 
 
 def write_loose_part(named: Named, loose: LooseParts, part: int) -> Facts:
-    """Write the file of a part; what the index says of it, and the bounds of its spheres."""
+    """Write the file of a part; return its index entry and the bounds of its spheres."""
     own, layer = loose.layer.own(part), loose.layer
     rows = np.arange(loose.first_row + own.start, loose.first_row + own.stop, dtype=np.int32)
     splats = _splats(layer, own, rows)
@@ -65,14 +65,14 @@ def write_loose_part(named: Named, loose: LooseParts, part: int) -> Facts:
 def write_loose_levels(
     work: Work, loose: LooseParts, named: Named, surface: tuple[float | None, list[PartFile]], parts: Any, span: Span
 ) -> list[PartFile]:
-    """Write levels of detail; what the index says of the parts then.
+    """Write levels of detail; return the index entries of the parts.
 
     Parameters
     ----------
     surface : (float or None, list of PartFile)
-        The median radius of the model's surface, and its parts; None and nothing if it has none.
+        Median radius of the model's surface, and its parts; None and an empty list if there is no surface.
     parts : list of PartFile
-        What the index says of the scattered points' parts without levels.
+        Index entries of the scattered points' parts without levels.
     """
 
     def shape(layer: Layer, cell: float, written: list[Written | None], span: Span) -> list[Facts]:
@@ -87,7 +87,7 @@ def write_loose_levels(
 
 
 def spacing_in(loose: LooseParts, columns: Columns) -> float:
-    """The spacing that all scattered points stand for."""
+    """Return the spacing that the radii of all scattered points correspond to."""
     return spacing_of(np.array([median_of(loose.layer, columns)], np.float32), loose.drawing)
 
 
@@ -96,7 +96,7 @@ def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[
     if not fine.sizes[part]:
         return {"size": 0}
     rows, groups = cells_of_part(fine, grid, part, sides=False)
-    if len(groups.starts) == 1:  # all cells are those of parts before
+    if len(groups.starts) == 1:  # all cells belong to earlier parts
         return {"size": 0}
     names = [name for name in fine.sources if name.startswith(ATTRIBUTE)]
     attributes = {name: fine.read(name, rows) for name in names}
@@ -136,7 +136,7 @@ def _write_loose_level(
 
 
 def _splats(layer: Layer, own: slice, rows: NDArray[np.int32]) -> Splats:
-    """The scattered points of a part."""
+    """Return the scattered points of a part."""
     positions, normals, radii = (layer.read(name, own) for name in (POSITIONS, NORMALS, RADII))
     return Splats(positions, normals, radii, rows, layer.find(COLORS, own))
 

@@ -1,7 +1,6 @@
-"""Scattered points of a cloud on disk: found part by part, then put into columns of their own.
+"""Separation of scattered points of a cloud on disk: found part by part, then moved to columns of their own.
 
-Points of the surface go back to the order of the files, so that their kd order, in which they are sorted next, is that
-of a whole model's surface.
+Points of the surface are put back into file order, so that sorting them gives the kd order of a whole model's surface.
 """
 
 from __future__ import annotations
@@ -29,19 +28,19 @@ from .local import Local
 from .stages import Cloud, path_of
 from .work import Facts, Work
 
-# Columns: the number of each point in the files; whether it is scattered; and how it is drawn then.
+# Columns: row of each point in the files; whether it is scattered; radius and direction if it is.
 ROW, APART, SPHERES, DIRECTIONS = "row", "apart", "sphere-radii", "sphere-directions"
-SURFACE, LOOSE = "surface", "loose"  # folders of columns in that of the whole cloud
-BY_ROW = "by-row"  # a column of the surface's points, in stretches of rows that are not yet sorted
+SURFACE, LOOSE = "surface", "loose"  # subfolders with columns
+BY_ROW = "by-row"  # column of the surface's points, in ranges of rows that are not sorted yet
 SEPARATED = "separated"
-FOUND, SHAPED = 0.5, 0.8  # shares of the time
+FOUND, SHAPED = 0.5, 0.8  # progress
 
 Span = tuple[float, float]
 Floats = NDArray[np.float32]
 
 
 class Shaping(NamedTuple):
-    """How scattered points are drawn. radii : the column of given ones, or None"""
+    """Options for drawing scattered points. radii : the column of given radii, or None"""
 
     drawing: Drawing
     radii: str | None
@@ -49,7 +48,7 @@ class Shaping(NamedTuple):
     def find(
         self, cloud: Cloud, local: Local, statistics: CloudStatistics, mask: NDArray[np.bool_] | None = None
     ) -> tuple[Floats, Floats]:
-        """Radii and directions of some points, see `shapes_of`."""
+        """Return radii and directions of some points, see `shapes_of`."""
         points = cloud.points(local)
         ordering = path_of(points.positions)
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
@@ -57,31 +56,31 @@ class Shaping(NamedTuple):
 
 
 def number_rows(columns: Columns, count: int) -> None:
-    """Write the number of each point, in the order of the files."""
+    """Write the number of each point, in file order."""
     column = columns.make(ROW, np.int32)
     for start in range(0, count, CHUNK):
         column.append(np.arange(start, min(start + CHUNK, count), dtype=np.int32))
 
 
 def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, span: Span) -> tuple[int, int]:
-    """Find the scattered points, and put the points into the columns of `SURFACE` and `LOOSE`.
+    """Find the scattered points, and move all points into the columns of `SURFACE` and `LOOSE`.
 
-    If none are scattered the columns stay as they are; points of neither kind that are left out are dropped.
+    If none are scattered the columns are unchanged; scattered points that are not drawn are dropped.
 
     Parameters
     ----------
     names : sequence of str
-        The columns of the cloud, without `ROW`.
+        Columns of the cloud, without `ROW`.
 
     Returns
     -------
     surface, loose : int
-        How many points are in them.
+        Number of points in each.
 
     Raises
     ------
     ValueError
-        If all points are scattered, and those are left out.
+        If all points are scattered and none are drawn.
     """
     columns, drawing = work.columns, shaping.drawing
     known = columns.get(SEPARATED)
@@ -120,7 +119,7 @@ def _find(work: Work, cloud: Cloud, part: int) -> Facts:
 
 
 def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatistics, part: int) -> None:
-    """Write how the scattered points of a part are drawn."""
+    """Write radii and directions of the scattered points of a part."""
     apart = work.columns[APART][work.stretch(part)] != 0
     if not apart.any():
         return
@@ -134,7 +133,7 @@ def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatisti
 
 
 def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, span: Span) -> None:
-    """Write each column of the cloud to those of the surface and of scattered points, and remove it."""
+    """Copy each column to those of the surface and of scattered points, and remove it."""
     columns, say = work.columns, work.watch(span)
     surface, loose = (Columns(columns.folder / name) for name in (SURFACE, LOOSE))
     shapes = [SPHERES, DIRECTIONS] if is_shown else []
@@ -156,7 +155,7 @@ def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, spa
 
 
 def _put_back(work: Work, total: int, name: str, surface: Columns) -> None:
-    """Write a column of the surface's points in the order of the files: into stretches of rows, which are sorted."""
+    """Write a column of the surface's points in file order, as ranges of rows that are then sorted."""
     columns, size = work.columns, work.size
     source, apart, numbers = columns[name], columns[APART], columns[f"{SORTED}{ROW}"]
     between = surface.make(BY_ROW, source.dtype, source.width, total)

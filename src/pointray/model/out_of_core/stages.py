@@ -1,7 +1,7 @@
-"""What a part's surface is: positions and normals where they are met by rays, and supports, as in a whole model.
+"""Stages that compute the surface of a part: positions, normals and supports, equal to those of a whole model.
 
-Each function does one stage for one part, from columns of earlier stages, which other parts have written too. Numbers
-that hold for all parts come from a sample, see `cloud.statistics`, or from all parts, as the noise.
+Each function computes one stage for one part, from columns of earlier stages, including those of other parts. Values
+that are common to all parts come from a sample, see `cloud.statistics`, or from all parts, such as the noise.
 """
 
 from __future__ import annotations
@@ -36,26 +36,26 @@ from .sorted_sets import distinct_numbers
 
 Floats = NDArray[np.float32]
 
-# Columns: of the cloud as it was given, and of what is found, stage by stage.
+# Columns: of the given cloud, and of the results of each stage.
 POSITIONS, GIVEN = "points.positions", "points.normals"
 MERGED, UNITS, TURNED, KNOWN = "merged", "units", "turned", "known"
 LAYERS = "layers"  # of blocks, see `second_layers.py`
 PLACED, NORMALS, FACED, NOISE = "placed", "normals", "faced", "noise"
 PLANES = "planes.moved", "planes.normals"
-THICK, PARTED = "thick", "parted"  # whether a point may be of two sheets; normals where these were looked for
+THICK, PARTED = "thick", "parted"  # whether a point may be near two sheets; normals after orienting these
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """A cloud on disk, in kd order.
+    """Cloud on disk, in kd order.
 
     columns : Columns
-    total : int, how many points it has
+    total : int, number of points
     origin : (3,) float64
     survey : Survey
-    seers : dict of str to str, the columns of the attributes that tell who saw each point
-    is_seen : whether they tell it of any
-    ignored : the numbers of stations that are not believed, see `eyes_of`
+    viewpoint_columns : dict of str to str, columns of the attributes that hold the scan of each point
+    is_seen : whether any point has a known viewpoint
+    ignored : numbers of stations to ignore, see `eyes_of`
     """
 
     columns: Columns
@@ -68,16 +68,16 @@ class Cloud:
 
     @property
     def has_units(self) -> bool:
-        """Whether the normals that points have by now are unit ones: those of another length would be rounded again."""
+        """Whether the current normals have unit length; normalising them again would round them again."""
         return self.columns.get(TURNED) is not None
 
     @property
     def normals(self) -> str:
-        """The column with the normals of the surface that are there by now."""
+        """Name of the column with the current normals of the surface."""
         return self.latest(PARTED, self.latest(FACED, NORMALS))
 
     def points(self, local: Local) -> Points:
-        """Some of the points, where they are by now, with the normals that they have by now."""
+        """Return some points with their current positions and normals."""
         columns = self.columns
         positions = local.read(columns[self.latest(MERGED, POSITIONS)])
         normals = local.read(columns[self.latest(TURNED, GIVEN)]) if GIVEN in columns else None
@@ -85,19 +85,19 @@ class Cloud:
         return Points.about(self.origin, positions, normals, None, attributes, self.survey)
 
     def latest(self, found: str, given: str) -> str:
-        """The column that a stage has found, if it is done for all parts, or what was given."""
+        """Return the column `found` if that stage is done for all parts, else `given`."""
         return given if self.columns.get(found) is None else found
 
 
 class Surface(NamedTuple):
-    """Some points where rays meet them.
+    """Surface at some points.
 
     positions, normals : (n, 3) float32, unit normals
-    noise : (n,) float32, what was smoothed away; None if nothing was
-    planes : (n, 3) float32 each, positions on planes around noisy points and the planes' normals, which tell signs
-    known : (n,) bool, whose scanner is known; None: nobody's
-    mended : how many normals were lost, and of another length
-    thick : (n,) bool, which points may be of two sheets; None: not asked
+    noise : (n,) float32, noise that was removed; None if none
+    planes : (n, 3) float32 each, positions moved onto planes around noisy points, and the planes' normals, for signs
+    known : (n,) bool, whether the viewpoint is known; None: none is known
+    mended : number of missing normals, and of normals of another length
+    thick : (n,) bool, which points may be near two sheets; None: not computed
     """
 
     positions: Floats
@@ -110,13 +110,13 @@ class Surface(NamedTuple):
 
 
 def path_of(positions: Floats) -> KdOrdering:
-    """The path through points that are in kd order and finite, see `compute_kd_ordering`."""
+    """Return the kd ordering of finite points in kd order, see `compute_kd_ordering`."""
     rows, ids = distinct(positions)
     return KdOrdering(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
 
 
 def merge(cloud: Cloud, local: Local, statistics: CloudStatistics) -> Floats:
-    """Positions with those of second layers moved onto one surface, in the blocks that show them if these are known."""
+    """Move second layers onto one surface, in the blocks that show them if these are known; return the positions."""
     points = cloud.points(local)
     ordering = path_of(points.positions)
     blocks = None
@@ -130,7 +130,7 @@ def merge(cloud: Cloud, local: Local, statistics: CloudStatistics) -> Floats:
 
 
 def examine(cloud: Cloud, local: Local) -> NoiseRanges:
-    """What the stretches of a part show of its noise; places are those of the whole cloud."""
+    """Measure the noise of the ranges of a part; places refer to the whole cloud."""
     points = cloud.points(local)
     ordering = path_of(points.positions)
     known = None if points.normals is None else take(_units_of(cloud, local, points).normals, ordering.rows)
@@ -141,7 +141,7 @@ def examine(cloud: Cloud, local: Local) -> NoiseRanges:
 
 
 def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None) -> Surface:
-    """Points with normals of their own, moved where they are noisy. stretches : of all parts; None: sigma tells"""
+    """Smooth points with normals. ranges : noise of all parts; None: given by sigma"""
     points = cloud.points(local)
     mended = _units_of(cloud, local, points)
     ordering = path_of(points.positions)
@@ -152,7 +152,7 @@ def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | 
 
 
 def survey_fits(cloud: Cloud, local: Local, statistics: CloudStatistics) -> None:
-    """Find what fits to points without normals ask of the whole cloud."""
+    """Compute the statistics that fits to points without normals need."""
     ordering = path_of(cloud.points(local).positions)
     measure_noise(ordering.positions, of_distinct_positions(statistics, ordering.ids))
 
@@ -160,7 +160,7 @@ def survey_fits(cloud: Cloud, local: Local, statistics: CloudStatistics) -> None
 def fit(
     cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None, statistics: CloudStatistics
 ) -> Surface:
-    """Points without normals, moved where they are noisy; signs are those that scanners tell, or not known."""
+    """Smooth points without normals and fit normals; signs are known only where viewpoints are."""
     points = cloud.points(local)
     ordering, (eye, known) = path_of(points.positions), _eyes_of(cloud, points)
     path, eyes = ordering.positions, None if eye is None else take(eye, ordering.rows)
@@ -179,7 +179,7 @@ def fit(
 
 
 def units(cloud: Cloud, local: Local) -> Surface:
-    """Points with unit normals, which face those who saw them, where that is known."""
+    """Return points with unit normals, turned towards known viewpoints."""
     points = cloud.points(local)
     mended, (eye, known) = _units_of(cloud, local, points), _eyes_of(cloud, points)
     if eye is not None:
@@ -188,7 +188,7 @@ def units(cloud: Cloud, local: Local) -> Surface:
 
 
 def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bool_] | None]:
-    """Who saw each point, about the origin, (n, 3), NaN where that is not known; and where it is known."""
+    """Return the viewpoint of each point relative to the origin, (n, 3), NaN where unknown, and where it is known."""
     if not cloud.is_seen:
         return None, None
     eyes = eyes_of(points, cloud.ignored)
@@ -203,7 +203,7 @@ def _noise_along(local: Local, ordering: KdOrdering, ranges: NoiseRanges | None)
 
 
 def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
-    """The points with unit normals; where none is good they are estimated. Own points alone count as mended."""
+    """Return the points with unit normals, estimated if none is valid. Repairs are counted for own points only."""
     if cloud.has_units:
         return Surface(points.positions, np.asarray(points.normals), None)
     found = normalize_normals(points, local.own)
@@ -215,7 +215,7 @@ def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
 def support(
     cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, statistics: CloudStatistics
 ) -> Support:
-    """The support of points on their surface. given : (n,), their radii; None: chosen"""
+    """Return the support of points on their surface. given : (n,), their radii; None: automatic"""
     positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.normals))
     automatic = settings.overhang < np.inf
     return find_support(

@@ -1,6 +1,6 @@
-"""What is done for one part: columns of earlier stages -> columns, and a few facts.
+"""Tasks for one part: columns of earlier stages -> new columns, and a few facts.
 
-These are functions of a module with small arguments, so that workers can be told to do them; columns are opened anew.
+These are module-level functions with small arguments, so that they can be sent to workers; columns are reopened.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ RADII, BORDERS, SHEETS = "radii", "borders", "sheets"  # columns
 
 
 class Measure(NamedTuple):
-    """How the surface of a part is found.
+    """Options for finding the surface of a part.
 
-    sigma : the noise's deviation, or "auto"
-    ranges : the noise of all parts; None: sigma tells
-    statistics : what fits to points without normals ask of the whole cloud; None: points have normals
+    sigma : standard deviation of the noise, or "auto"
+    ranges : noise of all parts; None: given by sigma
+    statistics : of the whole cloud, for fits to points without normals; None: points have normals
     """
 
     sigma: str | float
@@ -35,13 +35,13 @@ class Measure(NamedTuple):
 
 
 class Supporting(NamedTuple):
-    """How supports are found. radii : the column of given ones, or None"""
+    """Options for finding supports. radii : the column of given radii, or None"""
 
     radii: str | None
     settings: TreeSettings
 
     def find(self, cloud: Cloud, local: Local, statistics: CloudStatistics) -> Support:
-        """The supports of some points."""
+        """Return the supports of some points."""
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
         return support(cloud, local, given, self.settings, statistics)
 
@@ -53,13 +53,13 @@ def move_layers(work: Work, cloud: Cloud, statistics: CloudStatistics, part: int
 
 
 def measure_noise(work: Work, cloud: Cloud, part: int) -> Facts:
-    """What the stretches of a part show of its noise, see `NoiseRanges`."""
+    """Measure the noise of the ranges of a part, see `NoiseRanges`."""
     found = examine(cloud, work.local(part))
     return {name: values.tolist() for name, values in found._asdict().items()}
 
 
 def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts:
-    """Write where rays meet the points, their normals and noise."""
+    """Write the surface positions, normals and noise of a part."""
     local, columns = work.local(part), work.columns
     sigma, ranges, statistics = measure
     found = place(cloud, local, sigma, ranges) if statistics is None else fit(cloud, local, sigma, ranges, statistics)
