@@ -304,7 +304,10 @@ def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
 def test_two_writers_do_not_meet(tmp_path, monkeypatch):
     folder = begun(tmp_path, monkeypatch)
-    with prepare_module.alone(folder / "unfinished"), pytest.raises(ValueError, match="another process prepares"):
+    with (
+        prepare_module.exclusive_lock(folder / "unfinished"),
+        pytest.raises(ValueError, match="another process prepares"),
+    ):
         prepared(tmp_path / "a.ply", folder)
     with monkeypatch.context() as patch:
         patch.setattr(OutOfCoreBuilder, "build", lambda self: 1 / 0)

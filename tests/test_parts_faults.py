@@ -23,7 +23,7 @@ from pointray.model.model_folder import INDEX, SURFACE_ONLY
 from pointray.model.out_of_core import exclusive_lock as alone_module
 from pointray.model.out_of_core import prepare as prepare_module
 from pointray.model.out_of_core.builder import OutOfCoreBuilder
-from pointray.model.out_of_core.prepare import begun_points, prepare
+from pointray.model.out_of_core.prepare import prepare, unfinished_part_points
 from pointray.surface.tree.settings import check_settings
 
 SIZE = 1 << 14  # the least there is for so few points
@@ -180,7 +180,7 @@ def test_unfinished_work_of_another_version_is_refused(
             prepared(scan, tmp_path / "a")
     with pytest.raises(ValueError, match="holds unfinished work of other version: go on with those, or remove"):
         prepared(scan, tmp_path / "a")
-    assert begun_points(tmp_path / "a") == SIZE
+    assert unfinished_part_points(tmp_path / "a") == SIZE
 
 
 @pytest.mark.long

@@ -111,7 +111,7 @@ def signs_of(cloud, folder, order=lambda parts: parts):
 
     firsts = firsts_of(each(lambda part: signs.find(load(part))))
     shared = signs.gather(firsts, each(lambda part: signs.vote(load(part), part, firsts)))
-    inward = signs.face(each(lambda part: signs.look(load(part), part, firsts, shared[part])))
+    inward = signs.face(each(lambda part: signs.examine(load(part), part, firsts, shared[part])))
     each(lambda part: signs.write(part, firsts, inward))
     return out[:]
 

@@ -18,7 +18,7 @@ from ..io.selection import Selection
 from ..io.trajectory import read_trajectory
 from ..model.model import SURFACE
 from ..model.model_file import SAVED
-from ..model.out_of_core.prepare import begun_points, check_unfinished, fits, part_points_for
+from ..model.out_of_core.prepare import check_unfinished, fits, part_points_for, unfinished_part_points
 from ..model.out_of_core.prepare import prepare as prepare_parts
 from ..model.out_of_core.split import PART, check_new, split
 from ..surface.splats.radii import radii_in
@@ -116,7 +116,7 @@ def _prepare_parts(scan: ScanFiles, reading: Reading, output: Path, options: dic
     settings = check_settings(SURFACE, 4, 1, "auto"), AUTO, drawing_of(options)
     with working_on(options["cluster"], options["workers"]) as client, Progress() as progress:
         most = part_points_for(client, options["memory"])
-        size = min(most, options["part_points"] or begun_points(output) or PART)
+        size = min(most, options["part_points"] or unfinished_part_points(output) or PART)
         work = partial(prepare_parts, scan.files, (reading.request, selection), output, settings, size)
         count = in_background(lambda: work(partial(progress.show, "preparing"), client, options["levels"]))
     return f"{output}: a model of {count:,} points in {len(pr.Model.load(output).parts)} parts"

@@ -64,7 +64,7 @@ class Kind(NamedTuple):
 
 
 def write_arrays(
-    path: str | os.PathLike[str], kind: Kind, about: Mapping[str, Any], arrays: Mapping[str, Pieces], say: Say
+    path: str | os.PathLike[str], kind: Kind, about: Mapping[str, Any], arrays: Mapping[str, Pieces], report: Say
 ) -> None:
     """Write a file for `read_arrays`; it gets its name when it is complete.
 
@@ -74,7 +74,7 @@ def write_arrays(
         Additional entries of the description, as JSON types.
     arrays : dict of str to array
         Or objects that return arrays for slices, and have dtype and shape.
-    say : callable
+    report : callable
         Called with the fraction done.
     """
     known = {"format": kind.format, "version": kind.version, "layout": kind.layout, "arrays": list(arrays)}
@@ -90,7 +90,7 @@ def write_arrays(
                 file.write(piece.reshape(-1).data)
                 if array is not head:
                     done += piece.size
-                    say(done / total)
+                    report(done / total)
             file.write(bytes(-file.tell() % ALIGN))
         file.write(bytes(ALIGN))
 

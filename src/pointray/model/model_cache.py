@@ -65,7 +65,7 @@ class Entry:
 
     def store(self, model: Model, notes: Sequence[str] = (), progress: Callable[[float], None] | None = None) -> bool:
         """Store a model; return whether that was done. Disk errors are ignored."""
-        if len(model.points) < WORTH or not self._settled() or model.nbytes > _limit():
+        if len(model.points) < WORTH or not self._is_unchanged() or model.nbytes > _limit():
             return False
         description = {**self.about, "notes": list(notes), "points": len(model.points)}
         try:
@@ -78,7 +78,7 @@ class Entry:
             return False
         return True
 
-    def _settled(self) -> bool:
+    def _is_unchanged(self) -> bool:
         """Return whether the files are unchanged, and were not written just now."""
         with suppress(OSError):
             files = [Path(facts["path"]) for facts in self.about["files"]]

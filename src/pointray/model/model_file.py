@@ -83,7 +83,7 @@ def place_of(path: str | os.PathLike[str], index: str = "") -> Place:
 
 
 def write_model(
-    path: str | os.PathLike[str], levels: Sequence[Level], say: Say, more: Mapping[str, Any] | None = None
+    path: str | os.PathLike[str], levels: Sequence[Level], report: Say, more: Mapping[str, Any] | None = None
 ) -> None:
     """Write a file for `read_model`; it gets its name when it is complete.
 
@@ -91,19 +91,19 @@ def write_model(
     ----------
     levels : sequence of Level
         The model, then its levels of detail.
-    say : callable
+    report : callable
         Called with the fraction done.
     more : dict, optional
         Additional entries of the description, as JSON types.
     """
-    named = {
+    arrays = {
         f"{_prefix(k)}{name}": array for k, level in enumerate(levels) for name, array in _arrays_of(level).items()
     }
     settings = [level.settings for level in levels]
     about = {"settings": settings[0], "levels": settings[1:], "survey": levels[0].points.survey.facts}
     scattered = any(level.tree.head[SCATTER] for level in levels)
     kind = KIND if scattered else KIND._replace(version=SURFACE_ONLY)
-    write_arrays(path, kind, {**about, **(more or {})}, named, say)
+    write_arrays(path, kind, {**about, **(more or {})}, arrays, report)
 
 
 def _prefix(k: int) -> str:
@@ -114,21 +114,21 @@ def _prefix(k: int) -> str:
 def _arrays_of(level: Level) -> Arrays:
     """Return a level's arrays by their names in the file."""
     points = level.points
-    named = {f"points.{name}": getattr(points, name) for name in ("positions", "origin", "normals", "colors")}
-    named |= {f"attribute.{name}": values for name, values in points.attributes.items()}
-    named |= {"radii": level.radii, "bounds": level.bounds}
-    named |= {f"tree.{name}": array for name, array in zip(Tree._fields, level.tree, strict=True)}
-    return {name: array for name, array in named.items() if array is not None}
+    arrays = {f"points.{name}": getattr(points, name) for name in ("positions", "origin", "normals", "colors")}
+    arrays |= {f"attribute.{name}": values for name, values in points.attributes.items()}
+    arrays |= {"radii": level.radii, "bounds": level.bounds}
+    arrays |= {f"tree.{name}": array for name, array in zip(Tree._fields, level.tree, strict=True)}
+    return {name: array for name, array in arrays.items() if array is not None}
 
 
 def read_model(
-    path: str | os.PathLike[str], among: Mapping[str, Any] | None = None, is_sound: bool = False
+    path: str | os.PathLike[str], expected: Mapping[str, Any] | None = None, is_sound: bool = False
 ) -> list[Level]:
     """Read the model of a file and its levels of detail; arrays are mapped, so this is immediate.
 
     Parameters
     ----------
-    among : dict, optional
+    expected : dict, optional
         Entries that the description must have.
     is_sound : bool
         Whether the file has been validated before and is unchanged.
@@ -142,7 +142,7 @@ def read_model(
     """
     try:
         about, found = read_arrays(path, KIND)
-        if any(about.get(name) != value for name, value in (among or {}).items()):
+        if any(about.get(name) != value for name, value in (expected or {}).items()):
             raise ValueError("it is another part, or of another folder")
         survey = survey_of(about)
         given = [(settings, _prefix(k)) for k, settings in enumerate(_settings_in(about))]

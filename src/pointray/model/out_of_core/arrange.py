@@ -93,7 +93,7 @@ class Arrangement:
             columns[SORTED + name].write(rows.start, columns[SCATTERED + name][rows][order])
         columns["tiles"].write(rows.start // TILE, boxes_of(positions[order]))
 
-    def make_room(self) -> None:
+    def make_columns(self) -> None:
         """Create the columns that `sort` writes to."""
         columns = self._columns
         for name in self._names:

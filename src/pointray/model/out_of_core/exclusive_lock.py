@@ -15,7 +15,7 @@ LOCK = "lock"
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
+def exclusive_lock(folder: Path) -> Iterator[None]:
     """Lock a folder; raise a ValueError if another process holds the lock."""
     if sys.platform == "win32":
         yield

@@ -17,7 +17,7 @@ from .signs import PIECE, SIGN, SIGNED, Outlook, Shared, Signs, Whole, firsts_of
 from .stages import FACED, KNOWN, MERGED, NORMALS, PLACED, PLANES, POSITIONS, TURNED, UNITS, Cloud, units
 from .work import Facts, Work
 
-FOUND, VOTED, JOINED, LOOKED = 0.4, 0.75, 0.8, 0.9  # progress of the passes
+FOUND, VOTED, JOINED, EXAMINED = 0.4, 0.75, 0.8, 0.9  # progress of the passes
 
 Span = tuple[float, float]
 
@@ -40,23 +40,23 @@ class Facing:
         self._near = near
         self._signs = Signs(work.columns, np.minimum(np.arange(work.parts + 1) * work.size, cloud.total))
         for name, dtype in ((PIECE, np.int32), (SIGN, np.int8), (SIGNED, np.int8)):
-            work.room(name, dtype)
+            work.make_column(name, dtype)
 
-    def settle(self, span: Span) -> None:
+    def orient(self, span: Span) -> None:
         """Write the sign of each normal to the column `SIGNED`; signs known from scanners are kept."""
         begin, length = span[0], span[1] - span[0]
-        shares = ((0, FOUND), (FOUND, VOTED), (JOINED, LOOKED))
+        shares = ((0, FOUND), (FOUND, VOTED), (JOINED, EXAMINED))
         passes = [(begin + a * length, begin + b * length) for a, b in shares]
         work = self._work
         firsts = firsts_of(work.all(self._find, passes[0]))
         shared = self._signs.gather(firsts, work.all(partial(self._vote, firsts), passes[1]))
-        inward = self._signs.face(work.all(partial(self._look, firsts, shared), passes[2]))
+        inward = self._signs.face(work.all(partial(self._examine, firsts, shared), passes[2]))
         known = work.columns.find(KNOWN)
         if known is not None:
-            seen, away = self._told(firsts, known, len(inward))
+            seen, away = self._known_groups(firsts, known, len(inward))
             inward = np.where(seen, away, inward)
         for part in range(work.parts):
-            kept = None if known is None else known[work.stretch(part)] != 0
+            kept = None if known is None else known[work.part_rows(part)] != 0
             self._signs.write(part, firsts, inward, kept)
 
     def _find(self, part: int) -> int:
@@ -65,14 +65,14 @@ class Facing:
     def _vote(self, firsts: Whole, part: int) -> Whole:
         return self._signs.vote(self._load(part), part, firsts)
 
-    def _look(self, firsts: Whole, shared: list[Shared], part: int) -> Outlook:
-        return self._signs.look(self._load(part, alone=True), part, firsts, shared[part])
+    def _examine(self, firsts: Whole, shared: list[Shared], part: int) -> Outlook:
+        return self._signs.examine(self._load(part, alone=True), part, firsts, shared[part])
 
-    def _told(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    def _known_groups(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return which groups have signs known from scanners, and which of these to invert, see `orient_unknown`."""
         counts, votes = np.zeros((2, groups))
         for part in range(self._work.parts):
-            group, sign = self._signs.told(part, firsts, known[self._work.stretch(part)] != 0)
+            group, sign = self._signs.known_signs(part, firsts, known[self._work.part_rows(part)] != 0)
             counts += np.bincount(group, minlength=groups)
             votes += np.bincount(group, sign, groups)
         return counts > 0, votes < 0
@@ -104,8 +104,8 @@ def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDAr
 
 
 def _own(work: Work, part: int) -> Local:
-    stretch = work.stretch(part)
-    return Local(np.arange(stretch.start, stretch.stop), np.arange(stretch.stop - stretch.start))
+    part_rows = work.part_rows(part)
+    return Local(np.arange(part_rows.start, part_rows.stop), np.arange(part_rows.stop - part_rows.start))
 
 
 def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
@@ -114,24 +114,24 @@ def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
     if columns.get(FACED) is not None:
         return
     names = PLANES if has_planes else (PLACED, NORMALS)
-    Facing(work, cloud, *names, KEPT if has_planes else NEAR).settle((span[0], middle))
-    work.room(FACED, np.float32, 3)
+    Facing(work, cloud, *names, KEPT if has_planes else NEAR).orient((span[0], middle))
+    work.make_column(FACED, np.float32, 3)
     work.all(partial(_turn, work, cloud, has_planes), (middle, span[1]))
     columns.put(FACED, {})
 
 
 def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
     """Write the fitted normals of a part with their signs."""
-    columns, stretch = work.columns, work.stretch(part)
-    normals = columns[NORMALS][stretch]
+    columns, part_rows = work.columns, work.part_rows(part)
+    normals = columns[NORMALS][part_rows]
     if has_planes:
         local = work.local(part)
         core = slice(int(local.own[0]), int(local.own[-1]) + 1)
         planes = local.read(columns[PLANES[1]]) * local.read(columns[SIGNED])[:, None]
         signed = signs_facing(normals, planes, near_in(cloud, local, core, KEPT))
     else:
-        signed = columns[SIGNED][stretch]
-    columns[FACED].write(stretch.start, normals * signed[:, None])
+        signed = columns[SIGNED][part_rows]
+    columns[FACED].write(part_rows.start, normals * signed[:, None])
 
 
 def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
@@ -139,16 +139,16 @@ def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
     columns = work.columns
     if columns.get(TURNED) is not None:
         return
-    directions = work.room(UNITS, np.float32, 3)
+    directions = work.make_column(UNITS, np.float32, 3)
     if cloud.is_seen:
-        work.room(KNOWN, np.int8)
+        work.make_column(KNOWN, np.int8)
     first, last = (span[0] + share * (span[1] - span[0]) for share in (0.2, 0.9))
     facts = work.each("units", partial(_put_units, work, cloud), (span[0], first))
-    Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).settle((first, last))
-    out, signed = work.room(TURNED, np.float32, 3), columns[SIGNED]
+    Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).orient((first, last))
+    out, signed = work.make_column(TURNED, np.float32, 3), columns[SIGNED]
     for part in range(work.parts):
-        stretch = work.stretch(part)
-        out.write(stretch.start, directions[stretch] * signed[stretch][:, None])
+        part_rows = work.part_rows(part)
+        out.write(part_rows.start, directions[part_rows] * signed[part_rows][:, None])
     columns.put(TURNED, {"mended": np.sum([fact["mended"] for fact in facts], axis=0).tolist()})
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...surface.splats.groups import Groups, cell_numbers, groups_in_cells
 from ...surface.splats.scattered.levels import uniform_normals
 from .layer import NORMALS, POSITIONS, Layer
-from .sorted_sets import among, distinct_numbers
+from .sorted_sets import distinct_numbers, isin_sorted
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
@@ -49,7 +49,9 @@ def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tu
         return cell_numbers(positions, facing(rows, len(positions)), cell, low)
 
     mine = distinct_numbers(numbers(own))
-    others = layer.near(part, widened(layer.boxes(part), 1.01 * cell), None, lambda rows: among(mine, numbers(rows)))
+    others = layer.near(
+        part, widened(layer.boxes(part), 1.01 * cell), None, lambda rows: isin_sorted(mine, numbers(rows))
+    )
     rows = np.sort(np.concatenate([others, np.arange(own.start, own.stop)]))
     groups = groups_in_cells(layer.read(POSITIONS, rows), facing(rows, len(rows)), cell, low)
     owner = rows[groups.first]

@@ -32,7 +32,7 @@ class Layer:
     number : int
         0 is the full model.
     columns : Columns
-    room : (parts,) int64
+    capacity : (parts,) int64
         Rows reserved for each part in the columns.
     sizes : (parts,) int64
         Number of splats of each part; they come first.
@@ -41,9 +41,9 @@ class Layer:
     """
 
     def __init__(
-        self, number: int, columns: Columns, room: Rows, sizes: Rows, sources: dict[str, Source] | None = None
+        self, number: int, columns: Columns, capacity: Rows, sizes: Rows, sources: dict[str, Source] | None = None
     ) -> None:
-        self.number, self.columns, self.room, self.sizes = number, columns, room, sizes
+        self.number, self.columns, self.capacity, self.sizes = number, columns, capacity, sizes
         self.sources: dict[str, Source] = sources or {}
         self._open: dict[str, Column] = {}
 
@@ -58,7 +58,7 @@ class Layer:
 
     def own(self, part: int) -> slice:
         """Return the rows of a part."""
-        first = int(self.room[:part].sum())
+        first = int(self.capacity[:part].sum())
         return slice(first, first + int(self.sizes[part]))
 
     def rows_of(self, numbers: slice) -> Rows:
@@ -66,7 +66,7 @@ class Layer:
         ends = np.cumsum(self.sizes)
         places = np.arange(numbers.start, min(numbers.stop, int(ends[-1])))
         part = np.searchsorted(ends, places, side="right")
-        return np.asarray(places - (ends - self.sizes)[part] + (np.cumsum(self.room) - self.room)[part])
+        return np.asarray(places - (ends - self.sizes)[part] + (np.cumsum(self.capacity) - self.capacity)[part])
 
     def __contains__(self, name: str) -> bool:
         return name in self.sources
@@ -104,12 +104,12 @@ class Layer:
 
     def make(self, name: str, dtype: Any, width: int = 0) -> None:
         """Create a column for all rows, unless it exists."""
-        self._make(name, dtype, width, int(self.room.sum()))
+        self._make(name, dtype, width, int(self.capacity.sum()))
         self.sources[name] = self._name(name)
 
     def make_boxes(self) -> None:
         """Create the column that `write_boxes` writes to."""
-        self._make(BOXES, np.float32, 6, int(_tiles(self.room).sum()))
+        self._make(BOXES, np.float32, 6, int(_tiles(self.capacity).sum()))
 
     def _make(self, name: str, dtype: Any, width: int, rows: int) -> None:
         if self._name(name) not in self.columns:
@@ -132,7 +132,7 @@ class Layer:
     def write_boxes(self, part: int, positions: Floats) -> None:
         """Write the bounding boxes of the tiles of a part."""
         if len(positions):
-            first = int(_tiles(self.room[:part]).sum())
+            first = int(_tiles(self.capacity[:part]).sum())
             self._opened(self._name(BOXES)).write(first, boxes_of(positions))
 
     def near(
@@ -164,7 +164,7 @@ class Layer:
 
     def boxes(self, part: int) -> Floats:
         """Return the bounding boxes of a part's tiles, (n, 6)."""
-        first = int(_tiles(self.room[:part]).sum())
+        first = int(_tiles(self.capacity[:part]).sum())
         return np.asarray(self._opened(self._name(BOXES))[first : first + int(_tiles(self.sizes[part]))])
 
     def _touched(self, part: int | None, boxes: Floats, wide: Floats | None) -> Iterator[slice]:
@@ -172,8 +172,10 @@ class Layer:
         counts = _tiles(self.sizes)
         owner = np.repeat(np.arange(len(counts)), counts)
         number = np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]  # number of each tile within its part
-        firsts, ends = np.cumsum(self.room) - self.room, np.cumsum(self.room) - self.room + self.sizes
-        tiles = self._opened(self._name(BOXES))[:][(np.cumsum(_tiles(self.room)) - _tiles(self.room))[owner] + number]
+        firsts, ends = np.cumsum(self.capacity) - self.capacity, np.cumsum(self.capacity) - self.capacity + self.sizes
+        tiles = self._opened(self._name(BOXES))[:][
+            (np.cumsum(_tiles(self.capacity)) - _tiles(self.capacity))[owner] + number
+        ]
         if wide is not None:
             tiles = tiles + wide[owner, None] * np.array([-1, -1, -1, 1, 1, 1], np.float32)
         low, high = boxes[:, :3], boxes[:, 3:]

@@ -30,7 +30,7 @@ from ..model_folder import write_level
 from .arrange import boxes_of
 from .grid import Grid, cells_of_part, widened
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
-from .sorted_sets import among, distinct_numbers
+from .sorted_sets import distinct_numbers, isin_sorted
 from .trees import tree_within, with_margins
 from .work import Facts
 
@@ -46,7 +46,7 @@ Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
 
-class Whole(NamedTuple):
+class SharedValues(NamedTuple):
     """Values that the trees of all parts of a level share.
 
     supports : (6,) float32, bounds of all supports; reference : radius of which steps are multiples by powers of two
@@ -58,14 +58,14 @@ class Whole(NamedTuple):
     longest: Floats
 
 
-class Written(NamedTuple):
+class LevelProgress(NamedTuple):
     """Number of levels written of a part, and the spacing of the last one, 0 if none."""
 
     levels: int
     spacing: float
 
 
-class Named(NamedTuple):
+class ModelInfo(NamedTuple):
     """Facts about a model that its files contain.
 
     folder : folder of the files; id : contained in all of them
@@ -143,8 +143,8 @@ def support_part(layer: Layer, cell: float, known: dict[str, float], part: int) 
     for name, values in ((RADII, radii), (BORDERS, borders), (SHEETS, sheets)):
         layer.write(name, part, values)
     splats = Splats(here, here, radii, np.zeros(0, np.int32), None)
-    said = {"longest": float(radii.max()), "supports": bounds_of(splats).astype(float).tolist()}
-    return {**said, "borders": bool(borders.any()), "sheets": int(sheets.sum())}
+    facts = {"longest": float(radii.max()), "supports": bounds_of(splats).astype(float).tolist()}
+    return {**facts, "borders": bool(borders.any()), "sheets": int(sheets.sum())}
 
 
 def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sample: Rows | None = None) -> Support:
@@ -177,10 +177,10 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
 def tree_part(
     layer: Layer,
     cells: NDArray[np.float64],
-    whole: Whole,
+    whole: SharedValues,
     settings: TreeSettings,
-    named: Named,
-    written: list[Written | None],
+    named: ModelInfo,
+    written: list[LevelProgress | None],
     part: int,
 ) -> Facts:
     """Write the file of a part's level; return its index entry and surface bounds, or no entry if nothing can be hit.
@@ -226,7 +226,7 @@ def tree_part(
     return {"file": file._asdict(), "reach": reach.tolist()}
 
 
-def _reaching(layer: Layer, cell: NDArray[np.float64], whole: Whole, step: float) -> Rows:
+def _reaching(layer: Layer, cell: NDArray[np.float64], whole: SharedValues, step: float) -> Rows:
     """Return the splats whose supports reach into a box, or within a sampling step of it."""
 
     def reach(around: float) -> Rows:
@@ -259,7 +259,7 @@ def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], 
 
     def keep(rows: slice) -> NDArray[np.bool_]:
         found, inside = numbers(layer.read(POSITIONS, rows))
-        return inside & among(cells, found)
+        return inside & isin_sorted(cells, found)
 
     return keep
 

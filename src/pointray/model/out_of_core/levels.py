@@ -28,9 +28,9 @@ from .level_steps import (
     BORDERS,
     LIMITS,
     SHEETS,
-    Named,
-    Whole,
-    Written,
+    LevelProgress,
+    ModelInfo,
+    SharedValues,
     coarsen_part,
     show_part,
     support_part,
@@ -51,7 +51,7 @@ class Steps(NamedTuple):
 
     cell : edge of the grid cells that would correspond to the full model
     names : names of the attributes
-    make_room : creates the columns of a level; called with the finer level and the level
+    make_columns : creates the columns of a level; called with the finer level and the level
     coarsen : see `coarsen_part`
     shape : writes the files of a level, (level, cell, levels written of each part, span) -> facts of each part
     others : surface bounds of other parts of the model, or None
@@ -59,14 +59,14 @@ class Steps(NamedTuple):
 
     cell: float
     names: list[str]
-    make_room: Callable[[Layer, Layer], None]
+    make_columns: Callable[[Layer, Layer], None]
     coarsen: Callable[..., Facts]
-    shape: Callable[[Layer, float, list[Written | None], Span], list[Facts]]
+    shape: Callable[[Layer, float, list[LevelProgress | None], Span], list[Facts]]
     others: Sequence[Any] = ()
 
 
 def write_levels(
-    work: Work, whole: Layer, named: Named, cells: NDArray[np.float64], parts: list[PartFile], span: Span
+    work: Work, whole: Layer, named: ModelInfo, cells: NDArray[np.float64], parts: list[PartFile], span: Span
 ) -> list[PartFile]:
     """Write levels of detail of a surface; return the index entries of the parts.
 
@@ -80,10 +80,10 @@ def write_levels(
         Index entries without levels.
     """
 
-    def shape(layer: Layer, cell: float, written: list[Written | None], span: Span) -> list[Facts]:
+    def shape(layer: Layer, cell: float, written: list[LevelProgress | None], span: Span) -> list[Facts]:
         return _shaped(work, layer, cell, named, cells, written, span)
 
-    steps = Steps(median_of(whole, work.columns), named.attributes, _make_room, coarsen_part, shape)
+    steps = Steps(median_of(whole, work.columns), named.attributes, _make_columns, coarsen_part, shape)
     return write_all_levels(work, whole, steps, parts, span)
 
 
@@ -101,7 +101,7 @@ def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFil
         middle = span[0] + (1 - COARSER**-2) * (span[1] - span[0])
         coarse = Layer(number, columns, fine.sizes, fine.sizes)
         if not _is_done(columns, number + 1):
-            steps.make_room(fine, coarse)
+            steps.make_columns(fine, coarse)
         grid = Grid(cell, np.min([fact["low"] for fact in facts if "low" in fact], axis=0).tolist())
         facts = _coarsened(work, (fine, coarse), grid, steps, (span[0], middle))
         coarse.sizes = np.array([fact["size"] for fact in facts], np.int64)
@@ -110,7 +110,7 @@ def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFil
             break
         wanted = large & (coarse.sizes * LEAST_GAIN <= last)
         written = [
-            Written(len(some), some[-1].spacing if some else 0.0) if wanted[part] else None
+            LevelProgress(len(some), some[-1].spacing if some else 0.0) if wanted[part] else None
             for part, some in enumerate(files)
         ]
         for part, fact in enumerate(steps.shape(coarse, cell, written, (span[0], middle))):
@@ -147,9 +147,9 @@ def _shaped(
     work: Work,
     layer: Layer,
     cell: float,
-    named: Named,
+    named: ModelInfo,
     cells: NDArray[np.float64],
-    written: list[Written | None],
+    written: list[LevelProgress | None],
     span: Span,
 ) -> list[Facts]:
     """Find the supports of a level, and write its files, see `tree_part`."""
@@ -170,21 +170,21 @@ def _shaped(
         columns.put(f"{stage}-steps", steps)
     boxes = np.array([fact["supports"] for fact in supports if "supports" in fact], np.float32)
     box = np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
-    whole = Whole(box, steps["reference"], np.array([fact["longest"] for fact in supports], np.float32))
+    whole = SharedValues(box, steps["reference"], np.array([fact["longest"] for fact in supports], np.float32))
     settings = check_settings("paper", LEVEL_SAMPLES, 1, "auto")
     return work.each(
         f"{stage}-tree", partial(tree_part, layer, cells, whole, settings, named, written), (second, span[1])
     )
 
 
-def _make_room(fine: Layer, coarse: Layer) -> None:
+def _make_columns(fine: Layer, coarse: Layer) -> None:
     """Create the columns of a level."""
     for name in (BORDERS, LIMITS, SHEETS):
         coarse.make(name, np.int8 if name == SHEETS else np.float32, 3 if name == BORDERS else 0)
-    make_room(fine, coarse)
+    make_columns(fine, coarse)
 
 
-def make_room(fine: Layer, coarse: Layer) -> None:
+def make_columns(fine: Layer, coarse: Layer) -> None:
     """Create the columns that levels of the surface and of scattered points share."""
     coarse.make_boxes()
     for name in (NORMALS, POSITIONS):

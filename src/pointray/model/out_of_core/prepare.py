@@ -26,8 +26,8 @@ from ...io.spooling.spooled import spooled_in
 from ...surface.splats.scattered.spheres import Drawing
 from ...surface.tree.settings import TreeSettings
 from ..model_folder import INDEX, UNFINISHED, VERSION
-from .builder import OutOfCoreBuilder, Wanted
-from .exclusive_lock import alone
+from .builder import BuildOptions, OutOfCoreBuilder
+from .exclusive_lock import exclusive_lock
 
 TASK = "task"  # facts about the files and settings of the unfinished work
 SPOOLED = 0.25  # progress after spooling
@@ -65,7 +65,7 @@ def part_points_for(client: Any, memory: int | None) -> int:
     return part_points_within(memory or min((free or UNKNOWN for free, _ in machines), default=UNKNOWN), most)
 
 
-def begun_points(path: Path) -> int | None:
+def unfinished_part_points(path: Path) -> int | None:
     """Return the part size of unfinished work in a folder; None if there is none."""
     known = Columns(path / UNFINISHED).get(TASK) if (path / UNFINISHED).is_dir() else None
     size = None if known is None else known.get("size")
@@ -121,8 +121,8 @@ def prepare(
     there, path = path.exists(), path if client is None else path.absolute()
     columns = Columns(check_unfinished(path))
     size = 1 << (part_points.bit_length() - 1)
-    wanted = Wanted(settings[0], settings[1], size, levels, settings[2] if len(settings) > 2 else None)
-    with alone(columns.folder), _going_on(path):
+    options = BuildOptions(settings[0], settings[1], size, levels, settings[2] if len(settings) > 2 else None)
+    with exclusive_lock(columns.folder), _explain_full_disk(path):
         if columns.get(TASK) is None and (path / INDEX).exists():
             _remove(columns.folder, None)
             raise _not_empty(path)
@@ -133,7 +133,7 @@ def prepare(
             if spooled is None:
                 with open_files(files, reading[0]) as openers:
                     spooled = spool(openers, reading[1], columns, part_of(progress, 0.0, SPOOLED))
-            count = OutOfCoreBuilder(path, columns, spooled, wanted, part_of(progress, SPOOLED, 1.0), tasks).build()
+            count = OutOfCoreBuilder(path, columns, spooled, options, part_of(progress, SPOOLED, 1.0), tasks).build()
         except BaseException:  # Ctrl-C too
             if spooled_in(columns) is None:  # nothing is worth keeping
                 _remove(columns.folder, None if there else path)
@@ -143,7 +143,7 @@ def prepare(
 
 
 @contextmanager
-def _going_on(path: Path) -> Iterator[None]:
+def _explain_full_disk(path: Path) -> Iterator[None]:
     """Add advice to the error of a full disk."""
     try:
         yield

@@ -27,8 +27,8 @@ from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part
 from .grid import Grid, cells_of_part
 from .layer import COLORS, NORMALS, POSITIONS, RADII, Layer
-from .level_steps import ATTRIBUTE, Named, Written, box_around
-from .levels import Steps, make_room, median_of, write_all_levels
+from .level_steps import ATTRIBUTE, LevelProgress, ModelInfo, box_around
+from .levels import Steps, make_columns, median_of, write_all_levels
 from .trees import bounds_about
 from .work import Facts, Work
 
@@ -50,7 +50,7 @@ class LooseParts:
     first_row: int = 0
 
 
-def write_loose_part(named: Named, loose: LooseParts, part: int) -> Facts:
+def write_loose_part(named: ModelInfo, loose: LooseParts, part: int) -> Facts:
     """Write the file of a part; return its index entry and the bounds of its spheres."""
     own, layer = loose.layer.own(part), loose.layer
     rows = np.arange(loose.first_row + own.start, loose.first_row + own.stop, dtype=np.int32)
@@ -63,7 +63,12 @@ def write_loose_part(named: Named, loose: LooseParts, part: int) -> Facts:
 
 
 def write_loose_levels(
-    work: Work, loose: LooseParts, named: Named, surface: tuple[float | None, list[PartFile]], parts: Any, span: Span
+    work: Work,
+    loose: LooseParts,
+    named: ModelInfo,
+    surface: tuple[float | None, list[PartFile]],
+    parts: Any,
+    span: Span,
 ) -> list[PartFile]:
     """Write levels of detail; return the index entries of the parts.
 
@@ -75,14 +80,14 @@ def write_loose_levels(
         Index entries of the scattered points' parts without levels.
     """
 
-    def shape(layer: Layer, cell: float, written: list[Written | None], span: Span) -> list[Facts]:
+    def shape(layer: Layer, cell: float, written: list[LevelProgress | None], span: Span) -> list[Facts]:
         do = partial(_write_loose_level, layer, loose, cell, named, written)
         return work.each(f"level-{layer.number}-tree", do, (span[0] + 0.5 * (span[1] - span[0]), span[1]))
 
     median, others = surface
     cell = spacing_in(loose, work.columns) if median is None else median
     reaches = [part.reach for part in others]
-    steps = Steps(cell, named.attributes, make_room, coarsen_loose_part, shape, reaches)
+    steps = Steps(cell, named.attributes, make_columns, coarsen_loose_part, shape, reaches)
     return write_all_levels(work, loose.layer, steps, parts, span)
 
 
@@ -114,7 +119,7 @@ def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[
 
 
 def _write_loose_level(
-    layer: Layer, loose: LooseParts, cell: float, named: Named, written: list[Written | None], part: int
+    layer: Layer, loose: LooseParts, cell: float, named: ModelInfo, written: list[LevelProgress | None], part: int
 ) -> Facts:
     """Write the file of a part's level, see `tree_part`."""
     before, own = written[part], layer.own(part)

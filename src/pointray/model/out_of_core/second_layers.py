@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...cloud.outliers.floors import LEAST, FloorSearch
 from ...cloud.outliers.search import LayerSearch, block_size
 from .local import Local
-from .stages import LAYERS, Cloud, path_of
+from .stages import LAYERS, Cloud, ordering_of
 from .work import Facts, Work
 
 Rows = NDArray[np.int64]
@@ -23,13 +23,13 @@ def find_layers(work: Work, cloud: Cloud, span: tuple[float, float]) -> None:
     columns, count = work.columns, -(-cloud.total // block_size(cloud.total))
     if columns.get(LAYERS) is not None:
         return
-    said = np.zeros(count, np.int8)
+    states = np.zeros(count, np.int8)
     facts = work.each("layers", partial(_show, work, cloud), span)
     while True:
         found = np.concatenate([np.array(fact["blocks"], np.int64) for fact in facts])
-        new = found[said[found] == 0]
-        said[said == NEW], said[new] = OPEN, NEW
-        columns.fill(LAYERS, said)
+        new = found[states[found] == 0]
+        states[states == NEW], states[new] = OPEN, NEW
+        columns.fill(LAYERS, states)
         if not len(new):
             break
         facts = work.all(partial(_follow, work, cloud), (span[1], span[1]), "layers")
@@ -54,13 +54,13 @@ def _follow(work: Work, cloud: Cloud, part: int) -> Facts:
 
 def _blocks_of(work: Work, cloud: Cloud, part: int) -> slice:
     """Return the blocks of a part."""
-    size, rows = block_size(cloud.total), work.stretch(part)
+    size, rows = block_size(cloud.total), work.part_rows(part)
     return slice(rows.start // size, -(-rows.stop // size))
 
 
 def _search(cloud: Cloud, local: Local) -> LayerSearch | None:
     """Return the search among some points; None if there are too few."""
-    ordering = path_of(cloud.points(local).positions)
+    ordering = ordering_of(cloud.points(local).positions)
     if len(ordering.positions) < LEAST:
         return None
     return LayerSearch(FloorSearch(ordering.positions), cloud.total, local.rows[ordering.rows])

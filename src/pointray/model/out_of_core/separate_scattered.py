@@ -25,7 +25,7 @@ from ...surface.splats.scattered.fitted_normals import Normals
 from ...surface.splats.scattered.spheres import Drawing, shapes_of
 from .arrange import CHUNK, SORTED
 from .local import Local
-from .stages import Cloud, path_of
+from .stages import Cloud, ordering_of
 from .work import Facts, Work
 
 # Columns: row of each point in the files; whether it is scattered; radius and direction if it is.
@@ -50,7 +50,7 @@ class Shaping(NamedTuple):
     ) -> tuple[Floats, Floats]:
         """Return radii and directions of some points, see `shapes_of`."""
         points = cloud.points(local)
-        ordering = path_of(points.positions)
+        ordering = ordering_of(points.positions)
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
         return shapes_of(points, ordering, self.drawing, given, of_distinct_positions(statistics, ordering.ids), mask)
 
@@ -86,15 +86,15 @@ def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, s
     known = columns.get(SEPARATED)
     if known is None:
         first, second = (span[0] + share * (span[1] - span[0]) for share in (FOUND, SHAPED))
-        work.room(APART, np.int8)
+        work.make_column(APART, np.int8)
         found = [fact["scattered"] for fact in work.each("apart", partial(_find, work, cloud), (span[0], first))]
         count, is_shown = sum(found), drawing.scatter != "none"
         if count == cloud.total and not is_shown:
             raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
         if count and is_shown and columns.get(f"apart-{DIRECTIONS}") is None:
-            statistics = work.surveyed("shapes", partial(shaping.find, cloud))
-            work.room(SPHERES, np.float32)
-            work.room(DIRECTIONS, np.float32, 3)
+            statistics = work.statistics_for("shapes", partial(shaping.find, cloud))
+            work.make_column(SPHERES, np.float32)
+            work.make_column(DIRECTIONS, np.float32, 3)
             work.each("shapes", partial(_shape, work, cloud, shaping, statistics), (first, second))
         if count:
             _put_apart(work, cloud.total, names, is_shown, (second, span[1]))
@@ -107,7 +107,7 @@ def _find(work: Work, cloud: Cloud, part: int) -> Facts:
     """Write which points of a part are scattered."""
     local = work.local(part)
     points = cloud.points(local)
-    ordering, fitted = path_of(points.positions), points.normals is None
+    ordering, fitted = ordering_of(points.positions), points.normals is None
     if fitted and len(ordering.positions) > FEW:
         points = estimate_normals(points)
     normals = None
@@ -120,7 +120,7 @@ def _find(work: Work, cloud: Cloud, part: int) -> Facts:
 
 def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatistics, part: int) -> None:
     """Write radii and directions of the scattered points of a part."""
-    apart = work.columns[APART][work.stretch(part)] != 0
+    apart = work.columns[APART][work.part_rows(part)] != 0
     if not apart.any():
         return
     local = work.local(part)
@@ -134,7 +134,7 @@ def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatisti
 
 def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, span: Span) -> None:
     """Copy each column to those of the surface and of scattered points, and remove it."""
-    columns, say = work.columns, work.watch(span)
+    columns, report = work.columns, work.watch(span)
     surface, loose = (Columns(columns.folder / name) for name in (SURFACE, LOOSE))
     shapes = [SPHERES, DIRECTIONS] if is_shown else []
     every = [*(f"{SORTED}{name}" for name in names), *shapes]
@@ -144,14 +144,14 @@ def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, spa
             source = columns[name]
             out = loose.make(short, source.dtype, source.width)
             for part in range(work.parts if is_shown else 0):
-                rows = work.stretch(part)
+                rows = work.part_rows(part)
                 out.append(source[rows][columns[APART][rows] != 0])
             loose.sync()
             if name not in shapes:
                 _put_back(work, total, name, surface)
             columns.put(done, {})
         columns.drop(name)
-        tell(say, (k + 1) / len(every))
+        tell(report, (k + 1) / len(every))
 
 
 def _put_back(work: Work, total: int, name: str, surface: Columns) -> None:
@@ -162,9 +162,9 @@ def _put_back(work: Work, total: int, name: str, surface: Columns) -> None:
     places = surface.make(f"{BY_ROW}-{ROW}", np.int32, 0, total)
     counts = np.zeros(-(-total // size), np.int64)
     for part in range(work.parts):
-        stretch = work.stretch(part)
-        mine = np.flatnonzero(apart[stretch] == 0)
-        rows, values = numbers[stretch][mine], source[stretch][mine]
+        part_rows = work.part_rows(part)
+        mine = np.flatnonzero(apart[part_rows] == 0)
+        rows, values = numbers[part_rows][mine], source[part_rows][mine]
         order = np.argsort(rows)
         rows, values = rows[order], values[order]
         ends = np.searchsorted(rows, np.arange(1, len(counts) + 1) * size)

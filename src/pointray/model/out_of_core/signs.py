@@ -143,7 +143,7 @@ class Signs:
             running[ids] += here
         return shared
 
-    def look(self, local: Local, part: int, firsts: Whole, shared: Shared) -> Outlook:
+    def examine(self, local: Local, part: int, firsts: Whole, shared: Shared) -> Outlook:
         """Find which groups of a part face inward; groups that extend into other parts are left to `face`."""
         piece, signs, group = self._labels(part, firsts)
         groups, each = np.unique(group, return_inverse=True)
@@ -171,7 +171,7 @@ class Signs:
             signs[kept] = 1
         self._columns[SIGNED].write(int(self._starts[part]), signs)
 
-    def told(self, part: int, firsts: Whole, known: Flags) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+    def known_signs(self, part: int, firsts: Whole, known: Flags) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
         """Return the group of each point of a part with known normal, and the sign that agrees with its group."""
         piece, signs, group = self._labels(part, firsts)
         return group[piece[known]], signs[known]

@@ -17,6 +17,6 @@ def distinct_numbers(numbers: Numbers) -> Numbers:
     return ordered[np.append(True, ordered[1:] != ordered[:-1])] if len(ordered) else ordered
 
 
-def among(known: Numbers, numbers: Numbers) -> NDArray[np.bool_]:
+def isin_sorted(known: Numbers, numbers: Numbers) -> NDArray[np.bool_]:
     """Return which numbers are in `known`, which is ascending and not empty."""
     return np.asarray(known[np.minimum(np.searchsorted(known, numbers), len(known) - 1)] == numbers)

@@ -23,7 +23,7 @@ from ..model import Model
 from ..model_folder import INDEX, Index, PartFile, write_index, write_points
 from . import layer
 from .layer import Layer
-from .level_steps import ATTRIBUTE, Named
+from .level_steps import ATTRIBUTE, ModelInfo
 from .levels import write_levels
 from .scattered_parts import LooseParts, write_loose_levels, write_loose_part
 from .trees import Trees, cells_of, least_size, write_trees
@@ -99,7 +99,7 @@ def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Pro
     points = model.points.select(rows)
     size, id = max(1 << (wanted.bit_length() - 1), least_size(max(count, 1))), secrets.token_hex(8)
     sizes = write_points(folder, id, points, radii, partial(tell, part_of(progress, 0.0, POINTS)))
-    about = Named(folder, id, points.origin, points.survey, list(points.attributes))
+    about = ModelInfo(folder, id, points.origin, points.survey, list(points.attributes))
     ends = np.array([0.0, count / len(rows), 1.0]) * (1.0 - POINTS) + POINTS
     files: list[PartFile] = []
     median, longest, supports = None, 0.0, []
@@ -121,7 +121,7 @@ def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Pro
 
 
 def _write_surface(
-    about: Named, points: Points, splats: Splats, size: int, model: Model, leveled: bool, progress: Progress | None
+    about: ModelInfo, points: Points, splats: Splats, size: int, model: Model, leveled: bool, progress: Progress | None
 ) -> Trees:
     """Write the parts of the surface."""
     grown = part_of(progress, 0.0, TREES if leveled else 1.0)
@@ -136,7 +136,7 @@ def _write_surface(
 
 
 def _write_loose(
-    about: Named,
+    about: ModelInfo,
     loose: LooseParts,
     surface: tuple[float | None, list[PartFile]],
     leveled: bool,

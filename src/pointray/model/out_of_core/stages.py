@@ -62,7 +62,7 @@ class Cloud:
     total: int
     origin: NDArray[np.float64]
     survey: Survey
-    seers: dict[str, str]
+    viewpoint_columns: dict[str, str]
     is_seen: bool
     ignored: tuple[int, ...] = ()
 
@@ -81,7 +81,7 @@ class Cloud:
         columns = self.columns
         positions = local.read(columns[self.latest(MERGED, POSITIONS)])
         normals = local.read(columns[self.latest(TURNED, GIVEN)]) if GIVEN in columns else None
-        attributes = {name: local.read(columns[column]) for name, column in self.seers.items()}
+        attributes = {name: local.read(columns[column]) for name, column in self.viewpoint_columns.items()}
         return Points.about(self.origin, positions, normals, None, attributes, self.survey)
 
     def latest(self, found: str, given: str) -> str:
@@ -109,7 +109,7 @@ class Surface(NamedTuple):
     thick: NDArray[np.bool_] | None = None
 
 
-def path_of(positions: Floats) -> KdOrdering:
+def ordering_of(positions: Floats) -> KdOrdering:
     """Return the kd ordering of finite points in kd order, see `compute_kd_ordering`."""
     rows, ids = distinct(positions)
     return KdOrdering(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
@@ -118,7 +118,7 @@ def path_of(positions: Floats) -> KdOrdering:
 def merge(cloud: Cloud, local: Local, statistics: CloudStatistics) -> Floats:
     """Move second layers onto one surface, in the blocks that show them if these are known; return the positions."""
     points = cloud.points(local)
-    ordering = path_of(points.positions)
+    ordering = ordering_of(points.positions)
     blocks = None
     if cloud.columns.get(LAYERS) is not None:
         here = distinct_numbers(local.rows // block_size(cloud.total))
@@ -132,7 +132,7 @@ def merge(cloud: Cloud, local: Local, statistics: CloudStatistics) -> Floats:
 def examine(cloud: Cloud, local: Local) -> NoiseRanges:
     """Measure the noise of the ranges of a part; places refer to the whole cloud."""
     points = cloud.points(local)
-    ordering = path_of(points.positions)
+    ordering = ordering_of(points.positions)
     known = None if points.normals is None else take(_units_of(cloud, local, points).normals, ordering.rows)
     found = measure_ranges(ordering.positions, known, points_per_range(cloud.total))
     rows = ordering.rows[found.places]
@@ -144,7 +144,7 @@ def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | 
     """Smooth points with normals. ranges : noise of all parts; None: given by sigma"""
     points = cloud.points(local)
     mended = _units_of(cloud, local, points)
-    ordering = path_of(points.positions)
+    ordering = ordering_of(points.positions)
     noise = _noise_along(local, ordering, ranges)
     placed = smooth_known(points.with_normals(mended.normals), sigma, ordering=ordering, known_noise=noise)
     assert placed.points.normals is not None
@@ -153,7 +153,7 @@ def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | 
 
 def survey_fits(cloud: Cloud, local: Local, statistics: CloudStatistics) -> None:
     """Compute the statistics that fits to points without normals need."""
-    ordering = path_of(cloud.points(local).positions)
+    ordering = ordering_of(cloud.points(local).positions)
     measure_noise(ordering.positions, of_distinct_positions(statistics, ordering.ids))
 
 
@@ -162,15 +162,15 @@ def fit(
 ) -> Surface:
     """Smooth points without normals and fit normals; signs are known only where viewpoints are."""
     points = cloud.points(local)
-    ordering, (eye, known) = path_of(points.positions), _eyes_of(cloud, points)
-    path, eyes = ordering.positions, None if eye is None else take(eye, ordering.rows)
-    layers = None if cloud.is_seen else Layers(path)
+    ordering, (eye, known) = ordering_of(points.positions), _eyes_of(cloud, points)
+    ordered, eyes = ordering.positions, None if eye is None else take(eye, ordering.rows)
+    layers = None if cloud.is_seen else Layers(ordered)
     fitting = Fitting(sigma, _noise_along(local, ordering, ranges), statistics)
-    found = fitting.fit(path, NEAR, eyes, None, layers)
+    found = fitting.fit(ordered, NEAR, eyes, None, layers)
     normals, noise = ordering.spread(found.normals, points), None
     if found.noise is not None:
         noise = ordering.spread(found.noise, points)
-    positions = points.positions if found.positions is path else ordering.spread(found.positions, points)
+    positions = points.positions if found.positions is ordered else ordering.spread(found.positions, points)
     planes = None
     if layers is not None and layers.noisy:
         planes = ordering.spread(layers.moved, points), ordering.spread(layers.planes, points)

@@ -71,13 +71,13 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
         local.write(columns[name], values)
     if found.known is not None:
         local.write(columns[KNOWN], found.known)
-    said: Facts = {"is_noisy": found.noise is not None, "has_planes": found.planes is not None}
+    facts: Facts = {"is_noisy": found.noise is not None, "has_planes": found.planes is not None}
     if found.thick is not None:
         local.write(columns[THICK], found.thick)
         own = found.positions[local.own]
-        said |= {"thick": int(found.thick[local.own].sum()), "low": own.min(axis=0).tolist()}
-        said |= {"high": own.max(axis=0).tolist()}
-    return {**said, "mended": list(found.mended)}
+        facts |= {"thick": int(found.thick[local.own].sum()), "low": own.min(axis=0).tolist()}
+        facts |= {"high": own.max(axis=0).tolist()}
+    return {**facts, "mended": list(found.mended)}
 
 
 def find_supports(work: Work, cloud: Cloud, supporting: Supporting, statistics: CloudStatistics, part: int) -> Facts:

@@ -75,7 +75,7 @@ class Around(NamedTuple):
     near: NDArray[np.int32]
 
 
-class Thin:
+class ThinSheets:
     """Passes over the parts. Can be sent to workers.
 
     Parameters
@@ -90,7 +90,7 @@ class Thin:
     def __init__(self, work: Work, cloud: Cloud, frame: Frame, thick: Sequence[int]) -> None:
         self._work, self._cloud, self._frame, self._thick = work, cloud, frame, list(thick)
 
-    def part_sheets(self, span: Span) -> bool:
+    def orient(self, span: Span) -> bool:
         """Write all normals, some flipped, to the column `PARTED`; return whether any may be flipped."""
         work = self._work
         ends = np.linspace(*span, 13)
@@ -100,31 +100,31 @@ class Thin:
             return work.all(do, next(spans), "sheets")
 
         for name in (SPACING, GAIN):
-            work.room(name, np.float32)
+            work.make_column(name, np.float32)
         for name in (TURNS, UNSURE, BACK, VOTED, *_ring_columns()):
-            work.room(name, np.int8)
+            work.make_column(name, np.int8)
         each(self._measure)
-        self._settle(each, Field())
+        self._write_top(each, Field())
         near, far = (np.concatenate(numbers) for numbers in zip(*each(self._sample), strict=True))
         scale = scale_of(near, far)
         if scale is None:
             return False
         field = Field(scale)
-        self._settle(each, field)
+        self._write_top(each, field)
         for ring in range(RINGS):
             self._mark(ring, each(partial(self._ring, field, ring)))
         if not any(each(partial(self._turn, field))):
             return False
         field = Field(scale, has_turned=True)
-        self._settle(each, field)
+        self._write_top(each, field)
         each(partial(self._weigh, field))
         each(self._turn_back)
         each(self._vote)
-        work.room(PARTED, np.float32, 3)
+        work.make_column(PARTED, np.float32, 3)
         each(self._write)
         return True
 
-    def _settle(self, each: Any, field: Field) -> None:
+    def _write_top(self, each: Any, field: Field) -> None:
         """Write the tree over all tiles."""
         self._work.columns.fill(field.top, top_of(np.concatenate(each(partial(self._roots, field)))))
 
@@ -134,7 +134,7 @@ class Thin:
         core = slice(int(local.own[0]), int(local.own[-1]) + 1)
         positions = self._frame.of(local.read(columns[PLACED]))
         found = spacings(positions, near_in(self._cloud, local, core, NEAR), core.start)
-        columns[SPACING].write(self._work.stretch(part).start, found)
+        columns[SPACING].write(self._work.part_rows(part).start, found)
 
     def _read(self, field: Field, tiles: Rows) -> Splats:
         """Return the splats of some tiles."""
@@ -153,32 +153,32 @@ class Thin:
         return Winding(self._work.columns[field.top][:], tiles, partial(self._read, field)).around(rows, step)
 
     def _roots(self, field: Field, part: int) -> Floats:
-        stretch = self._work.stretch(part)
-        return roots_of(self._read(field, np.arange(stretch.start // TILE, -(-stretch.stop // TILE))))
+        part_rows = self._work.part_rows(part)
+        return roots_of(self._read(field, np.arange(part_rows.start // TILE, -(-part_rows.stop // TILE))))
 
     def _sample(self, part: int) -> tuple[Floats, Floats]:
         """Return the numbers of the sampled points of a part, one spacing away and farther."""
-        rows, stretch = sample_of(self._cloud.total), self._work.stretch(part)
-        rows = rows[(rows >= stretch.start) & (rows < stretch.stop)]
+        rows, part_rows = sample_of(self._cloud.total), self._work.part_rows(part)
+        rows = rows[(rows >= part_rows.start) & (rows < part_rows.stop)]
         return self._around(Field(), rows, 1.0), self._around(Field(), rows)
 
     def _ring(self, field: Field, ring: int, part: int) -> Rows:
         """Mark a part's own points around those whose numbers do not add up to 1; return those in other parts."""
-        columns, stretch = self._work.columns, self._work.stretch(part)
+        columns, part_rows = self._work.columns, self._work.part_rows(part)
         before = self._suspects(part, ring)
         if ring == 0:
-            thick, earlier = np.flatnonzero(columns[THICK][stretch]), sum(self._thick[:part])
+            thick, earlier = np.flatnonzero(columns[THICK][part_rows]), sum(self._thick[:part])
             step = step_of(sum(self._thick), self._cloud.total)
             rows = thick[-earlier % step :: step]
         else:
             rows = np.flatnonzero(before)
-        rows = rows[is_odd(self._around(field, rows + stretch.start))]
+        rows = rows[is_odd(self._around(field, rows + part_rows.start))]
         around = self._neighborhood(part, rows)
         beside = around.local.rows[np.unique(around.near[around.rows])]
-        is_own = (beside >= stretch.start) & (beside < stretch.stop)
+        is_own = (beside >= part_rows.start) & (beside < part_rows.stop)
         found = np.zeros(len(before), np.int8)
-        found[beside[is_own] - stretch.start] = 1
-        columns[f"{FOUND}-{ring}"].write(stretch.start, found)
+        found[beside[is_own] - part_rows.start] = 1
+        columns[f"{FOUND}-{ring}"].write(part_rows.start, found)
         return np.asarray(beside[~is_own])
 
     def _mark(self, ring: int, rows: Sequence[Rows]) -> None:
@@ -189,10 +189,10 @@ class Thin:
 
     def _suspects(self, part: int, rings: int = RINGS) -> Flags:
         """Return which of a part's points some rings have found."""
-        stretch = self._work.stretch(part)
-        found = np.zeros(stretch.stop - stretch.start, np.bool_)
+        part_rows = self._work.part_rows(part)
+        found = np.zeros(part_rows.stop - part_rows.start, np.bool_)
         for name in _ring_columns(rings):
-            found |= self._work.columns[name][stretch] != 0
+            found |= self._work.columns[name][part_rows] != 0
         return found
 
     def _neighborhood(self, part: int, rows: Rows) -> Around:
@@ -206,49 +206,49 @@ class Thin:
 
     def _turn(self, field: Field, part: int) -> bool:
         """Write which suspects are flipped; return whether there are any suspects."""
-        columns, stretch = self._work.columns, self._work.stretch(part)
+        columns, part_rows = self._work.columns, self._work.part_rows(part)
         rows = np.flatnonzero(self._suspects(part))
-        numbers = self._around(field, rows + stretch.start)
+        numbers = self._around(field, rows + part_rows.start)
         columns.fill(f"{NUMBERS}-{part:04d}", numbers)
         _, mine, positions, normals, near = self._neighborhood(part, rows)
-        self._say(TURNS, part, rows[is_wrong(mine, numbers, positions, normals, near)])
+        self._write_flags(TURNS, part, rows[is_wrong(mine, numbers, positions, normals, near)])
         return len(rows) > 0
 
     def _weigh(self, field: Field, part: int) -> None:
         """Write the gain of the suspects, and which are undecided."""
-        columns, stretch = self._work.columns, self._work.stretch(part)
-        gain, rows = np.zeros(stretch.stop - stretch.start, np.float32), np.flatnonzero(self._suspects(part))
-        before, after = columns[f"{NUMBERS}-{part:04d}"][:], self._around(field, rows + stretch.start)
+        columns, part_rows = self._work.columns, self._work.part_rows(part)
+        gain, rows = np.zeros(part_rows.stop - part_rows.start, np.float32), np.flatnonzero(self._suspects(part))
+        before, after = columns[f"{NUMBERS}-{part:04d}"][:], self._around(field, rows + part_rows.start)
         gain[rows] = energy(before) - energy(after)
-        columns[GAIN].write(stretch.start, gain)
-        self._say(UNSURE, part, rows[is_unsure(before, after)])
+        columns[GAIN].write(part_rows.start, gain)
+        self._write_flags(UNSURE, part, rows[is_unsure(before, after)])
 
     def _turn_back(self, part: int) -> None:
         """Write which are flipped back because they gained nothing."""
         columns = self._work.columns
-        turned = np.flatnonzero(columns[TURNS][self._work.stretch(part)])
+        turned = np.flatnonzero(columns[TURNS][self._work.part_rows(part)])
         local, mine, _, _, near = self._neighborhood(part, turned)
-        self._say(BACK, part, turned[local.read(columns[GAIN])[near[mine]].sum(axis=1) <= 0])
+        self._write_flags(BACK, part, turned[local.read(columns[GAIN])[near[mine]].sum(axis=1) <= 0])
 
     def _vote(self, part: int) -> None:
         """Write which of the undecided points are flipped by their edges."""
-        columns, stretch = self._work.columns, self._work.stretch(part)
-        unsure = np.flatnonzero(columns[UNSURE][stretch] | columns[BACK][stretch])
+        columns, part_rows = self._work.columns, self._work.part_rows(part)
+        unsure = np.flatnonzero(columns[UNSURE][part_rows] | columns[BACK][part_rows])
         local, mine, positions, normals, near = self._neighborhood(part, unsure)
         normals *= _signs(local.read(columns[TURNS]) ^ local.read(columns[BACK]))
-        self._say(VOTED, part, unsure[disagrees(mine, positions, normals, near)])
+        self._write_flags(VOTED, part, unsure[disagrees(mine, positions, normals, near)])
 
-    def _say(self, name: str, part: int, rows: Rows) -> None:
+    def _write_flags(self, name: str, part: int, rows: Rows) -> None:
         """Write 1 for some of a part's points, and 0 for the others."""
-        stretch = self._work.stretch(part)
-        flags = np.zeros(stretch.stop - stretch.start, np.int8)
+        part_rows = self._work.part_rows(part)
+        flags = np.zeros(part_rows.stop - part_rows.start, np.int8)
         flags[rows] = 1
-        self._work.columns[name].write(stretch.start, flags)
+        self._work.columns[name].write(part_rows.start, flags)
 
     def _write(self, part: int) -> None:
-        columns, stretch = self._work.columns, self._work.stretch(part)
-        turns = columns[TURNS][stretch] ^ columns[BACK][stretch] ^ columns[VOTED][stretch]
-        columns[PARTED].write(stretch.start, columns[FACED][stretch] * _signs(turns))
+        columns, part_rows = self._work.columns, self._work.part_rows(part)
+        turns = columns[TURNS][part_rows] ^ columns[BACK][part_rows] ^ columns[VOTED][part_rows]
+        columns[PARTED].write(part_rows.start, columns[FACED][part_rows] * _signs(turns))
 
 
 def _rows(column: Any, runs: list[slice]) -> NDArray[Any]:
@@ -264,13 +264,13 @@ def _ring_columns(rings: int = RINGS) -> list[str]:
     return [f"{name}-{ring}" for ring in range(rings) for name in (FOUND, BESIDE)]
 
 
-def part_thin_sheets(work: Work, cloud: Cloud, facts: Sequence[Facts], span: Span) -> None:
+def orient_sheets_of_parts(work: Work, cloud: Cloud, facts: Sequence[Facts], span: Span) -> None:
     """Flip normals of thin plates and cavities, unless already done. facts : of all parts, see `find_surface`"""
     thick = [fact["thick"] for fact in facts]
     if work.columns.get(DONE) is not None or not sum(thick):
         return
     low, high = (np.array([fact[name] for fact in facts], np.float32) for name in ("low", "high"))
     frame = Frame(work.columns[PLACED][:1][0], float((high.max(axis=0) - low.min(axis=0)).max()))
-    if Thin(work, cloud, frame, thick).part_sheets(span):
+    if ThinSheets(work, cloud, frame, thick).orient(span):
         work.columns.put(PARTED, {})
     work.columns.put(DONE, {})

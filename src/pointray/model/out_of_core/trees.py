@@ -114,8 +114,8 @@ def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: i
 def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tree:
     """Build the tree of a part. Arrays of the splats may be columns."""
     count, step = len(splats.radii), longest_step(settings.samples)
-    stretch = slice(part * plan.size, min((part + 1) * plan.size, count))
-    top, needed = top_of_part(plan.groups, step, range(stretch.start // GROUP, -(-stretch.stop // GROUP)))
+    part_rows = slice(part * plan.size, min((part + 1) * plan.size, count))
+    top, needed = top_of_part(plan.groups, step, range(part_rows.start // GROUP, -(-part_rows.stop // GROUP)))
     rows = (needed[:, None] * GROUP + np.arange(GROUP)).reshape(-1)
     whole = WholeModel(top, plan.supports, plan.reference)
     return without_unused(build_tree(part_of(splats, rows[rows < count]), settings, in_order=True, whole=whole))

@@ -65,7 +65,7 @@ class Work:
     def __reduce__(self) -> tuple[Any, ...]:
         return Work, (self.columns, self._total, self.size), {"is_sent": True}
 
-    def stretch(self, part: int) -> slice:
+    def part_rows(self, part: int) -> slice:
         """Return the rows of a part."""
         return slice(part * self.size, min((part + 1) * self.size, self._total))
 
@@ -73,7 +73,7 @@ class Work:
         """Return the progress callback of a span of the time."""
         return part_of(self._progress, *span)
 
-    def room(self, name: str, dtype: Any, width: int = 0) -> Column:
+    def make_column(self, name: str, dtype: Any, width: int = 0) -> Column:
         """Return a column for all points, created if missing; raise a ValueError if it existed and was lost."""
         there, made = self.columns.find(name), f"made-{name}"
         if there is not None:
@@ -86,7 +86,7 @@ class Work:
 
     def local(self, part: int) -> Local:
         """Return the points of a part with its margin, which is computed once."""
-        tiles, name = np.arange(part * self.size, self.stretch(part).stop, TILE) // TILE, f"margin-{part:04d}"
+        tiles, name = np.arange(part * self.size, self.part_rows(part).stop, TILE) // TILE, f"margin-{part:04d}"
         known = self.columns.get(name)
         if known is not None:
             return points_of(np.array(known["tiles"], np.int64), tiles, self._total)
@@ -94,15 +94,15 @@ class Work:
         self.columns.put(name, {"tiles": local.tiles.tolist()})
         return local
 
-    def surveyed(self, stage: str, look: Callable[[Local, CloudStatistics], Any]) -> CloudStatistics:
+    def statistics_for(self, stage: str, compute: Callable[[Local, CloudStatistics], Any]) -> CloudStatistics:
         """Return the statistics that a stage needs of the whole cloud, computed on the sample and cached."""
         known = self.columns.get(f"usual-{stage}")
         if known is None:
-            stretches = sample_of(self._total)
-            tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in stretches])
+            ranges = sample_of(self._total)
+            tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in ranges])
             local = local_of(self.columns, tiles, self._total)
             statistics = SampledStatistics(local.own)
-            look(local, statistics)
+            compute(local, statistics)
             known = statistics.known
             self.columns.put(f"usual-{stage}", known)
         return CloudStatistics(None, known, is_complete=True)
@@ -115,7 +115,7 @@ class Work:
     def each(self, stage: str, do: Callable[[int], Facts | None], span: tuple[float, float]) -> list[Facts]:
         """Run a stage for each part where it is not done yet; return the facts of all parts."""
         known = {part: self.columns.get(_mark(stage, part)) for part in range(self.parts)}
-        todo = [part for part, said in known.items() if said is None]
+        todo = [part for part, facts in known.items() if facts is None]
         known.update(self._share(stage, partial(_do_once, self, stage, do), todo, span))
         return [known[part] or {} for part in range(self.parts)]
 
@@ -123,14 +123,14 @@ class Work:
         self, name: str, do: Callable[[int], Result], todo: Sequence[int], span: tuple[float, float]
     ) -> Iterator[tuple[int, Result]]:
         """Call a function for some parts, by the executor; yield each part with its result."""
-        say, done = self.watch(span), self.parts - len(todo)
+        report, done = self.watch(span), self.parts - len(todo)
 
         def tick() -> None:
-            tell(say, done / self.parts)
+            tell(report, done / self.parts)
 
         for one in self._tasks.share(name, do, todo, tick):
             done += 1
-            tell(say, done / self.parts)
+            tell(report, done / self.parts)
             yield one
         self._tasks.refresh(self.columns.folder)
 
@@ -152,6 +152,6 @@ def _do(work: Work, do: Callable[[int], Result], part: int) -> Result:
 
 def _do_once(work: Work, stage: str, do: Callable[[int], Facts | None], part: int) -> Facts:
     """Run a stage for a part, and mark it as done."""
-    said = _do(work, do, part) or {}
-    work.columns.put(_mark(stage, part), said)
-    return said
+    facts = _do(work, do, part) or {}
+    work.columns.put(_mark(stage, part), facts)
+    return facts
