@@ -140,12 +140,12 @@ def _next_array(stream: IO[bytes], memory: mmap.mmap | bytearray, size: int, nam
     """Return the array at the stream's position; move the stream to its end."""
     try:
         if npy.read_magic(stream) != (1, 0):
-            raise ValueError("of another version")
+            raise ValueError("unsupported version")
         shape, fortran, dtype = npy.read_array_header_1_0(stream)
     except Exception as error:  # NumPy's parser raises nearly anything for a malformed header
         raise ValueError(f"the header of {name} is damaged") from error
     if fortran or dtype.hasobject or dtype.newbyteorder("=") != dtype or min(shape, default=0) < 0 or len(shape) > 2:
-        raise ValueError(f"{name} has an array of another kind")
+        raise ValueError(f"{name} is an unsupported kind of array")
     start, count = stream.tell(), math.prod(shape)
     if start + count * dtype.itemsize > size:
         raise ValueError(f"the file is cut off in {name}")
@@ -182,5 +182,5 @@ def take_array(found: Arrays, name: str, dtype: type, shape: tuple[int, ...]) ->
     array = found.pop(name)
     right = array.ndim == len(shape) and all(a in (b, -1) for a, b in zip(shape, array.shape, strict=True))
     if array.dtype != dtype or not right:
-        raise ValueError(f"{name} is {array.dtype} {array.shape}")
+        raise ValueError(f"{name} is of unexpected type or shape: {array.dtype} {array.shape}")
     return array

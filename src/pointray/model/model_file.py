@@ -26,7 +26,7 @@ LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]
 # Changing LEAF_BLOCKS requires a new version.
 SURFACE_ONLY = 2
 KIND = Kind(
-    "pointray model", 3, LAYOUT, "a saved model", "saved by another version of pointray: save it anew", (SURFACE_ONLY,)
+    "pointray model", 3, LAYOUT, "a saved model", "saved by another version of pointray: save it again", (SURFACE_ONLY,)
 )
 
 
@@ -143,7 +143,7 @@ def read_model(
     try:
         about, found = read_arrays(path, KIND)
         if any(about.get(name) != value for name, value in (expected or {}).items()):
-            raise ValueError("it is another part, or of another folder")
+            raise ValueError("part does not belong to this folder")
         survey = survey_of(about)
         given = [(settings, _prefix(k)) for k, settings in enumerate(_settings_in(about))]
         levels = [_take_level(settings, found, prefix, survey, is_sound) for settings, prefix in given]
@@ -158,7 +158,7 @@ def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the settings of the model and of its levels of detail; older files have no levels."""
     settings = [about.get("settings"), *_listed(about.get("levels", []))]
     if not all(isinstance(one, dict) for one in settings):
-        raise ValueError("the model is damaged: its settings are none")
+        raise ValueError("the model is damaged: invalid settings")
     return settings
 
 
@@ -167,7 +167,7 @@ def survey_of(about: dict[str, Any]) -> Survey:
     try:
         return Survey(**about.get("survey", {}))
     except (TypeError, ValueError) as error:
-        raise ValueError(f"the model is damaged: its survey is none: {error}") from error
+        raise ValueError(f"the model is damaged: invalid georeference: {error}") from error
 
 
 def _listed(value: Any) -> list[Any]:
@@ -177,9 +177,9 @@ def _listed(value: Any) -> list[Any]:
 def check_columns(level: Level, model: Level) -> None:
     """Raise a ValueError if a level of detail differs from its model in columns or origin."""
     if _columns_of(level.points) != _columns_of(model.points):
-        raise ValueError("the model is damaged: a level of detail has other attributes or colors")
+        raise ValueError("the model is damaged: a level of detail has different attributes or colors")
     if not np.array_equal(level.points.origin, model.points.origin):
-        raise ValueError("the model is damaged: a level of detail has another origin")
+        raise ValueError("the model is damaged: a level of detail has a different origin")
 
 
 def _columns_of(points: Points) -> dict[str, Any]:
@@ -197,7 +197,7 @@ def _take_level(settings: dict[str, Any], found: Arrays, prefix: str, survey: Su
     )
     within = np.abs(bounds - points.origin) <= 2.0 * FARTHEST  # false for NaN as well
     if not (within.all() and (bounds[0] <= bounds[1]).all()):
-        raise ValueError("the model is damaged: its bounds are none")
+        raise ValueError("the model is damaged: invalid bounds")
     level = Level(settings, points, radii, bounds, take_tree(mine))
     if not is_sound:
         check_level(level.tree, len(points))

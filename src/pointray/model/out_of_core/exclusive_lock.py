@@ -43,4 +43,4 @@ def _is_same(file: int, path: Path) -> bool:
 
 
 def _busy(folder: Path) -> ValueError:
-    return ValueError(f"{folder.parent}: another process prepares a model there just now")
+    return ValueError(f"{folder.parent}: another process is preparing a model in this folder")

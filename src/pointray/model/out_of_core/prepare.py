@@ -47,7 +47,7 @@ def part_points_within(memory: int, workers: int = 0) -> int:
     least = rest + each * FEWEST if workers else LEAST
     if memory < least:
         raise ValueError(
-            f"parts cannot be made in {memory / 2**30:.2f} GiB of memory: {least / 2**30:.1f} GiB are needed"
+            f"not enough memory: {memory / 2**30:.2f} GiB, but {least / 2**30:.1f} GiB are needed"
             + (f" with {workers} workers on one machine" if workers else "")
         )
     return 1 << (((memory - rest) // each).bit_length() - 1)
@@ -150,7 +150,7 @@ def _explain_full_disk(path: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno not in FULL_DISK:
             raise
-        advice = f"{error.strerror}: make room and run the same command again, it goes on"
+        advice = f"{error.strerror}: free some space and run the same command again to resume"
         raise OSError(error.errno, advice, str(error.filename or path)) from error
 
 
@@ -165,7 +165,7 @@ def check_unfinished(path: Path) -> Path:
 
 
 def _not_empty(path: Path) -> ValueError:
-    return ValueError(f"{path}: there is something already: name a new or an empty folder")
+    return ValueError(f"{path}: already exists and is not empty: choose a new or empty folder")
 
 
 def _task_of(
@@ -190,8 +190,8 @@ def _check_task(columns: Columns, task: Mapping[str, Any]) -> None:
     elif known != task:
         what = next(name for name in task if known.get(name) != task[name])
         raise ValueError(
-            f"{columns.folder.parent}: holds unfinished work of other {what}: "
-            "go on with those, or remove the folder to begin anew"
+            f"{columns.folder.parent}: contains unfinished work with different {what}: "
+            "use the same to resume, or remove the folder to start over"
         )
 
 

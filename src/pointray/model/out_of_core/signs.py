@@ -107,7 +107,7 @@ class Signs:
         """
         first = int(local.rows[local.core.start])
         if first % TILE:
-            raise ValueError(f"a part begins at a multiple of {TILE:,} rows, not at row {first:,}")
+            raise ValueError(f"a part must begin at a multiple of {TILE:,} rows, not at row {first:,}")
         found = find_pieces(local.positions, local.normals, local.near, local.core)
         self._columns[PIECE].write(first, found.piece)
         self._columns[SIGN].write(first, found.sign)

@@ -38,7 +38,7 @@ def check_new(path: str | os.PathLike[str]) -> Path:
     """Validate that a folder is empty or can be made."""
     folder = Path(path)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(f"{folder}: there is something already: name a new or an empty folder")
+        raise ValueError(f"{folder}: already exists and is not empty: choose a new or empty folder")
     check_writable(folder / INDEX if folder.exists() else folder)
     return folder
 

@@ -79,7 +79,7 @@ class Work:
         if there is not None:
             return there
         if self.columns.get(made) is not None:
-            raise ValueError(f"{self.columns.folder}: {name} is missing: remove the folder to begin anew")
+            raise ValueError(f"{self.columns.folder}: {name} is missing: remove the folder to start over")
         column = self.columns.make(name, dtype, width, self._total)
         self.columns.put(made, {})
         return column
