@@ -231,7 +231,7 @@ def at_once(tmp_path_factory):
 def test_a_run_that_is_interrupted_at_every_stage_goes_on(at_once, tmp_path, monkeypatch):
     """What was done is not done again, and the files are the same but for the folder's id."""
     scan, whole = at_once
-    for stage in ("_arrange", "_merge", "_stretches", "_place", "_support", "_write"):
+    for stage in ("_arrange", "_merge", "_noise_ranges", "_place", "_support", "_write"):
         work = getattr(OutOfCoreBuilder, stage)
 
         def interrupted(self, work=work):

@@ -103,7 +103,7 @@ def _settle(
 ) -> int:
     """Write to out[i] the move of positions[rows[i]], the normal there, and 1, or 0 if there is no crease.
 
-    near : (m, k) nearby entries of `fitted_rows`, or -1; seats, models : rows with models, and the models
+    near : (m, k) nearby entries of `fitted_rows`, or -1; fitted_rows, models : rows with models, and the models
     out : (m, 8), the last column holds the spacing
     """
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)

@@ -103,8 +103,8 @@ def place(
     """
     if points.normals is None:
         return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress, ordering=ordering)), None
-    mended, message = repair_normals(points, progress, ordering)
-    return smooth_known(mended, sigma, progress, ordering), message
+    repaired, message = repair_normals(points, progress, ordering)
+    return smooth_known(repaired, sigma, progress, ordering), message
 
 
 def check_sigma(value: object, name: str) -> str | float:

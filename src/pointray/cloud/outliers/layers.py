@@ -49,7 +49,7 @@ class Part(NamedTuple):
 def merge_for_model(
     points: Points, progress: Progress | None = None, ordering: KdOrdering | None = None, part: Part | None = None
 ) -> Points:
-    """Move the points of second layers and passes onto one surface; return `points` itself if there are none.
+    """Move the points of second layers and passes onto one surface; return `points` itself if nothing moves.
 
     Unlike `merge_layers` this examines the cloud closely only where a few ranges of the kd order show layers, and moves
     only groups of at least `FEWEST` points: a surface without layers is unchanged, to the bit.
@@ -76,7 +76,7 @@ def merge_for_model(
 
 
 def _shifts(points: Points, ordering: KdOrdering, part: Part, progress: Progress | None) -> Floats | None:
-    """Return the moves of positions in second layers, (n, 3); None if there are none."""
+    """Return the moves of positions in second layers, (n, 3); None without layers."""
     floor_search = FloorSearch(ordering.positions)
     search = LayerSearch(floor_search, part.total, part.numbers)
     if part.blocks is None:

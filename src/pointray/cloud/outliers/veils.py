@@ -43,7 +43,7 @@ def find_veils(positions: Floats, core: Floats, eye: NDArray[np.float64]) -> NDA
     ranges = np.linalg.norm(away, axis=1)
     directions = (away / np.maximum(ranges, 1e-30)[:, None]).astype(np.float32)
     angles, near = neighbors(directions, BESIDE + 1)
-    # A step is as wide as usual even where two points lie in one direction.
+    # At least the median step, even where two points lie in the same direction.
     sideways = np.maximum(angles, np.median(angles[:, 1:], axis=1, keepdims=True)) * ranges[:, None]
     beyond = ranges[near] - ranges[:, None]
     is_other = near != np.arange(len(positions))[:, None]

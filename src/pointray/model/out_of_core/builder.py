@@ -229,8 +229,8 @@ class OutOfCoreBuilder:
             turn_fits(work, cloud, any(fact["has_planes"] for fact in facts), (PLACED_AT, TURNED_FITS))
             if not cloud.is_seen:
                 orient_sheets_of_parts(work, cloud, facts, (TURNED_FITS, FACED_AT))
-        mended = [fact["mended"] for fact in facts] + [(self._columns.get(TURNED) or {}).get("mended", (0, 0))]
-        lost, odd = np.sum(mended, axis=0).tolist()
+        repaired = [fact["mended"] for fact in facts] + [(self._columns.get(TURNED) or {}).get("mended", (0, 0))]
+        lost, odd = np.sum(repaired, axis=0).tolist()
         for text in describe_repairs(lost, odd, cloud.total):
             warn(text, stacklevel=4)
 

@@ -159,4 +159,4 @@ def _put_units(work: Work, cloud: Cloud, part: int) -> Facts:
     local.write(work.columns[UNITS], found.normals)
     if found.known is not None:
         local.write(work.columns[KNOWN], found.known)
-    return {"mended": list(found.mended)}
+    return {"mended": list(found.repaired)}

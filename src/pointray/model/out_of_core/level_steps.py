@@ -49,7 +49,7 @@ Rows = NDArray[np.int64]
 class SharedValues(NamedTuple):
     """Values that the trees of all parts of a level share.
 
-    supports : (6,) float32, bounds of all supports; reference : radius of which steps are multiples by powers of two
+    supports : (6,) float32, bounds of all supports; reference : radius; steps are powers of two times it
     longest : (parts,) float32, largest radius of each part
     """
 

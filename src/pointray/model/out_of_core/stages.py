@@ -96,7 +96,7 @@ class Surface(NamedTuple):
     noise : (n,) float32, noise that was removed; None if none
     planes : (n, 3) float32 each, positions moved onto planes around noisy points, and the planes' normals, for signs
     known : (n,) bool, whether the viewpoint is known; None: none is known
-    mended : number of missing normals, and of normals of another length
+    repaired : number of missing normals, and of normals of another length
     thick : (n,) bool, which points may be near two sheets; None: not computed
     """
 
@@ -105,7 +105,7 @@ class Surface(NamedTuple):
     noise: Floats | None
     planes: tuple[Floats, Floats] | None = None
     known: NDArray[np.bool_] | None = None
-    mended: tuple[int, int] = (0, 0)
+    repaired: tuple[int, int] = (0, 0)
     thick: NDArray[np.bool_] | None = None
 
 
@@ -143,12 +143,12 @@ def examine(cloud: Cloud, local: Local) -> NoiseRanges:
 def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None) -> Surface:
     """Smooth points with normals. ranges : noise of all parts; None: given by sigma"""
     points = cloud.points(local)
-    mended = _units_of(cloud, local, points)
+    repaired = _units_of(cloud, local, points)
     ordering = ordering_of(points.positions)
     noise = _noise_along(local, ordering, ranges)
-    placed = smooth_known(points.with_normals(mended.normals), sigma, ordering=ordering, known_noise=noise)
+    placed = smooth_known(points.with_normals(repaired.normals), sigma, ordering=ordering, known_noise=noise)
     assert placed.points.normals is not None
-    return Surface(placed.points.positions, placed.points.normals, placed.noise, mended=mended.mended)
+    return Surface(placed.points.positions, placed.points.normals, placed.noise, repaired=repaired.repaired)
 
 
 def survey_fits(cloud: Cloud, local: Local, statistics: CloudStatistics) -> None:
@@ -181,10 +181,10 @@ def fit(
 def units(cloud: Cloud, local: Local) -> Surface:
     """Return points with unit normals, turned towards known viewpoints."""
     points = cloud.points(local)
-    mended, (eye, known) = _units_of(cloud, local, points), _eyes_of(cloud, points)
+    repaired, (eye, known) = _units_of(cloud, local, points), _eyes_of(cloud, points)
     if eye is not None:
-        mended.normals[~faced(points.positions, mended.normals, eye)] *= -1
-    return mended._replace(known=known)
+        repaired.normals[~faced(points.positions, repaired.normals, eye)] *= -1
+    return repaired._replace(known=known)
 
 
 def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bool_] | None]:
@@ -209,7 +209,7 @@ def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
     found = normalize_normals(points, local.own)
     if found is None:
         return Surface(points.positions, np.asarray(estimate_normals(points).normals), None)
-    return Surface(points.positions, found.unit, None, mended=(found.lost, found.odd))
+    return Surface(points.positions, found.unit, None, repaired=(found.lost, found.odd))
 
 
 def support(

@@ -77,7 +77,7 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
         own = found.positions[local.own]
         facts |= {"thick": int(found.thick[local.own].sum()), "low": own.min(axis=0).tolist()}
         facts |= {"high": own.max(axis=0).tolist()}
-    return {**facts, "mended": list(found.mended)}
+    return {**facts, "mended": list(found.repaired)}
 
 
 def find_supports(work: Work, cloud: Cloud, supporting: Supporting, statistics: CloudStatistics, part: int) -> Facts:

@@ -39,7 +39,7 @@ class Plan(NamedTuple):
     size : splats of a part, a power of two, at least `least_size`
     groups : of all splats, each of `GROUP`
     supports : (6,) float32, bounds of all supports
-    reference : radius of which steps are multiples by powers of two
+    reference : radius; steps are powers of two times it
     """
 
     size: int
