@@ -129,7 +129,7 @@ class Fitting:
     def __init__(
         self, sigma: str | float, noise: Noise | None = None, statistics: CloudStatistics | None = None
     ) -> None:
-        self._sigma, self._noise, self._usual = sigma, noise, statistics
+        self._sigma, self._noise, self._statistics = sigma, noise, statistics
 
     def fit(
         self,
@@ -144,12 +144,12 @@ class Fitting:
         tell(progress, SURVEYED)
         left = part_of(progress, SURVEYED, 1.0)
         if noise is None:
-            return fit_normals(ordered, kept, eye, left, planes, statistics=self._usual)
+            return fit_normals(ordered, kept, eye, left, planes, statistics=self._statistics)
         n = len(ordered)
         moved, normals = ordered.copy(), np.zeros_like(ordered)
         near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
         shares = np.empty((n, 1), np.float32)
-        needed = 0 if planes is None else planes.needed(measure_noise(ordered, self._usual)[0])
+        needed = 0 if planes is None else planes.needed(measure_noise(ordered, self._statistics)[0])
         edges = Edges(ordered)
         for part, found in neighbor_chunks(ordered, max(most, kept, needed), left):
             rows = np.arange(part.start, part.start + len(found))

@@ -161,7 +161,7 @@ def repair_normals(
     ----------
     points : Points
     progress : callable, optional
-    ordering : Path, optional
+    ordering : KdOrdering, optional
         The ordering of the points, if known.
 
     Returns

@@ -48,7 +48,7 @@ def merge_passes(
         Viewpoint of each point. None: the stations of the points; where they are unknown, normals, if any, show from
         which side the surface was seen.
     progress : callable, optional
-    ordering : Path, optional
+    ordering : KdOrdering, optional
         The ordering of the points, if known.
     statistics : CloudStatistics, optional
         Of the cloud that the points are a part of. None: they are the whole cloud.

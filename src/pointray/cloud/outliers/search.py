@@ -31,7 +31,7 @@ class LayerSearch:
 
     Parameters
     ----------
-    floor_search : Ground
+    floor_search : FloorSearch
         Without any results yet.
     total : int
         Number of points of the cloud.

@@ -100,7 +100,7 @@ class OutOfCoreBuilder:
     columns : Columns
         As left by `spool`; results are added.
     spooled : Spooled
-    options : Wanted
+    options : BuildOptions
     progress : callable, optional
     tasks : TaskExecutor, optional
         Workers that process parts and see the folder. None: this process.

@@ -29,8 +29,8 @@ class Facing:
     ----------
     work : Work
     cloud : Cloud
-    Columns of positions, and of normals with arbitrary signs.
-        Columns: positions, and normals of either sign.
+    places, normals : str
+        Columns of positions, and of normals with arbitrary signs.
     near : int
         Number of neighbours along which signs propagate.
     """
