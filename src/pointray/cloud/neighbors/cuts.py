@@ -1,7 +1,7 @@
 """Top of the kd-tree of a cloud that does not fit into memory: which points belong to which part.
 
 A part is an aligned range of the order of `order.kd_order` with a power of two of points (the last part may have
-fewer). It is a subtree of the kd-tree and can be sorted alone. The points are read once or more per level: the cut
+fewer). It is a subtree of the kd-tree and can be sorted alone. The points are read level by level: the cut
 coordinate of a span is found by radix selection, 16 bits at a time, which takes two passes for any number of spans.
 If several points of a span lie exactly on its cut, a third pass finds which of them belong to the first half: those
 with the lowest rows.
