@@ -102,7 +102,7 @@ def _number(parent: Array, sign: Array, number: Array) -> int:
 
 
 def _joined(pieces: int, tables: VoteTables) -> tuple[NDArray[np.int64], NDArray[np.int8], int]:
-    """Join once: return the group of each piece, its sign in it, and the number of groups."""
+    """Join pieces for one round; return the group of each piece, its sign in it, and the number of groups."""
     best, partner = np.full(pieces, -1.0), np.arange(pieces, dtype=np.int32)
     for votes in tables:
         clear = np.abs(votes.sums) / np.maximum(votes.masses, 1) ** UNITED

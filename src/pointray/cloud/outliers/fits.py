@@ -137,7 +137,9 @@ def into_ball(positions: Array, row: int, near: Array, i: int, k: int, d: Array)
 def fit(
     positions: Array, row: int, near: Array, i: int, k: int, second: bool, memory: Memory
 ) -> tuple[Vec3, float, float]:
-    """Fit; return the plane's normal, the noise in radii, and the radius. Other results stay in the memory.
+    """Fit a plane and a quadric; return the plane's normal, the noise in radii, and the radius.
+
+    Coefficients, terms and residuals stay in the memory.
 
     second : whether to start with the points in the middle of the list instead of all
     """

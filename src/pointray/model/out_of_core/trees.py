@@ -139,7 +139,7 @@ def tree_within(
 
 
 def with_margins(tree: Tree, box: NDArray[np.float64]) -> Tree:
-    """Build the tree of a level of detail in a box, with margins (`Tree.noise`) in the leaves at the box's faces.
+    """Return the tree of a level of detail in a box with margins (`Tree.noise`) in the leaves at the box's faces.
 
     Beyond a face another level may be shown, whose surface is slightly higher or lower: a shadow ray that starts on the
     lower one would pass through the step between them.
