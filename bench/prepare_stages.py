@@ -27,11 +27,11 @@ import pointray as pr
 
 # The functions of each stage, inner ones of others too. Names that the package lacks are passed over.
 STAGES = {
-    "sort and distinct": ("distinct", "kd_order", "along_path"),
+    "sort and distinct": ("distinct", "kd_order", "compute_kd_ordering"),
     "neighbours": ("NeighborTree.__init__", "NeighborTree.query"),
-    "noise and layers": ("merge_for_model", "noise_along"),
+    "noise and layers": ("merge_for_model", "estimate_noise"),
     "fits": ("fit_normals", "fit_surface"),
-    "orientation": ("orient", "part_sheets", "settle_unknown"),
+    "orientation": ("orient", "orient_thin_sheets", "orient_unknown"),
     "normals": ("place",),
     "radii": ("make_splats",),
     "tree": ("build_tree",),

@@ -31,7 +31,7 @@ import cloudcompare
 import pointray as pr
 from pointray.base.choices import SCATTER
 from pointray.cli import execute
-from pointray.cloud.normals.validation import trusted
+from pointray.cloud.normals.validation import select_normals
 from pointray.surface.splats.radii import radii_in
 from scatter_scanners import SAMPLINGS, scan
 from scatter_scenes import make_scene
@@ -100,7 +100,7 @@ def plain(points: pr.Points, camera: pr.Camera, python: str, folder: Path) -> Im
 
 def measure(points: pr.Points, camera: pr.Camera) -> str:
     """The share of scattered points, and of the picture that one point covers."""
-    model = pr.Model(trusted(points, "auto"), radii_in(points), scatter="spheres")
+    model = pr.Model(select_normals(points, "auto"), radii_in(points), scatter="spheres")
     scene = pr.Scene()
     scene.add(model)
     hits = scene.intersect(*camera.rays()).point

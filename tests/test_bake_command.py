@@ -18,7 +18,7 @@ from pointray.cli import execute, serve
 from pointray.cli.commands.files import bake as bake_command
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_scene import PLAIN
-from pointray.cloud.normals.validation import trusted
+from pointray.cloud.normals.validation import select_normals
 from pointray.image.tone import linear_to_srgb, srgb_to_linear, tone
 from pointray.scenefile import plan
 from pointray.viewer.shared_scene import SharedScene
@@ -151,10 +151,10 @@ def test_wrong_normals_are_not_lit_and_stay_in_the_file(scan, capsys):
     pr.write(scan, ring().with_normals(wrong))
     out = scan.with_name("lit.ply")
     status, _, err = run(capsys, "bake", scan, "-o", out, *FEW, *LIGHTS)
-    assert status == 0 and "fitted ones are used" in err
+    assert status == 0 and "replaced by fitted normals" in err
     scene = pr.Scene()
     with pytest.warns(UserWarning, match="fitted"):
-        number = scene.add(pr.Model(trusted(pr.read(scan))))
+        number = scene.add(pr.Model(select_normals(pr.read(scan))))
     scene.lights = lights()
     found = pr.read(out)
     assert np.array_equal(found.normals, wrong)

@@ -8,7 +8,7 @@ import pytest
 from plyfile import PlyData, PlyElement
 
 from conftest import shared_model
-from pointray.cloud.normals.estimate import mend_normals
+from pointray.cloud.normals.estimate import repair_normals
 from pointray.io.files import headers, read, write
 from pointray.io.formats._source import HEAD, MAYBE, SURE, Request
 from pointray.io.formats.ply import _binary, ply
@@ -165,8 +165,8 @@ def test_signs_of_normals_are_set_by_what_mends_them(tmp_path):
     made.scale[:] = [-3, -3, -8]  # discs, which lie on a sphere and face in or out by chance
     up = made.xyz * rng.choice([-1, 1], (3000, 1))
     made.turn = np.column_stack([1 + up[:, 2], -up[:, 1], up[:, 0], np.zeros(3000)])
-    points, message = mend_normals(read(save(tmp_path / "a.ply", trained(made)), opacity=0))
-    assert "signs set anew" in message
+    points, message = repair_normals(read(save(tmp_path / "a.ply", trained(made)), opacity=0))
+    assert "signs recomputed" in message
     assert (points.normals * made.xyz).sum(axis=1).min() > 0.999
 
 

@@ -231,7 +231,7 @@ def at_once(tmp_path_factory):
 def test_a_run_that_is_interrupted_at_every_stage_goes_on(at_once, tmp_path, monkeypatch):
     """What was done is not done again, and the files are the same but for the folder's id."""
     scan, whole = at_once
-    for stage in ("_arrange", "_merge", "_stretches", "_place", "_support", "_write"):
+    for stage in ("_arrange", "_merge", "_noise_ranges", "_place", "_support", "_write"):
         work = getattr(OutOfCoreBuilder, stage)
 
         def interrupted(self, work=work):
@@ -290,7 +290,7 @@ def begun(tmp_path, monkeypatch):
 
 def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
     folder = begun(tmp_path, monkeypatch)
-    with pytest.raises(ValueError, match="holds unfinished work of other size"):
+    with pytest.raises(ValueError, match="contains unfinished work with different size"):
         prepared(tmp_path / "a.ply", folder, 2 * SIZE)
     with pytest.raises(ValueError, match="other settings"):
         prepared(tmp_path / "a.ply", folder, smooth=0.0)
@@ -304,7 +304,10 @@ def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
 def test_two_writers_do_not_meet(tmp_path, monkeypatch):
     folder = begun(tmp_path, monkeypatch)
-    with prepare_module.alone(folder / "unfinished"), pytest.raises(ValueError, match="another process prepares"):
+    with (
+        prepare_module.exclusive_lock(folder / "unfinished"),
+        pytest.raises(ValueError, match="another process is preparing"),
+    ):
         prepared(tmp_path / "a.ply", folder)
     with monkeypatch.context() as patch:
         patch.setattr(OutOfCoreBuilder, "build", lambda self: 1 / 0)
@@ -335,7 +338,7 @@ def test_the_command_goes_by_parts_when_memory_is_little(tmp_path, capsys, monke
     ("words", "text"),
     [
         (["--memory", "2 apples"], "--memory must be a size like 4GiB or 500MB, not '2 apples'"),
-        (["--memory", "100MB"], "parts cannot be made in 0.09 GiB of memory: 1.5 GiB are needed"),
+        (["--memory", "100MB"], "not enough memory: 0.09 GiB, but 1.5 GiB are needed"),
         (["--memory", "2GiB", "--tolerance", "0.5"], "--tolerance is for scans that fit into memory"),
         (["--memory", "2GiB", "--drop-strays"], "--drop-strays is for scans that fit into memory"),
     ],

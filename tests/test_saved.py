@@ -208,7 +208,7 @@ def test_a_damaged_level_is_an_error(tmp_path, leveled):
     model = pr.Model.load(leveled[1])
     del model.levels[0].points.attributes["heat"]
     model.save(tmp_path / "m")
-    with pytest.raises(ValueError, match="other attributes"):
+    with pytest.raises(ValueError, match="different attributes"):
         pr.Model.load(tmp_path / "m")
 
 

@@ -24,8 +24,8 @@ def test_numbers_without_bits_stay(value: float) -> None:
 
 def test_a_cloud_is_told_by_steady_numbers() -> None:
     values = np.random.default_rng(0).lognormal(size=5000).astype(np.float32)
-    usual = CloudStatistics()
-    found = usual.quantile("a", values, 0.5)
-    assert found == quantize(float(np.quantile(values, 0.5))) == usual.known["a"]
-    assert usual.share("b", values > 1) == quantize(float((values > 1).mean()))
-    assert usual.least("c", values) == values.min()  # what is compared with each value
+    statistics = CloudStatistics()
+    found = statistics.quantile("a", values, 0.5)
+    assert found == quantize(float(np.quantile(values, 0.5))) == statistics.known["a"]
+    assert statistics.share("b", values > 1) == quantize(float((values > 1).mean()))
+    assert statistics.least("c", values) == values.min()  # what is compared with each value

@@ -167,7 +167,7 @@ def test_a_wrong_viewpoint_is_refused():
 
 def test_kinds_are_told_in_words():
     points, _ = layered(2)
-    with pytest.warns(UserWarning, match=r"^scan: 1,0\d\d strays \(.* of second layers, .*\) left out$"):
+    with pytest.warns(UserWarning, match=r"^scan: 1,0\d\d strays \(.* in second layers, .*\) removed$"):
         left = without_strays(points, "scan")
     assert len(left) < N + 10
 
@@ -188,7 +188,7 @@ def test_commands_leave_them_out(tmp_path, capsys):
         )
         == 0
     )
-    assert "of second layers" in capsys.readouterr().err
+    assert "in second layers" in capsys.readouterr().err
     model = tmp_path / "m.pointray"
     pr.Model(points).save(model)
     assert execute(["info", str(model), "--drop-strays"]) != 0

@@ -6,7 +6,7 @@ import pytest
 import pointray as pr
 from pointray import Points
 from pointray.cloud.georeference import SCAN, Survey
-from pointray.cloud.normals.stations import check_apart
+from pointray.cloud.normals.stations import check_outside
 from pointray.io.trajectory import read_trajectory
 
 FAR = np.array([512_345.678, 5_400_000.123, 321.5])
@@ -87,13 +87,13 @@ def test_points_without_times(tmp_path):
 def test_a_viewpoint_in_a_wall_is_refused(shift):
     points, _ = street()
     eye = points.positions[7] + points.origin + shift
-    with pytest.raises(ValueError, match="lies among the points, .* where the scanner stood"):
+    with pytest.raises(ValueError, match="lies among the points, .* position of the scanner"):
         pr.estimate_normals(points, viewpoint=eye)
 
 
 def test_returns_that_a_scanner_lost_do_not_make_it_lie_among_the_points():
     ball = pr.procedural("sphere", 2000)
-    check_apart(np.concatenate([ball.positions, np.zeros((5, 3), np.float32)]), np.zeros(3))
+    check_outside(np.concatenate([ball.positions, np.zeros((5, 3), np.float32)]), np.zeros(3))
     found = pr.estimate_normals(Points(np.concatenate([ball.positions, [[0, 0, 0]]])), viewpoint=(0, 0, 0)).normals
     assert (np.sum(found[:-1] * ball.normals, axis=1) < 0).all()
     assert np.isfinite(found).all() and found[-1].any()
@@ -104,5 +104,5 @@ def test_scans_without_a_station_are_told():
     scan = (exact[:, 0] > 0).astype(np.int32)
     scan[::10] = 7
     told = Points(points.positions, attributes={SCAN: scan}, survey=Survey(stations=((-5, 0, 0), (5, 0, 0))))
-    with pytest.warns(UserWarning, match="600 of 6,000 points are of scans like 7, and there are stations for 0 to 1"):
+    with pytest.warns(UserWarning, match="600 of 6,000 points belong to scans such as 7, .* only for 0 to 1"):
         pr.estimate_normals(told)
