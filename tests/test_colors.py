@@ -11,7 +11,7 @@ import pytest
 
 import pointray as pr
 from conftest import case_file
-from pointray.io.formats._unnamed_columns import UndecidedError, judge
+from pointray.io.formats._unnamed_columns import UndecidedError, recognise_columns
 
 BLUE, RED, GREEN = (40, 60, 220), (220, 60, 40), (60, 200, 80)
 
@@ -25,7 +25,7 @@ def room(rng, n=400):
 
 def names_of(*columns, **options):
     values = np.column_stack(columns).astype(float)
-    return judge(values, [bool((column == np.rint(column)).all()) for column in values.T], **options).names
+    return recognise_columns(values, [bool((column == np.rint(column)).all()) for column in values.T], **options).names
 
 
 def datasets(rng):
@@ -70,7 +70,7 @@ def test_undecided_columns_are_refused_unless_the_extension_decides(rng):
 
 def test_many_unrecognised_columns_are_one_short_note(rng):
     xyz, _ = room(rng)
-    found = judge(np.column_stack([xyz, rng.normal(size=(len(xyz), 600))]), [False] * 603)
+    found = recognise_columns(np.column_stack([xyz, rng.normal(size=(len(xyz), 600))]), [False] * 603)
     assert found.note.startswith(
         "600 of the columns 4 to 603 are not recognised: read as column_4, ...; name the columns with --columns"
     )
