@@ -1,9 +1,10 @@
-"""Pointray's kernels as native libraries, for installations without Numba. Not part of the package.
+"""Ahead-of-time compilation of pointray's kernels, for installations without Numba. Not part of the package.
 
-signatures : the types of each kernel's arguments, recorded in signatures.json
-targets : processors and systems
-codegen : Numba's compiler, set up for a target; entry, emit : a kernel's C function, and its machine code
-objects : all kernels on all cores; link : objects and runtime.c -> one library; library : with its manifest
+signatures : argument types of each kernel, recorded in signatures.json
+targets : CPUs and operating systems
+codegen : Numba's compiler, configured for a target; entry, emit : C function and machine code of a kernel
+objects : parallel compilation of all kernels; link : object files and runtime.c -> shared library
+library : libraries and their manifest
 
 Begin with __main__.
 """

@@ -1,4 +1,4 @@
-"""A folder with the libraries of a system and their manifest, as `pointray.engine.jit.library` reads it."""
+"""Folder with the libraries of a system and their manifest, read by `pointray.engine.jit.library`."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .targets import SYSTEMS
 
 
 def make(order: Order, folder: Path, command: list[str], progress: Progress) -> None:
-    """Make the libraries of a system, and the manifest; what is there and still right is left alone.
+    """Build the libraries of a system and the manifest; libraries that are up to date are kept.
 
-    Of several processes that do this at once, one works and the others wait.
+    A lock lets only one process build at a time.
 
-    command : the C compiler
-    progress : called with the number of kernels that are done, of all, and the last one
+    command : C compiler
+    progress : called with the number of completed kernels, the number of all, and the name of the last one
     """
     folder.mkdir(parents=True, exist_ok=True)
     order.folder.mkdir(parents=True, exist_ok=True)
@@ -33,7 +33,7 @@ def make(order: Order, folder: Path, command: list[str], progress: Progress) -> 
         built = {level: build(order, level, progress) for level in order.levels}
         libraries = {
             level: _library(order.system, level, built[level], folder, command)
-            for level in sorted(order.levels, reverse=True)  # the best first
+            for level in sorted(order.levels, reverse=True)  # highest first
         }
         _write(folder / MANIFEST, {"format": FORMAT, "libraries": libraries, **_described(built[order.levels[0]])})
         kept = {MANIFEST, *(library["file"] for library in libraries.values())}
@@ -43,7 +43,7 @@ def make(order: Order, folder: Path, command: list[str], progress: Progress) -> 
 
 
 def _library(system: str, level: str, objects: list[Object], folder: Path, command: list[str]) -> dict[str, str]:
-    """Link a library unless it is there; returns what the manifest says of it."""
+    """Link a library unless it exists; return its entry in the manifest."""
     facts = "\n".join([linking_key(), *command[1:], *(one.path.name for one in objects)])
     path = folder / f"{level}-{hashlib.sha256(facts.encode()).hexdigest()[:16]}{SYSTEMS[system].ending}"
     if not path.exists():
@@ -52,7 +52,7 @@ def _library(system: str, level: str, objects: list[Object], folder: Path, comma
 
 
 def _described(objects: list[Object]) -> dict[str, Any]:
-    """What the manifest says of kernels, each with its key, arguments and result; of all sources; of the builder."""
+    """Return the entries of the manifest for the kernels (key, arguments, result), the sources and the builder."""
     recorded = signatures.recorded()
     kernels = {
         one.kernel: {"key": one.key, "arguments": recorded["kernels"][one.kernel], "returns": one.returns}
@@ -64,7 +64,7 @@ def _described(objects: list[Object]) -> dict[str, Any]:
 
 
 def builder_key() -> str:
-    """A hash of the files that compile and link."""
+    """Return a hash of the files that compile and link."""
     return hashlib.sha256((own_key() + linking_key()).encode()).hexdigest()[:16]
 
 

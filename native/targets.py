@@ -1,4 +1,4 @@
-"""Processors and systems that libraries are built for."""
+"""CPU levels and operating systems for which libraries are built."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _V4 = f"{_V3},+avx512bw,+avx512cd,+avx512dq,+avx512f,+avx512vl"
 
 @dataclass(frozen=True)
 class Level:
-    """What a processor can do. name : as Numba and LLVM call it; features : in LLVM's format"""
+    """Instruction set of a CPU. name : name in Numba and LLVM; features : in LLVM's format"""
 
     name: str
     features: str
@@ -29,8 +29,9 @@ LEVELS = {
 class System:
     """An operating system.
 
-    triple : LLVM's name of it; zig : zig's; wheel : the platform tag of wheels; ending : of shared libraries
-    levels : the processors that libraries are built for
+    triple, zig : name of the target in LLVM and Zig
+    wheel : platform tag of wheels; ending : extension of shared libraries
+    levels : CPU levels for which libraries are built
     """
 
     triple: str
