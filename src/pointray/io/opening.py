@@ -74,7 +74,7 @@ def selected_chunks(name: str, source: Source, selection: Selection, progress: P
         warn(f"{name}: {text}", stacklevel=2)
 
 
-def check_any_selected(files: Sequence[Opener], selection: Selection, rows: int) -> None:
+def check_selected(files: Sequence[Opener], selection: Selection, rows: int) -> None:
     """Raise ValueError if no row of any file is selected."""
     if rows:
         return

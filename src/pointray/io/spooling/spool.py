@@ -22,16 +22,7 @@ from ..colors import ColorRange
 from ..filling import Filling
 from ..formats._source import Chunk, Listing
 from ..joining import Part, common_survey
-from ..opening import (
-    Opener,
-    announced_rows,
-    check_any_selected,
-    listings_of,
-    name_of,
-    named,
-    selected_chunks,
-    shares_of,
-)
+from ..opening import Opener, announced_rows, check_selected, listings_of, name_of, named, selected_chunks, shares_of
 from ..selection import Selection
 from .convert import Cloud, File, convert
 from .spooled import ATTRIBUTE, COLORS, FACTS, NORMALS, POSITIONS, Spooled, clear, spooled_in
@@ -70,7 +61,7 @@ def spool(files: Sequence[Opener], selection: Selection, columns: Columns, progr
         for file, begin, end in zip(files, shares[:-1], shares[1:], strict=True):
             with named(file.name):
                 cloud.files.append(_read(file, selection, cloud, part_of(progress, begin, end)))
-        check_any_selected(files, selection, cloud.rows)
+        check_selected(files, selection, cloud.rows)
         with named(files[0].name) if len(files) == 1 else nullcontext():
             spooled = convert(cloud, part_of(progress, READ, 1.0))
     except BaseException:  # Ctrl-C too
