@@ -34,7 +34,7 @@ CAMERA = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(24, 16))
 
 CUBES = """
 import numpy as np
-from pointray.io.formats._source import NO, SURE, Chunk, Format, Listing, Whole
+from pointray.io.formats._source import NO, SURE, Chunk, Format, Listing, WholeFile
 
 def rows_of(path):
     rows = np.loadtxt(path, ndmin=2, skiprows=1)
@@ -43,7 +43,7 @@ def rows_of(path):
     return Chunk(rows)
 
 def open_cubes(path, request):
-    return Whole(Listing(None, 24), lambda: rows_of(path))
+    return WholeFile(Listing(None, 24), lambda: rows_of(path))
 
 def write(file, points, progress=None):
     file.write(b"cubes\\n")

@@ -102,12 +102,7 @@ def test_other_properties_and_elements_are_kept_or_passed_over(tmp_path):
 @pytest.mark.parametrize("name", ["opacity", "rot_0", "rot_3", "f_dc_2", "scale_1", "x"])
 def test_missing_properties_are_named(tmp_path, name):
     path = save(tmp_path / "a.ply", trained(cloud(10), without=[name]))
-    with pytest.raises(
-        ValueError,
-        match=r"properties x, y, z of the vertices not found"
-        if name == "x"
-        else f"missing properties of splats: {name}$",
-    ):
+    with pytest.raises(ValueError, match=r"properties x, y, z of" if name == "x" else f"of splats: {name}$"):
         read(path)
 
 
@@ -267,14 +262,8 @@ def test_more_splats_than_are_unpacked_together(tmp_path, monkeypatch):
         (packed(cloud(300), harmonics=False)[:-1], "is cut off: 300 splats reach to byte"),
         (packed(cloud(3), names=["position", "rotation", "color", "x"]), "'vertex' lacks packed_scale"),
         (packed(cloud(3)).replace(b"min_scale_y", b"min_scale_w"), "'chunk' lacks min_scale_y"),
-        (
-            packed(cloud(3)).replace(b"element chunk", b"element chink"),
-            "element 'chunk' not found; available: chink, vertex, sh",
-        ),
-        (
-            packed(cloud(3)).replace(b"uint packed_c", b"float packed_c"),
-            "'packed_color' has type float32, expected uint",
-        ),
+        (packed(cloud(3)).replace(b"element chunk", b"element chink"), "'chunk' not found; available: chink, vertex"),
+        (packed(cloud(3)).replace(b"uint packed_c", b"float packed_c"), "color' has type float32, expected uint"),
         (packed(cloud(3)).replace(b"binary_little_endian", b"ascii"), "must be in a binary format, not ascii"),
         (packed(cloud(3)).replace(b"vertex 3", b"vertex 0"), "0 vertices"),
         (packed(cloud(3)).replace(b"vertex 3", b"vertex 999999999999"), "999,999,999,999 splats need"),

@@ -225,7 +225,7 @@ def test_a_disk_that_fills_at_any_stage_is_told_and_the_work_goes_on(
     scan: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever was half written is not taken for whole."""
-    monkeypatch.setattr("pointray.io.spooling.spool._check_room", lambda *about: None)
+    monkeypatch.setattr("pointray.io.spooling.spool._check_disk_space", lambda *about: None)
     size, named, runs = 1 << 19, [], 0
     with disk_of(tmp_path / "disk", size) as resize:
         while True:

@@ -358,12 +358,7 @@ WRONG = {
     ),
     "points": ("points = 2000", "points = 0", "models.ball.points", "must be between 1 and 100000000, not 0"),
     "surface": ('surface = "imls"', 'surface = "mesh"', "models.ball.surface", "unknown surface 'mesh'"),
-    "color": (
-        "base_color = [1.0,",
-        "base_color = [1.5,",
-        "materials.gold.base_color",
-        "must be a reflectance from 0 to 1",
-    ),
+    "color": ("base_color = [1.0,", "base_color = [1.5,", "materials.gold.base_color", "must be a reflectance from 0"),
     "camera": ("eye = [0, -6, 2]", "eye = [0, 0, 0]", "camera.eye", "and target are the same point"),
     "no target": ("target = [0, 0, 0]", "", "camera", "target is missing"),
     "background": ("background = [0.1, 0.2, 0.3]", 'background = "blue"', "background", "must be a number or three"),

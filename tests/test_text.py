@@ -156,10 +156,7 @@ BAD = {
         ('"1,5","2,5","3,5"\n', "decimal commas and commas as separators"),
         ("1 2\n3 4\n", "contains no rows of at least three numbers; it begins with '1 2'"),
         ("hello\nworld\n", "contains no rows of at least three numbers; it begins with 'hello'"),
-        (
-            "a b c\n1 2 3\n",
-            "invalid header 'a b c': expected names with x, y, z .*: '1 2 3': name its columns with --columns",
-        ),
+        ("a b c\n1 2 3\n", "invalid header 'a b c': expected names with x, y, z .*: '1 2 3': name its columns with --"),
         ("x y z l\n1 2 3 tree\n", "column 4 contains 'tree', which is not a number: ignore the column"),
         ("x y x z\n1 2 3 4\n", "duplicate column name 'x'"),
         (" ".join(["1"] * 1001), "1,001 columns, more than 1,000"),

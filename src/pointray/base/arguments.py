@@ -152,7 +152,7 @@ def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any
 
 
 def real_numbers(value: Any, name: str) -> NDArray[Any]:
-    """Return an array of integers or floats of any shape; Python ints beyond int64 are invalid."""
+    """Return an array of integers or floats of any shape; Python ints beyond 64 bits are invalid."""
     try:
         array = np.asarray(value)
     except ValueError:

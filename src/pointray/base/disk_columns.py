@@ -82,11 +82,11 @@ class Column:
     def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> NDArray[Any]:
         """Return a new array with the rows of a slice, or with the given row numbers in any order."""
         if not isinstance(rows, slice):
-            return self._some(np.asarray(rows))
+            return self._gather(np.asarray(rows))
         start, stop, step = rows.indices(len(self))
         if step != 1:
-            return self._some(np.arange(start, stop, step))
-        out = self._room(max(stop - start, 0))
+            return self._gather(np.arange(start, stop, step))
+        out = self._empty_rows(max(stop - start, 0))
         self._read(start, out)
         return out
 
@@ -100,7 +100,7 @@ class Column:
         bytes_left, place = array.reshape(-1).view(np.uint8).data, start * self._row
         if self._written is not None:
             self._written.add(self)
-        with _told(self.path):
+        with _explaining_errors(self.path):
             while len(bytes_left):
                 written = self._put(bytes_left, place)
                 bytes_left, place = bytes_left[written:], place + written
@@ -111,17 +111,17 @@ class Column:
 
     def sync(self) -> None:
         """Wait until all written data has reached the disk."""
-        with _told(self.path):
+        with _explaining_errors(self.path):
             os.fsync(self._file)
 
-    def _room(self, n: int) -> NDArray[Any]:
+    def _empty_rows(self, n: int) -> NDArray[Any]:
         return np.empty((n, self.width) if self.width else n, self.dtype)
 
-    def _some(self, rows: NDArray[Any]) -> NDArray[Any]:
+    def _gather(self, rows: NDArray[Any]) -> NDArray[Any]:
         """Return the rows with the given numbers. Rows that are close together are read in one call."""
         if rows.ndim != 1 or (rows.dtype.kind not in "iu" and len(rows)):
             raise TypeError(f"row numbers must be integers, (n,), not {rows.dtype} {rows.shape}")
-        out = self._room(len(rows))
+        out = self._empty_rows(len(rows))
         if not len(rows):
             return out
         order = None if (rows[1:] >= rows[:-1]).all() else np.argsort(rows, kind="stable")
@@ -135,7 +135,7 @@ class Column:
         bounds = [0, *(np.flatnonzero(apart) + 1).tolist(), len(ordered)]
         for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
             first = int(ordered[begin])
-            piece = self._room(int(ordered[end - 1]) + 1 - first)
+            piece = self._empty_rows(int(ordered[end - 1]) + 1 - first)
             self._read(first, piece)
             into = slice(begin, end) if order is None else order[begin:end]
             out[into] = piece[ordered[begin:end] - first]
@@ -214,7 +214,7 @@ class Columns:
         """Create a column, replacing one with this name. Its rows are 0 and take no disk space until written."""
         path = self._path(name, np.dtype(dtype), width)
         self.drop(name)
-        with _told(path), path.open("xb") as file:
+        with _explaining_errors(path), path.open("xb") as file:
             file.truncate(rows * np.dtype(dtype).itemsize * max(width, 1))
         return Column(path, self._written)
 
@@ -279,13 +279,13 @@ def look_again(folder: Path) -> None:
     Such a file system may show an outdated listing for up to a minute, until a file is created in the folder.
     """
     path = folder / f".{secrets.token_hex(8)}"
-    with _told(folder):
+    with _explaining_errors(folder):
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
         path.unlink()
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _explaining_errors(path: Path) -> Iterator[None]:
     """Add the path to an OSError, such as that of a full disk."""
     try:
         yield

@@ -27,7 +27,7 @@ class Filling:
         """Copy the next rows."""
         n = len(chunk.positions)
         if self._whole is None:
-            self._whole = chunk if n == self._count else chunk.each(self._room)
+            self._whole = chunk if n == self._count else chunk.each(self._empty_rows)
         if self._whole is not chunk:
             self._put(chunk, slice(self._done, self._done + n))
         self._done += n
@@ -39,7 +39,7 @@ class Filling:
             return []
         return [self._whole if self._done == self._count else self._whole.select(slice(self._done))]
 
-    def _room(self, column: NDArray[Any]) -> NDArray[Any]:
+    def _empty_rows(self, column: NDArray[Any]) -> NDArray[Any]:
         """Return an uninitialized array like a column, for all rows."""
         return np.empty((self._count, *column.shape[1:]), column.dtype.newbyteorder("="))
 

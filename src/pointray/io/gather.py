@@ -29,7 +29,7 @@ from .joining import (
 )
 from .locating import locate, origin_of, sample_step, surveyed
 from .missing_columns import warn_missing_columns
-from .opening import Opener, announced_rows, check_some, chosen_of, listings_of, name_of, named, shares_of
+from .opening import Opener, announced_rows, check_selected, listings_of, name_of, named, selected_chunks, shares_of
 from .selection import Selection, Thinning
 
 READ = 0.8  # fraction of the time that reading takes; joining the chunks takes the rest
@@ -60,7 +60,7 @@ def gather(files: Sequence[Opener], selection: Selection, progress: Progress | N
     for file, begin, end in zip(files, shares[:-1], shares[1:], strict=True):
         with named(file.name):
             parts.append(_read(file, selection, thinning, parts, part_of(progress, begin, end)))
-    check_some(files, selection, sum(len(chunk.positions) for part in parts for chunk in part.chunks))
+    check_selected(files, selection, sum(len(chunk.positions) for part in parts for chunk in part.chunks))
     with named(files[0].name) if len(files) == 1 else nullcontext():
         return _joined(parts, part_of(progress, READ, 1.0))
 
@@ -91,7 +91,7 @@ def _read(
     with file.open() as source:
         listing = source.listing
         filling = Filling(listing.count) if selection.is_all and listing.count else None
-        for chunk in chosen_of(file.name, source, selection, progress):
+        for chunk in selected_chunks(file.name, source, selection, progress):
             chosen = thinning.apply(chunk)
             if filling:
                 filling.add(chosen)

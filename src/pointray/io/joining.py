@@ -47,7 +47,7 @@ def missing_of(dtype: np.dtype[Any]) -> float:
     return np.nan if dtype.kind == "f" else 0
 
 
-def alike(columns: Sequence[Column | None]) -> list[Column | None]:
+def in_common_dtype(columns: Sequence[Column | None]) -> list[Column | None]:
     """Return a file's columns in one dtype. In text, a later chunk may be the first with a fraction."""
     dtypes = {column.dtype for column in columns if column is not None}
     if len(dtypes) < 2:
@@ -60,7 +60,7 @@ def alike(columns: Sequence[Column | None]) -> list[Column | None]:
 
 def color_kind(part: Part) -> np.dtype[Any] | None:
     """Return the dtype that holds all colours of a file; None if it has none."""
-    columns = [column for column in alike([chunk.colors for chunk in part.chunks]) if column is not None]
+    columns = [column for column in in_common_dtype([chunk.colors for chunk in part.chunks]) if column is not None]
     return columns[0].dtype.newbyteorder("=") if columns else None
 
 
@@ -84,8 +84,8 @@ def colored(part: Part, known: ColorRange) -> Part:
 
 def common_survey(parts: Sequence[Part]) -> Survey:
     """Return the survey that all parts share; raise ValueError if they contradict each other."""
-    crs = _agreed({part.name: part.survey.crs for part in parts}, "coordinate systems")
-    unit = _agreed({part.name: part.survey.unit for part in parts}, "units")
+    crs = _common_value({part.name: part.survey.crs for part in parts}, "coordinate systems")
+    unit = _common_value({part.name: part.survey.unit for part in parts}, "units")
     stations = tuple(station for part in parts for station in part.survey.stations)
     first = parts[0].survey
     same = first.scale is not None and all(_same_grid(first, part.survey) for part in parts[1:])
@@ -94,10 +94,10 @@ def common_survey(parts: Sequence[Part]) -> Survey:
     return Survey(crs, unit, *grid, stations, format=formats.pop() if len(formats) == 1 else None)
 
 
-def _agreed(said: dict[str, str | None], noun: str) -> str | None:
-    """Return the one value that the files have; raise ValueError if there are two. said : values by file name"""
+def _common_value(stated: dict[str, str | None], noun: str) -> str | None:
+    """Return the one value that the files have; raise ValueError if there are two. stated : values by file name"""
     known: dict[str, str] = {}
-    for name, value in said.items():
+    for name, value in stated.items():
         if value is not None:
             known.setdefault(value, name)
     if len(known) > 1:

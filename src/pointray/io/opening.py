@@ -57,7 +57,7 @@ def shares_of(listings: Sequence[Listing]) -> list[float]:
     return [end / total for end in accumulate(rows, initial=0)]
 
 
-def chosen_of(name: str, source: Source, selection: Selection, progress: Progress | None) -> Iterator[Chunk]:
+def selected_chunks(name: str, source: Source, selection: Selection, progress: Progress | None) -> Iterator[Chunk]:
     """Yield the chunks of a file with the rows selected by everything but `max_points`.
 
     Warns once of the faults that were repaired and of the reader's automatic choices.
@@ -74,7 +74,7 @@ def chosen_of(name: str, source: Source, selection: Selection, progress: Progres
         warn(f"{name}: {text}", stacklevel=2)
 
 
-def check_some(files: Sequence[Opener], selection: Selection, rows: int) -> None:
+def check_selected(files: Sequence[Opener], selection: Selection, rows: int) -> None:
     """Raise ValueError if no row of any file is selected."""
     if rows:
         return

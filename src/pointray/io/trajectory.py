@@ -18,7 +18,7 @@ from .files import headers, read
 TIMES = ("gps_time", "time", "t", "timestamp", "gpstime", "gps_seconds", "seconds")  # names of times, likeliest first
 WORDS = re.compile(r"[A-Za-z]{2,}")  # words of a header or comment; numbers contain single letters at most
 NO_NUMBERS = re.compile(r"\b(nan|inf|infinity)\b", re.IGNORECASE)
-HOW = "name its columns in the first line, for example time,x,y,z"
+ADVICE = "name its columns in the first line, for example time,x,y,z"
 
 Doubles = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     rows = read(path, columns=_columns(path))
     times = next((rows.attributes[time] for time in TIMES if time in rows.attributes), None)
     if times is None or times.ndim != 1:
-        raise ValueError(f"{name}: times of the trajectory not found: expected a column gps_time or time; {HOW}")
+        raise ValueError(f"{name}: times of the trajectory not found: expected a column gps_time or time; {ADVICE}")
     times = times.astype(np.float64)
     for what, bad in (
         ("has a time or a position that is not a finite number: remove the row", ~(np.isfinite(times) & rows.finite)),

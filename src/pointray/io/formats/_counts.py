@@ -14,7 +14,7 @@ BLOCK = 1 << 22  # bytes read at a time
 PROBE = 1 << 13  # bytes after the announced rows that are checked for zeros
 
 
-def rows_there(announced: int, row: int, there: int, noun: str, faults: Faults) -> int:
+def readable_rows(announced: int, row: int, there: int, noun: str, faults: Faults) -> int:
     """Return how many of the announced rows of `row` bytes can be read, where `there` bytes are left.
 
     Missing rows are a fault. Raise ValueError if not even one is complete.
@@ -28,7 +28,7 @@ def rows_there(announced: int, row: int, there: int, noun: str, faults: Faults) 
     return there // row
 
 
-def unequal(announced: int, there: int, noun: str) -> str:
+def count_mismatch(announced: int, there: int, noun: str) -> str:
     """Describe a difference between the announced number of rows and the number found."""
     text = f"{announced:,} {noun} expected, {there:,} found"
     return text if there > announced else f"{text}: {missing(announced, there)}"
@@ -39,14 +39,14 @@ def missing(announced: int, there: int) -> str:
     return f"{announced - there:,} of {announced:,} are missing"
 
 
-def rows_behind(file: BinaryIO, start: int, end: int, row: int) -> int:
+def rows_after(file: BinaryIO, start: int, end: int, row: int) -> int:
     """Return the number of whole rows between two bytes after the announced rows; 0 if they are padding (zeros)."""
     file.seek(start)
     is_rows = (end - start) % row == 0 and file.read(min(PROBE, end - start)).strip(b"\0")
     return (end - start) // row if is_rows else 0
 
 
-def most_lines(file: BinaryIO, end: int | None = None) -> int:
+def count_lines(file: BinaryIO, end: int | None = None) -> int:
     """Count the lines of a text up to a byte, except empty ones; a line of blanks counts."""
     count, within = 0, False
     here = file.tell()

@@ -177,7 +177,7 @@ class Source(ABC):
         self.close()
 
 
-class Whole(Source):
+class WholeFile(Source):
     """A file read in one go, by a library that cannot read it in parts."""
 
     def __init__(self, listing: Listing, load: Callable[[], Chunk]) -> None:

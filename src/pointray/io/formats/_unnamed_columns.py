@@ -13,14 +13,14 @@ from ..colors import ColorRange
 POSITIONS, NORMALS, COLORS = ("x", "y", "z"), ("nx", "ny", "nz"), ("r", "g", "b")
 INDEX, TIME, INTENSITY, LABEL, ALPHA = "index", "gps_time", "intensity", "label", "alpha"
 UNIT = 0.03  # tolerance of a normal's length: two decimals cause an error of 0.01
-MOSTLY = 0.99  # fraction of the normals that must have this length, not counting 0 0 0 and NaN
-EARLY = 1e8  # larger numbers are times: seconds since 1970 or 1980, or fractions of them
-STEADY = 0.5  # minimum relative deviation of the steps between sorted values that are not times
+MIN_UNIT_FRACTION = 0.99  # fraction of the normals that must have this length, not counting 0 0 0 and NaN
+MIN_TIME = 1e8  # larger numbers are times: seconds since 1970 or 1980, or fractions of them
+MAX_STEP_DEVIATION = 0.5  # times have steps with a smaller relative deviation; sorted values of other kinds do not
 DIM, BRIGHT = 15, 30  # integers up to DIM, next to others above BRIGHT, are counts or classes, not a colour channel
 MOST_CLASSES = 50
 MOST_NAMED = 8  # maximum number of columns that a note lists
-CLEARLY = 0.7  # colour channels must differ less from each other than from the next column, by this factor
-HOW = "name the columns with --columns x,y,z,r,g,b,..."
+CLEAR_RATIO = 0.7  # colour channels must differ less from each other than from the next column, by this factor
+ADVICE = "name the columns with --columns x,y,z,r,g,b,..."
 SAMPLE = 10_000  # rows of an array that are examined
 
 Values = NDArray[np.float64]
@@ -30,7 +30,7 @@ class UndecidedError(ValueError):
     """Raised if the meaning of columns is ambiguous."""
 
 
-class Judged(NamedTuple):
+class ColumnNames(NamedTuple):
     """Names found for the columns.
 
     Attributes
@@ -45,7 +45,7 @@ class Judged(NamedTuple):
     note: str
 
 
-def judge(values: Values, is_whole: Sequence[bool], intensity_first: bool | None = None) -> Judged:
+def recognise_columns(values: Values, is_whole: Sequence[bool], intensity_first: bool | None = None) -> ColumnNames:
     """Recognise columns by their values.
 
     Parameters
@@ -82,18 +82,18 @@ def judge(values: Values, is_whole: Sequence[bool], intensity_first: bool | None
         names[left[0]] = _scalar(values[:, left[0]], colors is not None and left[0] == begin + colors + 3)
     note = _note(names, begin > 3)
     if is_guess and colors is not None:
-        note = f"columns {begin + colors + 1} to {begin + colors + 3} are read as colours; {note or HOW}"
-    return Judged(names, note)
+        note = f"columns {begin + colors + 1} to {begin + colors + 3} are read as colours; {note or ADVICE}"
+    return ColumnNames(names, note)
 
 
-def judge_array(blocks: Callable[[], Iterable[NDArray[Any]]], width: int) -> Judged:
+def recognise_array_columns(blocks: Callable[[], Iterable[NDArray[Any]]], width: int) -> ColumnNames:
     """Recognise the columns of an array. blocks : returns its rows in (m, width) blocks; may be called twice"""
     head = next(iter(blocks()), np.empty((0, width)))[:SAMPLE]
     if not len(head):
-        return Judged([*POSITIONS, *(f"column_{c}" for c in range(4, width + 1))], "")
+        return ColumnNames([*POSITIONS, *(f"column_{c}" for c in range(4, width + 1))], "")
     is_whole = [head.dtype.kind != "f"] * width
     try:
-        found = judge(head.astype(np.float64), is_whole)
+        found = recognise_columns(head.astype(np.float64), is_whole)
     except UndecidedError as error:
         raise ValueError(f"{error}; name them with --columns x,y,z,...") from None
     names = list(found.names)
@@ -102,12 +102,12 @@ def judge_array(blocks: Callable[[], Iterable[NDArray[Any]]], width: int) -> Jud
             c = names.index(three[0])
             if not holds([block[:, c : c + 3] for block in blocks()]):
                 names[c : c + 3] = [f"column_{c + at}" for at in (1, 2, 3)]
-    return Judged(names, _note(names, names[0] != "x"))
+    return ColumnNames(names, _note(names, names[0] != "x"))
 
 
-def _note(names: Sequence[str], is_late: bool) -> str:
+def _note(names: Sequence[str], has_leading_column: bool) -> str:
     notes = []
-    if is_late:
+    if has_leading_column:
         kind = "contains point numbers" if names[0] == INDEX else "is read as time"
         notes.append(f"column 1 {kind}: x, y, z are columns 2 to 4")
     left = [name for name in names if name.startswith("column_")]
@@ -119,7 +119,7 @@ def _note(names: Sequence[str], is_late: bool) -> str:
             numbers = ", ".join(name.removeprefix("column_") for name in left)
             some = f"columns {numbers} are" if len(left) > 1 else f"column {numbers} is"
             notes.append(f"{some} not recognised: read as {', '.join(left)}")
-    return "; ".join([*notes, HOW]) if notes else ""
+    return "; ".join([*notes, ADVICE]) if notes else ""
 
 
 # ------------------------------------------------------------------------------------------------- leading columns
@@ -136,7 +136,7 @@ def _leading(values: Values, is_whole: Sequence[bool]) -> str | None:
     if not np.isfinite(column).all() or np.isnan(others).all():
         return None
     steps = np.diff(column)
-    if column.min() > EARLY and np.nanmax(np.abs(others)) < EARLY:
+    if column.min() > MIN_TIME and np.nanmax(np.abs(others)) < MIN_TIME:
         return TIME
     decimals = sum(not _are_whole(others[:, c]) for c in range(3))
     if (steps < 0).any() or not steps.any():
@@ -145,7 +145,7 @@ def _leading(values: Values, is_whole: Sequence[bool]) -> str | None:
         counts = bool((steps == 1).all()) or column[0] <= 1
         return INDEX if counts and decimals >= 2 and not any(is_whole[1:3]) else None
     rising = steps[steps > 0]
-    is_even = len(rising) > 10 and rising.std() < STEADY * rising.mean()
+    is_even = len(rising) > 10 and rising.std() < MAX_STEP_DEVIATION * rising.mean()
     return TIME if is_even and decimals == 3 else None
 
 
@@ -162,7 +162,7 @@ def are_normals(rows: NDArray[Any]) -> bool:
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.sqrt((rows.astype(np.float64) ** 2).sum(axis=1))
     length = length[np.isfinite(length) & (length > 0)]
-    return len(length) > 0 and bool((np.abs(length - 1) <= UNIT).mean() >= MOSTLY)
+    return len(length) > 0 and bool((np.abs(length - 1) <= UNIT).mean() >= MIN_UNIT_FRACTION)
 
 
 def _find_colors(
@@ -193,7 +193,7 @@ def _find_colors(
     varied = [c for c in found if np.ptp(more[:, c : c + 3], axis=0).all()] or found
     differences = {c: _difference(more[:, c : c + 3]) for c in varied}
     best, *others = sorted(varied, key=lambda c: differences[c])
-    if not others or differences[best] < CLEARLY * differences[others[0]]:
+    if not others or differences[best] < CLEAR_RATIO * differences[others[0]]:
         return best, True
     if is_strict:
         return None, False
@@ -234,9 +234,9 @@ def _difference(rows: Values) -> float:
     return float((np.abs(left - right).mean(axis=0) / np.maximum((left + right).mean(axis=0), 1e-30)).sum())
 
 
-def _scalar(column: Values, is_behind_colors: bool) -> str:
+def _scalar(column: Values, is_after_colors: bool) -> str:
     """Return the name of the only unnamed column."""
-    if is_behind_colors:
+    if is_after_colors:
         if len(column) > 1 and (column == column[0]).all() and column[0] in (1, 255, 65535):
             return ALPHA
         if _are_whole(column) and 0 <= column.min() and column.max() <= MOST_CLASSES:

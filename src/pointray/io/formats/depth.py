@@ -20,7 +20,7 @@ from ._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
 PNG, NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
 IHDR = slice(16, 26)  # width, height, bits per channel, colour type
 GREY = 0
-SQUEEZED = 1032  # maximum compression ratio of deflate
+DEFLATE_RATIO = 1032  # maximum compression ratio of deflate
 SMALLEST = 17  # minimum rows and columns of an array read as an image; fewer may be the columns of a point array
 MILLIMETRES = 1000.0
 
@@ -29,10 +29,10 @@ def recognise(head: bytes, path: Path) -> int:
     """Detect depth images. An array with many rows and columns is ranked above the NPY format."""
     if head.startswith(PNG) and head[12:16] == b"IHDR":
         return SURE
-    return SURE + 1 if head.startswith(NPY) and _is_picture(head) else NO
+    return SURE + 1 if head.startswith(NPY) and _is_image(head) else NO
 
 
-def _is_picture(head: bytes) -> bool:
+def _is_image(head: bytes) -> bool:
     try:
         file = io.BytesIO(head)
         version = np.lib.format.read_magic(file)
@@ -65,11 +65,11 @@ class DepthSource(Source):
         self.listing = Listing(None, 12 + 3 * self._dtype.itemsize, height * width, survey, self._facts)
 
     def chunks(self) -> Iterator[Chunk]:
-        picture = _picture(self._path) if self._png else np.load(self._path, mmap_mode="r", allow_pickle=False)
-        height, width = picture.shape
+        pixels = _read_png(self._path) if self._png else np.load(self._path, mmap_mode="r", allow_pickle=False)
+        height, width = pixels.shape
         rows, left_out = max(CHUNK // width, 1), 0
         for start in range(0, height, rows):
-            depth = np.asarray(picture[start : start + rows], np.float64) / self._steps
+            depth = np.asarray(pixels[start : start + rows], np.float64) / self._steps
             seen = (depth > 0) & (depth < np.inf)
             left_out += int(seen.size - np.count_nonzero(seen))
             v, u = np.nonzero(seen)
@@ -89,7 +89,7 @@ def _check_png(head: bytes, size: int) -> None:
     if color != GREY or bits != 16:
         what = f"a grey image of {bits} bits" if color == GREY else "a colour image"
         raise ValueError(f"is {what}, expected a 16-bit grey depth image")
-    if not 0 < width * height * 2 <= size * SQUEEZED:
+    if not 0 < width * height * 2 <= size * DEFLATE_RATIO:
         raise ValueError(f"is damaged or cut off: {width:,} x {height:,} pixels expected, {size:,} bytes found")
 
 
@@ -100,25 +100,25 @@ def _size_of(head: bytes, path: Path) -> tuple[int, int, np.dtype[Any]]:
 
 def _array(path: Path) -> tuple[int, int, np.dtype[Any]]:
     try:
-        picture = np.load(path, mmap_mode="r", allow_pickle=False)
+        pixels = np.load(path, mmap_mode="r", allow_pickle=False)
     except Exception as error:  # NumPy evaluates the header as Python literals, which can raise anything
         raise ValueError(f"is damaged or cut off: {error}") from error
-    height, width = picture.shape
-    return height, width, picture.dtype
+    height, width = pixels.shape
+    return height, width, pixels.dtype
 
 
-def _picture(path: Path) -> NDArray[Any]:
+def _read_png(path: Path) -> NDArray[Any]:
     from PIL import Image
 
     try:
         with warnings.catch_warnings(), Image.open(path, formats=["PNG"]) as image:
             warnings.simplefilter("ignore")  # about images with many pixels; _check_png has compared them with the size
-            picture = np.asarray(image)
+            pixels = np.asarray(image)
     except Exception as error:
         raise ValueError(f"is damaged or cut off: {error}") from error
-    if picture.ndim != 2:
-        raise ValueError(f"must have one channel: its shape is {picture.shape}")
-    return picture
+    if pixels.ndim != 2:
+        raise ValueError(f"must have one channel: its shape is {pixels.shape}")
+    return pixels
 
 
 FORMAT = Format(

@@ -22,7 +22,7 @@ from ..colors import ColorRange
 from ..filling import Filling
 from ..formats._source import Chunk, Listing
 from ..joining import Part, common_survey
-from ..opening import Opener, announced_rows, check_some, chosen_of, listings_of, name_of, named, shares_of
+from ..opening import Opener, announced_rows, check_selected, listings_of, name_of, named, selected_chunks, shares_of
 from ..selection import Selection
 from .convert import Cloud, File, convert
 from .spooled import ATTRIBUTE, COLORS, FACTS, NORMALS, POSITIONS, Spooled, clear, spooled_in
@@ -51,7 +51,7 @@ def spool(files: Sequence[Opener], selection: Selection, columns: Columns, progr
     listings = listings_of(files)
     clear(columns)
     with named(name_of(files)):
-        _check_room(listings, selection, columns.folder)
+        _check_disk_space(listings, selection, columns.folder)
     some = [Part(file.name, [], x.survey) for file, x in zip(files, listings, strict=True) if x.count != 0]
     if some:
         common_survey(some)  # detects a conflict from the headers, before any row is read
@@ -61,7 +61,7 @@ def spool(files: Sequence[Opener], selection: Selection, columns: Columns, progr
         for file, begin, end in zip(files, shares[:-1], shares[1:], strict=True):
             with named(file.name):
                 cloud.files.append(_read(file, selection, cloud, part_of(progress, begin, end)))
-        check_some(files, selection, cloud.rows)
+        check_selected(files, selection, cloud.rows)
         with named(files[0].name) if len(files) == 1 else nullcontext():
             spooled = convert(cloud, part_of(progress, READ, 1.0))
     except BaseException:  # Ctrl-C too
@@ -71,7 +71,7 @@ def spool(files: Sequence[Opener], selection: Selection, columns: Columns, progr
     return spooled
 
 
-def _check_room(listings: Sequence[Listing], selection: Selection, folder: Path) -> None:
+def _check_disk_space(listings: Sequence[Listing], selection: Selection, folder: Path) -> None:
     """Raise ValueError if there are too many rows or too little disk space; with filters their number is unknown."""
     if selection.filters:
         return
@@ -92,7 +92,7 @@ def _read(file: Opener, selection: Selection, cloud: Cloud, progress: Progress |
     end = begin
     with file.open() as source:
         filling = Filling(0) if selection.is_all and source.listing.count else None  # collects types only, no rows
-        for chunk in chosen_of(file.name, source, selection, progress):
+        for chunk in selected_chunks(file.name, source, selection, progress):
             rows = chunk if chunk.colors is None else chunk._replace(colors=chunk.colors[:, :3])
             if rows.colors is not None:
                 known.add(rows.colors)

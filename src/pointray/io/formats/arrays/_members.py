@@ -85,7 +85,7 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
     return Member(info, header)
 
 
-def taken_facts(archive: zipfile.ZipFile, members: dict[str, Member]) -> dict[str, Any]:
+def pop_metadata(archive: zipfile.ZipFile, members: dict[str, Member]) -> dict[str, Any]:
     """Return the data about the whole cloud, "origin" and fields of a `Survey`; remove their arrays from `members`."""
     facts: dict[str, Any] = {}
     for name in ("crs", "unit"):
@@ -103,11 +103,11 @@ def taken_facts(archive: zipfile.ZipFile, members: dict[str, Member]) -> dict[st
 
 def survey_of(facts: Mapping[str, Any]) -> Survey:
     """Return such data as a survey; a scale without an offset is ignored."""
-    said = {name: facts.get(name) or None for name in ("crs", "unit")}
+    stated = {name: facts.get(name) or None for name in ("crs", "unit")}
     grid = (facts.get("scale"), facts.get("offset"))
     if grid[0] is None or grid[1] is None or min(grid[0]) <= 0:
         grid = (None, None)
-    return Survey(said["crs"], said["unit"], *grid, tuple(facts.get("stations", ())))
+    return Survey(stated["crs"], stated["unit"], *grid, tuple(facts.get("stations", ())))
 
 
 def _text(archive: zipfile.ZipFile, member: Member, name: str) -> str:

@@ -16,7 +16,7 @@ from ....cloud.points import Points
 from .._counts import missing
 from .._named_columns import CHANNELS, NORMAL_AXES, Columns, roles_of
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
-from .._unnamed_columns import judge_array
+from .._unnamed_columns import recognise_array_columns
 from .._world import is_float64, world_rows
 from ._array import (
     MAGIC,
@@ -89,7 +89,7 @@ class NpySource(Source):
         if self._header.dtype.fields:
             return self._roles.chunk({name: block[name] for name in block.dtype.names or ()}, share)
         if self._names is None:
-            names, self.note = judge_array(self._blocks, self._header.width)
+            names, self.note = recognise_array_columns(self._blocks, self._header.width)
             self._names = tuple(names)
         return table_chunk(block, self._names, share)
 

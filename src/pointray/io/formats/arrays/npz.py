@@ -18,10 +18,10 @@ from ....cloud.georeference import RESIDUAL
 from ....cloud.points import Points
 from .._named_columns import POSITIONS, SPECIAL, Columns, Roles, roles_of
 from .._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
-from .._unnamed_columns import judge_array
+from .._unnamed_columns import recognise_array_columns
 from .._world import is_float64, world_rows
 from ._array import blocks_of, check_dtype, check_table, fields_of, step_of
-from ._members import SUFFIX, Member, members_of, opened, survey_of, taken_facts
+from ._members import SUFFIX, Member, members_of, opened, pop_metadata, survey_of
 
 NAME = 30  # offset of the name of an archive's first member
 ATTRIBUTES = "attributes/"  # prefix of attributes whose names are reserved
@@ -42,7 +42,7 @@ class NpzSource(Source):
         self._path = path
         with opened(path) as archive:
             members = members_of(archive, path.stat().st_size)
-            facts = taken_facts(archive, members)
+            facts = pop_metadata(archive, members)
         self._origin = np.array(facts["origin"]) if "origin" in facts else None
         first, self._table = _first(members)
         if self._table:
@@ -93,7 +93,9 @@ class NpzSource(Source):
         if header.dtype.names:
             return tuple(header.dtype.names)
         if not self._names:
-            names, self.note = judge_array(lambda: (blocks[table] for blocks in self._blocks([table])), header.width)
+            names, self.note = recognise_array_columns(
+                lambda: (blocks[table] for blocks in self._blocks([table])), header.width
+            )
             self._names = tuple(names)
         return self._names
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ....cloud.georeference import SCAN, Survey
 from ...colors import GREY
-from .._counts import unequal
+from .._counts import count_mismatch
 from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._header import MAGIC, read_xml
 from ._scan import CARTESIAN, SPHERICAL, STATES, Field, Scan, scans_of
@@ -55,7 +55,7 @@ class E57Source(Source):
     def chunks(self) -> Iterator[Chunk]:
         from pye57 import libe57
 
-        file = _told("cannot be opened", libe57.ImageFile, os.fspath(self._path), "r")
+        file = _explaining_errors("cannot be opened", libe57.ImageFile, os.fspath(self._path), "r")
         total, done, left_out = sum(scan.count for scan in self._scans), 0, 0
         try:
             for number, scan in enumerate(self._scans):
@@ -93,7 +93,7 @@ class E57Source(Source):
             return None
         if not scan.normals:
             return np.zeros((n, 3), np.float32)
-        return _turned([block[name] for name in scan.normals], scan, np.float32, (0, 0, 0))
+        return _to_world([block[name] for name in scan.normals], scan, np.float32, (0, 0, 0))
 
     def _colors(self, scan: Scan, block: dict[str, NDArray[Any]], n: int) -> NDArray[Any] | None:
         """Return colours as 8 bits, or as floats whose range is found later; grey or NaN where missing."""
@@ -164,7 +164,7 @@ def _grid(scans: list[Scan]) -> tuple[Any, Any]:
 # ----------------------------------------------------------------------------------------------------------- rows
 
 
-def _told(what: str, call: Callable[..., T], *args: Any) -> T:
+def _explaining_errors(what: str, call: Callable[..., T], *args: Any) -> T:
     """Call libE57; convert its errors to ValueError with the first line of the message."""
     try:
         return call(*args)
@@ -183,16 +183,16 @@ def _blocks(libe57: Any, file: Any, scan: Scan, faults: Faults) -> Iterator[dict
     for field, array in zip(fields, arrays, strict=True):
         buffers.append(libe57.SourceDestBuffer(file, field.name, array, capacity, True, True))
     where = f"is damaged in scan {scan.index}"
-    reader = _told(where, lambda: file.root()["data3D"][scan.index]["points"].reader(buffers))
+    reader = _explaining_errors(where, lambda: file.root()["data3D"][scan.index]["points"].reader(buffers))
     while done < scan.count:
-        n = _told(f"{where} after point {done:,}", reader.read)
+        n = _explaining_errors(f"{where} after point {done:,}", reader.read)
         if not 0 < n <= min(capacity, scan.count - done):
             break
         done += n
         yield {f.name: _fitted(f, array[:n]) for f, array in zip(fields, arrays, strict=True)}
     reader.close()
     if done != scan.announced:
-        faults.add(f"is cut off in scan {scan.index}: {unequal(scan.announced, done, 'points')}")
+        faults.add(f"is cut off in scan {scan.index}: {count_mismatch(scan.announced, done, 'points')}")
 
 
 def _buffer(dtype: np.dtype[Any]) -> np.dtype[Any]:
@@ -220,10 +220,10 @@ def _positions(scan: Scan, block: dict[str, NDArray[Any]], dtype: np.dtype[Any])
         distance, azimuth, elevation = (np.asarray(column, np.float64) for column in columns)
         flat = distance * np.cos(elevation)
         columns = [flat * np.cos(azimuth), flat * np.sin(azimuth), distance * np.sin(elevation)]
-    return _turned(columns, scan, dtype, scan.station)
+    return _to_world(columns, scan, dtype, scan.station)
 
 
-def _turned(columns: Sequence[NDArray[Any]], scan: Scan, dtype: Any, shift: Sequence[float]) -> NDArray[Any]:
+def _to_world(columns: Sequence[NDArray[Any]], scan: Scan, dtype: Any, shift: Sequence[float]) -> NDArray[Any]:
     """Transform vectors by the scan's pose, column by column: a product of small matrices takes three times as long."""
     out = np.empty((len(columns[0]), 3), dtype)
     for k, axis in enumerate(scan.rotation):

@@ -77,8 +77,8 @@ def unit_of(text: str) -> str | None:
     return None if unit is None else WORDS.get(unit.lower().replace("_", " "), unit.lower())
 
 
-def records_for(crs: str | None, unit: str | None, words: list[str]) -> list[tuple[int, bytes]]:
-    """Return number and data of the records for a coordinate system; append to `words` what cannot be stored."""
+def records_for(crs: str | None, unit: str | None, losses: list[str]) -> list[tuple[int, bytes]]:
+    """Return number and data of the records for a coordinate system; append to `losses` what cannot be stored."""
     if crs is None:
         key = next((k for k, name in UNITS.items() if name == unit and unit != "degree"), None)
         return [(KEYS, _directory([(UNIT, key)]))] if key else []
@@ -87,7 +87,7 @@ def records_for(crs: str | None, unit: str | None, words: list[str]) -> list[tup
     match = re.fullmatch(r"EPSG:(\d{1,9})", crs.strip(), re.IGNORECASE)
     code = int(match[1]) if match else 0
     if code not in CODES:
-        words.append(f"cannot store the coordinate system {crs[:40]!r}: only well-known text or an EPSG code")
+        losses.append(f"cannot store the coordinate system {crs[:40]!r}: only well-known text or an EPSG code")
         return []
     flat = not 4000 < code < 5000  # EPSG codes of geographic systems
     keys: list[tuple[int, int]] = [(MODEL, 1 if flat else 2), (PROJECTED if flat else GEOGRAPHIC, code)]

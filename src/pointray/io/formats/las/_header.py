@@ -44,7 +44,7 @@ class Header(NamedTuple):
         Number of points by return.
     scale, offset, low, high : tuple of float
     records : tuple of Record
-    said : dict
+    stated : dict
         Version, software and so on, for `info`.
     """
 
@@ -61,7 +61,7 @@ class Header(NamedTuple):
     low: tuple[float, ...]
     high: tuple[float, ...]
     records: tuple[Record, ...]
-    said: dict[str, Any]
+    stated: dict[str, Any]
 
     def data_of(self, user: str, id: int) -> bytes | None:
         """Return the data of the first record of a kind; None if there is none."""
@@ -81,23 +81,25 @@ def read_header(file: BinaryIO, size: int, faults: Faults) -> Header:
     major, minor = head[24], head[25]
     if major != 1 or minor not in SIZES:
         raise ValueError(f"unsupported LAS version {major}.{minor} (byte 24): expected 1.0 to 1.5")
-    said_size, start, records = struct.unpack_from("<HII", head, 94)
-    if said_size < SIZES[minor]:
-        raise ValueError(f"is damaged: header size {said_size} (byte 94), expected {SIZES[minor]} or more")
-    if not said_size <= start <= size or len(head) < SIZES[minor]:
+    header_size, start, records = struct.unpack_from("<HII", head, 94)
+    if header_size < SIZES[minor]:
+        raise ValueError(f"is damaged: header size {header_size} (byte 94), expected {SIZES[minor]} or more")
+    if not header_size <= start <= size or len(head) < SIZES[minor]:
         raise ValueError(f"is cut off or damaged: its points begin at byte {start:,} (byte 96) of {size:,}")
-    found = [*_walk(file, (said_size, start), records, 54, faults)]
+    found = [*_walk(file, (header_size, start), records, 54, faults)]
     end, waves = size, 0
     if minor >= 3:
         (waves,) = struct.unpack_from("<Q", head, 227)
     if minor >= 4:
-        behind, number = struct.unpack_from("<QI", head, 235)
+        trailing, number = struct.unpack_from("<QI", head, 235)
         if number:
-            if start <= behind <= size:
-                found += _walk(file, (behind, size), number, 60, faults)
-                end = behind
+            if start <= trailing <= size:
+                found += _walk(file, (trailing, size), number, 60, faults)
+                end = trailing
             else:
-                faults.add(f"its extended variable length records begin at invalid byte {behind:,} (byte 235): ignored")
+                faults.add(
+                    f"its extended variable length records begin at invalid byte {trailing:,} (byte 235): ignored"
+                )
     return _filled(head, minor, start, min(end, waves) if start < waves <= size else end, tuple(found))
 
 

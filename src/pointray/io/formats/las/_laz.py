@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._counts import unequal
+from .._counts import count_mismatch
 from .._source import CHUNK, Faults
 from ._header import Header
 from ._rows import unpack_u16
@@ -136,7 +136,7 @@ def _rows_of_last(file: BinaryIO, header: Header, packing: Packing, start: int, 
 def check_total(header: Header, rows: int, faults: Faults) -> None:
     """Record a fault if the number of rows differs from the header."""
     if rows != header.total:
-        faults.add(unequal(header.total, rows, "rows"))
+        faults.add(count_mismatch(header.total, rows, "rows"))
 
 
 def _table_at(file: BinaryIO, header: Header, size: int) -> int:

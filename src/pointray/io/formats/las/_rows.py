@@ -150,16 +150,16 @@ def chunk_of(rows: NDArray[Any], header: Header, layout: Layout, share: float) -
         positions[:, k] += header.offset[k]
     normals = colors = None
     if layout.normals:
-        normals = np.stack([_taken(rows, column) for column in layout.normals], axis=1)
+        normals = np.stack([_values_of(rows, column) for column in layout.normals], axis=1)
     if layout.colors:
         colors = np.empty((len(rows), 3), np.uint16)
         for k, name in enumerate(COLORS):
             colors[:, k] = rows[name]
-    attributes = {column.name: _taken(rows, column) for column in layout.columns}
+    attributes = {column.name: _values_of(rows, column) for column in layout.columns}
     return Chunk(positions, normals, colors, attributes, share)
 
 
-def _taken(rows: NDArray[Any], column: Column) -> NDArray[Any]:
+def _values_of(rows: NDArray[Any], column: Column) -> NDArray[Any]:
     values = rows[column.field]
     if column.mask:
         low = (column.mask & -column.mask).bit_length() - 1

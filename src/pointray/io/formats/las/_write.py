@@ -16,7 +16,7 @@ from ....cloud.points import Points
 from .._source import CHUNK
 from ._crs import USER, WKT, records_for
 
-Words = list[str]
+Losses = list[str]
 CANDIDATES = (0, 2, 1, 6, 3, 7, 8)  # point formats without waveforms, smallest rows first
 MOST_EXTRAS, MOST_BYTES = 65535 // 192, 65535  # extra bytes that a record can describe; bytes of a row
 LONGEST_NAME, LONGEST_RECORD = 32, 65535  # bytes
@@ -34,49 +34,49 @@ class Extra(NamedTuple):
     values: NDArray[Any]
 
 
-def write(file: Any, points: Points, progress: Progress | None = None) -> Words:
+def write(file: Any, points: Points, progress: Progress | None = None) -> Losses:
     """Write all data of the points; return descriptions of what LAS cannot store.
 
     Rows without a finite position are left out, which is among them.
     """
     import laspy
 
-    words: Words = []
+    losses: Losses = []
     format, standard = _choose_format(points)
-    extras = _extras_of(points, format, standard, words)
+    extras = _extras_of(points, format, standard, losses)
     header = laspy.LasHeader(version="1.4", point_format=format)
     header.generating_software = "pointray"
     header.add_extra_dims([laspy.ExtraBytesParams(x.name, _type_of(x.values)) for x in extras])
     for record in header.vlrs.get("ExtraBytesVlr"):  # laspy would store limits from the first row of each chunk only
         for described in record.extra_bytes_structs:
             described.options &= ~6 if described.data_type else 255
-    grid = _Grid(points, words)
+    grid = _Grid(points, losses)
     header.scales, header.offsets = np.array(grid.scale), np.array(grid.offset)
-    behind = _state_crs(header, points.survey, words)
+    trailing = _state_crs(header, points.survey, losses)
     time = points.attributes.get("gps_time") if "gps_time" in standard else None
     if time is not None and np.abs(time).max() > WEEK:
         header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
     if points.survey.stations:
-        words.append("cannot store the scanner positions")
+        losses.append("cannot store the scanner positions")
     missing = len(points) - int(points.finite.sum())
     if missing:
-        words.append(f"leaves out {missing:,} row{'s' * (missing > 1)} without a finite position")
-    stream = _Noting(file)
+        losses.append(f"leaves out {missing:,} row{'s' * (missing > 1)} without a finite position")
+    stream = _ErrorRecorder(file)
     try:
-        _write_rows(stream, points, (header, standard, extras, grid, behind), progress)
+        _write_rows(stream, points, (header, standard, extras, grid, trailing), progress)
     except BaseException as error:
         if stream.error is not None:
             raise stream.error from None
         if isinstance(error, Exception | KeyboardInterrupt | SystemExit):
             raise
         raise ValueError(f"lazrs cannot compress the points: {error}") from None  # a Rust panic
-    return words
+    return losses
 
 
 def _write_rows(stream: Any, points: Points, plan: tuple[Any, ...], progress: Progress | None) -> None:
     import laspy
 
-    header, standard, extras, grid, behind = plan
+    header, standard, extras, grid, trailing = plan
     packed = Path(stream.path).suffix.lower() == ".laz"
     backend = laspy.LazBackend.LazrsParallel if packed else None
     finite = points.finite
@@ -99,11 +99,11 @@ def _write_rows(stream: Any, points: Points, plan: tuple[Any, ...], progress: Pr
                 rows[name] = values[part]
             writer.write_points(record if whole else laspy.PackedPointRecord(rows[finite[part]], header.point_format))
             tell(progress, min(part.stop / len(points), 1.0))
-        if behind:
-            writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(behind))
+        if trailing:
+            writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(trailing))
 
 
-class _Noting:
+class _ErrorRecorder:
     """Output stream that keeps its first exception, which lazrs hides."""
 
     def __init__(self, file: Any) -> None:
@@ -161,7 +161,7 @@ def _fits(values: NDArray[Any], dimension: Any) -> bool:
     return bool(values.min() >= dimension.min and values.max() <= dimension.max)
 
 
-def _extras_of(points: Points, format: int, standard: list[str], words: Words) -> list[Extra]:
+def _extras_of(points: Points, format: int, standard: list[str], losses: Losses) -> list[Extra]:
     """Return what no dimension of the point format stores: normals, and all other attributes."""
     import laspy
 
@@ -175,28 +175,28 @@ def _extras_of(points: Points, format: int, standard: list[str], words: Words) -
     for name, values in points.attributes.items():
         if name in standard or name == RESIDUAL:
             continue
-        columns = _columns_of(name, values, taken, words)
+        columns = _columns_of(name, values, taken, losses)
         size += sum(_type_of(c.values).itemsize for c in columns)
         if size > MOST_BYTES or len(extras) + len(columns) > MOST_EXTRAS:
-            words.append(f"cannot store {name}: a row has at most {MOST_EXTRAS} extra columns and {MOST_BYTES} bytes")
+            losses.append(f"cannot store {name}: a row has at most {MOST_EXTRAS} extra columns and {MOST_BYTES} bytes")
             size -= sum(_type_of(c.values).itemsize for c in columns)
             continue
         extras += columns
     return extras
 
 
-def _columns_of(name: str, values: NDArray[Any], taken: set[str], words: Words) -> list[Extra]:
+def _columns_of(name: str, values: NDArray[Any], taken: set[str], losses: Losses) -> list[Extra]:
     """Split an attribute into extra bytes, which have at most three columns."""
     values = values.view(np.uint8) if values.dtype == np.bool_ else values
     width = 1 if values.ndim == 1 else values.shape[1]
     if width <= 3:
         values = values[:, 0] if values.ndim == 2 and width == 1 else values
-        return [Extra(_name(name, taken, words), values)] if width else []
-    words.append(f"stores the {width} columns of {name} separately, as {name}_0 and so on")
-    return [Extra(_name(f"{name}_{k}", taken, words), values[:, k]) for k in range(width)]
+        return [Extra(_name(name, taken, losses), values)] if width else []
+    losses.append(f"stores the {width} columns of {name} separately, as {name}_0 and so on")
+    return [Extra(_name(f"{name}_{k}", taken, losses), values[:, k]) for k in range(width)]
 
 
-def _name(name: str, taken: set[str], words: Words) -> str:
+def _name(name: str, taken: set[str], losses: Losses) -> str:
     """Return an unused name for extra bytes that is short enough."""
     free, number = name.replace("\0", " ").encode()[:LONGEST_NAME].decode(errors="ignore"), 1
     while free in taken or not free:
@@ -204,7 +204,7 @@ def _name(name: str, taken: set[str], words: Words) -> str:
         tail = f"_{number}"
         free = name.encode()[: LONGEST_NAME - len(tail)].decode(errors="ignore") + tail
     if free != name:
-        words.append(f"stores {name} as the extra bytes {free}")
+        losses.append(f"stores {name} as the extra bytes {free}")
     taken.add(free)
     return free
 
@@ -213,17 +213,17 @@ def _type_of(values: NDArray[Any]) -> np.dtype[Any]:
     return values.dtype if values.ndim == 1 else np.dtype((values.dtype, values.shape[1:]))
 
 
-def _state_crs(header: Any, survey: Survey, words: Words) -> list[Any]:
+def _state_crs(header: Any, survey: Survey, losses: Losses) -> list[Any]:
     """Write the coordinate system to a header; return the records that are too long for it, to follow the points."""
     import laspy
 
-    behind: list[Any] = []
+    trailing: list[Any] = []
     unit = survey.unit if survey.projection is None else "degree"
-    for number, data in records_for(survey.crs, unit, words):
+    for number, data in records_for(survey.crs, unit, losses):
         record = laspy.VLR(USER, number, "coordinate system", data)
-        (header.vlrs if len(data) <= LONGEST_RECORD else behind).append(record)
+        (header.vlrs if len(data) <= LONGEST_RECORD else trailing).append(record)
         header.global_encoding.wkt = number == WKT
-    return behind
+    return trailing
 
 
 # ----------------------------------------------------------------------------------------------------- coordinates
@@ -237,13 +237,13 @@ class _Grid:
     scale, offset : tuple of float
     """
 
-    def __init__(self, points: Points, words: Words) -> None:
+    def __init__(self, points: Points, losses: Losses) -> None:
         self._residual: NDArray[Any] | None = None
         self._shift = np.zeros(3, np.int64)
         self._survey = points.survey
         if not self._fits(points):
             if points.survey.scale is not None:
-                words.append(f"rounds its coordinates: too large for 32 bits at steps of {min(points.survey.scale):g}")
+                losses.append(f"rounds its coordinates: too large for 32 bits at steps of {min(points.survey.scale):g}")
             self._residual, self._shift = None, np.zeros(3, np.int64)
             size = max(float(np.abs(points.bounds - points.origin).max()), 1e-30)
             step = float(f"1e{int(np.floor(np.log10(size * 2.0**-24)))}")  # float32 is not finer there

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....cloud.georeference import Survey
-from .._counts import missing, rows_behind
+from .._counts import missing, rows_after
 from .._source import CHUNK, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._copc import Copc, copc_of, nodes_of
 from ._crs import crs_of
@@ -114,7 +114,7 @@ def _rows_of(file: BinaryIO, header: Header, faults: Faults) -> Part:
         if not rows:
             raise ValueError(message)
     elif there - size >= header.row:
-        more = rows_behind(file, header.start + size, header.end, header.row)
+        more = rows_after(file, header.start + size, header.end, header.row)
         faults.add(
             f"its header announces {rows:,} rows; {there - size:,} more bytes follow, "
             f"as many as {(there - size) // header.row:,} rows" + ("" if more else ", which are not read")
@@ -127,9 +127,9 @@ def _rows_of(file: BinaryIO, header: Header, faults: Faults) -> Part:
 
 def _facts(header: Header, layout: Layout, copc: Copc | None) -> dict[str, Any]:
     """Return the information on a file for `info`."""
-    said = {name: value for name, value in header.said.items() if value}
+    stated = {name: value for name, value in header.stated.items() if value}
     facts: dict[str, Any] = {
-        **said,
+        **stated,
         "point format": header.format,
         "compressed": header.compressed,
         "points by return": list(header.returns),

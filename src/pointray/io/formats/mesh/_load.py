@@ -36,7 +36,7 @@ class Part(NamedTuple):
         Normals stored in the file.
     colors : (n, 3) uint8 or floats, or None
     uv : (n, 2) float64 or None
-    paint : callable or None
+    sample_texture : callable or None
         Texture lookup: (k, 2) texture coordinates -> (k, 4) uint8 colours.
     face_colors : (m, 3) uint8 or None
         Colours of the triangles; `colors` are then their means.
@@ -47,7 +47,7 @@ class Part(NamedTuple):
     normals: NDArray[np.float64] | None = None
     colors: NDArray[Any] | None = None
     uv: NDArray[np.float64] | None = None
-    paint: Callable[[NDArray[np.float64]], NDArray[np.uint8]] | None = None
+    sample_texture: Callable[[NDArray[np.float64]], NDArray[np.uint8]] | None = None
     face_colors: NDArray[np.uint8] | None = None
 
 
@@ -62,7 +62,7 @@ def load(path: Path, kind: str, faults: Faults) -> list[Part]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            beside = _beside(path)
+            beside = _resolver_of(path)
             parts = _load_obj(path, beside, faults) if kind == "obj" else _load_scene(path, kind, beside, faults)
     except UnsupportedError:
         raise
@@ -93,7 +93,7 @@ def _load_obj(path: Path, beside: Any, faults: Faults) -> list[Part]:
     if len(set(USED.findall(data))) < 2:
         return _parts_of(data, beside, "obj", maintain_order=True)
     parts = _parts_of(data, beside, "obj")
-    return [*parts, _without(_obj_points(data), parts)]
+    return [*parts, _unused_points(_obj_points(data), parts)]
 
 
 def _obj_points(data: bytes) -> Part:
@@ -113,7 +113,7 @@ def _obj_points(data: bytes) -> Part:
     return Part(vertices, np.empty((0, 3), np.int64), normals, colors)
 
 
-def _without(points: Part, parts: list[Part]) -> Part:
+def _unused_points(points: Part, parts: list[Part]) -> Part:
     """Return the points that are not vertices of the meshes."""
     rows = np.concatenate([part.positions for part in (*parts, points)])
     first, place = places_of(rows)
@@ -167,13 +167,13 @@ def _parts_of(data: bytes, beside: Any, kind: str, **options: Any) -> list[Part]
     return [part._replace(normals=normals, colors=shades) for part in parts]
 
 
-def _beside(path: Path) -> Any:
+def _resolver_of(path: Path) -> Any:
     """Return a resolver of file references below the file's own folder, which lists those not found."""
     from trimesh.resolvers import Resolver
 
     folder = path.resolve().parent
 
-    class Beside(Resolver):
+    class FolderResolver(Resolver):
         def __init__(self) -> None:
             self.absent: list[str] = []
 
@@ -193,7 +193,7 @@ def _beside(path: Path) -> Any:
         def namespaced(self, namespace: str) -> Any:
             return self
 
-    return Beside()
+    return FolderResolver()
 
 
 def _part(shape: Any, matrix: NDArray[np.float64]) -> Part:

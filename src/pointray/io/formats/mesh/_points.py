@@ -36,7 +36,7 @@ def is_coarse(parts: Sequence[Part], shared: bool = False) -> bool:
     edges = np.concatenate([_longest_edges(part) for part in meshes]) / max(float(np.sqrt(areas.sum() / 2)), 1e-300)
     if not _covers(areas, edges > NEAR):
         return False
-    textured = np.concatenate([np.full(len(part.faces), part.paint is not None) for part in meshes])
+    textured = np.concatenate([np.full(len(part.faces), part.sample_texture is not None) for part in meshes])
     groups = [meshes] if shared else [[part] for part in meshes]
     near = textured | np.concatenate([_beside_creases(group) for group in groups])
     return _covers(areas, edges > np.where(near, NEAR, FAR))
@@ -107,7 +107,10 @@ def _narrow(positions: NDArray[np.float64]) -> NDArray[Any]:
 
 def _joined(parts: Sequence[Part]) -> NDArray[Any] | None:
     """Return the colours of all vertices; None if no mesh has any."""
-    colors = [part.colors if part.paint is None or part.uv is None else part.paint(part.uv)[:, :3] for part in parts]
+    colors = [
+        part.colors if part.sample_texture is None or part.uv is None else part.sample_texture(part.uv)[:, :3]
+        for part in parts
+    ]
     if all(column is None for column in colors):
         return None
     columns = [
@@ -134,7 +137,7 @@ def _merged(part: Part) -> Part:
     positions, faces = part.positions[chosen], place[part.faces]
     normals = _normals_of(positions, faces) if part.normals is None else _means(part.normals, place, len(chosen))
     colors, uv = (None if column is None else column[chosen] for column in (part.colors, part.uv))
-    return Part(positions, faces, normals, colors, uv, part.paint)
+    return Part(positions, faces, normals, colors, uv, part.sample_texture)
 
 
 def _normals_of(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64] | None:
@@ -219,8 +222,8 @@ def _on(
         smooth = _unit(blended(part.normals))
         normals = np.where(np.isfinite(smooth) & smooth.any(axis=1, keepdims=True), smooth, normals)
     colors: NDArray[Any] | None = None
-    if part.paint is not None and part.uv is not None:
-        colors = part.paint(blended(part.uv))[:, :3]
+    if part.sample_texture is not None and part.uv is not None:
+        colors = part.sample_texture(blended(part.uv))[:, :3]
     elif part.face_colors is not None:
         colors = part.face_colors[rows]
     elif part.colors is not None:
@@ -232,7 +235,7 @@ def _on(
 def _chunk(pieces: list[tuple[Any, ...]], parts: Sequence[Part], share: float) -> Chunk:
     positions, normals, colors = zip(*pieces, strict=True)
     joined = None
-    if any(part.colors is not None or part.paint is not None for part in parts):
+    if any(part.colors is not None or part.sample_texture is not None for part in parts):
         filled = [
             np.full(p.shape, GREY, np.uint8) if c is None else _bytes(c) for p, c in zip(positions, colors, strict=True)
         ]

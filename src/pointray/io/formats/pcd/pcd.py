@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....cloud.georeference import Survey
-from .._counts import most_lines, rows_behind, rows_there, unequal, whole_lines
+from .._counts import count_lines, count_mismatch, readable_rows, rows_after, whole_lines
 from .._named_columns import Columns, Roles, roles_of
 from .._odd_numbers import plain_lines
 from .._packed_colors import PackedColors, find_packed
@@ -46,7 +46,7 @@ class PcdSource(Source):
             points, self._announced = _most(file, header, self.faults), header.points
             self._packed = find_packed((f.name, f.dtype) for f in header.kept if f.width == 1)
             self._roles = _roles(header, self._packed)
-            points += _behind(file, header, self.faults)
+            points += _count_extra(file, header, self.faults)
         self._header = header = header._replace(points=points)
         survey = Survey(stations=() if header.station is None else (header.station,))
         facts: dict[str, Any] = {"version": header.version, "encoding": header.encoding}
@@ -68,7 +68,7 @@ class PcdSource(Source):
         self.note = colors.note
         if header.encoding == "ascii" and done != self._announced:
             what = "" if done > self._announced else "is cut off: "
-            self.faults.add(f"{what}{unequal(self._announced, done, 'points')}")
+            self.faults.add(f"{what}{count_mismatch(self._announced, done, 'points')}")
 
 
 def _roles(header: Header, packed: str) -> Roles:
@@ -85,16 +85,16 @@ def _most(file: BinaryIO, header: Header, faults: Faults) -> int:
         return _packed_points(file, header, faults)
     if header.encoding == "ascii":
         row = 2 * sum(field.width for field in header.fields)  # digit and separator; the last line may lack a newline
-        return rows_there(points, row, left + 1, "points", faults) if faults.strict else max(most_lines(file), 1)
-    return rows_there(points, row, left, "points", faults)
+        return readable_rows(points, row, left + 1, "points", faults) if faults.strict else max(count_lines(file), 1)
+    return readable_rows(points, row, left, "points", faults)
 
 
-def _behind(file: BinaryIO, header: Header, faults: Faults) -> int:
+def _count_extra(file: BinaryIO, header: Header, faults: Faults) -> int:
     """Return the number of points after the announced ones of a binary file."""
     at = header.size + header.points * header.row
     if header.encoding != "binary" or not _check_end(file, at, "its last point", faults):
         return 0
-    return rows_behind(file, at, os.fstat(file.fileno()).st_size, header.row)
+    return rows_after(file, at, os.fstat(file.fileno()).st_size, header.row)
 
 
 def _packed_points(file: BinaryIO, header: Header, faults: Faults) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
-from .._counts import missing, unequal, whole_lines
+from .._counts import count_mismatch, missing, whole_lines
 from .._odd_numbers import plain_lines
 from .._source import CHUNK, Faults
 from ._header import Header, check_size, has_lists
@@ -110,7 +110,7 @@ def _numbers_beside_lists(lines: Iterable[str], vertex: Any, count: int, most: i
         rows[done] = numbers
         done += 1
     if done < count:
-        faults.add(f"is cut off: {unequal(count, done, 'vertices')}")
+        faults.add(f"is cut off: {count_mismatch(count, done, 'vertices')}")
     return dict(zip(scalars, rows[:done].T, strict=True))
 
 

@@ -27,9 +27,9 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
         _add(columns, NORMALS[0], points.normals)
     if points.colors is not None:
         _add(columns, COLORS[0], points.colors)
-    words: list[str] = []
+    losses: list[str] = []
     for name, values in points.attributes.items():
-        flat = _fitting(values, name, words).reshape(len(points), -1)
+        flat = _fitting(values, name, losses).reshape(len(points), -1)
         _add(columns, [name] if values.ndim == 1 else [f"{name}_{i}" for i in range(flat.shape[1])], flat)
     dtype = np.dtype([(name, column.dtype) for name, column in columns.items()])
     moved = bool(points.origin.any()) or points.survey.projection is not None
@@ -37,7 +37,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
         dtype = np.dtype([(n, np.float64 if n in ("x", "y", "z") else dtype[n]) for n in columns])
     comments = [f"crs {' '.join(points.crs.split())}"] if points.crs else []
     if points.survey.stations and len(points.survey.stations) > 0:
-        words.append("cannot store the scanner positions")
+        losses.append("cannot store the scanner positions")
     empty = PlyElement.describe(np.empty(0, dtype), "vertex")
     header = PlyData([empty], byte_order="<", comments=comments).header
     file.write(re.sub(r"(?m)^element vertex 0$", f"element vertex {len(points)}", header).encode("ascii") + b"\n")
@@ -49,10 +49,10 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
             rows[name] = world[:, k] if k < 3 else column[part]
         file.write(rows.data)
         tell(progress, min(part.stop / len(points), 1.0))
-    return words
+    return losses
 
 
-def _fitting(values: NDArray[Any], name: str, words: list[str]) -> NDArray[Any]:
+def _fitting(values: NDArray[Any], name: str, losses: list[str]) -> NDArray[Any]:
     """Convert values to a type of PLY, which has neither bool nor 64-bit integers."""
     if values.dtype == np.bool_:
         return values.astype(np.uint8)
@@ -63,7 +63,7 @@ def _fitting(values: NDArray[Any], name: str, words: list[str]) -> NDArray[Any]:
             return values.astype(dtype)
     floats = values.astype(np.float64)
     if len(values) and (values.max() > 2**53 or values.min() < -(2**53)):
-        words.append(f"stores {name} as 64-bit floats, which round its largest numbers")
+        losses.append(f"stores {name} as 64-bit floats, which round its largest numbers")
     return floats
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
 from ....cloud.georeference import Survey
-from .._counts import most_lines, rows_behind
+from .._counts import count_lines, rows_after
 from .._packed_colors import PackedColors, find_packed
 from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._ascii import read_ascii
@@ -96,21 +96,21 @@ def _most(file: BinaryIO, header: Header, index: int, faults: Faults) -> int:
     if faults.strict:
         check_size(file, vertex, count, row)
     if is_text:
-        most = most_lines(file) - sum(header.counts[:index])
+        most = count_lines(file) - sum(header.counts[:index])
         return max(most if is_last else min(most, count), 1)
     there = bytes_left(file) // row
     if count <= there and index == 0 and is_last and not has_lists(vertex):
-        return count + _behind(file, header, count, row, faults)
+        return count + _count_extra(file, header, count, row, faults)
     return max(min(count, there), 1)
 
 
-def _behind(file: BinaryIO, header: Header, count: int, row: int, faults: Faults) -> int:
+def _count_extra(file: BinaryIO, header: Header, count: int, row: int, faults: Faults) -> int:
     """Return the number of vertices after the announced ones of a binary file."""
     extra = bytes_left(file) - count * row
     if extra < row:
         return 0
     start = header.size + count * row
-    rows = rows_behind(file, start, start + extra, row)
+    rows = rows_after(file, start, start + extra, row)
     what = f"{rows:,} more" if rows else "which are not read"
     faults.add(f"{count:,} vertices expected, {extra:,} bytes follow them, {what}")
     return rows

@@ -11,21 +11,21 @@ from typing import NamedTuple
 import numpy as np
 
 from .._source import Faults
-from .._unnamed_columns import UndecidedError, judge
+from .._unnamed_columns import UndecidedError, recognise_columns
 from ._columns import Layout, has_degrees, name_of, names_of, scanning
 from ._lines import COMMENT, FIELDS, UTF8, UTF16, Top, is_row, shortened, top_of
 from ._numbers import FLOAT, SKIP, Dialect, Reader, fields_of, number_of
 
-LOOK = 1 << 18  # bytes examined
+EXAMINED = 1 << 18  # bytes examined
 ROWS = 200  # rows examined to find the separators
 MOST_COLUMNS = 1000
 LONGEST_HEADER = 1 << 14  # characters
-HOW = "name its columns with --columns x,y,z,... (- ignores one)"
+ADVICE = "name its columns with --columns x,y,z,... (- ignores one)"
 INTENSITY_FIRST = {".pts": True, ".xyzrgb": False}  # by extension: whether intensity precedes the colours
 MIXED = "ambiguous separators: its rows contain commas as well as semicolons or blanks"
 
 
-class Look(NamedTuple):
+class TextProperties(NamedTuple):
     """Properties of a text file found at its beginning.
 
     Attributes
@@ -60,12 +60,12 @@ class Look(NamedTuple):
     note: str = ""
 
 
-def look_at(text: bytes, path: Path, columns: Sequence[str] | None, faults: Faults) -> Look:
+def examine_text(text: bytes, path: Path, columns: Sequence[str] | None, faults: Faults) -> TextProperties:
     """Examine the beginning of a file; raise ValueError if it is not a table of numbers."""
     if text[:2] in UTF16 or text[:200].count(0) > 20:
         raise ValueError("is encoded in UTF-16: save it as UTF-8 or ASCII")
     begin = len(UTF8) if text.startswith(UTF8) else 0
-    whole_lines = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1] if len(text) >= LOOK else text
+    whole_lines = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1] if len(text) >= EXAMINED else text
     top = top_of(whole_lines or text, begin)
     _check_top(top)
     rows = [line for _, line in top.rows[:ROWS] if is_row(line) and not COMMENT.match(line)]
@@ -78,7 +78,7 @@ def look_at(text: bytes, path: Path, columns: Sequence[str] | None, faults: Faul
     start = top.rows[0][0]
     names, whole, row, note = _numbers(whole_lines or text, start, dialect, names or k, path, rows[0], faults)
     degrees = columns is None and has_degrees(top.header or " ".join(top.comments[-3:]))
-    return Look(dialect, names, whole, start, top.announced, top.header, degrees, row, note)
+    return TextProperties(dialect, names, whole, start, top.announced, top.header, degrees, row, note)
 
 
 def _check_top(top: Top) -> None:
@@ -124,7 +124,7 @@ def _named(fields: list[str], top: Top, dialect: Dialect, columns: Sequence[str]
     if top.header is not None:
         raise ValueError(
             f"invalid header {shortened(top.header)}: expected names with x, y, z for {k} columns, "
-            f"as in the first row: {shortened(row)}: {HOW}"
+            f"as in the first row: {shortened(row)}: {ADVICE}"
         )
     return None
 
@@ -157,9 +157,11 @@ def _numbers(
     whole, note = [bool(x) for x in scan.stats[:, 0]], ""
     if isinstance(names, int):
         try:
-            names, note = judge(block.take(range(k), np.float64), whole, INTENSITY_FIRST.get(path.suffix.lower()))
+            names, note = recognise_columns(
+                block.take(range(k), np.float64), whole, INTENSITY_FIRST.get(path.suffix.lower())
+            )
         except UndecidedError as error:
-            raise ValueError(f"{error}: {HOW}; the first row is {shortened(first)}") from None
+            raise ValueError(f"{error}: {ADVICE}; the first row is {shortened(first)}") from None
     return names, whole, (block.end - start) / len(block), note
 
 

@@ -10,7 +10,7 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from .._counts import most_lines
+from .._counts import count_lines
 from ._lines import lines_of, shortened
 
 HEADER, SHORT = 1 << 14, 1 << 10  # maximum and usual bytes of the ten lines of a header
@@ -107,7 +107,7 @@ def _next_header(file: BinaryIO, scan: Scan) -> tuple[int, int]:
         tail = text[-SHORT:]
         offset += len(text) - len(tail)
     file.seek(scan.start)
-    return end, most_lines(file, end)
+    return end, count_lines(file, end)
 
 
 def _is_single(file: BinaryIO, offset: int) -> bool:

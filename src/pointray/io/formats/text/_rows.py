@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ....cloud.georeference import Survey
-from .._counts import unequal
+from .._counts import count_mismatch
 from .._source import Chunk, Faults, Listing, Request, Source
 from ._columns import Layout, merged, scanning
-from ._first_look import LOOK, look_at
+from ._first_look import EXAMINED, examine_text
 from ._lines import shortened
 from ._numbers import Block, Reader, line_at
 
@@ -24,26 +24,29 @@ class TextSource(Source):
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
         with path.open("rb") as file:
-            head = file.read(LOOK)
-        self._look = look = look_at(head, path, request.columns, self.faults)
-        self._layout, self.note = Layout.of(look.names), look.note
+            head = file.read(EXAMINED)
+        self._properties = properties = examine_text(head, path, request.columns, self.faults)
+        self._layout, self.note = Layout.of(properties.names), properties.note
         self._size = path.stat().st_size
-        facts: dict[str, Any] = {"columns": look.names, "separator": (look.dialect.delimiters or b" ").decode()}
-        if look.dialect.decimal == b",":
+        facts: dict[str, Any] = {
+            "columns": properties.names,
+            "separator": (properties.dialect.delimiters or b" ").decode(),
+        }
+        if properties.dialect.decimal == b",":
             facts["decimal"] = ","
-        if look.announced is not None:
-            facts["announced"] = look.announced
-        expected = max(int((self._size - look.start) / max(look.row, 1)), 1)
+        if properties.announced is not None:
+            facts["announced"] = properties.announced
+        expected = max(int((self._size - properties.start) / max(properties.row, 1)), 1)
         survey = Survey(
-            "EPSG:4326" if look.has_degrees else None, format="PTS" if path.suffix.lower() == ".pts" else None
+            "EPSG:4326" if properties.has_degrees else None, format="PTS" if path.suffix.lower() == ".pts" else None
         )
         self.listing = Listing(None, self._layout.row(), expected, survey, facts)
 
     def chunks(self) -> Iterator[Chunk]:
-        look, layout = self._look, self._layout
-        k = len(look.names)
+        properties, layout = self._properties, self._layout
+        k = len(properties.names)
         with self._path.open("rb") as file:
-            doubtful = layout.doubtful(look.whole)
+            doubtful = layout.doubtful(properties.whole)
             if doubtful:  # all chunks must have the same types, so all rows are scanned first: a third of the time
                 stats = merged(self._blocks(file, scanning(k, doubtful)), None)
                 assert stats is not None
@@ -54,8 +57,8 @@ class TextSource(Source):
 
     def _blocks(self, file: BinaryIO, modes: list[int]) -> Iterator[Block]:
         """Yield all blocks of rows, and compare their number with the announced ones (PTS)."""
-        reader = Reader(file, self._look.dialect, modes, self._look.start, None, self.faults)
-        announced, line, total, there = self._look.announced, "the line before the first row", 0, 0
+        reader = Reader(file, self._properties.dialect, modes, self._properties.start, None, self.faults)
+        announced, line, total, there = self._properties.announced, "the line before the first row", 0, 0
         for _ in range(MOST_BLOCKS):
             count = 0
             for block in reader.blocks():
@@ -71,7 +74,7 @@ class TextSource(Source):
         else:
             raise ValueError(f"has more than {MOST_BLOCKS:,} blocks of rows")
         if announced is not None and total != there:
-            self.faults.add(unequal(total, there, "rows"))
+            self.faults.add(count_mismatch(total, there, "rows"))
 
 
 def _check_count(announced: int | None, count: int, line: str) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ....base.warning_log import warn
 from ....cloud.georeference import SCAN, Survey
 from ...colors import GREY
-from .._counts import unequal
+from .._counts import count_mismatch
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._lines import is_binary, is_ptx, shortened
 from ._ptx_headers import Scan, newline_of, scans_of
@@ -41,9 +41,9 @@ class PtxSource(Source):
         scans = self._scans
         self._has_colors = any(scan.fields == 7 for scan in scans)
         row = 40 + 6 * self._has_colors + 4 * (len(scans) > 1)
-        told = [{"columns": scan.shape[0], "rows": scan.shape[1]} for scan in scans]
+        grids = [{"columns": scan.shape[0], "rows": scan.shape[1]} for scan in scans]
         survey = Survey(stations=tuple(scan.matrix[3][:3] for scan in scans), format="PTX")  # type: ignore[misc]
-        self.listing = Listing(None, row, sum(scan.rows for scan in scans), survey, {"scans": told})
+        self.listing = Listing(None, row, sum(scan.rows for scan in scans), survey, {"scans": grids})
 
     def chunks(self) -> Iterator[Chunk]:
         grey = sum(scan.fields == 4 for scan in self._scans) if self._has_colors else 0
@@ -62,7 +62,7 @@ class PtxSource(Source):
                     yield chunk
         total = sum(scan.total for scan in self._scans)
         if self._there != total:
-            self.faults.add(unequal(total, self._there, "rows"))
+            self.faults.add(count_mismatch(total, self._there, "rows"))
         facts = {**self.listing.facts, "without_return": self._there - seen}
         self.listing = replace(self.listing, facts=facts)
         if len(self._scans) == 1 and _is_unplaced(self._scans[0], low, high):

@@ -1,6 +1,6 @@
 """Text with one point per line: .xyz, .txt, .csv, .asc, .pts and similar.
 
-Columns are named by the caller or a header, or recognised from the first rows (`_unnamed_columns.judge`): x y z,
+Columns are named by the caller or a header, or recognised from the first rows (see `_unnamed_columns`): x y z,
 normals of length 1, colours (integers, or floats from 0 to 1), one intensity, label or alpha next to them, and a point
 number or a time before them. Other columns become attributes column_4 and so on, with a warning. A file is refused if
 either of two groups of columns may be colours.
