@@ -63,7 +63,7 @@ def render_layers(
     --------
     write_layers : writes them as .npz, or as .exr for other programs.
     """
-    settings = check_view(scene, camera, settings, progress)
+    scene, settings = check_view(scene, camera, settings, progress)
     check_picture(camera.size, max(picture_bytes(settings), LAYER_BYTES))
     share = settings.spp / (settings.spp + 1)  # the layers take one ray for each pixel
 

@@ -31,6 +31,9 @@ from .settings import Settings
 
 IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes of a pixel, and of each of its numbers in a film
 DENOISE_BYTES = 68  # a pixel: its light, its noisy share, colours and normals, and what Open Image Denoise takes
+NOT_BAKED = (
+    "the scene has no baked light: it is baked for this call only; to reuse it, set scene.baked = pr.bake(scene)"
+)
 SURFACE_SAMPLES = 16  # samples of the colours and normals that the denoiser gets
 
 Progress = Callable[[float], None]
@@ -65,9 +68,10 @@ def render(
     Notes
     -----
     A scene without lights is lit by a headlight at the camera; for "path", if nothing in it emits light, by an even
-    white sky of radiance 1. "baked" shows `Scene.baked`; without it, light is baked first, and a warning says so.
+    white sky of radiance 1. "baked" shows `Scene.baked`; without it, light is baked for this call only, with a
+    warning. The scene is not modified.
     """
-    settings = check_view(scene, camera, settings, progress)
+    scene, settings = check_view(scene, camera, settings, progress)
     now, executor = snapshot_and_executor(scene, client, check_spread(spread, client, settings))
     return render_snapshot(now, camera, settings, progress, executor)
 
@@ -117,24 +121,29 @@ def _sums(settings: Settings, catchers: bool) -> int:
     return ALL_SUMS if catchers else NOISE_SUMS if settings.noise is not None or settings.denoised else LIGHT_SUMS
 
 
-def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Settings:
-    """The settings, or the default ones for None; ValueError if an argument of `render` has a wrong type."""
+def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> tuple[Scene, Settings]:
+    """Validate the arguments of `render`; see `check_scene`."""
     check_kind(camera, "camera", Camera, "a Camera")
     return check_scene(scene, settings, progress, 4)
 
 
-def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -> Settings:
-    """The same for pictures from any camera. stacklevel : of the caller's caller, whom a warning names"""
+def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -> tuple[Scene, Settings]:
+    """Validate arguments; return the scene to render, a copy if its light has to be baked first, and the settings.
+
+    stacklevel : of the frame that a warning names
+    """
     check_kind(scene, "scene", Scene, "a Scene")
     check_callback(progress)
     settings = Settings() if settings is None else check_kind(settings, "settings", Settings, "Settings, or None")
     if settings.integrator == "baked" and scene.baked is None:
-        from ..baking.baked import bake  # a tenth of a second, which other pictures need not wait for
+        from ..baking.baked import bake  # importing takes 0.1 s, which other integrators save
         from ..baking.settings import BakeSettings
 
-        warn("no light is baked: it is baked first, and kept as scene.baked", stacklevel=stacklevel)
-        scene.baked = bake(scene, BakeSettings(seed=settings.seed, threads=settings.threads))
-    return settings
+        warn(NOT_BAKED, stacklevel=stacklevel)
+        lit = scene.copy()
+        lit.baked = bake(scene, BakeSettings(seed=settings.seed, threads=settings.threads))
+        scene = lit
+    return scene, settings
 
 
 def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, executor: Executor | None) -> NDArray[np.float32]:

@@ -73,7 +73,7 @@ def animate(
         raise wrong("cameras", "a sequence of Camera", cameras)
     for k, camera in enumerate(cameras):
         check_kind(camera, f"cameras[{k}]", Camera, "a Camera")
-    settings = check_scene(scene, settings, progress)
+    scene, settings = check_scene(scene, settings, progress)
     for size in {camera.size for camera in cameras}:
         check_picture(size, picture_bytes(settings))
     spread = check_spread(spread, client, settings)

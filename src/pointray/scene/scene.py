@@ -167,7 +167,7 @@ class Scene:
 
     @property
     def baked(self) -> BakedLight | None:
-        """The light that the integrator "baked" shows, what `bake` returned; None: that integrator bakes it first."""
+        """Light shown by the integrator "baked", as returned by `bake`; None: each call of `render` bakes its own."""
         return self._baked
 
     @baked.setter
