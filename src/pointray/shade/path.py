@@ -124,7 +124,7 @@ def _light_at(world: World, x: Vec3, which: int, random: tuple[float, float]) ->
 
 
 @inline
-def _continue_path(world: World, i: int, sample: int, depth: int, lobe: float, scratch: Scratch) -> None:
+def _continue(world: World, i: int, sample: int, depth: int, lobe: float, scratch: Scratch) -> None:
     """Sample whether and where a path continues from surface point i."""
     points = scratch.shading_points
     material, point = shading_point(world, scratch, i)
@@ -151,7 +151,7 @@ def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> No
         if not is_shaded(scratch, i):
             continue
         choice, lobe = _pair(scratch, i, sample, depth, WHICH)
-        _continue_path(world, i, sample, depth, lobe, scratch)
+        _continue(world, i, sample, depth, lobe, scratch)
         material, point = shading_point(world, scratch, i)
         which, chance = choose_light(world, choice)
         if chance == 0.0 or is_specular(world, material):
