@@ -9,17 +9,7 @@ import re
 import sys
 from pathlib import Path
 
-PLACES = [
-    "README.md",
-    "CHANGELOG.md",
-    "CONTRIBUTING.md",
-    "ARCHITECTURE.md",
-    "docs",
-    "examples",
-    "src",
-    "bench",
-    "tests",
-]
+FOLDERS = "docs", "examples", "src", "bench", "tests"  # and the documents beside them
 KINDS = {".py", ".md", ".toml", ".ipynb", ".js", ".html", ".css", ".c", ".cpp", ".h"}
 GAP = r"[\s#\"'/*>_]+"  # between words: line breaks with the marks of a comment or a string, or an underscore
 FORMATS = "PLY|LAS|LAZ|COPC|E57|PCD|PTX|PTS|NPY|NPZ|OBJ|STL|glTF|OFF|SPZ|TOML|JSON|PNG|JPEG|EXR|HDR|TIFF?|MP4|ZIP"
@@ -33,7 +23,7 @@ PATTERN = re.compile("|".join(rf"(?<![a-z]){phrase.replace(' ', GAP)}(?![a-z])" 
 
 def main(root: Path) -> int:
     """Print file, line and phrase of all findings below a folder and return the exit status."""
-    files = [file for place in PLACES for file in (root / place, *sorted((root / place).rglob("*")))]
+    files = [*root.glob("*.md"), *(file for folder in FOLDERS for file in sorted((root / folder).rglob("*")))]
     found = 0
     for file in files:
         text = file.read_text() if file.suffix in KINDS and ".min." not in file.name else ""
