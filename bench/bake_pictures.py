@@ -186,7 +186,7 @@ def _moving(scene: pr.Scene, options: Options) -> list[pr.Camera]:
 
 
 def show_errors(name: str, shown: Picture, reference: Reference, options: Options) -> None:
-    """Write a picture of path, baked and difference side by side, if a folder is told."""
+    """Write a picture of path, baked and difference side by side, if a folder is given."""
     if options.pictures is None:
         return
     options.pictures.mkdir(parents=True, exist_ok=True)

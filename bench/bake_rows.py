@@ -65,7 +65,7 @@ def at_least(test: str, value: float, limit: float, form: str = "{:.2f}", note: 
 
 
 def told(test: str, measured: str) -> Row:
-    """A figure of which nothing is demanded, or a reason why there is none."""
+    """A figure without a target, or the reason why it is missing."""
     return Row(test, measured)
 
 

@@ -104,7 +104,7 @@ def _press(environment: dict[str, str], *words: object) -> None:
 
 
 def _corners(screen: NDArray[np.int64]) -> tuple[int, int, int, int] | None:
-    """Left, top, right, bottom of the four red points on the screen, (h, w, 3); None if there are none."""
+    """Left, top, right, bottom of the four red points on the screen, (h, w, 3); None if not found."""
     red = (screen[..., 0] > 200) & (screen[..., 1:] < 60).all(axis=-1)
     left, top, right, bottom = VIEW
     red[AXES[1] :, AXES[0] :] = False

@@ -17,7 +17,7 @@ from noise_surfaces import Surface
 from truth import Floats
 
 RAYS = 100_000
-FAR = 10.0  # h: hits farther from the exact surface do not count in the errors; their share is told
+FAR = 10.0  # h: hits farther from the exact surface do not count in the errors; their share is reported
 CELL = 6.0  # h: the size of the cells in which roughness is measured
 
 

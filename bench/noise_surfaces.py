@@ -59,7 +59,7 @@ def finds_strays() -> bool:
 
 
 def strays_of(cloud: Cloud) -> NDArray[np.bool_]:
-    """The rows that pointray takes for strays, of whatever kind; it is told of the scanner."""
+    """Rows that pointray classifies as strays of any kind, given the scanner position."""
     known = {} if cloud.eye is None else {"viewpoint": cloud.eye}
     found: Any = pr.find_strays(pr.Points(cloud.positions), **known)
     masks = [np.asarray(part) != 0 for part in (found if isinstance(found, tuple) else (found,))]

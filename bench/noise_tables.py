@@ -1,4 +1,4 @@
-"""Figures of `noise.py` and how they are told: the table of what is asked, aimed at and seen, CSV, and the plot."""
+"""Output of `noise.py`: the table of requirements, targets and measurements, CSV, and the plot."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Figure:
 
 
 def figures(case: str, row: Row, limits: dict[str, Limit]) -> Iterator[Figure]:
-    """Those figures of a row that are told of the case."""
+    """The figures of a row that are printed for the case."""
     for name in TOLD[case]:
         yield Figure(case, row.cloud, WORDS[name], row.surface, getattr(row, name), limits.get(name))
 

@@ -68,7 +68,7 @@ def lines(rows: Rows) -> Iterator[Line]:
 
 
 class Group(NamedTuple):
-    """Stages of `prepare` that are told in one line.
+    """Stages of `prepare` that are printed in one line.
 
     name : the stage, or "levels" for those of all levels
     kind : SHARED, ALONE or SAMPLE

@@ -43,7 +43,7 @@ def forget(folder: Path) -> None:
 def view(options: Options) -> list[Row]:
     """Pictures of the prepared city."""
     if not (options.prepared / "index.json").exists():
-        raise ValueError(f"{options.prepared}: is not there: run the stage `prepare` of so many points first")
+        raise ValueError(f"{options.prepared}: not found: run the stage `prepare` with this number of points first")
     return [*_first_pictures(options), *_flight(options)]
 
 

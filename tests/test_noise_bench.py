@@ -161,7 +161,7 @@ def test_a_smoothed_surface_gets_a_column_beside_that_without(monkeypatch):
 
 
 @pytest.mark.long
-def test_what_is_missing_is_told(monkeypatch, tmp_path, capsys):
+def test_missing_packages_are_reported(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(noise_surfaces.PEERS, POISSON, ("no_such_module",))
     here, messages = peers([POISSON])
     assert here == [] and "pip install no_such_module" in messages[0]
