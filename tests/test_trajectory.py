@@ -80,7 +80,7 @@ def test_points_without_times(tmp_path):
         pr.eyes_along(Points(np.eye(3)), drive(tmp_path / "car.csv"))
 
 
-# -------------------------------------------------------------------------------------------- invalid places
+# ------------------------------------------------------------------------------------------------- invalid places
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.003])
