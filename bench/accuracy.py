@@ -3,8 +3,8 @@
     python bench/accuracy.py [--quick | --full | --choice] [--shapes sphere statue bunny ...] [--surfaces apss disc ...]
                              [--points 10000 ...] [--noise 0 0.1 ...] [--rays 200000] [--csv FILE] [--plot FILE]
 
-The program prints a row for each cloud and surface as it is measured (`measure.Row` explains the columns), then every
-demand with the figure seen. It also writes the rows as CSV and as a plot. It takes some 5 minutes on two cores. --full
+Prints a row for each cloud and surface (`measure.Row` explains the columns), then every requirement with the measured
+figure. It also writes the rows as CSV and as a plot. It takes some 5 minutes on two cores. --full
 goes up to 1 million points and 10 million rays, and takes some two hours. --quick measures sphere and torus only, in a
 minute. --choice compares surfaces, samples N and refinement by quality and cost (some 15 minutes).
 

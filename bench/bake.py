@@ -1,12 +1,12 @@
-"""Measure baked light: what arrives, beside formulas, path tracing and libigl; what it costs; and say what falls short.
+"""Measure the accuracy of baked light against formulas, path tracing and libigl, and its cost; report missed targets.
 
     python bench/bake.py [--only NAME ...] [--points 1000000] [--seeds 3] [--quick] [--pictures FOLDER]
 
-Each demand is a row with the figure measured; SHORT says that it is not met. Demands on seconds hold for a million
-points on two cores; for fewer points they are as many times shorter. Pictures by path tracing take most of the time,
-the first time almost an hour. They are kept (--references), keyed by the scene, the camera and the samples, not by the
-code that makes them: delete them when path tracing changes. Pictures of the errors (--pictures): path, baked, and the
-difference, red where baked light is brighter, blue where it is darker, full colour at a fifth of the mean.
+Each target is a row with the measured figure; SHORT marks those that are missed. Time limits hold for a million points
+on two cores, and are proportional to the number of points. Path-traced pictures take most of the time, almost an hour
+on the first run. They are stored (--references), keyed by the scene, the camera and the samples, not by the code:
+delete them when path tracing changes. Pictures of the errors (--pictures): path, baked, and the difference, red where
+baked light is brighter, blue where it is darker, full colour at a fifth of the mean.
 """
 
 from __future__ import annotations

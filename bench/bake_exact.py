@@ -1,4 +1,4 @@
-"""Baked light beside formulas, and beside itself: exact shapes, leaks, sums of lights, moved scenes, moved lights."""
+"""Compare baked light with formulas and with itself: exact shapes, leaks, sums of lights, moved scenes and lights."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Light at points of a surface by whole paths: what a bake is compared with where no camera is in play.
+"""Light at points of a surface by path tracing: the reference for a bake where no camera is involved.
 
-A ray straight onto the surface begins each path; the radiance that comes back is that which the surface sends out.
+Each path begins with a ray perpendicular to the surface; it returns the outgoing radiance of the surface.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The memory of a bake, measured in a process of its own: bytes of what is kept, and the most while it is made."""
+"""The memory of a bake, measured in a separate process: size of the result, and peak during the bake."""
 
 from __future__ import annotations
 

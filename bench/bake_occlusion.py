@@ -1,7 +1,7 @@
-"""Ambient occlusion alone, beside libigl's, which traces a mesh.
+"""Ambient occlusion compared with libigl's, which traces a mesh.
 
-libigl has it twice: over its own tree of boxes, and over Embree. Both count all directions of the hemisphere alike, not
-by the cosine; each occlusion is compared with many rays of its own kind.
+libigl has two versions: with its own tree of boxes, and with Embree. Both weight all directions of the hemisphere
+equally, not by the cosine; each is compared with many rays of the same distribution.
 """
 
 from __future__ import annotations

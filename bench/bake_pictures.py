@@ -1,4 +1,4 @@
-"""Pictures with baked light beside path tracing: indirect light on matt surfaces, and in highlights."""
+"""Pictures with baked light compared with path tracing: indirect light on matt surfaces, and in highlights."""
 
 from __future__ import annotations
 

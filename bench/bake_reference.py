@@ -1,12 +1,11 @@
-"""Indirect light in pictures: by path tracing, kept in files, and as the integrator "baked" shows it.
+"""Indirect light in pictures: path-traced, cached in files, and as rendered by the integrator "baked".
 
-Indirect light is all light less that of lamps and suns which reaches the first surface unreflected. It is
+Indirect light is all light except that of lamps and suns which reaches the first surface unreflected. It is
 
     path(sky alone) + path(lights alone) - path(lights alone, one scattering),
 
-and the last two use the same samples, so that direct light leaves no noise. The sky's own light is part of what is
-kept, and of this sum. Baked light is shown without lights: a copy of the scene, in which all lights are black, shows
-what was baked while they shone.
+and the last two use the same samples, so that direct light leaves no noise. The light of the sky is included in both
+the baked light and this sum. Baked light is rendered with a copy of the scene whose lights are black after the bake.
 """
 
 from __future__ import annotations

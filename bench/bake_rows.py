@@ -1,4 +1,4 @@
-"""The rows of the table of `bake.py`: what was measured, what is demanded, and whether that is met."""
+"""The rows of the table of `bake.py`: measurement, target, and whether it is met."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The time of a bake, beside paths at the same places; the time of frames with baked light."""
+"""The time of a bake compared with paths at the same places; the time of frames with baked light."""
 
 from __future__ import annotations
 

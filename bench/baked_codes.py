@@ -1,4 +1,4 @@
-"""What may be kept of the light that arrives at a splat, and reflections made of it: moments, a Gaussian, records."""
+"""Candidate encodings of the light that arrives at a splat, and their reflections: moments, a Gaussian, records."""
 
 from __future__ import annotations
 

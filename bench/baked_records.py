@@ -1,4 +1,4 @@
-"""Records of baked light as pointray packs them, and what lobes reflect of them by pointray's own kernels."""
+"""Records of baked light as packed by pointray, and their reflections by pointray's own kernels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compare pictures of pointray with those of Mitsuba 3: Mitsuba renders meshes, pointray points of their triangles.
+"""Compare pictures with Mitsuba 3: Mitsuba renders meshes, pointray points on their triangles.
 
     python bench/beside_mitsuba.py [--meshes bunny dragon ...] [--lights sun ...] [--materials diffuse ...] [--bounces]
                                    [--size 128] [--spp 144] [--halvings 2] [--folder DIR] [--json FILE]
@@ -12,10 +12,10 @@ under light from all around, and glass gets no other light.
 The program prints a row for each scene, where a is Mitsuba's picture and b is pointray's. The pixels are those of
 surfaces, farther than 2 pixels from a silhouette or the edge of a hard shadow. The figures are sum |a - b| / sum b,
 which must be at most 5%, and (sum a - sum b) / sum b, which must be at most 1% either way. Both follow for the
-model's own pixels, with the same limits. The noise is what these figures would be if only the seed differed.
-Pictures show ours, theirs and the difference.
+model's own pixels, with the same limits. The noise is the value of these figures for two seeds.
+Pictures show pointray, Mitsuba and the difference.
 
-Between its vertices a mesh is flat and its normals are interpolated, whereas pointray has a surface of its own. So
+Between its vertices a mesh is flat and its normals are interpolated, whereas pointray reconstructs a curved surface. So
 edges are halved once or twice, which gives points with interpolated normals between the vertices, too. (The bunny in
 mirrors is 8 to 16% apart with its vertices alone, and 1 to 3% with these points.)
 

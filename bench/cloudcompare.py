@@ -1,7 +1,7 @@
-"""Draw points with CloudCompare, which has no option to render: its window is shown on a screen in memory, and copied.
+"""Render points with CloudCompare, which has no such option, by capturing its window on a virtual screen.
 
-Its cameras cannot be set from outside either. So points are moved to where a camera sees them, in pixels, and
-CloudCompare shows them from above, as it opens files. Needs Debian's cloudcompare, xvfb and xdotool:
+Its camera cannot be set from outside either. So points are projected to pixel coordinates, and CloudCompare shows them
+from above, its default view. Needs Debian's cloudcompare, xvfb and xdotool:
 
     apt-get install --no-install-recommends cloudcompare xvfb xdotool
 """

@@ -5,11 +5,11 @@
 
 Each cloud is traced in the far and near views of `pointray.cli.benchmark.views`, by shadow rays from all hits of the
 far view to a point light, and by one diffuse bounce from each of them. The program prints million rays a second of
-both, the ratio (medians of alternating runs; Embree's faster query counts), the shares of hits, and the frame rate of
-the first cloud against the second.
+both, the ratio (medians of alternating runs; Embree's faster query counts), the fractions of hits, and the frame rate
+of the first cloud against the second.
 
-Both use pointray's own radii. With --reach, both use so many distances to the eighth neighbour, which discs need
-without a better rule.
+Both use pointray's own radii, or with --reach a multiple of the distance to the eighth neighbour, a common rule for
+discs.
 """
 
 from __future__ import annotations

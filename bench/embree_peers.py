@@ -1,6 +1,6 @@
 """The peers of the speed benchmark: Embree's oriented discs, spheres, or a mesh, traced by a loop like ours.
 
-Needs Embree 3 (`libembree3.so.3`; Debian and Ubuntu: `libembree3-3`); `available()` says whether it is there.
+Needs Embree 3 (`libembree3.so.3`; Debian and Ubuntu: `libembree3-3`); `available()` tests for it.
 
 The loop over the rays (`embree_rays.py`) is compiled by Numba and runs in `pointray.engine.jit.run`; it calls Embree by
 address. `embree_shim.py` measures what that costs against the same loop in C++.

@@ -2,9 +2,9 @@
 
 python bench/first_pictures.py SCAN... -o sheet.jpg [--page]
 
-The figures of each are the scan's distance from the middle of its picture, its margin, the mean of its pixels (sRGB, 0
-to 1), the shares of burnt pixels (250 and above) and of black ones (5 and below), its contrast to the background, and
-its tonal range. With --page the sheet shows `pointray view SCAN` in Debian's chromium before any input.
+The figures are the scan's distance from the centre of its picture, its margin, the mean of its pixels (sRGB, 0 to 1),
+the fractions of clipped pixels (250 and above) and of black ones (5 and below), its contrast to the background, and its
+tonal range. With --page the sheet shows `pointray view SCAN` in Debian's chromium before any input.
 """
 
 from __future__ import annotations

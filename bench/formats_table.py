@@ -1,4 +1,4 @@
-"""Make docs/formats.md from what the readers say of themselves.
+"""Generate docs/formats.md from the descriptions of the readers.
 
 python bench/formats_table.py
 """

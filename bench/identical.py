@@ -1,4 +1,4 @@
-"""Record hashes of some 400 arrays of every stage, or compare two records: what must not change when code is moved.
+"""Record hashes of some 400 arrays from all stages, or compare two records, to verify a refactoring.
 
     python bench/identical.py record before.json
     python bench/identical.py compare before.json after.json

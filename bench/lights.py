@@ -3,7 +3,7 @@
     python bench/lights.py [--size 160x120] [--spp 16] [--runs 5] [--counts 50,5000]
 
 The scene is a sphere on a floor under lights of a fixed total power: points; lamps of a fixed total area, a third of
-each kind; or suns. Pictures take turns. Times are medians, and ratios are medians of the ratios of neighbouring runs.
+each kind; or suns. Runs alternate. Times are medians, and ratios are medians of the ratios of neighbouring runs.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Measure one row of the accuracy table: how far the hits of rays lie from the known surface of a cloud."""
+"""Measure one row of the accuracy table: the distance of hits from the known surface of a cloud."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run in a child what may end the process: Mitsuba's LLVM aborts on processors that it does not know (AMD Zen 5)."""
+"""Run Mitsuba in a child process, because its LLVM aborts on unknown CPUs (AMD Zen 5)."""
 
 from __future__ import annotations
 

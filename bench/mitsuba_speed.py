@@ -1,4 +1,4 @@
-"""Compare the speed of pointray and Mitsuba 3: the same splats as flat `ellipsoids` of Mitsuba's, in the same light.
+"""Compare the speed of pointray and Mitsuba 3: the same splats as Mitsuba's `ellipsoids`, in the same light.
 
 `beside_mitsuba.py --speed` runs it. Both render two pictures of the statue from afar, in turn. The first has paths of 4
 bounces under even light from all around (million samples a second). The second has direct light from a point with one

@@ -1,10 +1,10 @@
-"""Measure surfaces of noisy clouds by rays: pointray's beside screened Poisson (Open3D) and RIMLS (MeshLab).
+"""Measure surfaces of noisy clouds by rays: pointray against screened Poisson (Open3D) and RIMLS (MeshLab).
 
     python bench/noise.py [--quick] [--only torus clouds edges layers wall time] [--noise 0.1 0.3 0.5 1]
                           [--shapes statue dragon] [--peers Poisson RIMLS | none] [--rays 100000]
                           [--models FOLDER] [--csv FILE] [--plot FILE]
 
-torus   100,000 random points; the errors of the hits against what is asked
+torus   100,000 random points; the errors of the hits against the requirements
 clouds  the statue of 1 million points and the dragon's vertices; the errors against those of Poisson of depth 10
 edges   a cube near its edges, and the lattice, at 0.3 h
 layers  walls of two layers, thin plates, drift between two scans, a veil, strays

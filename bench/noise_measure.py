@@ -1,4 +1,4 @@
-"""Measure a surface by rays: signed distances of the hits from the exact surface, normals, and rays that got through.
+"""Measure a surface by rays: signed distances of the hits from the exact surface, normals, and rays that miss.
 
 Distances are those to the nearest point of the exact surface, not along the rays; positive is outside. Rays are lines
 through the ball around the shape, uniform in position and direction (`measure.lines`), so they come from all sides.

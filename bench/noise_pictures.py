@@ -1,10 +1,9 @@
-"""Pictures of real scans from near, as they are scanned and as they are shown: what smoothing does to a surface.
+"""Close views of real scans without and with smoothing.
 
     python bench/noise_pictures.py [SCAN...] -o docs/noise.jpg [--models FOLDER]
 
-Each row is a scan. The first half of its pictures is without smoothing (`smooth=0`), the second with it, which is the
-default: under a headlight, under a sun that grazes what is in the middle, and by ambient occlusion. Colours are left
-out, as they hide the shape.
+Each row is a scan. The first half of its pictures is without smoothing (`smooth=0`), the second with it (default):
+under a headlight, under a grazing sun, and by ambient occlusion. Colours are omitted because they hide the shape.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Scans that go wrong, made by formula for `noise.py`: layers, plates, drift, veils, strays."""
+"""Generated scans with defects for `noise.py`: layers, plates, drift, veils, strays."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The surfaces that `noise.py` compares: pointray's, screened Poisson by Open3D, and RIMLS by MeshLab.
 
-Open3D and pymeshlab are optional: `peers` says what is missing. Both peers get Open3D's normals of 30 neighbours (its
+Open3D and pymeshlab are optional: `peers` reports missing ones. Both peers get Open3D's normals of 30 neighbours (its
 default), with the signs of the exact normals; pointray gets positions only, and the scanner where there is one.
 """
 

@@ -1,16 +1,16 @@
-"""Measure the way from raw points to the first picture: stages, points a second, memory, growth, beside its peers.
+"""Measure the preparation from raw points to the first picture: stages, points a second, memory, growth, and peers.
 
     python bench/prepare.py [--points 100000 1000000 4000000 10000000 24000000] [--shape statue|torus] [--runs 1]
                             [--only normals plain noise scans peers view]
                             [--folder FOLDER] [--models FOLDER] [--json FILE]
 
 normals  points with normals; plain: without; noise: without, and moved by 0.3 spacings in all directions
-scans    the clouds of `shared/models`, as they are
+scans    the clouds of `shared/models`, unchanged
 peers    20 neighbours by scipy, pykdtree, small_gicp and Open3D; normals of 16 neighbours by the last two, with errors
 view     `pointray view` of a PLY until the full picture, without its cache
 
-Each case runs in a process of its own, with all kernels compiled before. Its peak is that of the process while a stage
-runs. A stage's "own" seconds are without the stages inside it. Growth is the time a point over that of the first size.
+Each case runs in a separate process, with all kernels compiled before. The peak is that of the process while a stage
+runs. "Own" seconds of a stage exclude nested stages. Growth is the time a point relative to that of the first size.
 --runs takes the median of several runs. --folder keeps the clouds for other runs: the statue of 24 million points takes
 minutes to make; the torus, which has random points, takes seconds.
 """

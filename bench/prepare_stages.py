@@ -1,4 +1,4 @@
-"""A child of `prepare.py`: one cloud goes from its file to a model with levels, and a clock runs in every stage.
+"""A child of `prepare.py`: build a model with levels from one file, and time every stage.
 
     python bench/prepare_stages.py FILE [--without-normals] [--noise DISTANCE]
 

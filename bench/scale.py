@@ -13,13 +13,12 @@ faults    kill -9 of a worker in the middle of each
 paper     a billion points on ten machines, from the rows
 docs      the tables of docs/scale.md
 
-Stages run in the order in which they are named; `all` runs make, prepare and view with --points, then same, cluster and
-faults with a tenth of it. Rows are kept in FOLDER/scale.json, in place of earlier ones of the same stage and size. All
-that is made stays in FOLDER: 30 GB at most for 100 million points. A stage makes what it needs and does not find.
+Stages run in the order given; `all` runs make, prepare and view with --points, then same, cluster and faults with a
+tenth of it. Rows are stored in FOLDER/scale.json and replace earlier ones of the same stage and size. All output stays
+in FOLDER: 30 GB at most for 100 million points. A stage creates missing inputs.
 
-Memory is read every 50 ms from /proc: "resident" is VmRSS, what `ps` shows, with the pages of files that are mapped,
-summed over all processes of the command (what they share counts for each); of each process the system's own peak
-(VmHWM) counts too.
+Memory is read every 50 ms from /proc: "resident" is VmRSS, as shown by `ps`, including pages of mapped files, summed
+over all processes of the command (shared pages count for each); the peak of each process (VmHWM) is read too.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The city of `scale.py`: statues on relief ground, as many distinct points as are asked for, in tiles on disk.
+"""The city of `scale.py`: statues on relief ground, a given number of distinct points in tiles on disk.
 
-A city is a grid of cells. Each has a statue of its own place, turn and scales, half of the cell's points, and ground
-beneath it, the other half. It is made cell by cell, the same each time.
+A city is a grid of cells. Half of a cell's points are a statue with random position, rotation and scales, the other
+half the ground beneath it. Cells are generated one by one and reproducibly.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Stages `cluster` and `faults` of `scale.py`: workers of Dask beside one process, and workers that are killed."""
+"""Stages `cluster` and `faults` of `scale.py`: Dask workers compared with one process, and killed workers."""
 
 from __future__ import annotations
 

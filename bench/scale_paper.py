@@ -1,4 +1,4 @@
-"""Stage `paper` of `scale.py`: what a billion points take on ten machines, told from the rows that were measured."""
+"""Stage `paper` of `scale.py`: extrapolate the measured rows to a billion points on ten machines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stages `make` and `prepare` of `scale.py`: a city on disk, and what `pointray prepare` takes to make parts of it."""
+"""Stages `make` and `prepare` of `scale.py`: generate a city on disk, and measure `pointray prepare` into parts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows of `scale.py`: what was measured, kept in a JSON file, so that stages can run one by one, and be counted on."""
+"""Rows of `scale.py`: measurements in a JSON file, so that stages can run separately and use earlier results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stage `same` of `scale.py`: one scan whole and in parts; what rays meet, the time of frames, and bytes."""
+"""Stage `same` of `scale.py`: one scan whole and in parts; hits, frame times, and bytes."""
 
 from __future__ import annotations
 

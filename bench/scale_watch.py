@@ -1,4 +1,4 @@
-"""What a command takes: the memory of all its processes, the disk under a folder, and when its stages end."""
+"""Resource usage of a command: memory of all its processes, disk under a folder, and end times of its stages."""
 
 from __future__ import annotations
 

@@ -1,16 +1,16 @@
-"""Contact sheets of scans whose points are not all of a surface: pointray beside plain points, at the same camera.
+"""Contact sheets of scans with scattered points: pointray next to plain points, at the same camera.
 
     python bench/scatter_sheets.py SCAN... -o FOLDER [--synthetic vehicle] [--pyvista PYTHON] [--cloudcompare]
 
-A row a scan; a column for each word of --columns, drawn by `pointray render --scatter WORD` without other options about
-the look, and one of PyVista's points with eye-dome lighting, if --pyvista names a Python that has PyVista:
+A row for each scan; a column for each word of --columns, drawn by `pointray render --scatter WORD` with defaults
+otherwise, and one of PyVista's points with eye-dome lighting, if --pyvista names a Python that has PyVista:
 
     python -m venv /tmp/pv && /tmp/pv/bin/pip install pyvista
 
 --cloudcompare adds CloudCompare's points, see `cloudcompare.py`.
---synthetic adds labelled scenes of `scatter_scenes.py`, scanned as the word says ("airborne 4", "vehicle", ...).
---measure prints the share of scattered points, and the largest share of the picture that one point covers, of models
-with spheres.
+--synthetic adds labelled scenes of `scatter_scenes.py`, sampled as named ("airborne 4", "vehicle", ...).
+--measure prints the fraction of scattered points, and the largest fraction of the picture that one point covers, of
+models with spheres.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The exact surfaces that others are measured against: shapes known by formula, and meshes ray traced by Embree.
+"""Exact reference surfaces: shapes defined by formulas, and meshes ray traced by Embree.
 
-Both kinds give points to build a model of, random samples of the surface, the distance of a point to the surface and
-the normal there, and the depth to which a ray has been inside the solid.
+Both kinds provide points for a model, random samples of the surface, the distance of a point to the surface and the
+normal there, and the depth of a ray inside the solid.
 """
 
 from __future__ import annotations

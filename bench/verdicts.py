@@ -1,4 +1,4 @@
-"""Judge the surface: each demand beside the figures seen is met, NOT met, or not measured in this run."""
+"""Verdicts on the surface: each requirement is met, NOT met, or not measured in this run."""
 
 from __future__ import annotations
 

@@ -6,9 +6,9 @@
 The scene is a statue under a sun with shadows, by phong. "page" drags with real mouse moves, 60 a second; it counts
 frames drawn, the time from a mouse move's camera message to its picture, the sizes of moving pictures, bytes, and
 processor seconds a frame of each process. "server" sends the same cameras from a client that only acknowledges.
-"opening" takes the time from the command `pointray view` with the statue or another scan to the first and to the full
-picture, with all kernels compiled and on the very first start, when none is. Each figure is the median of the runs,
-with the least and the greatest.
+"opening" measures the time from the command `pointray view` with the statue or another scan to the first and to the
+full picture, with all kernels compiled and on a first start without any. Each figure is the median of the runs, with
+minimum and maximum.
 """
 
 from __future__ import annotations
