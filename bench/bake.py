@@ -55,10 +55,10 @@ def options_of(arguments: list[str] | None) -> tuple[list[str], Options]:
     parser.add_argument("--models", type=Path, default=Path(__file__).resolve().parents[2] / "shared" / "models")
     parser.add_argument("--references", type=Path, default=platformdirs.user_cache_path("pointray") / "references")
     parser.add_argument("--pictures", type=Path, help="folder for pictures of the errors")
-    told = parser.parse_args(arguments)
-    points = told.points or (QUICK_POINTS if told.quick else MILLION)
-    seeds = 1 if told.quick else told.seeds
-    return told.only, Options(points, seeds, told.quick, told.models, told.references, told.pictures)
+    given = parser.parse_args(arguments)
+    points = given.points or (QUICK_POINTS if given.quick else MILLION)
+    seeds = 1 if given.quick else given.seeds
+    return given.only, Options(points, seeds, given.quick, given.models, given.references, given.pictures)
 
 
 def main(arguments: list[str] | None = None) -> int:

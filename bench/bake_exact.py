@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 import pointray as pr
-from bake_rows import Options, Row, at_most, told
+from bake_rows import Options, Row, at_most, plain_row
 from bake_scenes import (
     ALBEDO,
     Floats,
@@ -53,7 +53,7 @@ def in_sphere(options: Options) -> list[Row]:
     return [
         at_most(what + "mean off", max(abs(float(seen.mean()) - 1.0) for seen in light), 0.01),
         at_most(what + "deviation", max(float(seen.std() / seen.mean()) for seen in light), 0.01),
-        told(
+        plain_row(
             what + "lamp aside, bounced", f"{aside:.2%} off, deviation {max(float(seen.std()) for seen in beside):.2%}"
         ),
     ]
@@ -97,7 +97,7 @@ def at_wall(options: Options) -> list[Row]:
     what = f"sheet before a long wall, {options.few:,} points: sky seen, "
     return [
         at_most(what + "RMS", rms, 0.015),
-        told(what + "worst past 2 spacings", f"{worst:.2%} ({where:.1f} spacings from the wall)"),
+        plain_row(what + "worst past 2 spacings", f"{worst:.2%} ({where:.1f} spacings from the wall)"),
     ]
 
 

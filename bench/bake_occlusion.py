@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import pointray as pr
 from bake_gather import gather, places_of_points, rms_error
-from bake_rows import Options, Row, at_least, at_most, told
+from bake_rows import Options, Row, at_least, at_most, plain_row
 from bake_scenes import solid
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ def under_sky(model: pr.Model) -> pr.Scene:
 
 
 def bake_occlusion(model: pr.Model) -> tuple[pr.Scene, pr.Baked, float, int]:
-    """The scene, what is baked, the seconds, and the rays that were sent."""
+    """The scene, the baked light, the seconds, and the number of rays."""
     scene = under_sky(model)
     begun = time.perf_counter()
     baked = pr.bake(scene, pr.BakeSettings(max_depth=1))
@@ -58,7 +58,7 @@ def occlusion(options: Options) -> list[Row]:
     what = f"occlusion of {options.points:,} points: "
     rows = [
         at_most(what + "error", error_of(scene, baked, options), 0.03),
-        told(what + "s", f"{spent:.1f} ({sent / options.points:.0f} rays a point)"),
+        plain_row(what + "s", f"{spent:.1f} ({sent / options.points:.0f} rays a point)"),
     ]
     return [*rows, *_beside_igl(options)]
 
@@ -71,9 +71,9 @@ def _beside_igl(options: Options) -> list[Row]:
         import igl.embree
         import trimesh
     except ImportError as absent:
-        return [told("occlusion beside libigl", f"skipped: {absent}")]
+        return [plain_row("occlusion beside libigl", f"skipped: {absent}")]
     if not path.exists():
-        return [told("occlusion beside libigl", f"skipped: no {path}")]
+        return [plain_row("occlusion beside libigl", f"skipped: no {path}")]
     mesh = trimesh.load(path, process=False)
     vertices, faces = np.ascontiguousarray(mesh.vertices, float), np.ascontiguousarray(mesh.faces, np.int64)
     normals = np.ascontiguousarray(mesh.vertex_normals, float)
@@ -82,7 +82,7 @@ def _beside_igl(options: Options) -> list[Row]:
     mine, count = sent / spent, max(round(sent / len(vertices)), 1)
     error = error_of(scene, baked, options)
     what = f"occlusion of the {name}, {len(vertices):,} points: "
-    rows = [told(what + "baked", f"{mine / 1e6:.2f} M rays/s, {count} a point, error {error:.2%}")]
+    rows = [plain_row(what + "baked", f"{mine / 1e6:.2f} M rays/s, {count} a point, error {error:.2%}")]
     peers: dict[str, Callable[..., Any]] = {
         "igl": igl.ambient_occlusion,
         "igl.embree": igl.embree.ambient_occlusion,

@@ -24,7 +24,7 @@ from pointray.engine.kernels.vec import LUMINANCE
 
 Picture = NDArray[np.float32]
 
-SAMPLES = 64  # of a batch: means of batches tell the noise
+SAMPLES = 64  # of a batch: the noise is estimated from means of batches
 LEAST, MOST = 6, 400  # batches
 SHOWN = 256  # samples of baked light
 COVERED = 0.999  # alpha of pixels that show nothing but surfaces
@@ -85,7 +85,7 @@ def indirect_light(scene: pr.Scene, camera: pr.Camera, noise: float, options: Op
 
 
 def _key(scene: pr.Scene, camera: pr.Camera, noise: float) -> str:
-    """A name for a picture: what is in the scene, and how it is seen."""
+    """A key for a picture: contents of the scene, and view."""
     snapshot, digest = scene.snapshot(), hashlib.blake2b(digest_size=12)
     world = snapshot.world
     arrays: list[Any] = [world.instances, world.planes, world.lights, world.sky, world.sky_colors, world.materials]

@@ -41,7 +41,7 @@ class Options:
         return [1000 * k for k in range(self.seeds)]
 
     def scaled(self, seconds: float) -> float:
-        """What is demanded of a million points, for so many."""
+        """The target for this number of points, given that for a million."""
         return seconds * self.points / MILLION
 
 
@@ -64,7 +64,7 @@ def at_least(test: str, value: float, limit: float, form: str = "{:.2f}", note: 
     return Row(test, form.format(value) + note, "at least " + form.format(limit) + aim, bool(value >= limit))
 
 
-def told(test: str, measured: str) -> Row:
+def plain_row(test: str, measured: str) -> Row:
     """A figure without a target, or the reason why it is missing."""
     return Row(test, measured)
 

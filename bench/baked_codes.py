@@ -33,7 +33,7 @@ def irradiances(maps: Floats) -> Floats:
 
 
 def quantised(values: Floats, most: Floats | float, bits: int, power: float = 1.0) -> Floats:
-    """Signed values as so many bits keep them, evenly in values^power."""
+    """Signed values quantized to a number of bits, evenly in values^power."""
     steps, whole = 2 ** (bits - 1) - 1, np.clip(values / most, -1, 1)
     level = np.round(np.abs(whole) ** power * steps) / steps
     return np.sign(whole) * level ** (1 / power) * most

@@ -76,7 +76,7 @@ class Figures:
 
     @property
     def met(self) -> bool:
-        """Whether both demands are met."""
+        """Whether both limits hold."""
         return self.apart <= MOST_APART and abs(self.off) <= MOST_OFF
 
 
@@ -94,7 +94,7 @@ class Row:
 
     @property
     def met(self) -> bool:
-        """Whether the demands are met, everywhere and on the model."""
+        """Whether the limits hold, everywhere and on the model."""
         return self.all.met and self.model.met
 
     def __str__(self) -> str:
@@ -126,7 +126,7 @@ def halvings_of(shape: Body) -> int:
 
 @dataclass(frozen=True)
 class Pixels:
-    """The pixels that are compared, (h, w) bool. model : those that show nothing but the model"""
+    """The pixels that are compared, (h, w) bool. model : only those of the model"""
 
     all: NDArray[np.bool_]
     model: NDArray[np.bool_]
@@ -180,7 +180,7 @@ class Pair:
         scene, sensor = their_scene(case, self.shape), their_camera(self.camera, 1, FINER)
         layers = mi.load_dict({"type": "aov", "aovs": "depth:depth,color:albedo"})
         picture = np.array(mi.render(scene, sensor=sensor, integrator=layers))
-        depth, color = picture[..., 0], picture[..., 1:] @ (1.0, 10.0, 100.0)  # one number tells surfaces apart
+        depth, color = picture[..., 0], picture[..., 1:] @ (1.0, 10.0, 100.0)  # one number identifies a surface
         width = depth * 2 * np.tan(np.radians(self.camera.fov) / 2) / len(depth)
         edges = _steps(color, 0.1) | _steps(depth, STEEP * width)
         if hard:

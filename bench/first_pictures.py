@@ -131,19 +131,19 @@ def main() -> int:
     parser.add_argument("scans", nargs="+", type=Path)
     parser.add_argument("--output", "-o", type=Path, help="the sheet")
     parser.add_argument("--page", action="store_true", help="of the viewer's page; nothing is measured")
-    told = parser.parse_args()
-    if told.page:
-        sheet(pages(told.scans)).save(told.output, quality=90)
+    options = parser.parse_args()
+    if options.page:
+        sheet(pages(options.scans)).save(options.output, quality=90)
         return 0
     pictures = {}
     print(f"{'':36}" + "".join(f"{name:>10}" for name in Measured._fields))
     with tempfile.TemporaryDirectory() as folder:
-        for scan in told.scans:
+        for scan in options.scans:
             levels, alpha = picture(scan, Path(folder))
             pictures[scan.stem] = levels
             print(f"{scan.stem:36}" + "".join(f"{value:10.3f}" for value in measure(levels, alpha)))
-    if told.output is not None:
-        sheet(pictures).save(told.output, quality=90)
+    if options.output is not None:
+        sheet(pictures).save(options.output, quality=90)
     return 0
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 
 def arrows(package: Path) -> set[tuple[str, str]]:
-    """Pairs of rooms of which the first imports from the second."""
+    """Pairs of rooms, the first importing from the second."""
     found = set()
     for path in package.rglob("*.py"):
         folder = path.relative_to(package).parts[:-1]

@@ -62,7 +62,7 @@ class Record(dict[str, str]):
 
 
 def file_arrays(path: Path) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays of a saved model or of baked light, by their names: a series of .npy, of which the first holds JSON."""
+    """Arrays of a saved model or of baked light, by name: a sequence of .npy arrays, the first containing JSON."""
     names: list[str] = []
     with path.open("rb") as file:
         size = path.stat().st_size

@@ -50,7 +50,7 @@ def grid(model: pr.Model, count: int) -> tuple[pr.Scene, float]:
 
 
 def camera_of(scene: pr.Scene, size: tuple[int, int], step: float = 0.0) -> pr.Camera:
-    """A camera from above, so that statues fill the picture whatever their number; it is moved on by `step` pixels."""
+    """A camera from above, so that any number of statues fills the picture; moved by `step` pixels."""
     low, high = scene.bounds
     wide = high - low
     middle = np.array([*(low + high)[:2] / 2, low[2]])

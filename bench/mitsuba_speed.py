@@ -24,7 +24,7 @@ import numpy as np
 
 import pointray as pr
 from embree import alternate
-from mitsuba_child import in_child, told
+from mitsuba_child import describe_exit, in_child
 from mitsuba_pairs import Floats, diffuse, rgb
 from mitsuba_scenes import their_camera
 from pointray.cli.benchmark.views import far_view
@@ -135,7 +135,7 @@ def speed(points: int, size: int, runs: int, spp: int, beside: Callable[..., Non
     """Print the rows; only pointray's if Mitsuba ends its process. beside : what the child does"""
     ended = in_child(beside or speed_beside, points, size, runs, spp)
     if ended is not None:
-        print(told(ended), "pointray alone:", flush=True)
+        print(describe_exit(ended), "pointray alone:", flush=True)
         speed_alone(points, size, runs, spp)
 
 

@@ -54,7 +54,7 @@ def cases(options: argparse.Namespace, others: list[str]) -> dict[str, Callable[
 
 
 def measured(options: argparse.Namespace, others: list[str], console: Console) -> Iterator[Figure]:
-    """The figures of all cases, told as they come. A case whose files are absent is left out with a message."""
+    """The figures of all cases, printed as they are measured. Cases with missing files are skipped with a message."""
     made = cases(options, others)
     for name in options.only:
         try:

@@ -165,7 +165,7 @@ class Procedural:
 
 
 class Dragon:
-    """The mesh of the Stanford dragon, its vertices the points. A ValueError tells what is absent."""
+    """The mesh of the Stanford dragon, its vertices the points. Raises a ValueError if it is missing."""
 
     name = "dragon"
 

@@ -24,7 +24,7 @@ from truth import FOLDER
 
 TILE, LINE = (270, 200), 16  # pixels of a picture, and of a line of text
 ELEVATION = 12.0  # of the sun, degrees over the surface in the middle
-SUN, EYE = 1.1 * np.pi, 0.2 * np.pi  # light of the sun, and of a weak headlight that shows what is in shadow
+SUN, EYE = 1.1 * np.pi, 0.2 * np.pi  # irradiance of the sun, and of a weak headlight for shadowed parts
 LIGHTS = ("headlight", "grazing sun", "ao")
 REACH = 0.05  # how far ambient occlusion looks, as a share of what the picture shows
 SPP = 16

@@ -107,7 +107,7 @@ def found_strays(scene: Scene, found: NDArray[np.bool_]) -> Iterator[Figure]:
 
 
 def wall(others: list[str], folder: Path = FOLDER) -> Iterator[Figure]:
-    """Normals of the tower's wall that face away; a ValueError tells that it is absent."""
+    """Normals of the tower's wall that face away. Raises a ValueError if the scan is missing."""
     path = folder.parent / "points" / TOWER
     if not path.exists():
         raise ValueError(f"{TOWER} is not in {path.parent}")

@@ -94,7 +94,7 @@ class Room(Formula):
         return distances[nearest], normals[nearest]
 
     def ranges(self, d: Floats) -> Floats:
-        """Distance along directions from the origin to what is hit first."""
+        """Distance along directions from the origin to the first hit."""
         found = 10.0 / d[:, 1]
         for center, radius, k in ((self._ball, 1.0, 3), (self._pole, 0.15, 2)):
             a, b = (d[:, :k] ** 2).sum(axis=1), d[:, :k] @ center

@@ -146,7 +146,7 @@ def peer_table(row: Figures) -> Table:
 
 
 def scans(models: Path) -> Iterator[tuple[str, Figures]]:
-    """Figures of each scan of a folder; those that cannot be read, or are no clouds, are left out."""
+    """Figures of each scan of a folder; unreadable files and files that are not clouds are skipped."""
     for path in sorted(path for part in ("points", "raw") for path in (models / part).glob("*")):
         if path.suffix.lower() in SCANS:
             try:

@@ -28,7 +28,7 @@ from pointray.engine.jit import thread_count
 os.environ["OMP_NUM_THREADS"] = str(thread_count())  # pykdtree and Open3D read it when they are imported
 
 Floats = NDArray[Any]
-Way = Callable[[Floats, int], Any]  # positions (n, 3) float32 and a number of neighbours -> what is compared
+Way = Callable[[Floats, int], Any]  # positions (n, 3) float32 and a number of neighbours -> result to compare
 
 
 def ours(positions: Floats, k: int) -> Floats:
@@ -111,7 +111,7 @@ def _outside(positions: Floats) -> Floats:
 
 
 def installed(ways: dict[str, Way], sample: Floats, k: int) -> dict[str, Way]:
-    """The ways that can be gone. The sample also compiles what is compiled."""
+    """The available methods. Running them on the sample also compiles their kernels."""
     there = {}
     for name, way in ways.items():
         try:

@@ -113,7 +113,7 @@ def reset_peak() -> None:
 
 
 def peak() -> int:
-    """Bytes of memory at most since `reset_peak`; 0 where the system does not tell."""
+    """Peak bytes of memory since `reset_peak`; 0 where the system does not report it."""
     with suppress(OSError):
         lines = Path("/proc/self/status").read_text().splitlines()
         return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))

@@ -38,7 +38,7 @@ EYES, FLIGHT = 1.4, 1.6  # heights of cameras above the ground
 INDEX = "city.json"
 
 Floats = NDArray[np.float64]
-Say = Callable[[float], None]
+Report = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class City:
         return pr.Camera.frame(box, (0.45, -1.0, 0.6), size=size)
 
     def near(self, size: tuple[int, int]) -> pr.Camera:
-        """A statue in the middle of the city, from before it, and what is behind it."""
+        """A statue in the middle of the city, seen from the front, and the city behind it."""
         x, y = self.middle_of(self.cells // 2)
         return pr.Camera.look_at(self.eye(x + 0.6, y - 2.4, EYES), self.eye(x, y, 1.1), fov=55, size=size)
 
@@ -176,7 +176,7 @@ class Sculptor:
         }
 
 
-def make(city: City, folder: Path, say: Say = lambda share: None) -> list[Path]:
+def make(city: City, folder: Path, report: Report = lambda share: None) -> list[Path]:
     """The files of a city, in order. Those that are there are kept, if they are of the same city."""
     wanted, index = asdict(city), folder / INDEX
     if folder.exists() and (not index.exists() or json.loads(index.read_text()) != wanted):
@@ -190,7 +190,7 @@ def make(city: City, folder: Path, say: Say = lambda share: None) -> list[Path]:
             beside = path.with_name(f"part-of-{path.name}")
             pr.write(beside, _points_of(city, (sculptor.cell(cell) for cell in cells)))
             beside.rename(path)
-        say((k + 1) / len(tiles))
+        report((k + 1) / len(tiles))
     return paths
 
 

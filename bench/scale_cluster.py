@@ -32,7 +32,7 @@ AFTER = "place-0000.json"  # the mark after which a worker that prepares is kill
 PART = 1 << 18  # points of a part, if nothing else is asked for: two workers have room for it in 2 GiB
 _SENT = [0]  # bytes, of this process
 
-Pictures = Callable[[Any, Any], Any]  # (client or None, progress or None) -> what is made
+Pictures = Callable[[Any, Any], Any]  # (client or None, progress or None) -> result
 
 
 class Task(NamedTuple):
@@ -244,7 +244,7 @@ def kill_one(client: Any) -> None:
 
 
 def await_workers(client: Any, count: int, before: frozenset[str] = frozenset()) -> frozenset[str]:
-    """Wait until there are so many workers, not all of them those that were there before; returns their addresses."""
+    """Wait for a number of workers, at least one of them new, and return their addresses."""
     while len(there := frozenset(client.nthreads())) != count or there == before:
         time.sleep(0.1)
     return there
@@ -258,12 +258,12 @@ def faults(options: Options) -> Iterator[Row]:
                 continue
             there, killed = await_workers(client, options.workers), []
 
-            def tell(share: float, killed: list[float] = killed) -> None:
+            def report(share: float, killed: list[float] = killed) -> None:
                 if share > 0.2 and not killed:
                     killed.append(share)
                     kill_one(client)
 
-            whole, found = task.make(None, None), task.make(client, tell)
+            whole, found = task.make(None, None), task.make(client, report)
             if killed:
                 await_workers(client, options.workers, there)
             yield from _fault_rows(options, task.name, task.what, len(killed), apart(whole, found))

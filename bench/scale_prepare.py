@@ -63,7 +63,7 @@ class Options:
 
 
 def asked(row: Row, kind: str, limit: float) -> Row:
-    """The same figure, of which something is asked."""
+    """The same figure, with a requirement."""
     return row._replace(kind=kind, limit=limit)
 
 
@@ -87,7 +87,7 @@ def make_tiles(options: Options) -> list[Row]:
     return rows
 
 
-# All tell of surfaces: scattered points would be sought first, and the city has a few single ones.
+# Surfaces only: otherwise scattered points would be sought first, and the city has a few single ones.
 SURFACE = "--scatter", "surface"
 
 

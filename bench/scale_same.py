@@ -22,7 +22,7 @@ SETTINGS = pr.Settings(levels=False)
 
 
 def part_size(points: int, parts: int) -> int:
-    """The greatest power of two of points with which there are at least so many parts."""
+    """The largest power of two of points a part that yields at least this number of parts."""
     return 1 << (max(points // parts, 1).bit_length() - 1)
 
 
@@ -72,7 +72,7 @@ def frame_times(scenes: dict[int, pr.Scene], cameras: list[pr.Camera], runs: int
 
 
 def compared(one: pr.Scene, other: pr.Scene, cameras: list[pr.Camera]) -> tuple[int, int, int]:
-    """(rays, those that hit something in the one, those that have other bits of t in the other)."""
+    """(rays, those that hit something in the first, those with other bits of t in the second)."""
     rays, hit, apart = 0, 0, 0
     for camera in cameras:
         a, b = (scene.intersect(*camera.rays()).t for scene in (one, other))

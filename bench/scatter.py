@@ -23,7 +23,7 @@ from scatter_scenes import CLASSES, make_scene
 
 NOISES = 0.0, 0.1, 0.25, 0.5  # spacings
 SURFACE, SCATTERED = ("ground", "wall", "roof"), ("crown", "shrub", "wire", "stray")
-WRONG, RIGHT = 5.0, 90.0  # percent of scattered points of which surfaces may have no more, and the others no less
+WRONG, RIGHT = 5.0, 90.0  # percent of scattered points: maximum for surfaces, minimum for other classes
 SEEDS = 100, 101, 102  # of the table; those up to 5 were used for choosing thresholds
 CLEAN = (
     "stanford_bunny",

@@ -109,7 +109,7 @@ class Caster:
 
 
 def _nearer(t: Floats, labels: NDArray[np.int64], other: Floats, label: int, t_min: Floats) -> None:
-    """Take what is hit nearer, in place."""
+    """Keep the nearer hits, in place."""
     closer = (other < t) & (other > t_min)
     t[closer], labels[closer] = other[closer], label
 

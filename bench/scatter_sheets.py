@@ -108,19 +108,19 @@ def measure(points: pr.Points, camera: pr.Camera) -> str:
     return f"{model.scattered.mean():.1%} scattered, one point covers up to {covered:.2%} of the picture"
 
 
-def row(path: Path, told: argparse.Namespace, folder: Path) -> Image.Image:
+def row(path: Path, options: argparse.Namespace, folder: Path) -> Image.Image:
     """The pictures of a scan beside each other, under its name."""
     print(path.name, flush=True)
     points = pr.read(path)
-    camera = pr.frame(points, up=told.up, size=told.size)
-    tiles = {name: drawn(path, name, camera, folder) for name in told.columns}
-    if told.pyvista:
-        tiles["PyVista, eye-dome lighting"] = plain(points, camera, told.pyvista, folder)
-    if told.cloudcompare:
+    camera = pr.frame(points, up=options.up, size=options.size)
+    tiles = {name: drawn(path, name, camera, folder) for name in options.columns}
+    if options.pyvista:
+        tiles["PyVista, eye-dome lighting"] = plain(points, camera, options.pyvista, folder)
+    if options.cloudcompare:
         tiles["CloudCompare"] = cloudcompare.drawn(points, camera, folder)
-    if told.measure:
+    if options.measure:
         print(f"    {measure(points, camera)}", flush=True)
-    width, height = told.size
+    width, height = options.size
     out = Image.new("RGB", (width * len(tiles), height + LINE), "white")
     for k, (name, tile) in enumerate(tiles.items()):
         title = f"{path.stem}, {len(points):,} points: {name}" if k == 0 else name
@@ -146,18 +146,18 @@ def main() -> int:
     parser.add_argument("--pyvista", help="a Python that has PyVista")
     parser.add_argument("--cloudcompare", action="store_true", help="a column of CloudCompare's points")
     parser.add_argument("--measure", action="store_true")
-    told = parser.parse_args()
-    told.output.mkdir(parents=True, exist_ok=True)
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        paths = [*told.scans, *(synthetic(sampling, folder) for sampling in told.synthetic)]
-        for first in range(0, len(paths), told.rows):
-            rows = [row(path, told, folder) for path in paths[first : first + told.rows]]
+        paths = [*options.scans, *(synthetic(sampling, folder) for sampling in options.synthetic)]
+        for first in range(0, len(paths), options.rows):
+            rows = [row(path, options, folder) for path in paths[first : first + options.rows]]
             sheet = Image.new("RGB", (rows[0].width, sum(image.height for image in rows)), "white")
             for k, image in enumerate(rows):
                 sheet.paste(image, (0, k * image.height))
-            sheet.save(told.output / f"sheet_{paths[first].stem}.jpg", quality=90)
+            sheet.save(options.output / f"sheet_{paths[first].stem}.jpg", quality=90)
     return 0
 
 

@@ -219,7 +219,7 @@ class Mesh:
         self._corner_normals = np.asarray(self._mesh.vertex_normals)[self._mesh.faces]
 
     def points(self, n: int, sampling: str, seed: int) -> tuple[Floats, Floats]:
-        """All vertices, whatever n and sampling."""
+        """All vertices, for any n and sampling."""
         return np.array(self._mesh.vertices, np.float64), np.array(self._mesh.vertex_normals, np.float64)
 
     def surface_samples(self, n: int, seed: int) -> Floats:
@@ -302,5 +302,5 @@ def _halved(triangles: Floats) -> Floats:
 
 
 def truth(name: str, folder: Path = FOLDER) -> Truth:
-    """The shape or mesh of a name; a ValueError tells what is absent."""
+    """The shape or mesh of a name. Raises a ValueError if a file or package is missing."""
     return Mesh(name, folder) if name in MESHES else Shape(name)
