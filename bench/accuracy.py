@@ -89,7 +89,7 @@ def measured(todo: list[Case], folder: Path, console: Console) -> Iterator[Row]:
                 try:
                     known = {case.shape: truth(case.shape, folder)}
                 except ValueError as error:
-                    console.print(f"{case.shape} is left out: {error}")
+                    console.print(f"{case.shape} skipped: {error}")
                     continue
             cloud = cloud_of(known[case.shape], case.sampling, case.n, case.noise)
             for row in measure(cloud, list(case.settings), case.rays, lambda done: bars.advance(bar, done)):
@@ -155,13 +155,13 @@ def main(arguments: list[str] | None = None) -> None:
     finally:
         if rows:
             write_csv(options.csv, rows)
-            console.print(f"{len(rows)} rows are in {options.csv}")
+            console.print(f"wrote {len(rows)} rows to {options.csv}")
     if options.choice:
         console.print(choice_table(rows))
         return
     console.print(verdict_table(verdicts(rows, SURFACE)))
     if plot(options.plot, rows):
-        console.print(f"the plot is in {options.plot}")
+        console.print(f"wrote the plot to {options.plot}")
     else:
         console.print("no plot: pip install 'pointray[dev]' brings matplotlib")
 

@@ -49,12 +49,14 @@ def options_of(arguments: list[str] | None) -> tuple[list[str], Options]:
     """The tests that are asked for, and how they are run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=list(TESTS), default=list(TESTS))
-    parser.add_argument("--points", type=int, help=f"of the statue; a million, or with --quick {QUICK_POINTS:,}")
-    parser.add_argument("--seeds", type=int, default=3, help="bakes of each scene; the worst one counts")
+    parser.add_argument(
+        "--points", type=int, help=f"number of points of the statue (default: a million, with --quick {QUICK_POINTS:,})"
+    )
+    parser.add_argument("--seeds", type=int, default=3, help="number of bakes of each scene; the worst one counts")
     parser.add_argument("--quick", action="store_true", help="small pictures, few samples, one seed")
     parser.add_argument("--models", type=Path, default=Path(__file__).resolve().parents[2] / "shared" / "models")
     parser.add_argument("--references", type=Path, default=platformdirs.user_cache_path("pointray") / "references")
-    parser.add_argument("--pictures", type=Path, help="folder for pictures of the errors")
+    parser.add_argument("--pictures", type=Path, help="write pictures of the errors to this folder")
     given = parser.parse_args(arguments)
     points = given.points or (QUICK_POINTS if given.quick else MILLION)
     seeds = 1 if given.quick else given.seeds

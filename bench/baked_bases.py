@@ -118,7 +118,7 @@ def print_table(pictures: Floats, frames: Floats) -> None:
 def main() -> None:
     """Make or read the maps, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--points", type=int, default=60, help="of each scene")
+    parser.add_argument("--points", type=int, default=60, help="number of points of each scene")
     parser.add_argument("--spp", type=int, default=64)
     parser.add_argument("--maps", type=Path, help="an .npz file")
     options = parser.parse_args()

@@ -257,13 +257,17 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--lights", nargs="+", choices=LIGHTS, default=list(LIGHTS), metavar="NAME")
     parser.add_argument("--materials", nargs="+", choices=MATERIALS, default=list(MATERIALS), metavar="NAME")
     parser.add_argument("--bounces", action="store_true")
-    parser.add_argument("--size", type=int, help="of the pictures, pixels a side: 128, with --speed 512")
-    parser.add_argument("--spp", type=int, help="samples a pixel: 144, with --speed 4")
-    parser.add_argument("--halvings", type=int, help=f"of the edges, else until there are {ENOUGH:,} points")
+    parser.add_argument(
+        "--size", type=int, help="width and height of pictures in pixels (default: 128, with --speed 512)"
+    )
+    parser.add_argument("--spp", type=int, help="samples per pixel (default: 144, with --speed 4)")
+    parser.add_argument(
+        "--halvings", type=int, help=f"how often edges are halved (default: until there are {ENOUGH:,} points)"
+    )
     parser.add_argument("--folder", type=Path, default=FOLDER)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path)
-    parser.add_argument("--speed", action="store_true", help="not pictures but speed: see mitsuba_speed.py")
+    parser.add_argument("--speed", action="store_true", help="compare speed instead of pictures, see mitsuba_speed.py")
     parser.add_argument("--points", type=int, default=1_000_000, help="of --speed")
     parser.add_argument("--runs", type=int, default=5, help="of --speed")
     options = parser.parse_args(arguments)

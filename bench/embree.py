@@ -212,12 +212,12 @@ def main() -> None:
         type=int,
         nargs="+",
         default=[1_000_000, 32_000],
-        help="of the statue; all but the first are subsampled",
+        help="numbers of points of the statue; all but the first are subsampled",
     )
     parser.add_argument(
-        "--mesh", type=Path, help="Embree traces it too: a file of the one scan (needs trimesh), or statue"
+        "--mesh", type=Path, help="also trace this mesh with Embree: a file of the only scan (needs trimesh), or statue"
     )
-    parser.add_argument("--reach", type=float, help="radii: distances to the eighth neighbour")
+    parser.add_argument("--reach", type=float, help="radii as multiples of the distance to the eighth neighbour")
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--surface", default=None)

@@ -88,7 +88,7 @@ def tile_order(width: int, height: int, tile: int = 4) -> NDArray[np.int64]:
         If the tiles do not fill the image: every later packet would straddle two of them.
     """
     if width % tile or height % tile:
-        raise ValueError(f"an image of {width} x {height} pixels is not made of tiles of {tile} x {tile}")
+        raise ValueError(f"image of {width} x {height} pixels is not divisible into tiles of {tile} x {tile}")
     y, x = np.divmod(np.arange(width * height, dtype=np.int64), width)
     curve = np.zeros_like(x)
     for bit in range(16):

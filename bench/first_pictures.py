@@ -90,7 +90,7 @@ def picture(scan: Path, folder: Path, size: str = "800x600") -> tuple[NDArray[np
     shown, alone = folder / "shown.png", folder / "alone.png"
     for path, more in ((shown, []), (alone, ["--background", "none", "--integrator", "color"])):
         if execute(["render", str(scan), "-o", str(path), "--size", size, *more]) != 0:
-            raise RuntimeError(f"{scan}: there is no picture")
+            raise RuntimeError(f"{scan}: no picture was written")
     return np.asarray(Image.open(shown)), np.asarray(Image.open(alone))[..., 3]
 
 
@@ -130,7 +130,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scans", nargs="+", type=Path)
     parser.add_argument("--output", "-o", type=Path, help="the sheet")
-    parser.add_argument("--page", action="store_true", help="of the viewer's page; nothing is measured")
+    parser.add_argument("--page", action="store_true", help="show the viewer page instead; measures nothing")
     options = parser.parse_args()
     if options.page:
         sheet(pages(options.scans)).save(options.output, quality=90)

@@ -73,7 +73,7 @@ def main() -> None:
     parser.add_argument("--size", default="160x120")
     parser.add_argument("--spp", type=int, default=16)
     parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument("--counts", default="50,5000", help="the first is what the others are compared with")
+    parser.add_argument("--counts", default="50,5000", help="numbers of lights; the first is the reference")
     options = parser.parse_args()
     width, height = map(int, options.size.split("x"))
     counts = [int(count) for count in options.counts.split(",")]

@@ -145,14 +145,14 @@ def speed_beside(points: int, size: int, runs: int, spp: int) -> None:
     warnings.simplefilter("ignore")
     model, camera = _seen(points, size)
     agree = agreement(model, camera)
-    print(f"statue: {points:,} points, {size}x{size}; {agree:.1%} of Mitsuba's depths are right within a radius")
+    print(f"statue: {points:,} points, {size}x{size}; {agree:.1%} of Mitsuba's depths are correct to within a radius")
     for name, calls in pictures(model, camera, spp).items():
         light = {who: float(call()[..., :3].mean(dtype=np.float64)) for who, call in calls.items()}
         seconds = alternate(calls, runs, PAUSE)
         for who, spent in seconds.items():
             ratio = seconds["mitsuba"] / spent
             same = f"mean radiance of Mitsuba's / this {light['mitsuba'] / light[who]:.3f}"
-            verdict = f"{ratio:.2f}" if agree >= AGREE else "does not count: its depths are wrong"
+            verdict = f"{ratio:.2f}" if agree >= AGREE else "invalid: its depths are wrong"
             figure = _figure(name, spent, size * size * spp)
             print(f"{name}: {who} {figure}, Mitsuba's time / this {verdict} ({same})")
 

@@ -72,7 +72,7 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     names = ("torus", "clouds", "edges", "layers", "wall", "time")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--only", nargs="+", choices=names, default=names)
-    parser.add_argument("--shapes", nargs="+", choices=SHAPES, default=SHAPES, help="of the case clouds")
+    parser.add_argument("--shapes", nargs="+", choices=SHAPES, default=SHAPES, help="shapes of the case clouds")
     parser.add_argument("--noise", nargs="+", type=float, default=list(TORUS), metavar="H")
     parser.add_argument("--peers", nargs="+", choices=(*PEERS, "none"), default=list(PEERS))
     parser.add_argument("--rays", type=int, default=RAYS)
@@ -103,10 +103,10 @@ def main(arguments: list[str] | None = None) -> None:
     finally:
         if found:
             write_csv(options.csv, found)
-            console.print(f"{len(found)} figures are in {options.csv}")
+            console.print(f"wrote {len(found)} figures to {options.csv}")
             console.print(table_of(found))
     if plot(options.plot, found):
-        console.print(f"the plot is in {options.plot}")
+        console.print(f"wrote the plot to {options.plot}")
     else:
         console.print("no plot: pip install 'pointray[dev]' brings matplotlib")
 

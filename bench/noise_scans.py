@@ -110,7 +110,7 @@ def wall(others: list[str], folder: Path = FOLDER) -> Iterator[Figure]:
     """Normals of the tower's wall that face away. Raises a ValueError if the scan is missing."""
     path = folder.parent / "points" / TOWER
     if not path.exists():
-        raise ValueError(f"{TOWER} is not in {path.parent}")
+        raise ValueError(f"{TOWER} not found in {path.parent}")
     points = pr.read(path)
     toward = EYE - points.world
     near = neighbors(points.positions, TANGENT + 1)[1][:, 1:]

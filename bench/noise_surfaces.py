@@ -172,7 +172,7 @@ def peers(wanted: list[str]) -> tuple[list[str], list[str]]:
                 importlib.import_module(module)
             here.append(name)
         except (ImportError, OSError) as error:
-            messages.append(f"{name} is left out: {error} (pip install {' '.join(PEERS[name])})")
+            messages.append(f"{name} skipped: {error} (pip install {' '.join(PEERS[name])})")
     return here, messages
 
 

@@ -152,7 +152,7 @@ def scans(models: Path) -> Iterator[tuple[str, Figures]]:
             try:
                 yield path.name, child("prepare_stages.py", path)
             except ValueError as error:
-                print(f"{path.name} is left out: {error}", file=sys.stderr)
+                print(f"{path.name} skipped: {error}", file=sys.stderr)
 
 
 def scan_table(rows: list[tuple[str, Figures]]) -> Table:
@@ -226,7 +226,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--shape", choices=("statue", "torus"), default="statue")
     parser.add_argument("--only", nargs="+", choices=names, default=names)
     parser.add_argument("--runs", type=int, default=1)
-    parser.add_argument("--folder", type=Path, help="where clouds are kept")
+    parser.add_argument("--folder", type=Path, help="keep generated clouds in this folder")
     parser.add_argument("--models", type=Path, default=FOLDER.parent)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)

@@ -81,7 +81,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("stages", nargs="+", choices=(*STAGES, "all"))
-    parser.add_argument("--folder", type=Path, required=True, help="where tiles, models and rows are kept")
+    parser.add_argument("--folder", type=Path, required=True, help="folder for tiles, models and rows")
     parser.add_argument("--points", type=int, default=100_000_000)
     parser.add_argument("--memory", default="2GiB", help="of `prepare`")
     parser.add_argument("--resident", default="1GiB", help="of `view`")

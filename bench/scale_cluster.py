@@ -272,7 +272,7 @@ def faults(options: Options) -> Iterator[Row]:
 
 def _fault_rows(options: Options, name: str, what: str, killed: int, differ: int) -> Iterator[Row]:
     yield asked(options.row(f"faults.{name}.killed", killed, "", f"workers killed while they made {what}"), LEAST, 1)
-    yield asked(options.row(f"faults.{name}.apart", differ, "", "what differs from one process's"), MOST, 0)
+    yield asked(options.row(f"faults.{name}.apart", differ, "", "differences from one process"), MOST, 0)
 
 
 def _killed_while_preparing(options: Options) -> Iterator[Row]:

@@ -87,7 +87,7 @@ def _rows_of(options: Options, count: int, measured: Measured) -> Iterator[Row]:
     paths, scenes, times, cameras = measured
     rays, hit, apart = compared(scenes[1], scenes[count], cameras)
     name, row = f"same.{count}", options.row
-    yield row(f"{name}.parts", parts_in(paths[count]), "", f"parts, {count} were asked for")
+    yield row(f"{name}.parts", parts_in(paths[count]), "", f"parts, {count} requested")
     yield row(f"{name}.rays", rays, "", f"rays, of which {hit:,} hit the whole")
     yield asked(row(f"{name}.apart", 1e5 * apart / max(hit, 1), "in 100,000", "hits with another t"), MOST, 1e5 * APART)
     ratio = sum(times[count]) / sum(times[1])

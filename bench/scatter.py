@@ -121,9 +121,9 @@ def picture(positions: NDArray[np.float32], scattered: NDArray[np.bool_], path: 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="of the scenes")
+    parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="seeds of the scenes")
     parser.add_argument("--samplings", nargs="*", default=SAMPLINGS, choices=SAMPLINGS)
-    parser.add_argument("--pictures", type=Path, help="folder for pictures of the scans")
+    parser.add_argument("--pictures", type=Path, help="write pictures of the scans to this folder")
     arguments = parser.parse_args()
     if arguments.seeds and arguments.samplings:
         scenes(list(arguments.seeds), list(arguments.samplings))

@@ -211,7 +211,7 @@ class Mesh:
             raise ValueError(ABSENT) from None
         path = folder / f"stanford_{name}_mesh.ply"
         if not path.exists():
-            raise ValueError(f"the mesh {path.name} is not in {folder}")
+            raise ValueError(f"mesh {path.name} not found in {folder}")
         self.name = name
         self._mesh: Any = trimesh.load(path, process=False)
         self.area = float(self._mesh.area)

@@ -294,7 +294,7 @@ def main() -> None:
     parser.add_argument("--size", default="1280x720")
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--scan", type=Path, help="opened instead of the statue: .ply")
+    parser.add_argument("--scan", type=Path, help="open this .ply instead of the statue")
     parser.add_argument("--only", choices=("page", "server", "opening"))
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()

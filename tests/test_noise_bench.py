@@ -166,7 +166,7 @@ def test_missing_packages_are_reported(monkeypatch, tmp_path, capsys):
     here, messages = peers([POISSON])
     assert here == [] and "pip install no_such_module" in messages[0]
     noise.main(["--only", "wall", "--models", str(tmp_path), "--peers", "none", "--csv", str(tmp_path / "a.csv")])
-    assert "is not in" in capsys.readouterr().out
+    assert "not found in" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         noise.parsed(["--noise", "-1"])
 
