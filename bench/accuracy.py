@@ -77,7 +77,7 @@ def choice_cases(options: argparse.Namespace) -> Iterator[Case]:
 
 
 def measured(todo: list[Case], folder: Path, console: Console) -> Iterator[Row]:
-    """The rows of all cases, printed as they come. A mesh that is absent is left out with a message."""
+    """Yield the rows of all cases and print them. Missing meshes are skipped with a message."""
     columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn()
     known: dict[str, Truth] = {}
     console.print(HEAD, style="bold", soft_wrap=True, highlight=False)

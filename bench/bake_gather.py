@@ -86,7 +86,7 @@ def places_of_points(scene: pr.Scene, id: int, count: int) -> Places:
 
 
 def places_of_patches(scene: pr.Scene, baked: pr.Baked, count: int) -> Places:
-    """Rays onto patches of the front of instance 0: 64 neighbours at a time, as a gather of all would take them."""
+    """Rays onto patches of the front of instance 0: 64 neighbours at a time, as in a gather of all patches."""
     side = baked._exchange.sides[0, 1]
     tiles = np.random.default_rng(0).permutation(side.size // TILE)[: count // TILE]
     rows = side.first + (tiles[:, None] * TILE + np.arange(TILE)).reshape(-1)

@@ -47,7 +47,7 @@ def _reset_peak() -> None:
 
 
 def measure(path: str) -> tuple[int, int, int]:
-    """(bytes kept, growth of the process while baking, patches) for a saved model."""
+    """Return (bytes of the result, growth of the process while baking, patches) for a saved model."""
     small = pr.Scene()
     small.add(pr.Model(pr.procedural("sphere", SMALL)), material=pr.Diffuse(0.6))
     small.add_light(pr.EnvironmentLight())

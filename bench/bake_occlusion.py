@@ -44,7 +44,7 @@ def bake_occlusion(model: pr.Model) -> tuple[pr.Scene, pr.Baked, float, int]:
 
 
 def error_of(scene: pr.Scene, baked: pr.Baked, options: Options) -> float:
-    """The error of baked occlusion at random points, beside many rays at each: RMS, as a share of the mean."""
+    """Return the RMS error of baked occlusion relative to the mean, at random points with many reference rays."""
     count, samples = (QUICK_PLACES, QUICK_SAMPLES) if options.quick else (PLACES, SAMPLES)
     places = places_of_points(scene, 0, count)
     first, second = (gather(scene, places, samples, seed, depth=1)[:, 0] / ALBEDO for seed in (1, 2))
@@ -101,7 +101,7 @@ def _beside_igl(options: Options) -> list[Row]:
 def _error_of_igl(
     function: Callable[..., Any], mesh: tuple[Floats, NDArray[np.int64], Floats], seen: Floats, options: Options
 ) -> float:
-    """The error of libigl's occlusion at random vertices, beside its own with many rays."""
+    """Return the error of libigl's occlusion at random vertices, compared with its own with many rays."""
     vertices, faces, normals = mesh
     count, samples = (QUICK_PLACES, QUICK_SAMPLES) if options.quick else (PLACES, SAMPLES)
     rows = np.random.default_rng(0).permutation(len(vertices))[:count]

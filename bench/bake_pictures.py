@@ -142,7 +142,7 @@ def _matt(subject: Subject, options: Options) -> list[Row]:
 
 
 def gloss(options: Options) -> list[Row]:
-    """Highlights beside a coloured wall, from a moving eye, in RMSE over all frames.
+    """Highlights next to a coloured wall from a moving camera: RMSE over all frames.
 
     The statue's own colour is black: all that it shows is its highlight. Direct light of the sun is taken off, as in
     `bake_reference`. Pixels beside other surfaces do not count.

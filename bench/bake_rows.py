@@ -14,7 +14,7 @@ WIDTHS = 70, 52, 32
 
 @dataclass(frozen=True)
 class Options:
-    """What is measured.
+    """Settings of the measurements.
 
     points : of the statue; other scenes have as many or fewer
     seeds : bakes of the same scene; the worst one counts

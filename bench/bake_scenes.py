@@ -46,7 +46,7 @@ def sheet(corner: ArrayLike, u: ArrayLike, v: ArrayLike, spacing: float) -> tupl
 
 @cache
 def solid(name: str, points: int) -> pr.Model:
-    """A model by formula, made once."""
+    """Return a cached generated model."""
     return pr.Model(pr.procedural(name, points))
 
 
@@ -187,6 +187,6 @@ def _floor(points: int, height: float) -> tuple[Floats, Floats]:
 
 
 def above_floor(points: int) -> NDArray[np.bool_]:
-    """Which points of the statue stand above its floor."""
+    """Return which points of the statue are above its floor."""
     model = solid("statue", points)
     return np.asarray(model.points.positions[:, 2] > model.bounds[0, 2] + 2 * SUNK)

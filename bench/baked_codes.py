@@ -40,7 +40,7 @@ def quantised(values: Floats, most: Floats | float, bits: int, power: float = 1.
 
 
 class Code(Protocol):
-    """A way to keep light beside the irradiance, which is RGB9E5. size : bits in all"""
+    """An encoding of light in addition to the irradiance (RGB9E5). size : total bits"""
 
     size: int
 
@@ -58,7 +58,7 @@ class Code(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Linear(Code):
-    """Moments of the radiance over the first one, which follows from the irradiance.
+    """Moments of the radiance divided by the first, which follows from the irradiance.
 
     What is kept is how a ratio differs from that of even light, in steps that grow with it. The range is half of the
     possible one, and all of it for RGB; luminance in these scenes never left it.

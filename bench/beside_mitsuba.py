@@ -59,7 +59,7 @@ NO_VARIANT = "mitsuba is not here: pip install 'pointray[dev]'"
 
 @dataclass
 class Figures:
-    """Differences as shares of the light in pointray's pixels; `pixels` counts them.
+    """Differences relative to the light in pointray's pixels; `pixels` is their number.
 
     apart : sum |a - b| / sum b; off : (sum a - sum b) / sum b; noise : the same figures if there were nothing but noise
     """
@@ -174,7 +174,7 @@ class Pair:
         return self._pixels[key]
 
     def _find_pixels(self, case: Case, hard: bool) -> Pixels:
-        """Find them from what Mitsuba sees with finer pixels: depths, shapes, and where a hard light arrives."""
+        """Find them from Mitsuba's depths, shapes and hard shadows at a higher resolution."""
         import mitsuba as mi
 
         scene, sensor = their_scene(case, self.shape), their_camera(self.camera, 1, FINER)

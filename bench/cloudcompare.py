@@ -47,7 +47,7 @@ def screen() -> Iterator[dict[str, str]]:
 
 
 def drawn(points: pr.Points, camera: pr.Camera, folder: Path) -> Image.Image:
-    """The picture of CloudCompare; a grey one if it has shown nothing."""
+    """Return CloudCompare's picture, or a grey one if its window stayed empty."""
     flat, colors = seen_from(points, camera)
     pr.write(folder / "seen.ply", pr.Points(flat, colors=colors))
     with screen() as environment:

@@ -64,7 +64,7 @@ def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
 
 
 class Ours:
-    """pointray with a model: takes flat float64 rays, gives t or whether they are blocked."""
+    """pointray with a model: takes flat float64 rays, returns t or whether they are blocked."""
 
     def __init__(self, model: pr.Model) -> None:
         self.scene = pr.Scene()

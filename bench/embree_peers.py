@@ -73,7 +73,7 @@ def available() -> bool:
 
 
 def tile_order(width: int, height: int, tile: int = 4) -> NDArray[np.int64]:
-    """Order of the pixels of an image in which `tile * tile` consecutive ones are a square tile.
+    """Return an order of the pixels of an image in which `tile * tile` consecutive ones form a square tile.
 
     The tiles follow each other along a Morton curve, so that longer stretches are compact too.
 

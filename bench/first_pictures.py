@@ -33,7 +33,7 @@ PAGE, REFINED = (1200, 900), 16  # pixels of the browser's window, and the sampl
 
 
 class Measured(NamedTuple):
-    """What a picture shows.
+    """Measurements of a picture.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Measured(NamedTuple):
 
 
 def measure(levels: NDArray[np.uint8], alpha: NDArray[np.uint8]) -> Measured:
-    """Measure a picture. levels : (h, w, 3), as shown; alpha : (h, w), the share of each pixel that the scan covers"""
+    """Measure a picture. levels : (h, w, 3), sRGB; alpha : (h, w), coverage of each pixel by the scan"""
     covered = alpha > 127
     rows, columns = np.nonzero(covered)
     height, width = alpha.shape

@@ -80,7 +80,7 @@ def file_arrays(path: Path) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def clouds() -> Iterator[tuple[str, pr.Points]]:
-    """Clean, noisy, scattered, coloured, far from the origin; and real scans, where they are there."""
+    """Clean, noisy, scattered, coloured, far from the origin; and real scans, if available."""
     yield "statue", pr.procedural("statue", 20_000, seed=1)
     torus = pr.procedural("torus", 8_000, seed=2)
     noise = np.random.default_rng(3).normal(0, 0.008, torus.positions.shape)

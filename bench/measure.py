@@ -39,7 +39,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Setting:
-    """The settings by which a model is made from a cloud."""
+    """Settings for building a model from a cloud."""
 
     surface: str
     samples: int = 4

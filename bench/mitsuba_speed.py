@@ -88,7 +88,7 @@ def our_scene(model: pr.Model, light: Any) -> pr.Scene:
 def pictures(
     model: pr.Model, camera: pr.Camera, spp: int, beside: bool = True
 ) -> dict[str, dict[str, Callable[[], Any]]]:
-    """The calls that are timed: for each picture one by either renderer. beside : whether Mitsuba renders, too"""
+    """The timed calls: for each picture one by each renderer. beside : whether Mitsuba renders too"""
     low, high = model.bounds
     position = (low + high) / 2 + np.linalg.norm(high - low) * np.array([0.6, -0.8, 1.0])
     strength = 10.0 * float(np.linalg.norm(high - low)) ** 2

@@ -31,7 +31,7 @@ SPP = 16
 
 
 class Shot(NamedTuple):
-    """Where a scan is seen from near: a place in the first picture, 0 to 1 to the right and downwards, and the zoom."""
+    """A close view of a scan: position in the first picture, 0 to 1 to the right and downwards, and zoom."""
 
     file: str
     right: float
@@ -60,7 +60,7 @@ class View(NamedTuple):
 
 
 def nearer(model: pr.Model, shot: Shot) -> View:
-    """The view of a shot: towards what the first picture shows there."""
+    """Return the camera of a shot, aimed at the point that the first picture shows there."""
     whole = frame(model, size=TILE)
     origins, directions = whole.rays()
     column, row = int(shot.right * (TILE[0] - 1)), int(shot.down * (TILE[1] - 1))

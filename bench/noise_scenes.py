@@ -34,7 +34,7 @@ class Wall(Formula):
         self.area = float(4 * (RADIUS / np.sqrt(RADIUS**2 - x**2 - y**2)).mean())
 
     def points(self, n: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """Uniform in area: draws over the square are kept by the slope."""
+        """Uniform in area, by rejection sampling over the square according to the slope."""
         x = rng.uniform(-1, 1, (2 * n + 1000, 2))
         cosine = np.sqrt(1 - (x**2).sum(axis=1) / RADIUS**2)
         x = x[rng.uniform(0, 1.1, len(x)) < 1 / cosine][:n]

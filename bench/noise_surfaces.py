@@ -74,7 +74,7 @@ def ours(cloud: Cloud, smooth: str | float = "auto") -> Surface:
 
 
 def warm_up(cloud: Cloud) -> None:
-    """Compile what a model needs, lest it counts in the first one's seconds."""
+    """Compile the kernels of a model, so that compilation is not measured."""
     for smooth in ("auto", 0) if smooths() else ("auto",):
         ours(cloud, smooth)
 

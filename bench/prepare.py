@@ -58,7 +58,7 @@ def torus(count: int) -> pr.Points:
 
 
 def file_of(shape: str, count: int, folder: Path) -> Path:
-    """The PLY of a cloud with normals, made unless it is there."""
+    """Return the PLY of a cloud with normals, generated if missing."""
     path = folder / f"{shape}_{count}.ply"
     if not path.exists():
         part = path.with_suffix(".part.ply")

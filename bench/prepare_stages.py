@@ -44,7 +44,7 @@ Work = TypeVar("Work", bound=Callable[..., Any])
 
 @dataclass
 class Spent:
-    """What a stage took.
+    """Resource usage of a stage.
 
     own : seconds without the stages inside
     peak : bytes of the process; 0 for a stage inside another one
@@ -154,7 +154,7 @@ def warm_up(points: pr.Points, normals: bool, noise: float) -> None:
 
 
 def measure(file: Path, normals: bool, noise: float) -> dict[str, Any]:
-    """What each stage took, and the number of points."""
+    """Return the resource usage of each stage, and the number of points."""
     warm_up(pr.read(file), normals, noise)
     clock = Clock()
     reset_peak()

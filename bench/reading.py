@@ -154,7 +154,7 @@ def measure(name: str, folder: Path, points: pr.Points, runs: int) -> str:
 
 
 def second_view(folder: Path) -> str:
-    """How long a model that was kept takes to be there, against building it."""
+    """Compare the time to open a cached model with that to build it."""
     from pointray.model import model_cache
 
     path = folder / "large.las"

@@ -68,7 +68,7 @@ WORK: dict[str, Callable[[Options], Iterable[Row]]] = {
 
 
 def run(stage: str, options: Options, console: Console) -> None:
-    """Do a stage, keep its rows and print them."""
+    """Run a stage, store its rows and print them."""
     if stage == "paper":
         console.print(table(options.rows()))
     elif stage == "docs":

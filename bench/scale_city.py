@@ -43,7 +43,7 @@ Report = Callable[[float], None]
 
 @dataclass(frozen=True)
 class City:
-    """What is made: `points` in files of a format, ply, las or laz, with normals or without."""
+    """Settings of a city: `points` in files of a format, ply, las or laz, with or without normals."""
 
     points: int
     format: str = "ply"
@@ -79,7 +79,7 @@ class City:
         return [range(k, min(k + per_tile, self.cells)) for k in range(0, self.cells, per_tile)]
 
     def middle_of(self, cell: int) -> Floats:
-        """Where its statue stands, (2,), about the origin."""
+        """The position of its statue, (2,), about the origin."""
         return (np.array([cell % self.side, cell // self.side]) + 0.5) * EDGE
 
     # ------------------------------------------------------------------------------------------------------- cameras
@@ -177,7 +177,7 @@ class Sculptor:
 
 
 def make(city: City, folder: Path, report: Report = lambda share: None) -> list[Path]:
-    """The files of a city, in order. Those that are there are kept, if they are of the same city."""
+    """Return the files of a city, in order. Existing files of the same city are reused."""
     wanted, index = asdict(city), folder / INDEX
     if folder.exists() and (not index.exists() or json.loads(index.read_text()) != wanted):
         shutil.rmtree(folder)

@@ -36,7 +36,7 @@ Pictures = Callable[[Any, Any], Any]  # (client or None, progress or None) -> re
 
 
 class Task(NamedTuple):
-    """Something that one process and a cluster do.
+    """A task for one process and for a cluster.
 
     name : of its rows
     what : it is, for people
@@ -131,7 +131,7 @@ def _hits(scene: pr.Scene, camera: pr.Camera, client: Any, progress: Any, spread
 
 
 def spread_tasks(options: Options, scene: pr.Scene) -> list[Task]:
-    """Pictures whose parts are spread over workers: each has a share of them, and rays travel."""
+    """Pictures of parts spread over workers, which exchange rays."""
     near, pixels = options.city.near(options.size), int(np.prod(options.size))
     kinds = {"lit": pr.Settings(), "paths": pr.Settings(**{**PATHS, "spp": 2})}
 

@@ -34,7 +34,7 @@ def bytes_of_model(path: Path) -> int:
 
 
 def made(options: Options) -> dict[int, Path]:
-    """The scan whole, 1, and in parts, by how many were asked for; each is made by a process of its own."""
+    """Return the scan whole (1) and in parts, by the requested number; each is prepared in a separate process."""
     whole = options.there / "whole.pointray"
     if not whole.exists():
         watched(["-m", "pointray", "prepare", *options.tiles(), "-o", whole, "--no-levels", *SURFACE])

@@ -40,12 +40,12 @@ SIZE = 1000  # pixels of a picture
 
 
 def found_in(points: pr.Points) -> NDArray[np.bool_]:
-    """Which points a model of them takes for scattered."""
+    """Return which points a model classifies as scattered."""
     return find_scattered_placed(points, placed_for_model(points, "auto", True, lambda share: None))
 
 
 def scene_rows(seeds: list[int], sampling: str) -> dict[float, tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Return how many points each class has, and how many of them are found scattered, for each noise."""
+    """Return the number of points of each class, and of scattered ones among them, for each noise."""
     rows = {noise: (np.zeros(len(CLASSES), np.int64), np.zeros(len(CLASSES), np.int64)) for noise in NOISES}
     for seed in seeds:
         labelled = scan(make_scene(seed), sampling, np.random.default_rng([seed, 1]))

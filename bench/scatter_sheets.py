@@ -75,7 +75,7 @@ def closed(points: pr.Points, camera: pr.Camera) -> float:
 
 
 def plain(points: pr.Points, camera: pr.Camera, python: str, folder: Path) -> Image.Image:
-    """The picture of PyVista, drawn as large as a window, and made smaller; a grey one if there is none."""
+    """Return PyVista's picture, rendered at window size and scaled down, or a grey one if missing."""
     size, camera = camera.size, replace(camera, size=tuple(WINDOW * side for side in camera.size))
     job, out = folder / "job.npz", folder / "plain.png"
     out.unlink(missing_ok=True)
@@ -109,7 +109,7 @@ def measure(points: pr.Points, camera: pr.Camera) -> str:
 
 
 def row(path: Path, options: argparse.Namespace, folder: Path) -> Image.Image:
-    """The pictures of a scan beside each other, under its name."""
+    """Return the pictures of a scan side by side, under its name."""
     print(path.name, flush=True)
     points = pr.read(path)
     camera = pr.frame(points, up=options.up, size=options.size)

@@ -62,7 +62,7 @@ def scattered(corners: Floats, n: int, seed: int) -> Floats:
 
 @kernel
 def _normals(work, solid, x, normals):  # type: ignore[no-untyped-def]
-    """Exact normals at the surface below each x: x is moved along the gradient of the field, and that taken there."""
+    """Exact normals at the surface next to each x, which is moved along the gradient of the field first."""
     t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, x.shape[0])):
@@ -118,7 +118,7 @@ class Shape:
         return np.abs(pr.procedural_distance(self.name, x)), self._normals(x)
 
     def depth(self, origins: Floats, directions: Floats, ends: Floats, h: float) -> Floats:
-        """Rays march by 0.7 of the field's value; the exact distance is taken around its least value."""
+        """Rays march by 0.7 of the field's value; the exact distance is evaluated around its minimum."""
         with np.errstate(divide="ignore", invalid="ignore"):
             sides = (self._box[:, None] - origins) / directions
         spans = np.stack([np.fmin(*sides).max(axis=1), np.minimum(np.fmax(*sides).min(axis=1), ends)], axis=1)
