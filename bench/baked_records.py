@@ -1,4 +1,4 @@
-"""Records of baked light as pointray packs them, and what lobes reflect of them by pointray's own kernels."""
+"""Records of baked light as packed by pointray, and their reflections by pointray's own kernels."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Records = NDArray[np.int32]
 
 
 def harmonics(w: Floats) -> Floats:
-    """Bands 1 and 2 of unit directions (..., 3), as `shade/harmonics.py` has them, (..., 8)."""
+    """Bands 1 and 2 of unit directions (..., 3), as in `shade/harmonics.py`, (..., 8)."""
     x, y, z = np.moveaxis(w, -1, 0)
     cross = [2 * BAND_2_CROSS * a for a in (x * y, y * z, x * z)]
     second = [cross[0], cross[1], BAND_2 * (3 * z * z - 1), cross[2], BAND_2_CROSS * (x * x - y * y)]

@@ -1,6 +1,6 @@
-"""Materials of ours that Mitsuba 3 lacks, written for it from the formulas in `pointray.shade.materials`.
+"""Materials that Mitsuba 3 lacks, implemented for it with the formulas of `pointray.shade.materials`.
 
-They compare everything but the formula: normals, lights, sampling, bounces. This module can only be imported with a
+They compare everything except the formula: normals, lights, sampling, bounces. This module can only be imported with a
 variant of Mitsuba that works on arrays.
 """
 

@@ -159,7 +159,7 @@ def test_ply_files(tmp_path, points):
 
 
 @pytest.mark.parametrize("number", [2**53 + 1, -(2**53) - 1, -(2**63)])
-def test_ply_tells_of_numbers_that_it_rounds(tmp_path, number):
+def test_ply_reports_rounded_numbers(tmp_path, number):
     few = pr.Points(np.eye(3), attributes={"id": np.array([0, 1, number])})
     with pytest.warns(UserWarning, match="stores id as 64-bit floats"):
         pr.write(tmp_path / "a.ply", few)
@@ -248,11 +248,11 @@ def test_a_click_tells_all_of_them(seen, points):
         (np.array([True, False]), "yes no"),
     ],
 )
-def test_how_values_are_told(value, text):
+def test_how_values_are_printed(value, text):
     assert _format_value("a", value) == text
 
 
-def test_classes_are_told_by_name():
+def test_classes_are_printed_by_name():
     assert (
         _format_value("classification", np.uint8(2))
         == _format_value("scalar_Classification", np.float32(2))

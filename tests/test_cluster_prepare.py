@@ -397,7 +397,7 @@ def test_the_command_prepares_on_a_cluster(
     assert files_of(out) == wanted
 
 
-def test_a_scheduler_that_is_not_there_is_told_before_anything_is_read(
+def test_a_missing_scheduler_is_reported_before_anything_is_read(
     scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pointray.cluster.client.PATIENCE", 0.1)
@@ -407,7 +407,7 @@ def test_a_scheduler_that_is_not_there_is_told_before_anything_is_read(
     assert not (tmp_path / "a.pointray").exists()
 
 
-def test_what_workers_cannot_do_is_told(scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_workers_cannot_do_is_reported(scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     parts = "-o", f"{tmp_path / 'a.pointray'}/", "--workers", 2
     assert "exclude each other" in refused(capsys, scan, *parts, "--cluster", "tcp://127.0.0.1:1")
     line = refused(capsys, scan, "-o", tmp_path / "b.ply", "--workers", 2)

@@ -218,7 +218,7 @@ def test_a_client_that_is_not_at_hand_computes_them(client: Any) -> None:
     np.testing.assert_array_equal(client.compute(lazy.t).result(), scene.intersect(*given).t)
 
 
-def test_a_model_of_the_workers_of_another_scheduler_is_told(client: Any) -> None:
+def test_a_model_of_the_workers_of_another_scheduler_is_reported(client: Any) -> None:
     scene, given = scene_of(ball(1300)), rays()
     with client.as_current():
         lazy = scene.intersect(*(da.from_array(each, chunks=(4, 7, 3)) for each in given))

@@ -144,7 +144,7 @@ def test_few_painted_points_keep_their_range(tmp_path):
 
 
 @pytest.mark.parametrize("value", [0, np.nan])
-def test_colours_that_are_all_zero_or_missing_are_none(tmp_path, value):
+def test_colours_that_are_all_zero_count_as_missing(tmp_path, value):
     with pytest.warns(UserWarning, match="zero or missing: they are ignored"):
         assert pr.read(written(tmp_path / "a", np.full((50, 3), value))).colors is None
 

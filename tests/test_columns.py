@@ -112,7 +112,7 @@ def test_names(columns):
         columns.make("a", "c8")
 
 
-def test_what_is_damaged_is_told(columns):
+def test_damage_is_reported(columns):
     columns.make("a", "f4", 3, rows=2)
     (columns.folder / "a.f4x3").write_bytes(bytes(30))
     with pytest.raises(ValueError, match=r"a\.f4x3: is cut off: its 30 bytes are not a multiple of 12"):

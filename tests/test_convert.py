@@ -54,7 +54,7 @@ def test_a_saved_model_gives_its_points(scan, capsys):
     assert run(capsys, "a.pointray", "b.ply")[:2] == (0, "b.ply: 500 points\n")
 
 
-def test_what_the_target_cannot_hold_is_told(scan, capsys, monkeypatch):
+def test_what_the_target_cannot_store_is_reported(scan, capsys, monkeypatch):
     monkeypatch.setattr(files, "write_points", lambda *given: ["no normals", "no colours"])
     assert run(capsys, "a.ply", "b.ply") == (0, "b.ply: 500 points; no normals; no colours\n", "")
 

@@ -91,7 +91,7 @@ def test_colors_are_no_depths(rng, tmp_path):
         read(path, intrinsics=CAMERA)
 
 
-def test_nothing_seen_is_said(tmp_path):
+def test_an_empty_depth_image_is_reported(tmp_path):
     path = save(tmp_path / "a.png", np.zeros((20, 20), np.uint16))
     with pytest.raises(ValueError, match="contains no points"):
         read(path, intrinsics=CAMERA)

@@ -76,7 +76,7 @@ def pose(rotation=TURN, at=AT):
 
 
 def save(path, *scans, crs=""):
-    """Write scans, each a dict of columns and a dict of what else is said of it."""
+    """Write scans, each a dict of columns and a dict of header fields."""
     file = libe57.ImageFile(str(path), "w")
     file.extensionsAdd("", libe57.E57_V1_0_URI)
     file.extensionsAdd("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")
@@ -232,7 +232,7 @@ def test_whole_numbers_with_a_scale_are_kept(rng, tmp_path):
     np.testing.assert_array_equal(numbers_of(survey, points.world) + residual, whole)
 
 
-def test_what_is_said_of_the_file_and_its_scans(tmp_path):
+def test_header_data_of_the_file_and_its_scans(tmp_path):
     sensor = {"name": "yard", "sensorVendor": "Acme", "sensorModel": "X1"}
     limits = {"intensityLimits": {"intensityMinimum": 0, "intensityMaximum": 4095}}
     path = save(tmp_path / "a.e57", (xyz_columns(), sensor | limits | pose()), crs="EPSG:25832")

@@ -171,7 +171,7 @@ def test_what_a_film_lacks_is_seen(tmp_path, pictures):
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="mounts a small file system")
 def test_a_really_full_disk(tmp_path, pictures, rng):
-    """Pictures and a film on a file system of 64 KiB are written whole, or an error is told and the old file stays."""
+    """On a file system of 64 KiB files are written completely, or an error is reported and the old file is kept."""
     disk = tmp_path / "disk"
     disk.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)]

@@ -58,7 +58,7 @@ def test_transparent_splats_are_left_out(tmp_path):
         read(path, opacity=1)
 
 
-def test_the_number_of_transparent_splats_is_told(tmp_path):
+def test_the_number_of_transparent_splats_is_reported(tmp_path):
     made = cloud(300)
     path = save(tmp_path / "a.ply", trained(made))
     with gaussians.GaussianSource(path, Request(opacity=0.5)) as source:
@@ -303,7 +303,7 @@ def test_a_file_of_supersplat():
 
 
 @pytest.mark.parametrize("kind", ["trained", "text", "compressed"])
-def test_damage_is_told_in_one_line(tmp_path, kind):
+def test_damage_is_reported_in_one_line(tmp_path, kind):
     rng = np.random.default_rng(5)
     path = tmp_path / "a.ply"
     if kind == "compressed":

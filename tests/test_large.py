@@ -180,7 +180,7 @@ def test_parts_that_are_made_again_later_do_no_harm(tmp_path, monkeypatch, rng):
 
 @pytest.mark.parametrize("scramble", [False, True])
 @pytest.mark.long
-def test_what_is_mended_is_told_as_of_the_whole(scramble, tmp_path, rng):
+def test_corrections_are_reported_as_for_the_whole(scramble, tmp_path, rng):
     points = lost_normals(rng)
     points = some_signs(rng, points) if scramble else points
     pr.write(tmp_path / "a.ply", points)
@@ -343,7 +343,7 @@ def test_the_command_goes_by_parts_when_memory_is_little(tmp_path, capsys, monke
         (["--memory", "2GiB", "--drop-strays"], "--drop-strays is for scans that fit into memory"),
     ],
 )
-def test_wrong_words_are_told(words, text, tmp_path, capsys, monkeypatch):
+def test_invalid_options_are_reported(words, text, tmp_path, capsys, monkeypatch):
     pr.write(tmp_path / "a.ply", statue(20_000))
     monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
     assert execute(["prepare", str(tmp_path / "a.ply"), "-o", f"{tmp_path / 'a.pointray'}/", *words]) == 2

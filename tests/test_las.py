@@ -144,7 +144,7 @@ def test_extra_bytes_of_several_records(tmp_path: Path) -> None:
     check_same(pr.read(path, strict=True), las)
 
 
-def test_an_offset_of_minus_zero_is_told_as_zero(tmp_path: Path) -> None:
+def test_an_offset_of_minus_zero_is_reported_as_zero(tmp_path: Path) -> None:
     path = tmp_path / "a.las"
     header = laspy.LasHeader(version="1.2", point_format=3)
     header.offsets = np.array([-0.0, 1.0, -0.0])
@@ -349,7 +349,7 @@ def changed(data: bytes, at: int, form: str, *values: object) -> bytearray:
     return out
 
 
-def test_what_is_wrong_is_said(tmp_path: Path) -> None:
+def test_errors_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.las"
     write_random(path, "1.4", 7)
     good = path.read_bytes()
@@ -452,7 +452,7 @@ def test_an_octree_with_a_wrong_count(tmp_path: Path) -> None:
         pr.read(path, bounds=[low, high], strict=True)
 
 
-def test_what_is_wrong_with_compressed_points_is_said(tmp_path: Path) -> None:
+def test_errors_in_compressed_points_are_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.laz"
     write_random(path, "1.4", 7)
     good = path.read_bytes()

@@ -1,4 +1,4 @@
-"""The look of a scan for which nothing is said about light: a studio whose light is baked, quickly."""
+"""The default light of a scan: a studio whose light is baked quickly."""
 
 import re
 import threading

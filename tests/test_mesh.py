@@ -190,7 +190,7 @@ def test_a_scene_puts_meshes_where_they_belong(tmp_path):
     assert ((outward * points.normals).sum(axis=1) > 0).all()
 
 
-def test_a_count_is_told(tmp_path):
+def test_a_count_is_reported(tmp_path):
     path = save(tmp_path, ball(), "stl")
     (_, _, listing) = next(files.headers(path))
     assert listing.count is None

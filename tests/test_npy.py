@@ -80,7 +80,7 @@ WITH_GAPS[3], WITH_GAPS[5] = 0, np.nan
         ([XYZ[:, :1]], None, None, ["intensity"]),
     ],
 )
-def test_what_columns_are_is_told_from_all_their_values(tmp_path, more, normals, colors, names):
+def test_columns_are_recognised_from_all_their_values(tmp_path, more, normals, colors, names):
     array = beside(XYZ, *more)
     with pytest.warns(UserWarning, match="not recognised") if len(names) > 1 else nullcontext():
         points = read(saved(tmp_path / "a.npy", array))

@@ -114,7 +114,7 @@ def test_a_part_that_is_no_part_of_the_model_is_named(
     assert not (tmp_path / "a.png").exists()
 
 
-def test_an_index_of_another_version_is_told(folder: Path) -> None:
+def test_an_index_of_another_version_is_reported(folder: Path) -> None:
     index = json.loads((folder / INDEX).read_text())
     (folder / INDEX).write_text(json.dumps({**index, "version": 99}))
     with pytest.raises(
@@ -205,7 +205,7 @@ def test_what_was_found_and_is_lost_is_named(scan: Path, tmp_path: Path, monkeyp
 
 @contextmanager
 def disk_of(folder: Path, size: int) -> Iterator[Callable[[int], None]]:
-    """A file system of so many bytes; gives what changes its size."""
+    """A file system of a given number of bytes; yields a function that changes its size."""
     folder.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
     if not sys.platform.startswith("linux") or subprocess.run(mount, capture_output=True, check=False).returncode:
@@ -221,7 +221,7 @@ def disk_of(folder: Path, size: int) -> Iterator[Callable[[int], None]]:
 
 
 @pytest.mark.long
-def test_a_disk_that_fills_at_any_stage_is_told_and_the_work_goes_on(
+def test_a_disk_that_fills_at_any_stage_is_reported_and_the_work_resumes(
     scan: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever was half written is not taken for whole."""

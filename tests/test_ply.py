@@ -187,7 +187,7 @@ def test_blocks_of_ascii_end_anywhere(tmp_path, monkeypatch, block):
         np.testing.assert_array_equal(read(tmp_path / "a.ply").positions, [[1, 2, 3], [4, 5, 6]])
 
 
-def test_colors_that_are_not_as_announced_are_told_by_all_rows(tmp_path, monkeypatch):
+def test_the_range_of_colors_follows_from_all_rows(tmp_path, monkeypatch):
     monkeypatch.setattr(_ascii, "CHUNK", 2)
     names = [*(f"float {x}" for x in "xyz"), *(f"uchar {x}" for x in ("red", "green", "blue"))]
     header = ["ply", "format ascii 1.0", "element vertex 4", *(f"property {name}" for name in names), "end_header"]
@@ -222,7 +222,7 @@ def test_lists_have_lengths_of_every_type(tmp_path, order, kind):
     [(k, x) for k in ("float", "double") for x in (np.inf, -np.inf, np.nan, 1e30, -1, 0.5, 2.5, 2.0**53)]
     + [("char", -1), ("short", -3), ("int", -(2**31)), ("uchar", 255), ("uint", 2**32 - 1)],
 )
-def test_lengths_of_lists_that_are_none_are_bad_input(tmp_path, capsys, order, kind, length):
+def test_invalid_lengths_of_lists_are_bad_input(tmp_path, capsys, order, kind, length):
     path = tmp_path / "a.ply"
     path.write_bytes(with_strips(struct.pack(f"{order}{KINDS[kind]}", length), order, kind))
     with pytest.raises(ValueError, match="invalid list length|is cut off"):
@@ -232,7 +232,7 @@ def test_lengths_of_lists_that_are_none_are_bad_input(tmp_path, capsys, order, k
 
 
 @pytest.mark.parametrize("length", ["inf", "nan", "1e30", "-1", "1.5", "x", "3"])
-def test_lengths_in_ascii_that_are_none_are_bad_input(tmp_path, length):
+def test_invalid_lengths_in_ascii_are_bad_input(tmp_path, length):
     (tmp_path / "a.ply").write_text(STRIPS.format(vertices=LISTED, body=f"0\n0\n0\n1 {length} 2 3\n1 0 2 3\n"))
     with pytest.raises(ValueError, match="invalid list length|vertex 0 does not match|'x'"):
         read(tmp_path / "a.ply")

@@ -107,7 +107,7 @@ def test_colours_and_scans_without_them(tmp_path):
         ("hello\n", "line 1 in the header of scan 1, expected one number: 'hello'"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_line(tmp_path, text, word):
+def test_errors_are_reported_with_their_line(tmp_path, text, word):
     with pytest.raises(ValueError, match=word) as error:
         read(save(tmp_path, text), strict=True)
     assert "\n" not in str(error.value)

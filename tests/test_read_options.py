@@ -96,7 +96,7 @@ def test_a_box(folder, capsys):
     ],
 )
 @pytest.mark.parametrize("command", ["info", "render -o a.png", "view --no-open"])
-def test_wrong_values_are_told_before_any_work(command, options, message, folder, capsys):
+def test_invalid_values_are_reported_before_any_work(command, options, message, folder, capsys):
     (folder / "broken.ply").write_text("nothing")
     name, *rest = command.split()
     assert execute([name, "broken.ply", *rest, *options.split()]) == 2

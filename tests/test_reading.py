@@ -178,7 +178,7 @@ def test_files_in_different_coordinate_systems_are_refused(tmp_path):
         pr.read([])
 
 
-def test_stations_of_several_files_are_told_apart():
+def test_stations_of_several_files_are_distinguished():
     first, second = Survey(stations=((1, 2, 3),)), Survey(stations=((4, 5, 6), (7, 8, 9)))
     chunk, both = Chunk(XYZ), Chunk(XYZ, attributes={SCAN: np.repeat([0, 1], 500)})
     openers = [Opener("a", lambda: Rows(chunk, survey=first)), Opener("b", lambda: Rows(both, survey=second))]
@@ -216,7 +216,7 @@ def test_packed_files_are_unpacked(scan, tmp_path):
             pr.read(tmp_path / name)
 
 
-def test_a_file_that_is_being_written_is_told(scan, monkeypatch):
+def test_a_file_that_is_being_written_is_reported(scan, monkeypatch):
     whole = scan.read_bytes()
 
     def written(*arguments):
@@ -261,7 +261,7 @@ def test_16_bits_are_recognised_by_all_chunks_together():
     assert [to_shades(one, scale).tolist() for one in (dark, bright)] == [[[1, 1, 1]], [[200, 200, 200]]]
 
 
-def test_too_little_memory_is_told_before_rows_are_read(scan, monkeypatch):
+def test_too_little_memory_is_reported_before_rows_are_read(scan, monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 10_000)
     with pytest.raises(ValueError, match=r"scan\.ply.*memory are needed to read 1,000 points.*--max-points"):
         pr.read(scan)

@@ -608,7 +608,7 @@ def test_the_viewer_shows_coarser_levels_until_finer_ones_are_there(
     assert page.errors == other.errors == []
 
 
-def test_the_viewer_tells_of_a_damaged_part_and_shows_the_rest(folder: Path, pages: list[Page]) -> None:
+def test_the_viewer_reports_a_damaged_part_and_shows_the_rest(folder: Path, pages: list[Page]) -> None:
     first = along(pr.Model.load(folder))[0]
     spoil(folder / f"part-{first:04d}.pointray")
     model = pr.Model.load(folder)
@@ -621,7 +621,7 @@ def test_the_viewer_tells_of_a_damaged_part_and_shows_the_rest(folder: Path, pag
     page.wait(lambda: page.frames[-1].request.camera == FAR)
     page.look(NEAR)
     page.wait(lambda: page.frames[-1].request.camera == NEAR)
-    assert len(page.errors) == 1  # it is told once
+    assert len(page.errors) == 1  # reported once
     assert any(number == first and level > 0 for number, level in open_files(model))
 
 

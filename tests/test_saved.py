@@ -280,7 +280,7 @@ def test_what_is_part_of_a_saved_model_is_not_asked_for(saved, tmp_path, capsys)
     assert not (tmp_path / "a.png").exists()
 
 
-def test_what_cannot_be_a_model_is_told_with_its_file(tmp_path, capsys):
+def test_an_invalid_model_is_reported_with_its_file(tmp_path, capsys):
     pr.write(tmp_path / "one.ply", pr.Points(np.zeros((1, 3)), np.float32([[0, 0, 1]])))
     assert execute(["prepare", str(tmp_path / "one.ply"), "-o", str(tmp_path / "one.pointray")]) == 2
     assert "one.ply: " in capsys.readouterr().err

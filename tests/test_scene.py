@@ -474,7 +474,7 @@ def test_hits_of_a_miss(scene):
     assert hits.point == -1 and hits.instance == -1
 
 
-def test_shapes_and_models_are_told_by_number() -> None:
+def test_shapes_and_models_are_identified_by_number() -> None:
     model, other = pr.Model(pr.procedural("sphere", 500)), pr.Model(pr.procedural("torus", 500))
     scene, plane = pr.Scene(), pr.Plane([0, 0, 0], [0, 0, 1])
     numbers = [scene.add(shape) for shape in (model, plane, other, model)]

@@ -1,4 +1,4 @@
-"""Scene files give the same scene as Python, and their mistakes are told with file, line and key."""
+"""Scene files give the same scene as Python, and their errors are reported with file, line and key."""
 
 import re
 from pathlib import Path
@@ -389,7 +389,7 @@ WRONG = {
 
 @pytest.mark.parametrize("case", WRONG)
 def test_mistakes(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """All of these are told before any scan is read, as the scan is broken."""
+    """All of these are reported before any scan is read, as the scan is broken."""
     (folder / "scan.ply").write_text("broken")
     old, new, key, message = WRONG[case]
     assert old in GOOD
@@ -516,7 +516,7 @@ def test_the_manual(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert f"    pointray: {said(tmp_path, wrong, capsys)}\n" in page
 
 
-def test_what_is_wrong_is_told_in_one_line(tmp_path):
+def test_errors_are_reported_in_one_line(tmp_path):
     (tmp_path / "a.toml").write_text('[models.ball]\n"\\n" = 1\nfile = "\\n/a.ply"\n')
     with pytest.raises((ValueError, OSError)) as told:
         pr.load_scene(tmp_path / "a.toml")

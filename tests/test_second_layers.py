@@ -138,7 +138,7 @@ def test_two_sheets_stay_two():
 
 
 @pytest.mark.parametrize("wrong", [-1, long(7), np.nan, *map(long, (0.5, np.inf, 1e30))])
-def test_scans_that_do_not_exist_are_none(wrong):
+def test_scans_that_do_not_exist_are_ignored(wrong):
     rows, scan = scans(2)
     assert stays(rows, np.where(scan == 1, wrong, 0.0))
     some = np.where(np.arange(N) % 50 == 0, wrong, scan)

@@ -259,7 +259,7 @@ def test_tables_on_disk_join_like_one_in_memory(seed, tmp_path, monkeypatch):
         assert not columns.names
 
 
-def test_tables_are_of_so_many_pieces(tmp_path, monkeypatch):
+def test_tables_have_the_expected_number_of_pieces(tmp_path, monkeypatch):
     """Each pair comes once, in order, however many columns tell of it."""
     pieces, votes = dice_votes(1)
     monkeypatch.setattr(ballots, "PIECES", 20)

@@ -406,14 +406,14 @@ def test_what_is_refused_before_files_are_read(columns, monkeypatch):
         spool([Opener("a", lambda: Rows(Chunk(XYZ, attributes={"a": XYZ[:, 0].astype("c8")})))], Selection(), columns)
 
 
-def test_too_many_rows_are_told_on_the_way(columns, monkeypatch):
+def test_too_many_rows_are_reported_while_reading(columns, monkeypatch):
     monkeypatch.setattr("pointray.cloud.points.MOST", 1500)
     openers = [Opener(str(k), lambda: Rows(Chunk(XYZ), known=False)) for k in range(2)]
     with pytest.raises(ValueError, match="1: 1,600 points are too many"):
         spool(openers, Selection(), columns)
 
 
-def test_a_file_that_is_being_written_is_told(tmp_path, columns):
+def test_a_file_that_is_being_written_is_reported(tmp_path, columns):
     path = tmp_path / "a.ply"
     pr.write(path, pr.Points(XYZ))
     with pytest.raises(ValueError, match="was modified while it was read"), open_files(path, request_of()) as files:
@@ -458,7 +458,7 @@ for limit in sys.argv[3:]:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of POSIX")
-def test_a_full_disk_is_told_and_cleared(tmp_path):
+def test_a_full_disk_is_reported_and_cleared(tmp_path):
     pr.write(tmp_path / "a.ply", pr.Points(XYZ, XYZ, attributes={"a": XYZ[:, 0]}))
     folder = tmp_path / "columns"
     limits = ["0", "1000", "11999"]

@@ -166,7 +166,7 @@ def test_columns_that_are_shorter_than_the_table_says(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["plain", "packed", "splat"])
-def test_damage_is_told_in_one_line(tmp_path, kind):
+def test_damage_is_reported_in_one_line(tmp_path, kind):
     rng = np.random.default_rng(5)
     data = {"plain": plain(MADE), "packed": packed(MADE), "splat": rows(MADE)}[kind]
     path = tmp_path / ("a.splat" if kind == "splat" else "a.spz")

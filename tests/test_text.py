@@ -60,7 +60,7 @@ def test_colors_of_8_bits_are_likelier_than_of_16(tmp_path):
 
 @pytest.mark.parametrize("names", ORDERS)
 @pytest.mark.parametrize("separator", [" ", ",", ";", "\t", ", "])
-def test_columns_without_names_are_told_by_their_numbers(tmp_path, names, separator):
+def test_columns_without_names_are_recognised_by_their_values(tmp_path, names, separator):
     path = save(tmp_path / "a.xyz", *ORDERS[names], separator=separator)
     assert columns_of(path) == names.split()
     with warns_of("column_" in names):
@@ -177,7 +177,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("name", "content", "word"), [(n, *row) for n, rows in BAD.items() for row in rows])
-def test_what_is_wrong_is_said_in_a_line(tmp_path, name, content, word):
+def test_errors_are_reported_in_one_line(tmp_path, name, content, word):
     (tmp_path / name).write_text(content)
     with pytest.raises(ValueError, match=word) as error:
         read(tmp_path / name, strict=True)

@@ -80,7 +80,7 @@ def test_points_without_times(tmp_path):
         pr.eyes_along(Points(np.eye(3)), drive(tmp_path / "car.csv"))
 
 
-# ------------------------------------------------------------------------------------------- places that are none
+# ------------------------------------------------------------------------------------------------- invalid places
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.003])
@@ -99,7 +99,7 @@ def test_returns_that_a_scanner_lost_do_not_make_it_lie_among_the_points():
     assert np.isfinite(found).all() and found[-1].any()
 
 
-def test_scans_without_a_station_are_told():
+def test_scans_without_a_station_are_reported():
     points, exact = street()
     scan = (exact[:, 0] > 0).astype(np.int32)
     scan[::10] = 7
