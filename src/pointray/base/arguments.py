@@ -11,6 +11,7 @@ import operator
 import os
 import reprlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from numbers import Number
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,6 +30,8 @@ class ArgumentTypeError(TypeError, ValueError):
 
 def wrong(name: str, wanted: str, value: Any) -> ValueError:
     """Return the error for an invalid argument: `name` must be `wanted`, not `value`."""
+    if not isinstance(value, np.ndarray | np.generic | Sequence | Number):
+        return wrong_type(name, wanted, value)
     return ValueError(f"{name} must be {wanted}, not {_shown(value)}")
 
 
@@ -145,9 +148,7 @@ def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any
     except (TypeError, ValueError, OverflowError):  # rows of different lengths, or an int of 400 digits
         raise wrong(name, wanted, value) from None
     if array.dtype.kind not in "iuf":
-        raise (wrong if isinstance(value, np.ndarray | Sequence) and not isinstance(value, str) else wrong_type)(
-            name, wanted, value
-        )
+        raise (wrong_type if isinstance(value, str) else wrong)(name, wanted, value)
     return array
 
 

@@ -151,7 +151,7 @@ def request_of(
     names = columns.split(",") if isinstance(columns, str) else columns
     if names is not None:
         if not isinstance(names, Sequence) or not names or not all(isinstance(n, str) and n.strip() for n in names):
-            raise ValueError(f"columns must be names like x,y,z,r,g,b, not {columns!r}")
+            raise wrong("columns", "names like x,y,z,r,g,b", columns)
         names = tuple(name.strip() for name in names)
         for axis in "xyz":
             if [name.lower() for name in names].count(axis) != 1:

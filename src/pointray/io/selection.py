@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import check_numbers, check_whole, wrong
+from ..base.arguments import check_mapping, check_numbers, check_whole, wrong
 from .formats._source import Chunk
 
 Values = Mapping[str, tuple[float, ...]]
@@ -147,9 +147,8 @@ def _column(chunk: Chunk, name: str) -> NDArray[Any]:
 def _checked_values(values: Any, name: str) -> dict[str, tuple[float, ...]] | None:
     if values is None:
         return None
-    if not isinstance(values, Mapping):
-        raise ValueError(f"{name} must be a dict of attributes to values, not {values!r}")
-    return {str(key): _numbers(some, f"{name}: {key}") for key, some in values.items()}
+    known = check_mapping(values, name)
+    return {str(key): _numbers(some, f"{name}: {key}") for key, some in known.items()}
 
 
 def _numbers(some: Any, name: str) -> tuple[float, ...]:

@@ -11,7 +11,17 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import check_direction, check_flag, check_numbers, check_positive, reflectance, rgb, vector
+from ..base.arguments import (
+    ArgumentTypeError,
+    check_direction,
+    check_flag,
+    check_numbers,
+    check_positive,
+    reflectance,
+    rgb,
+    vector,
+    wrong_type,
+)
 from ..engine.kernels.records import (
     CATCHER,
     INSTANCE,
@@ -140,7 +150,8 @@ class Instances:
         whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
         row = int(np.searchsorted(self.numbers, min(number, self._next))) if whole else len(self)
         if row == len(self) or self.numbers[row] != number:
-            raise ValueError(f"the scene has no instance {number!r}: expected an id that `add` returned")
+            error = ValueError if whole else ArgumentTypeError
+            raise error(f"the scene has no instance {number!r}: expected an id that `add` returned")
         return row
 
     def paint(self, row: int, material: Material) -> None:
@@ -304,7 +315,7 @@ def check_material(material: Material | None, shape: Model | Plane) -> Material:
     material = Diffuse() if material is None else material
     if not isinstance(material, Material):
         kinds = ", ".join(sorted(kind.__name__ for kind in Material.__subclasses__()))
-        raise ValueError(f"material must be one of {kinds}, or None, got {type(material).__name__}")
+        raise wrong_type("material", f"one of {kinds}, or None", material)
     material.record()
     if material.attribute is not None:
         if isinstance(shape, Plane):

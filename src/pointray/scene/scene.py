@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import check_flag, check_mapping, rgb, wrong
+from ..base.arguments import check_flag, check_kind, check_mapping, rgb, wrong
 from ..base.executor import backend, is_chunked
 from ..model.model import Model
 from ..shade.attributes import Attribute
@@ -64,8 +64,7 @@ class Scene:
         int
             Number of the instance, for `update` and `remove`.
         """
-        if not isinstance(shape, Model | Plane):
-            raise ValueError(f"shape must be a Model or a Plane, got {type(shape).__name__}")
+        check_kind(shape, "shape", (Model, Plane), "a Model or a Plane")
         matrix, checked = check_transform(transform), check_material(material, shape)
         with self._lock:
             self._change()
@@ -105,9 +104,7 @@ class Scene:
 
     @lights.setter
     def lights(self, lights: Iterable[Light | EnvironmentLight]) -> None:
-        if not isinstance(lights, Iterable):
-            raise ValueError(f"lights must be a sequence of lights, got {type(lights).__name__}")
-        checked = Lights(lights)
+        checked = Lights(check_kind(lights, "lights", Iterable, "a sequence of lights"))
         with self._lock:
             self._change()
             self._lights = checked

@@ -26,7 +26,7 @@ from contextlib import suppress
 from numpy.typing import ArrayLike
 
 from ..auto_view.first_view import Scan, ViewChoice, up_of
-from ..base.arguments import check_flag, check_text, check_whole
+from ..base.arguments import check_flag, check_kind, check_text, check_whole
 from ..scene.scene import Scene
 from .shared_scene import SharedScene
 from .viewer import Viewer
@@ -76,8 +76,7 @@ def view(
     >>> scene.add_light(pr.SunLight([1, 1, -2]))
     >>> viewer.close()
     """
-    if not isinstance(scene, Scene):
-        raise ValueError(f"scene must be a Scene, not {type(scene).__name__}")
+    check_kind(scene, "scene", Scene, "a Scene")
     host, port = check_text(host, "host"), check_whole(port, "port", 0, 65535)
     open_browser, block = check_flag(open_browser, "open_browser"), check_flag(block, "block")
     wanted = up_of(up)
