@@ -17,7 +17,7 @@ from pointray.cli import bake as command
 from pointray.cli import execute, serve
 from pointray.cli.commands.files import bake as bake_command
 from pointray.cli.read_options import Reading
-from pointray.cli.scan_scene import PLAIN
+from pointray.cli.scan_surface import PLAIN
 from pointray.cloud.normals.validation import trusted
 from pointray.image.tone import linear_to_srgb, srgb_to_linear, tone
 from pointray.scenefile import plan
@@ -619,7 +619,7 @@ def test_a_scene_file_says_the_rest_itself(scene, capsys, option):
 def viewed(files: list[Path], **options) -> tuple[object, list]:
     """The shared scene of `pointray view`, loaded; and what it has said."""
     typed = {name: value for name, value in options.items() if name in ("bake", "integrator")}
-    told = {"up": "auto", "light": None, "fill": None, "background": "auto", "ground": False, "normals": "auto"}
+    told = {"up": None, "light": None, "fill": None, "background": "auto", "ground": False, "normals": "auto"}
     told |= {"settings": pr.Settings("baked"), "bake": None, "quick": False}
     told |= {"backfaces": None, "contact_shadow": True, **options}
     surface = dict(PLAIN)

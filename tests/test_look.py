@@ -16,7 +16,7 @@ from pointray.base.choices import AUTO
 from pointray.cli import baked_light, execute, serve
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_lights import ScanLights
-from pointray.cli.scan_scene import PLAIN
+from pointray.cli.scan_surface import PLAIN
 from pointray.viewer.baker import ROUGH, Baker
 from pointray.viewer.display import Display
 from pointray.viewer.exports import Exports, _command
@@ -152,7 +152,7 @@ def test_a_headlight_is_not_baked(scan, capsys):
 
 def viewed(file, *, look=None, quick=True):
     """The shared scene of `pointray view` of a file, loaded."""
-    options = {"up": AUTO, "light": look, "fill": None, "background": AUTO, "ground": False, "normals": AUTO}
+    options = {"up": None, "light": look, "fill": None, "background": AUTO, "ground": False, "normals": AUTO}
     options |= {"settings": pr.Settings("baked" if quick else "phong"), "bake": None, "quick": quick}
     options |= {"backfaces": None, "contact_shadow": True}
     shared, loader = serve.shared_scene_of([file], Reading(), {}, options, dict(PLAIN))

@@ -479,7 +479,7 @@ def test_a_broken_scan(folder: Path, capsys: pytest.CaptureFixture[str]) -> None
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--surface", "imls"], "--surface is not for a scene file, which says it itself"),
+        (["--surface", "imls"], "--surface is not for a scene file, which defines it itself"),
         (["--radius-scale", "2"], "--radius-scale is not for a scene file"),
         (["--light", "sun:0,0,-1"], "--light is not for a scene file"),
         (["--ground"], "--ground is not for a scene file"),

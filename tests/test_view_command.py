@@ -189,7 +189,7 @@ def test_levels_in_the_panel(tmp_path, browse):
         ("note.txt", "note.txt: "),
         ("cut.ply --strict", "cut.ply: is cut off: "),
         ("empty", "empty: no file in this folder can be read"),
-        ("scan.ply a.toml", "a.toml: a scene file is taken alone"),
+        ("scan.ply a.toml", "a.toml: a scene file cannot be combined with other files"),
         ("scan.ply --up 0,0,0", "--up must not be zero"),
         ("scan.ply --light moon:1,2,3", "--light must be like"),
         ("scan.ply --background blue", "--background must be three numbers"),

@@ -10,7 +10,7 @@ import pytest
 import pointray as pr
 from conftest import long, shared_model, sphere_points
 from pointray.cli import execute
-from pointray.cli.scan_scene import PLAIN
+from pointray.cli.scan_surface import PLAIN
 from pointray.cloud.neighbors import few_queries as nearby
 from pointray.cloud.normals.comparison import WRONG
 from pointray.cloud.normals.validation import trusted

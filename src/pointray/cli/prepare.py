@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arguments import check_positive
 from ..base.choices import AUTO
 from ..base.warning_log import warn
 from ..cloud.normals.validation import trusted
@@ -25,9 +24,10 @@ from ..surface.splats.radii import radii_in
 from ..surface.splats.scattered.spheres import Drawing
 from ..surface.tree.settings import check_settings
 from .cluster import working_on
+from .options import smooth_of
 from .read_options import Reading
 from .scan_files import ScanFiles, check_not_input, check_result, scan_of
-from .scan_surface import as_option, check_saved, smooth_of
+from .scan_surface import as_option, check_saved
 from .waiting import Progress, in_background, writing
 
 
@@ -61,7 +61,7 @@ def surface_of(settings: Any) -> dict[str, Any]:
 
 def drawing_of(options: dict[str, Any]) -> Drawing | None:
     """Return how scattered points are to be drawn, perhaps "auto"; None if no option says so."""
-    scatter, size = options["scatter"], check_positive(options["scatter_size"], "--scatter-size")
+    scatter, size = options["scatter"], options["scatter_size"]
     if scatter == AUTO and size == 1.0:
         return None
     return Drawing(scatter, size)

@@ -106,7 +106,7 @@ def scan_of(paths: Sequence[Path], reading: Reading, cached: bool = False) -> Sc
     files = files_of(paths)
     saved = next(filter(is_saved, files), None)
     if saved is not None and len(files) > 1:
-        raise ValueError(f"{saved}: a saved model is taken alone; only view shows it beside others")
+        raise ValueError(f"{saved}: a saved model cannot be combined with other files, except in view")
     check_unread(files, reading)
     return ScanFiles(tuple(files), reading, cached)
 
