@@ -130,11 +130,11 @@ def test_a_headlight_is_a_scene_without_lights(scan, capsys):
 @pytest.mark.parametrize(
     ("texts", "fill", "said"),
     [
-        (["studio", "sun:1,1,-1"], None, "--light studio is alone"),
-        (["sky:1,1,1", "headlight"], None, "--light headlight is alone"),
-        (["headlight"], 0.5, "--fill is for"),
-        (["studio"], 0.5, "--fill is for"),
-        (["limelight"], None, "or studio or headlight"),
+        (["studio", "sun:1,1,-1"], None, "--light studio cannot be combined"),
+        (["sky:1,1,1", "headlight"], None, "--light headlight cannot be combined"),
+        (["headlight"], 0.5, "--fill requires"),
+        (["studio"], 0.5, "--fill requires"),
+        (["limelight"], None, "studio or headlight"),
     ],
 )
 def test_a_look_is_all_the_light_there_is(texts, fill, said):
@@ -144,7 +144,7 @@ def test_a_look_is_all_the_light_there_is(texts, fill, said):
 
 def test_a_headlight_is_not_baked(scan, capsys):
     assert execute(["bake", str(scan), "-o", str(scan.with_name("a.bake")), "--light", "headlight"]) == 2
-    assert "goes with the camera is not baked" in capsys.readouterr().err
+    assert "moves with the camera cannot be baked" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------------------------------------- the viewer

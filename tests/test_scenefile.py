@@ -316,12 +316,12 @@ def line(text: str, start: str) -> int:
 
 # The text, its replacement, the key that the message names, and what it says. The line is that of the replacement.
 WRONG = {
-    "unknown key": ("fov = 50", "fow = 50", "camera.fow", "unknown key 'fow' (did you mean 'fov'?); there are: eye, "),
+    "unknown key": ("fov = 50", "fow = 50", "camera.fow", "unknown key 'fow' (did you mean 'fov'?); available: eye, "),
     "unknown table": ("[settings]", "[seting]", "seting", "unknown key 'seting' (did you mean 'settings'?)"),
     "unknown kind": ('kind = "sun"', 'kind = "son"', "lights[0].kind", "unknown kind 'son' (did you mean 'sun'?)"),
     "levels": ("points = 2000", "levels = 3\npoints = 2000", "models.ball.levels", "must be true or false, not 3"),
     "no kind": ('kind = "point"', "", "lights[1]", "kind is missing"),
-    "word of another kind": ("ior = 1.4", "color = 1", "materials.glass.color", "unknown key 'color'; there are: kind"),
+    "word of another kind": ("ior = 1.4", "color = 1", "materials.glass.color", "unknown key 'color'; available: kind"),
     "missing": ("direction = [1, 1, -2]", "", "lights[0]", "direction is missing"),
     "no model": ('model = "ball"', 'model = "bell"', "instances[0].model", "unknown model 'bell' (did you mean 'ball'"),
     "no material": ('material = "glass"', 'material = "x"', "instances[2].material", "there are: gold, glass"),
@@ -375,7 +375,7 @@ WRONG = {
         "normal = [-1, 0, 0]",
         "offset = 1",
         "clips[1].offset",
-        "unknown key 'offset'; there are: point",
+        "unknown key 'offset'; available: point",
     ),
     "clips": (
         "[camera]",
@@ -423,7 +423,7 @@ def test_mistakes(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -
         ("[models.a]\n", "scene.toml:1: models.a: file or procedural is missing"),
         ("models = 3\n", "scene.toml:1: models: must be a table, not 3"),
         ("[models]\na = 3\n", "scene.toml:2: models.a: must be a table, not 3"),
-        ("lights = [{kind = 1}]\n", "scene.toml:1: lights[0].kind: unknown kind 1; there are: point, sun"),
+        ("lights = [{kind = 1}]\n", "scene.toml:1: lights[0].kind: unknown kind 1; available: point, sun"),
         ('[models.a]\nfile = "b.pointray"\nsamples = 3', "scene.toml:3: models.a.samples: is part of a saved model"),
     ],
 )

@@ -69,12 +69,12 @@ def test_a_taken_port_is_said(scan, capsys):
         port = other.getsockname()[1]
         with view(scan, "--port", port) as url:
             assert urlsplit(url).port != port
-            assert f"pointray: port {port} is taken\n" in capsys.readouterr().err
+            assert f"pointray: port {port} is in use\n" in capsys.readouterr().err
 
 
 def test_listening_beyond_this_machine_is_said(scan, capsys):
     with view(scan, "--host", "0.0.0.0") as url:
-        assert "note: --host 0.0.0.0: whoever reaches this machine" in capsys.readouterr().err
+        assert "note: --host 0.0.0.0: everyone who can reach this computer" in capsys.readouterr().err
         Browser(url, SIZE).close()
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..base.atomic_write import check_regular
 from .lines import Key, line_of
+from .spelling import suggest_file
 
 
 class Source:
@@ -64,7 +65,7 @@ class Source:
                 raise self.error(key, message) from error
             raise self.error((*key, named), message.removeprefix(f"{named} ")) from error
         except OSError as error:
-            raise type(error)(self._message(key, f"{error.filename}: {error.strerror}")) from error
+            raise type(error)(self._message(key, f"{error.filename}: {error.strerror}{suggest_file(error)}")) from error
 
     def line_of(self, key: Key) -> int:
         """The first line of a key, or of the longest part of it that is in the file; 0 if no part is."""

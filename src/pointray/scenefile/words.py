@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import math
 import reprlib
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple
 from ..shade.attributes import Attribute
 from .lines import Key
 from .source import Source
+from .spelling import did_you_mean
 
 LARGEST = 1e18  # the square of a larger number overflows float32
 
@@ -80,9 +80,7 @@ def words_of(make: Callable[..., Any], *without: str) -> dict[str, Word]:
 def unknown(what: str, name: Any, known: Iterable[str]) -> str:
     """The message about a name that is not among those known."""
     names = list(known)
-    near = difflib.get_close_matches(str(name), names, 1)
-    guess = f" (did you mean {near[0]!r}?)" if near else ""
-    return f"unknown {what} {name!r}{guess}; there are: {', '.join(names) or 'none'}"
+    return f"unknown {what} {name!r}{did_you_mean(str(name), names)}; available: {', '.join(names) or 'none'}"
 
 
 def check_table(source: Source, key: Key, words: Mapping[str, Word], what: str = "key") -> dict[str, Any]:
