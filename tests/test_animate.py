@@ -148,7 +148,7 @@ def test_an_mp4(scan, capsys):
 @pytest.mark.long
 def test_an_mp4_of_odd_size(scan, capsys):
     assert animate(scan, "turn.mp4", "--seconds", "1", "--fps", "2", "--size", "23x17", "--background", "1,0,0") == 0
-    assert "23x17 (an MP4 has even sides: 24x18), 2 frames" in capsys.readouterr().out
+    assert "23x17 (rounded to even sides: 24x18), 2 frames" in capsys.readouterr().out
     film = frames_of(scan.with_name("turn.mp4"), scan.with_name("read"))
     assert film.shape == (2, 18, 24, 3)
     border = np.concatenate([film[:, -1].reshape(-1, 3), film[:, :, -1].reshape(-1, 3)])
@@ -231,7 +231,7 @@ def test_an_interrupted_film_of_a_scene_file_goes_on(scene, rendered, capsys):
     assert animate(scene, "out") == 130
     rendered.stop = 1000
     assert animate(scene, "out") == 0
-    assert len(rendered) == 4 and "4 frames, 3 of them from before" in capsys.readouterr().out
+    assert len(rendered) == 4 and "4 frames, 3 of them rendered before" in capsys.readouterr().out
     assert pictures(scene.with_name("out")) == pictures(scene.with_name("whole"))
 
 
@@ -259,7 +259,7 @@ def test_an_interrupted_film_goes_on(scan, rendered, capsys):
     assert sorted(left) == ["%04d.png.json", "0000.png", "0001.png", "0002.png"]
     rendered.stop = 1000
     assert animate(scan, "out") == 0
-    assert len(rendered) == 4 and "4 frames, 3 of them from before" in capsys.readouterr().out
+    assert len(rendered) == 4 and "4 frames, 3 of them rendered before" in capsys.readouterr().out
     assert pictures(scan.with_name("out")) == pictures(scan.with_name("whole"))
 
 
@@ -343,7 +343,7 @@ BAD_KEYS = {
     "unknown 'zoom'": [*KEYS[:2], {**KEYS[2], "zoom": 2}],
     "target is missing": [KEYS[0], KEYS[1], {"time": 3, "eye": [0, 0, 0]}],
     "key 2: eye must be three finite numbers": [KEYS[0], {**KEYS[1], "eye": [0, float("nan"), 0]}, KEYS[2]],
-    "key 3: its time, 0.5, is not after": [KEYS[0], KEYS[1], {**KEYS[2], "time": 0.5}],
+    "key 3: time 0.5 must be later than": [KEYS[0], KEYS[1], {**KEYS[2], "time": 0.5}],
     "two keys or more": KEYS[:1],
     "must be a list": {"first": KEYS[0]},
     "key 2: it must have": [KEYS[0], 7],
@@ -404,7 +404,7 @@ def test_options_are_checked_first(option, words, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("output", "words"),
     [
-        ("film.gif", "a film is .mp4"),
+        ("film.gif", "expected .mp4"),
         ("a.png", "%04d.png"),
         ("a%04d.gif", "cannot write .gif"),
         ("a%04d_%d.png", "one %d"),
@@ -442,7 +442,7 @@ def test_what_ffmpeg_cannot_do_is_a_failure(scan, monkeypatch, capsys):
     pytest.importorskip("imageio_ffmpeg")
     monkeypatch.setattr("pointray.image.mp4.CRF", "plenty")
     assert animate(scan, "out.mp4") == 1
-    said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("compiling")]
+    said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("Compiling")]
     assert len(said) == 1 and said[0].startswith(f"pointray: {scan.with_name('out.mp4')}: ffmpeg: ")
     assert sorted(os.listdir(scan.parent)) == ["out.mp4.frames", "scan.ply"]  # the frames wait for the next try
 

@@ -63,7 +63,7 @@ def run(capsys, *arguments):
     capsys.readouterr()
     status = execute([str(a) for a in arguments])
     out, err = capsys.readouterr()
-    return status, out, re.sub(r"^compiling kernels.*\n", "", err, flags=re.MULTILINE)
+    return status, out, re.sub(r"^Compiling .* kernels.*\n", "", err, flags=re.MULTILINE)
 
 
 def fail(capsys, *arguments) -> str:

@@ -50,7 +50,7 @@ def test_as_a_table(scan, capsys, monkeypatch):
     assert "coordinate system ETRS89 / UTM zone 32N" in lines
     assert f"gps_time float64 {TIME!r} {TIME + 5!r}" in lines  # all digits
     assert "reflectance float32 -1.1 0.3" in lines
-    assert "2 ground 60" in lines and "6 building 39" in lines and "77 no name 1" in lines
+    assert "2 ground 60" in lines and "6 building 39" in lines and "77 unnamed 1" in lines
     assert WKT not in out and "crs" not in out
 
 

@@ -336,8 +336,8 @@ def test_the_command_goes_by_parts_when_memory_is_little(tmp_path, capsys, monke
     [
         (["--memory", "2 apples"], "--memory must be a size like 4GiB or 500MB, not '2 apples'"),
         (["--memory", "100MB"], "parts cannot be made in 0.09 GiB of memory: 1.5 GiB are needed"),
-        (["--memory", "2GiB", "--tolerance", "0.5"], "--tolerance is for scans that fit into memory"),
-        (["--memory", "2GiB", "--drop-strays"], "--drop-strays is for scans that fit into memory"),
+        (["--memory", "2GiB", "--tolerance", "0.5"], "--tolerance requires a scan that fits into memory"),
+        (["--memory", "2GiB", "--drop-strays"], "--drop-strays requires a scan that fits into memory"),
     ],
 )
 def test_wrong_words_are_told(words, text, tmp_path, capsys, monkeypatch):

@@ -66,7 +66,7 @@ def run(capsys, *arguments):
     """What a command that works has said, but for the line about kernels."""
     capsys.readouterr()
     assert execute([str(a) for a in arguments]) == 0
-    return re.sub(r"^compiling kernels.*\n", "", capsys.readouterr().err, flags=re.MULTILINE)
+    return re.sub(r"^Compiling .* kernels.*\n", "", capsys.readouterr().err, flags=re.MULTILINE)
 
 
 # ------------------------------------------------------------------------------------------------- the command line

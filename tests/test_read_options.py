@@ -144,11 +144,11 @@ def test_a_folder_stands_for_its_scans(folder, capsys):
     assert execute(["info", "tiles", "--json"]) == 0
     out, err = capsys.readouterr()
     assert [Path(file["file"]).name for file in json.loads(out)["files"]] == ["a.ply", "b.ply"]
-    assert err == "pointray: note: tiles: left aside, as no scans: cut.ply, notes.doc\n"
+    assert err == "pointray: note: tiles: skipped files that are not scans: cut.ply, notes.doc\n"
     assert execute(["render", "tiles", "-o", "a.png", "--size", "32x24", "--spp", "1", "--light", "headlight"]) == 0
     assert "1,000 points" in capsys.readouterr().out
     assert execute(["info", "tiles/inner"]) == 2
-    assert "tiles/inner: no file in this folder can be read; can read " in capsys.readouterr().err
+    assert "tiles/inner: contains no readable file; supported: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -190,7 +190,7 @@ def test_prepare_and_bake_take_several(folder, capsys):
     assert execute(["prepare", "a.ply", "b.ply", "-o", "c.ply", "--keep", "classification=1"]) == 0
     assert len(pr.read("c.ply")) == 200
     assert execute(["prepare", "a.ply", "b.ply", "-o", "b.ply"]) == 2
-    assert capsys.readouterr().err == "pointray: b.ply: is the input itself; --force overwrites it\n"
+    assert capsys.readouterr().err == "pointray: b.ply: is an input; use --force to overwrite it\n"
 
 
 # -------------------------------------------------------------------------------------------------- scene files

@@ -349,7 +349,7 @@ WRONG = {
     "no file": ('file = "scan.ply"', 'file = "scam.ply"', "models.scan.file", "scam.ply: No such file or directory"),
     "unreadable": ('file = "scan.ply"', 'file = "sky.exr"', "models.scan.file", "sky.exr: cannot read .exr"),
     "no picture": ('image = "sky.exr"', 'image = "x.exr"', "lights[5].image", "x.exr: No such file or directory"),
-    "no transforms": ('"many.npy"', '"scan.ply"', "instances[2].transforms", "scan.ply: this is no .npy file"),
+    "no transforms": ('"many.npy"', '"scan.ply"', "instances[2].transforms", "scan.ply: not a valid .npy file"),
     "procedural": (
         'procedural = "sphere"',
         'procedural = "cube"',
@@ -415,16 +415,19 @@ def test_mistakes(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a = = 1", "scene.toml:1: this is no TOML: Invalid value"),
-        ("\n[camera]\nfov = 3\nfov = 4\n", "scene.toml:4: this is no TOML: Cannot overwrite a value"),
-        ("a = '''", "scene.toml: this is no TOML"),
-        ("a = " + "[" * 20000, "scene.toml: this is no TOML"),
-        ("", "scene.toml: camera: eye and target are missing, and there are no instances to be framed"),
+        ("a = = 1", "scene.toml:1: not valid TOML: Invalid value"),
+        ("\n[camera]\nfov = 3\nfov = 4\n", "scene.toml:4: not valid TOML: Cannot overwrite a value"),
+        ("a = '''", "scene.toml: not valid TOML"),
+        ("a = " + "[" * 20000, "scene.toml: not valid TOML"),
+        ("", "scene.toml: camera: eye and target are missing, and there are no instances for an automatic camera"),
         ("[models.a]\n", "scene.toml:1: models.a: file or procedural is missing"),
         ("models = 3\n", "scene.toml:1: models: must be a table, not 3"),
         ("[models]\na = 3\n", "scene.toml:2: models.a: must be a table, not 3"),
         ("lights = [{kind = 1}]\n", "scene.toml:1: lights[0].kind: unknown kind 1; available: point, sun"),
-        ('[models.a]\nfile = "b.pointray"\nsamples = 3', "scene.toml:3: models.a.samples: is part of a saved model"),
+        (
+            '[models.a]\nfile = "b.pointray"\nsamples = 3',
+            "scene.toml:3: models.a.samples: cannot be set for a saved model",
+        ),
     ],
 )
 def test_files_that_are_no_scenes(text: str, message: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -466,9 +469,11 @@ def test_broken_transforms(folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     np.save(folder / "many.npy", flat)
     assert said(folder, GOOD, capsys).startswith(f"{start}.row 1: transform is singular")
     np.save(folder / "many.npy", flat[0])
-    assert said(folder, GOOD, capsys).startswith(f"{start}: many.npy: transforms are (n, 4, 4) numbers, not (4, 4)")
+    assert said(folder, GOOD, capsys).startswith(
+        f"{start}: many.npy: expected transforms of shape (n, 4, 4), got (4, 4)"
+    )
     np.save(folder / "many.npy", np.array([{}, 1], object), allow_pickle=True)
-    assert said(folder, GOOD, capsys).startswith(f"{start}: many.npy: this is no .npy file of numbers")
+    assert said(folder, GOOD, capsys).startswith(f"{start}: many.npy: not a valid .npy file of numbers")
 
 
 def test_a_broken_scan(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

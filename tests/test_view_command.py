@@ -188,7 +188,7 @@ def test_levels_in_the_panel(tmp_path, browse):
         ("nothing.ply", "nothing.ply: No such file or directory"),
         ("note.txt", "note.txt: "),
         ("cut.ply --strict", "cut.ply: is cut off: "),
-        ("empty", "empty: no file in this folder can be read"),
+        ("empty", "empty: contains no readable file"),
         ("scan.ply a.toml", "a.toml: a scene file cannot be combined with other files"),
         ("scan.ply --up 0,0,0", "--up must not be zero"),
         ("scan.ply --light moon:1,2,3", "--light must be like"),

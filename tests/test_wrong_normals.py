@@ -290,8 +290,8 @@ def test_what_a_scene_file_says_wrong(file, bare, tmp_path, capsys):
     scene, saved = tmp_path / "scene.toml", tmp_path / "m.pointray"
     pr.Model(ripple(1, 1_000)).save(saved)
     wrong = {
-        'file = "ripple.ply"\nnormals = "fitted"': "normals: unknown kind of normals 'fitted' (did you mean 'fit'?)",
-        'file = "m.pointray"\nnormals = "fit"': "normals: is part of a saved model (m.pointray)",
+        'file = "ripple.ply"\nnormals = "fitted"': "normals: unknown normals 'fitted' (did you mean 'fit'?)",
+        'file = "m.pointray"\nnormals = "fit"': "normals: cannot be set for a saved model (m.pointray)",
         'file = "bare.ply"\nnormals = "file"': 'normals = "file": there are no normals in the file',
         'procedural = "sphere"\npoints = 900\nnormals = "fit"': "normals: unknown key 'normals'",
     }

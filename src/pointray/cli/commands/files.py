@@ -23,7 +23,7 @@ LIT = (
 ALBEDO = "Factor for the points' colours where light bounces, 0 to 1; photographs contain light already."
 PATCHES = "Maximum number of points that exchange light; others interpolate. Default: half of them, 32768 to 1048576."
 PREPARED = "Result: .ply; .pointray: a saved model; or a folder .pointray/: a model in parts."
-TOLERANCE = "Drop points that the surface can spare: it moves by at most 0.5 (units), or 0.05% (of the diagonal)."
+TOLERANCE = "Drop points while the surface changes by at most this: 0.5 (units), or 0.05% (of the diagonal)."
 SMOOTH = (
     "Move noisy points onto the surface. Noise as a standard deviation; auto: as measured, which --tolerance and "
     "--count imply."
