@@ -324,7 +324,7 @@ WRONG = {
     "word of another kind": ("ior = 1.4", "color = 1", "materials.glass.color", "unknown key 'color'; available: kind"),
     "missing": ("direction = [1, 1, -2]", "", "lights[0]", "direction is missing"),
     "no model": ('model = "ball"', 'model = "bell"', "instances[0].model", "unknown model 'bell' (did you mean 'ball'"),
-    "no material": ('material = "glass"', 'material = "x"', "instances[2].material", "there are: gold, glass"),
+    "no material": ('material = "glass"', 'material = "x"', "instances[2].material", "available: gold, glass"),
     "type": ("angle = 1", 'angle = "wide"', "lights[0].angle", "must be a number, not 'wide'"),
     "true as number": ("radius = 0.5", "radius = true", "lights[3].radius", "must be a number, not True"),
     "text in a list": ("u = [0, 1, 0]", 'u = [0, "1", 0]', "lights[2].u", "must be a number or a list of numbers"),
@@ -383,7 +383,7 @@ WRONG = {
         "clips[16]",
         "at most 16",
     ),
-    "two skies": ('kind = "sphere"\ncenter = [3, 0, 5]\nradius = 0.5', 'kind = "environment"', "lights[5]", "already"),
+    "two skies": ('kind = "sphere"\ncenter = [3, 0, 5]\nradius = 0.5', 'kind = "environment"', "lights[5]", "only one"),
 }
 
 

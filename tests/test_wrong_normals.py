@@ -256,11 +256,11 @@ def test_info_says_the_same(file, bare, capsys):
     assert facts["normals_off"] == pytest.approx(21, abs=1)
     assert len(facts["notes"]) == 1 and "21 degrees off the surface: fitted ones will be used" in facts["notes"][0]
     assert execute(["info", str(file)]) == 0
-    assert "degrees off: wrong" in capsys.readouterr().out
+    assert "degrees off the surface (median): wrong" in capsys.readouterr().out
     pr.write(file, ripple())
     assert execute(["info", str(file)]) == 0
     out = capsys.readouterr().out
-    assert "degrees off: right" in out and "notes" not in out
+    assert "degrees off the surface (median): good" in out and "notes" not in out
     assert execute(["info", str(bare), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["normals"], facts["normals_off"], facts["normals_wrong"], facts["notes"]) == (False, None, False, [])

@@ -49,7 +49,7 @@ _workers = partial(option, panel=CLUSTER, commands=SHARED, part=OF_WORKERS)
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """The options of pictures. `Declaration.part` of an option is one of TABLES, OF_VIEW, OF_SURFACE, ..."""
+    """The options of pictures, parsed. Help, panel, commands and part of each stand in its field, see `Declaration`."""
 
     eye: Vector | None = _camera(None, "X,Y,Z", "Camera position. Default: the scan fills the image.", parse=numbers)
     target: Vector | None = _camera(None, "X,Y,Z", "Point to look at. Default: the middle of the scan.", parse=numbers)
@@ -115,9 +115,7 @@ class PictureOptions:
         "Colour by height, x, y, z or an attribute (see `pointray info`), then optionally :colormap and :low,high.",
         commands=COLORED,
     )
-    legend: bool = _look(
-        False, None, "Draw the legend of --color-by.", "--legend/--no-legend", commands=("render",), part=""
-    )
+    legend: bool = _look(False, None, "Draw the legend of --color-by.", commands=("render",), part="")
     background: str = _look(
         AUTO,
         "COLOR",
@@ -125,12 +123,11 @@ class PictureOptions:
         commands=SHOWN,
         part=IN_ROOT,
     )
-    ground: bool = _look(False, None, "Add a grey plane under the scan.", "--ground/--no-ground")
+    ground: bool = _look(False, None, "Add a grey plane under the scan.")
     contact_shadow: bool = _look(
         True,
         None,
         "Draw the shadow of a standing object on an invisible ground, in the studio's light.",
-        "--contact-shadow/--no-contact-shadow",
         commands=SHOWN,
     )
     backfaces: str | None = _look(
@@ -176,7 +173,6 @@ class PictureOptions:
         True,
         None,
         "Store the model of a scan and reuse it next time, see `pointray cache`.",
-        "--cache/--no-cache",
         panel=INPUT,
         commands=SHOWN,
     )
@@ -187,14 +183,12 @@ class PictureOptions:
     noise: float | None = _quality(
         None, "SHARE", "Stop at this standard error relative to the mean of the image, such as 0.02."
     )
-    denoise: bool = _quality(False, None, "Denoise images of path and ao.", "--denoise/--no-denoise")
+    denoise: bool = _quality(False, None, "Denoise images of path and ao.")
     filter: str = _quality("blackman-harris", "NAME", f"Pixel filter. {listed(FILTERS)}.", choices=FILTERS)
     samples: int = _surface(
         4, "COUNT", "Samples along a ray in the diameter of a support.", panel=QUALITY, min=2, max=64
     )
-    levels: bool = _quality(
-        True, None, "Show levels of detail of distant models.", "--levels/--no-levels", commands=SHOWN
-    )
+    levels: bool = _quality(True, None, "Show levels of detail of distant models.", commands=SHOWN)
     seed: int = _quality(0, "NUMBER", "Seed of random numbers.", commands=COLORED)
 
     threads: int | None = option(

@@ -38,10 +38,7 @@ ForceOption = Annotated[bool, single(OUTPUT, None, "Allow the result to overwrit
 JsonOption = Annotated[bool, single(OUTPUT, None, "Print JSON.", "--json")]
 
 
-@with_options(
-    "pointray bake scan.ply -o scan.bake",
-    "pointray bake scan.ply -o lit.ply --colors --light sun:1,1,-2",
-)
+@with_options("pointray bake scan.ply -o scan.bake", "pointray bake scan.ply -o lit.ply --colors --light sun:1,1,-2")
 def bake(
     context: typer.Context,
     files: Annotated[list[Path], typer.Argument(help=SUBJECT)],
@@ -110,8 +107,7 @@ def prepare(
     ] = None,
     trajectory: Annotated[Path | None, single(INPUT, "FILE", TRAJECTORY)] = None,
     levels: Annotated[
-        bool,
-        single(OUTPUT, None, "Add levels of detail to a .pointray, a third more bytes.", "--levels/--no-levels"),
+        bool, single(OUTPUT, None, "Add levels of detail to a .pointray, a third more bytes.", "--levels/--no-levels")
     ] = True,
     part_points: Annotated[int | None, single(OUTPUT, "COUNT", PART_POINTS)] = None,
     memory: Annotated[str | None, single(OUTPUT, "BYTES", MEMORY)] = None,

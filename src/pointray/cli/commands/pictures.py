@@ -68,8 +68,7 @@ def render(
 
 
 @with_options(
-    "pointray animate scan.ply -o turntable.mp4",
-    "pointray animate scan.ply -o flight.mp4 --keys keys.toml --fps 30",
+    "pointray animate scan.ply -o turntable.mp4", "pointray animate scan.ply -o flight.mp4 --keys keys.toml --fps 30"
 )
 def animate(
     context: typer.Context,
