@@ -64,7 +64,7 @@ def test_it_ends_with_what_a_picture_shows(scan, capsys, tmp_path, rng):
     pr.write(tmp_path / "b.ply", pr.Points([*ball, [1e5, 0, 0]], colors=np.full((1001, 3), 9, np.uint8)))
     assert execute(["info", str(tmp_path / "b.ply")]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()][-6:]
-    assert lines[0].startswith("picture automatic choices of render") and lines[1].startswith("up +z (")
+    assert lines[0].startswith("picture automatic: --up") and lines[1].startswith("up +z (")
     assert lines[2] == "view front (azimuth 25, elevation 18)" and lines[3] == "colours those of the file"
     assert lines[4] == "normals estimated" and lines[5] == "ignored 0.1% of the points lie far from all others"
 

@@ -46,9 +46,7 @@ def _picture(facts: dict[str, Any]) -> Any:
     rows = [["up", facts["up"]], ["view", view], ["colours", facts["colors"]], ["normals", facts["normals"]]]
     if facts["ignored"]:
         rows.append(["ignored", facts["ignored"].removeprefix("Not framed: ").rstrip(".")])
-    return _table(
-        [["picture", "automatic choices of render; change with --up, --view, --color, --normals"], *rows], heads=True
-    )
+    return _table([["picture", "automatic: --up, --view, --color, --normals change it"], *rows], heads=True)
 
 
 def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = False) -> Any:
