@@ -118,7 +118,8 @@ def with_options(*examples: str, **defaults: Any) -> Callable[[Callable[..., Non
         run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
         lines = "".join(f"\n  {example}" for example in examples)
-        run.__doc__ = f"\b\nExamples:{lines}\n\n{inspect.getdoc(command)}"
+        paragraphs = [" ".join(text.split()) for text in str(inspect.getdoc(command)).split("\n\n")]
+        run.__doc__ = "\n\n".join([f"\b\nExamples:{lines}", *paragraphs])
         return run
 
     return decorate

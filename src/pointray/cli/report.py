@@ -27,11 +27,7 @@ FEW = 500_000  # maximum number of points that are always checked completely, wh
 SAMPLE = 200_000  # points whose spacing is measured by a search among all points
 SAMPLED = 4_000  # points whose spacing is measured by a search in nearby cells
 GUESS = 20_000  # points for a first estimate of the spacing, which sets the size of these cells
-MEASURED, FLAWLESS, COUNTED = (
-    0.1,
-    0.4,
-    0.95,
-)  # shares of the time after which spacing, flaws and isolated points are known
+MEASURED, FLAWLESS, COUNTED = 0.1, 0.4, 0.95  # progress once spacing, flaws and isolated points are known
 CELL = 3.0  # size of a cell in estimated spacings
 
 

@@ -78,7 +78,7 @@ class ScanScene:
         import pointray as pr
 
         self.files, self._options, self._surface = files, options, options.of(OF_SURFACE)
-        self._choice, self._baked, self._layers, self._neutral = choice, baked, layers, neutral
+        self._choice, self._baked, self._layers = choice, baked, layers
         self._scan: Any = None  # the analysed model, unless it is in parts
         check_saved(files.files[0], self._surface == PLAIN and options.normals == AUTO)
         self.read: Points | None = None
