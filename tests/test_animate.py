@@ -148,7 +148,7 @@ def test_an_mp4(scan, capsys):
 @pytest.mark.long
 def test_an_mp4_of_odd_size(scan, capsys):
     assert animate(scan, "turn.mp4", "--seconds", "1", "--fps", "2", "--size", "23x17", "--background", "1,0,0") == 0
-    assert "23x17 (an MP4 has even sides: 24x18), 2 frames" in capsys.readouterr().out
+    assert "23x17 (rounded to even sides: 24x18), 2 frames" in capsys.readouterr().out
     film = frames_of(scan.with_name("turn.mp4"), scan.with_name("read"))
     assert film.shape == (2, 18, 24, 3)
     border = np.concatenate([film[:, -1].reshape(-1, 3), film[:, :, -1].reshape(-1, 3)])
@@ -231,7 +231,7 @@ def test_an_interrupted_film_of_a_scene_file_goes_on(scene, rendered, capsys):
     assert animate(scene, "out") == 130
     rendered.stop = 1000
     assert animate(scene, "out") == 0
-    assert len(rendered) == 4 and "4 frames, 3 of them from before" in capsys.readouterr().out
+    assert len(rendered) == 4 and "4 frames, 3 of them rendered before" in capsys.readouterr().out
     assert pictures(scene.with_name("out")) == pictures(scene.with_name("whole"))
 
 
@@ -243,7 +243,7 @@ def test_when_a_file_of_the_scene_was_written_anew_so_are_the_frames(name, scene
     rendered.stop = 1000
     os.utime(scene.with_name(name), (0, 0))
     assert animate(scene, "out") == 0 and len(rendered) == 6
-    assert capsys.readouterr().err.endswith("rendered anew: not as before: scene\n")
+    assert capsys.readouterr().err.endswith("rendering all frames again, because these changed: scene\n")
 
 
 # ---------------------------------------------------------------------------------------- what was interrupted
@@ -254,12 +254,12 @@ def test_an_interrupted_film_goes_on(scan, rendered, capsys):
     del rendered[:]
     rendered.stop = 3
     assert animate(scan, "out") == 130
-    assert "goes on" in capsys.readouterr().err
+    assert "run the same command to continue" in capsys.readouterr().err
     left = pictures(scan.with_name("out"))
     assert sorted(left) == ["%04d.png.json", "0000.png", "0001.png", "0002.png"]
     rendered.stop = 1000
     assert animate(scan, "out") == 0
-    assert len(rendered) == 4 and "4 frames, 3 of them from before" in capsys.readouterr().out
+    assert len(rendered) == 4 and "4 frames, 3 of them rendered before" in capsys.readouterr().out
     assert pictures(scan.with_name("out")) == pictures(scan.with_name("whole"))
 
 
@@ -309,7 +309,9 @@ def test_frames_of_other_settings_are_rendered_anew(scan, rendered, capsys):
     assert animate(scan, "out", *FOUR, "--exposure", "1", "--background", "0,0,0") == 0
     err = capsys.readouterr().err
     assert err.startswith("pointray: note: ") and err.count("\n") == 1
-    assert err.endswith("rendered anew: not as before: exposure, background\n") and len(rendered) == 6
+    assert (
+        err.endswith("rendering all frames again, because these changed: exposure, background\n") and len(rendered) == 6
+    )
 
 
 @pytest.mark.long
@@ -319,7 +321,10 @@ def test_frames_of_another_color_by_are_rendered_anew(scan, rendered, capsys):
     capsys.readouterr()
     rendered.stop = 1000
     assert animate(scan, "out", *FOUR, "--color-by", "z") == 0
-    assert capsys.readouterr().err.endswith("rendered anew: not as before: color by\n") and len(rendered) == 6
+    assert (
+        capsys.readouterr().err.endswith("rendering all frames again, because these changed: color by\n")
+        and len(rendered) == 6
+    )
 
 
 def test_pictures_that_are_there_without_a_note_are_rendered_anew(scan, rendered):
@@ -343,10 +348,10 @@ BAD_KEYS = {
     "unknown 'zoom'": [*KEYS[:2], {**KEYS[2], "zoom": 2}],
     "target is missing": [KEYS[0], KEYS[1], {"time": 3, "eye": [0, 0, 0]}],
     "key 2: eye must be three finite numbers": [KEYS[0], {**KEYS[1], "eye": [0, float("nan"), 0]}, KEYS[2]],
-    "key 3: its time, 0.5, is not after": [KEYS[0], KEYS[1], {**KEYS[2], "time": 0.5}],
-    "two keys or more": KEYS[:1],
+    "key 3: time 0.5 must be later than": [KEYS[0], KEYS[1], {**KEYS[2], "time": 0.5}],
+    "at least two keys": KEYS[:1],
     "must be a list": {"first": KEYS[0]},
-    "key 2: it must have": [KEYS[0], 7],
+    "key 2: expected time, eye, target": [KEYS[0], 7],
     "key 2: time must be": [KEYS[0], {**KEYS[1], "time": "soon"}],
     "key 1: target must be three": [{**KEYS[0], "target": "123"}, KEYS[1]],
     "key 1: fov must be a number of degrees between": [{**KEYS[0], "fov": 180}, KEYS[1]],
@@ -391,8 +396,8 @@ def test_files_that_hold_no_keys(name, text, tmp_path, capsys):
         ("--size 24", "--size"),
         ("--light moon:0,0,1", "--light"),
         ("--exposure 1000", "--exposure"),
-        ("--keys keys.json --seconds 3", "--seconds is not for --keys"),
-        ("--keys keys.json --eye 0,0,0", "--eye is not for --keys"),
+        ("--keys keys.json --seconds 3", "--seconds cannot be combined with --keys"),
+        ("--keys keys.json --eye 0,0,0", "--eye cannot be combined with --keys"),
     ],
 )
 def test_options_are_checked_first(option, words, tmp_path, capsys):
@@ -404,15 +409,15 @@ def test_options_are_checked_first(option, words, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("output", "words"),
     [
-        ("film.gif", "a film is .mp4"),
+        ("film.gif", "expected .mp4"),
         ("a.png", "%04d.png"),
         ("a%04d.gif", "cannot write .gif"),
         ("a%04d_%d.png", "one %d"),
         ("a%s.png", "one %d"),
         ("no/such/%04d.png", "no such folder"),
         ("no/film.mp4", "no such folder"),
-        ("used.mp4", "used.mp4.frames: not of a film"),
-        ("film.mp4 --background none", "transparent"),
+        ("used.mp4", "used.mp4.frames: needed for frames"),
+        ("film.mp4 --background none", "transparency"),
         ("file/film.mp4", "no such folder"),
         ("file/%04d.png", "no such folder"),
         ("file", "no such folder"),
@@ -442,7 +447,7 @@ def test_what_ffmpeg_cannot_do_is_a_failure(scan, monkeypatch, capsys):
     pytest.importorskip("imageio_ffmpeg")
     monkeypatch.setattr("pointray.image.mp4.CRF", "plenty")
     assert animate(scan, "out.mp4") == 1
-    said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("compiling")]
+    said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("Compiling")]
     assert len(said) == 1 and said[0].startswith(f"pointray: {scan.with_name('out.mp4')}: ffmpeg: ")
     assert sorted(os.listdir(scan.parent)) == ["out.mp4.frames", "scan.ply"]  # the frames wait for the next try
 
@@ -462,7 +467,7 @@ def test_an_attribute_that_is_not_there(output, scan, capsys):
         ("--radius-scale 2", "--radius-scale is not for a scene file"),
         ("--seconds 0", "--seconds"),
         ("--fov 180", "fov must be"),
-        ("--keys keys.json --turns 3", "--turns is not for --keys"),
+        ("--keys keys.json --turns 3", "--turns cannot be combined with --keys"),
     ],
 )
 def test_options_that_do_not_fit_a_scene_file(option, words, scene, capsys):
@@ -480,9 +485,9 @@ def test_mistakes_in_a_scene_file(scene, capsys):
 def test_a_transparent_scene_file_is_no_mp4(scene, capsys):
     pytest.importorskip("imageio_ffmpeg")
     film = ["-o", str(scene.with_name("out.mp4"))]
-    assert "--background none: an MP4" in bad_input([str(scene), *film, "--background", "none"], capsys)
+    assert "--background none: MP4" in bad_input([str(scene), *film, "--background", "none"], capsys)
     scene.write_text(SCENE.replace("[0.1, 0.2, 0.3]", '"none"'))
-    assert bad_input([str(scene), *film], capsys).startswith(f"pointray: {scene}:2: background: an MP4 cannot be")
+    assert bad_input([str(scene), *film], capsys).startswith(f"pointray: {scene}:2: background: MP4 does not support")
     scene.write_text(SCENE.replace("background = [0.1, 0.2, 0.3]", ""))
-    assert bad_input([str(scene), *film], capsys).startswith(f"pointray: {scene}: background: an MP4 cannot be")
+    assert bad_input([str(scene), *film], capsys).startswith(f"pointray: {scene}: background: MP4 does not support")
     assert execute(["animate", str(scene), *film, *SMALL, *FOUR, "--background", "1,0,0"]) == 0

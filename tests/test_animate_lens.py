@@ -74,7 +74,7 @@ def test_panoramas_fly_and_turn_on_no_table(scan, capsys):
     command += ["--projection", "panorama"]
     assert execute([*command, "--keys", str(scan.parent / "keys.json")]) == 0 and len(list(out.glob("*.png"))) == 2
     scan.write_text("nothing that could be read")
-    assert execute(command) == 2 and "no turntable" in capsys.readouterr().err
+    assert execute(command) == 2 and "a turntable needs --eye" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from pointray.cli import bake as command
 from pointray.cli import execute, serve
 from pointray.cli.commands.files import bake as bake_command
 from pointray.cli.read_options import Reading
-from pointray.cli.scan_scene import PLAIN
+from pointray.cli.scan_surface import PLAIN
 from pointray.cloud.normals.validation import select_normals
 from pointray.image.tone import linear_to_srgb, srgb_to_linear, tone
 from pointray.scenefile import plan
@@ -63,7 +63,7 @@ def run(capsys, *arguments):
     capsys.readouterr()
     status = execute([str(a) for a in arguments])
     out, err = capsys.readouterr()
-    return status, out, re.sub(r"^compiling kernels.*\n", "", err, flags=re.MULTILINE)
+    return status, out, re.sub(r"^Compiling .* kernels.*\n", "", err, flags=re.MULTILINE)
 
 
 def fail(capsys, *arguments) -> str:
@@ -193,7 +193,7 @@ def test_colors_hold_the_light(scan, capsys, paint, curve):
     out = scan.with_name("lit.ply")
     status, text, _ = run(capsys, "bake", scan, "-o", out, *FEW, *LIGHTS, "--colors")
     told = re.fullmatch(
-        rf"{out}: {len(points):,} points with ao and irradiance, colours in that light, exposure (\S+?)(, .*)?",
+        rf"{out}: {len(points):,} points with ao and irradiance, lit colours, exposure (\S+?)(, .*)?",
         text.splitlines()[0],
     )
     assert status == 0 and (told[2] == ", highlights softened") == (curve == "soft")
@@ -278,7 +278,7 @@ def test_the_defaults_are_those_of_python():
         (["-o", "lit.xyz"], "cannot write .xyz; can write .las, .laz, .npy, .npz, .ply and .bake"),
         (["-o", "lit"], "a file without extension"),
         (["-o", "no/folder/lit.ply"], "no such folder"),
-        (["-o", "lit.bake", "--colors"], "--colors is for .las, .laz, .npy, .npz, .ply"),
+        (["-o", "lit.bake", "--colors"], "--colors requires .las, .laz, .npy, .npz, .ply"),
         (["-o", "lit.ply", "--colors", "--color-by", "quality"], "--color-by"),
         (["-o", "lit.ply", "--links", "0"], "links"),
         (["-o", "lit.ply", "--links", "5000"], "links"),
@@ -288,7 +288,7 @@ def test_the_defaults_are_those_of_python():
         (["-o", "lit.ply", "--albedo-scale", "1.5"], "albedo_scale"),
         (["-o", "lit.ply", "--seed", "-1"], "seed"),
         (["-o", "lit.ply", "--threads", "0"], "threads"),
-        (["-o", "lit.ply", "--light", "sun:0,0,-1,camera"], "not baked"),
+        (["-o", "lit.ply", "--light", "sun:0,0,-1,camera"], "cannot be baked"),
         (["-o", "lit.ply", "--fill", "0.5"], "--fill"),
         (["-o", "lit.ply", "--color", "2,0,0"], "--color"),
         (["-o", "lit.ply", "--up", "0,0,0"], "--up"),
@@ -333,7 +333,7 @@ def test_a_full_disk_leaves_the_old_file(scan, capsys, monkeypatch):
 def test_render_bakes_first_and_says_so(scan, bakes, capsys):
     out = scan.with_name("a.npz")
     status, _, err = run(capsys, "render", scan, "-o", out, *SMALL, "--integrator", "baked", *LIGHTS, "--seed", "4")
-    assert status == 0 and err.startswith("pointray: note: light is baked first (") and err.count("\n") == 1
+    assert status == 0 and err.startswith("pointray: note: baking light first (") and err.count("\n") == 1
     assert [settings.seed for _, settings in bakes] == [4]
     scene, _ = scene_of(scan, lights(), pr.Diffuse())
     scene.baked = pr.bake(scene)
@@ -345,7 +345,7 @@ def test_render_bakes_first_and_says_so(scan, bakes, capsys):
 def test_a_file_of_light_is_shown_as_what_was_baked(scan, bakes, capsys):
     light, picture = scan.with_name("lit.bake"), scan.with_name("a.png")
     status, text, err = run(capsys, "bake", scan, "-o", light)
-    assert status == 0 and err == "" and text.startswith(f"{light}: the light of {len(ring()):,} points, ")
+    assert status == 0 and err == "" and text.startswith(f"{light}: light of {len(ring()):,} points, ")
     assert run(capsys, "render", scan, "-o", picture, *SMALL, "--integrator", "baked")[0] == 0
     before = picture.read_bytes()
     del bakes[:]
@@ -366,7 +366,7 @@ def test_light_that_does_not_fit_is_refused(program, scan, bakes, capsys):
         (["--material", "clay"], "lights, materials or colours have changed"),
         (["--ground"], "lit.bake"),
         (["--radius-scale", "2"], "lit.bake"),
-        (["--integrator", "path"], "--bake is for --integrator baked, not path"),
+        (["--integrator", "path"], "--bake requires --integrator baked, not path"),
     ):
         said = fail(capsys, program, scan, "-o", out, *SMALL, "--bake", light, *more)
         assert words in said and not out.is_file(), more
@@ -393,7 +393,7 @@ def test_a_film_bakes_once(scan, bakes, capsys):
     film = [*SMALL, "--seconds", "1", "--fps", "3", "--integrator", "baked"]
     status, out, err = run(capsys, "animate", scan, "-o", scan.with_name("frames"), *film)
     assert status == 0 and "3 frames" in out and len(bakes) == 1
-    assert err.startswith("pointray: note: light is baked first, once for all frames: only the camera moves")
+    assert err.startswith("pointray: note: baking light first, once for all frames")
     frames = [path.read_bytes() for path in sorted(scan.with_name("frames").iterdir())]
     assert len(set(frames)) == 3
 
@@ -485,7 +485,7 @@ def scene(scan: Path) -> Path:
 def test_a_scene_file_says_how_light_is_baked(scene, bakes, capsys):
     out = scene.with_name("a.npz")
     status, _, err = run(capsys, "render", scene, "-o", out)
-    assert status == 0 and err.startswith("pointray: note: light is baked first (") and err.count("\n") == 1
+    assert status == 0 and err.startswith("pointray: note: baking light first (") and err.count("\n") == 1
     assert [settings for _, settings in bakes] == [pr.BakeSettings(links=7, patches=99, seed=6)]
     made = pr.load_scene(scene)
     assert made.scene.baked is not None
@@ -516,7 +516,7 @@ def test_a_scene_file_reads_its_light_if_that_is_there(scene, bakes, capsys):
     for _ in range(2):
         del bakes[:]
         status, text, err = run(capsys, "bake", scene, "-o", light, "--links", "5", "--seed", "1", "--noise", "0.2")
-        assert (status, err) == (0, "") and text.startswith(f"{light}: the light of {len(ring()):,} points, ")
+        assert (status, err) == (0, "") and text.startswith(f"{light}: light of {len(ring()):,} points, ")
         wanted = pr.BakeSettings(links=5, patches=99, seed=1, noise=0.2)
         assert [settings for _, settings in bakes] == [wanted]
     del bakes[:]
@@ -584,7 +584,7 @@ def test_an_empty_scene_is_reported(scene, capsys):
 def test_the_points_of_a_scene_with_one_instance(scene, bakes, capsys):
     out = scene.with_name("lit.ply")
     status, text, _ = run(capsys, "bake", scene, "-o", out, "--colors")
-    assert status == 0 and text.startswith(f"{out}: {len(ring()):,} points with ao and irradiance, colours")
+    assert status == 0 and text.startswith(f"{out}: {len(ring()):,} points with ao and irradiance, lit colours")
     made = pr.load_scene(scene).scene
     (number, _), _ = made.shapes.items()
     found = pr.read(out)
@@ -604,7 +604,7 @@ def test_the_points_of_other_scenes_are_refused(scene, capsys, more):
     scene.write_text(text)
     scene.with_name("scan.ply").write_text("nothing")
     said = fail(capsys, "bake", scene, "-o", scene.with_name("lit.ply"))
-    assert "holds the points of one instance of a model, the scene has " in said
+    assert "can store one instance of a model, the scene has " in said
 
 
 @pytest.mark.parametrize("option", ["--up z", "--light sun:1,1,1", "--material clay", "--surface imls", "--ground"])
@@ -619,7 +619,7 @@ def test_a_scene_file_says_the_rest_itself(scene, capsys, option):
 def viewed(files: list[Path], **options) -> tuple[object, list]:
     """The shared scene of `pointray view`, loaded; and what it has said."""
     typed = {name: value for name, value in options.items() if name in ("bake", "integrator")}
-    told = {"up": "auto", "light": None, "fill": None, "background": "auto", "ground": False, "normals": "auto"}
+    told = {"up": None, "light": None, "fill": None, "background": "auto", "ground": False, "normals": "auto"}
     told |= {"settings": pr.Settings("baked"), "bake": None, "quick": False}
     told |= {"backfaces": None, "contact_shadow": True, **options}
     surface = dict(PLAIN)
@@ -691,4 +691,4 @@ def test_the_viewer_of_a_scene_file(scene, bakes, capsys):
     shared, stages = viewed([scene])
     assert shared.problem == "" and shared.scene.baked is not None and "baking light" in stages
     assert [settings.links for _, settings in bakes] == [7]
-    assert capsys.readouterr().err.startswith("pointray: light is baked first (")
+    assert capsys.readouterr().err.startswith("pointray: baking light first (")

@@ -78,7 +78,7 @@ def test_the_command_draws_a_plot(tmp_path, capsys, monkeypatch):
     ("arguments", "word"),
     [
         (["--points", "12"], "1000"),
-        (["--points", "2000", "--points", "2000"], "each count once"),
+        (["--points", "2000", "--points", "2000"], "duplicate counts"),
         (["--runs", "0"], "--runs"),
         (["--plot", "bench.gif"], ".png"),
         (["--plot", "nowhere/bench.png"], "no such folder"),

@@ -10,7 +10,7 @@ import pytest
 
 import pointray as pr
 from pointray.cli import execute
-from pointray.cli.scan_scene import PLAIN
+from pointray.cli.scan_surface import PLAIN
 from pointray.model import model_cache
 from pointray.viewer import loading
 

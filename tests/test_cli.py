@@ -365,7 +365,7 @@ def test_interrupted_while_compiling(command: str, scan: Path, tmp_path: Path) -
     words = [sys.executable, "-c", PROGRAM, *command.split()]
     with subprocess.Popen(words, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as process:
         assert process.stderr is not None
-        assert b"compiling" in process.stderr.readline()
+        assert b"Compiling" in process.stderr.readline()
         process.send_signal(signal.SIGINT)
         assert process.stderr.read() == b""
         assert process.wait(timeout=300) == 130

@@ -411,12 +411,12 @@ def test_what_workers_cannot_do_is_reported(scan: Path, tmp_path: Path, capsys: 
     parts = "-o", f"{tmp_path / 'a.pointray'}/", "--workers", 2
     assert "exclude each other" in refused(capsys, scan, *parts, "--cluster", "tcp://127.0.0.1:1")
     line = refused(capsys, scan, "-o", tmp_path / "b.ply", "--workers", 2)
-    assert line == f"pointray: --workers is for a model in parts: -o {tmp_path / 'b.pointray'}/"
+    assert line == f"pointray: --workers requires a model in parts: -o {tmp_path / 'b.pointray'}/"
     line = refused(capsys, scan, *parts, "--tolerance", "0.1")
-    assert line == "pointray: --tolerance is for scans that fit into memory: leave it out, or leave out --workers"
+    assert line == "pointray: --tolerance requires a scan that fits into memory: omit it, or omit --workers"
     pr.Model(pr.procedural("sphere", 1000)).save(tmp_path / "m.pointray")
     line = refused(capsys, tmp_path / "m.pointray", *parts)
-    assert line == "pointray: --workers is for scans: a saved model is put into parts here"
+    assert line == "pointray: --workers requires a scan; saved models are split in this process"
     assert not (tmp_path / "a.pointray").exists()
 
 

@@ -123,7 +123,8 @@ def test_a_camera_that_looks_away_is_reported(rng, tmp_path, capsys):
     ]
     assert execute([*arguments, "--eye", "0,-9,0", "--target", "0,-20,0"]) == 0
     assert (
-        "note: the points cover 0.0% of the picture: without --eye and --target all are seen" in capsys.readouterr().err
+        "note: the points cover only 0.0% of the image; without --eye and --target all are visible"
+        in capsys.readouterr().err
     )
     assert execute(arguments) == 0
     assert "cover" not in capsys.readouterr().err

@@ -344,7 +344,7 @@ def test_a_film_whose_first_moment_was_its_last_goes_on(tmp_path):
     assert film_output(tmp_path / "a.mp4", "sky").pattern.parent == folder
     assert names(folder) == []
     (folder / "mine.png").touch()
-    with pytest.raises(ValueError, match="not of a film"):
+    with pytest.raises(ValueError, match="needed for frames"):
         film_output(tmp_path / "a.mp4", "sky")
 
 

@@ -50,7 +50,7 @@ def test_as_a_table(scan, capsys, monkeypatch):
     assert "coordinate system ETRS89 / UTM zone 32N" in lines
     assert f"gps_time float64 {TIME!r} {TIME + 5!r}" in lines  # all digits
     assert "reflectance float32 -1.1 0.3" in lines
-    assert "2 ground 60" in lines and "6 building 39" in lines and "77 no name 1" in lines
+    assert "2 ground 60" in lines and "6 building 39" in lines and "77 unnamed 1" in lines
     assert WKT not in out and "crs" not in out
 
 
@@ -64,7 +64,7 @@ def test_it_ends_with_what_a_picture_shows(scan, capsys, tmp_path, rng):
     pr.write(tmp_path / "b.ply", pr.Points([*ball, [1e5, 0, 0]], colors=np.full((1001, 3), 9, np.uint8)))
     assert execute(["info", str(tmp_path / "b.ply")]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()][-6:]
-    assert lines[0].startswith("picture as render shows it") and lines[1].startswith("up +z (")
+    assert lines[0].startswith("picture automatic: --up") and lines[1].startswith("up +z (")
     assert lines[2] == "view front (azimuth 25, elevation 18)" and lines[3] == "colours those of the file"
     assert lines[4] == "normals estimated" and lines[5] == "ignored 0.1% of the points lie far from all others"
 
@@ -153,7 +153,7 @@ def test_coordinates_are_shown_with_the_decimals_of_the_file(tmp_path, capsys):
     pr.write(path, pr.Points(numbers * 0.01 + [635_619.85, 848_899.7, 406.59], survey=survey))
     assert execute(["info", str(path)]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
-    assert "low 635619.85, 848899.7, 406.59" in lines and "high 638982.55, 853535.43, 586.38" in lines
+    assert "min 635619.85, 848899.7, 406.59" in lines and "max 638982.55, 853535.43, 586.38" in lines
     assert "size 3362.7, 4635.73, 179.79" in lines
 
 

@@ -339,8 +339,8 @@ def test_the_command_goes_by_parts_when_memory_is_little(tmp_path, capsys, monke
     [
         (["--memory", "2 apples"], "--memory must be a size like 4GiB or 500MB, not '2 apples'"),
         (["--memory", "100MB"], "not enough memory: 0.09 GiB, but 1.5 GiB are needed"),
-        (["--memory", "2GiB", "--tolerance", "0.5"], "--tolerance is for scans that fit into memory"),
-        (["--memory", "2GiB", "--drop-strays"], "--drop-strays is for scans that fit into memory"),
+        (["--memory", "2GiB", "--tolerance", "0.5"], "--tolerance requires a scan that fits into memory"),
+        (["--memory", "2GiB", "--drop-strays"], "--drop-strays requires a scan that fits into memory"),
     ],
 )
 def test_invalid_options_are_reported(words, text, tmp_path, capsys, monkeypatch):

@@ -16,7 +16,7 @@ from pointray.base.choices import AUTO
 from pointray.cli import baked_light, execute, serve
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_lights import ScanLights
-from pointray.cli.scan_scene import PLAIN
+from pointray.cli.scan_surface import PLAIN
 from pointray.viewer.baker import ROUGH, Baker
 from pointray.viewer.display import Display
 from pointray.viewer.exports import Exports, _command
@@ -66,7 +66,7 @@ def run(capsys, *arguments):
     """What a command that works has said, but for the line about kernels."""
     capsys.readouterr()
     assert execute([str(a) for a in arguments]) == 0
-    return re.sub(r"^compiling kernels.*\n", "", capsys.readouterr().err, flags=re.MULTILINE)
+    return re.sub(r"^Compiling .* kernels.*\n", "", capsys.readouterr().err, flags=re.MULTILINE)
 
 
 # ------------------------------------------------------------------------------------------------- the command line
@@ -130,11 +130,11 @@ def test_a_headlight_is_a_scene_without_lights(scan, capsys):
 @pytest.mark.parametrize(
     ("texts", "fill", "said"),
     [
-        (["studio", "sun:1,1,-1"], None, "--light studio is alone"),
-        (["sky:1,1,1", "headlight"], None, "--light headlight is alone"),
-        (["headlight"], 0.5, "--fill is for"),
-        (["studio"], 0.5, "--fill is for"),
-        (["limelight"], None, "or studio or headlight"),
+        (["studio", "sun:1,1,-1"], None, "--light studio cannot be combined"),
+        (["sky:1,1,1", "headlight"], None, "--light headlight cannot be combined"),
+        (["headlight"], 0.5, "--fill requires"),
+        (["studio"], 0.5, "--fill requires"),
+        (["limelight"], None, "studio or headlight"),
     ],
 )
 def test_a_look_is_all_the_light_there_is(texts, fill, said):
@@ -144,7 +144,7 @@ def test_a_look_is_all_the_light_there_is(texts, fill, said):
 
 def test_a_headlight_is_not_baked(scan, capsys):
     assert execute(["bake", str(scan), "-o", str(scan.with_name("a.bake")), "--light", "headlight"]) == 2
-    assert "goes with the camera is not baked" in capsys.readouterr().err
+    assert "moves with the camera cannot be baked" in capsys.readouterr().err
 
 
 # ------------------------------------------------------------------------------------------------------- the viewer
@@ -152,7 +152,7 @@ def test_a_headlight_is_not_baked(scan, capsys):
 
 def viewed(file, *, look=None, quick=True):
     """The shared scene of `pointray view` of a file, loaded."""
-    options = {"up": AUTO, "light": look, "fill": None, "background": AUTO, "ground": False, "normals": AUTO}
+    options = {"up": None, "light": look, "fill": None, "background": AUTO, "ground": False, "normals": AUTO}
     options |= {"settings": pr.Settings("baked" if quick else "phong"), "bake": None, "quick": quick}
     options |= {"backfaces": None, "contact_shadow": True}
     shared, loader = serve.shared_scene_of([file], Reading(), {}, options, dict(PLAIN))

@@ -32,7 +32,7 @@ def run(capsys, *arguments):
     capsys.readouterr()
     status = execute([str(a) for a in arguments])
     out, err = capsys.readouterr()
-    return status, out, re.sub(r"^compiling kernels.*\n", "", err, flags=re.MULTILINE)
+    return status, out, re.sub(r"^Compiling .* kernels.*\n", "", err, flags=re.MULTILINE)
 
 
 def test_cleaned_and_made_smaller(scan, capsys):
@@ -84,7 +84,7 @@ def test_normals_towards_the_viewpoint(scan, capsys):
 def test_nothing_to_do_copies(scan, capsys):
     out = scan.with_name("out.ply")
     status, text, _ = run(capsys, "prepare", scan, "-o", out)
-    assert (status, len(pr.read(out))) == (0, 5102) and "nothing was to be done" in text
+    assert (status, len(pr.read(out))) == (0, 5102) and "nothing to do" in text
 
 
 @pytest.mark.long
@@ -117,7 +117,7 @@ def link_of(scan: Path, kind: str) -> Path:
 def test_a_file_replaces_itself_by_force_only(scan, capsys, kind):
     out, before = link_of(scan, kind), scan.read_bytes()
     status, text, err = run(capsys, "prepare", scan, "-o", out, "--drop-duplicates")
-    assert (status, text) == (2, "") and err == f"pointray: {out}: is the input itself; --force overwrites it\n"
+    assert (status, text) == (2, "") and err == f"pointray: {out}: is an input; use --force to overwrite it\n"
     assert scan.read_bytes() == out.read_bytes() == before
     assert run(capsys, "prepare", scan, "-o", out, "--drop-duplicates", "--force")[0] == 0
     assert len(pr.read(out)) == 5002
@@ -178,7 +178,7 @@ def test_the_points_of_a_model_come_back(saved, capsys):
     points, file = saved
     out = file.with_name("out.ply")
     status, text, err = run(capsys, "prepare", file, "-o", out)
-    assert (status, err) == (0, "") and text == f"{out}: {len(points):,} points; nothing was to be done\n"
+    assert (status, err) == (0, "") and text == f"{out}: {len(points):,} points; nothing to do\n"
     again = pr.read(out)
     assert np.array_equal(again.world, points.world)
     for name in ("normals", "colors"):
@@ -282,7 +282,7 @@ def test_info_deep(scan, capsys, monkeypatch):
     monkeypatch.setattr(report, "FEW", 1000)
     facts = json.loads(run(capsys, "info", scan, "--json")[1])
     assert facts["duplicates"] is None and facts["outliers"] is None
-    assert "not looked for (--deep does)" in run(capsys, "info", scan)[1]
+    assert "not checked (use --deep)" in run(capsys, "info", scan)[1]
     facts = json.loads(run(capsys, "info", scan, "--json", "--deep")[1])
     assert (facts["duplicates"], facts["outliers"], facts["spacing_sample"]) == (100, 2, 5002)
 

@@ -9,7 +9,8 @@ import pytest
 import pointray as pr
 from conftest import sphere_points
 from pointray.cli import execute
-from pointray.cli.read_options import Reading, reading_of
+from pointray.cli.declare import parsed
+from pointray.cli.read_options import Reading
 from pointray.cli.scan_files import scan_of
 from pointray.viewer.loading import FileLoader
 from pointray.viewer.shared_scene import SharedScene
@@ -35,10 +36,10 @@ def info(capsys, *arguments):
 
 
 def test_texts_become_arguments():
-    assert reading_of(NONE) == Reading() and Reading().is_plain and Reading().arguments == {}
+    assert parsed(Reading, NONE) == Reading() and Reading().is_plain and Reading().arguments == {}
     given = {"columns": "x, y,z,-,r,g,b", "every": 2, "bounds": "-1,0,0,1,1,inf", "opacity": 0.5}
     given |= {"keep": ["classification=2,6", "classification=6,9", "a=b=1"], "intrinsics": "500,500,320,240,1000"}
-    reading = reading_of({**NONE, **given})
+    reading = parsed(Reading, {**NONE, **given})
     assert reading.arguments == {
         "columns": ("x", "y", "z", "-", "r", "g", "b"),
         "every": 2,
@@ -143,11 +144,11 @@ def test_a_folder_stands_for_its_scans(folder, capsys):
     assert execute(["info", "tiles", "--json"]) == 0
     out, err = capsys.readouterr()
     assert [Path(file["file"]).name for file in json.loads(out)["files"]] == ["a.ply", "b.ply"]
-    assert err == "pointray: note: tiles: left aside, as no scans: cut.ply, notes.doc\n"
+    assert err == "pointray: note: tiles: skipped files that are not scans: cut.ply, notes.doc\n"
     assert execute(["render", "tiles", "-o", "a.png", "--size", "32x24", "--spp", "1", "--light", "headlight"]) == 0
     assert "1,000 points" in capsys.readouterr().out
     assert execute(["info", "tiles/inner"]) == 2
-    assert "tiles/inner: no file in this folder can be read; can read " in capsys.readouterr().err
+    assert "tiles/inner: contains no readable file; supported: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -155,8 +156,8 @@ def test_a_folder_stands_for_its_scans(folder, capsys):
     [
         ("a.ply a.ply", "a.ply: is given twice"),
         ("a.ply .", "is given twice"),
-        ("a.ply a.pointray", "a.pointray: a saved model is taken alone"),
-        ("a.ply scene.toml", "scene.toml: a scene file is taken alone"),
+        ("a.ply a.pointray", "a.pointray: a saved model cannot be combined with other files"),
+        ("a.ply scene.toml", "scene.toml: a scene file cannot be combined with other files"),
         ("a.ply absent.ply", "absent.ply: No such file"),
         ("a.ply broken.ply", "broken.ply: invalid PLY file"),
     ],
@@ -189,7 +190,7 @@ def test_prepare_and_bake_take_several(folder, capsys):
     assert execute(["prepare", "a.ply", "b.ply", "-o", "c.ply", "--keep", "classification=1"]) == 0
     assert len(pr.read("c.ply")) == 200
     assert execute(["prepare", "a.ply", "b.ply", "-o", "b.ply"]) == 2
-    assert capsys.readouterr().err == "pointray: b.ply: is the input itself; --force overwrites it\n"
+    assert capsys.readouterr().err == "pointray: b.ply: is an input; use --force to overwrite it\n"
 
 
 # -------------------------------------------------------------------------------------------------- scene files

@@ -19,7 +19,7 @@ import pointray as pr
 from pointray.auto_view import sample
 from pointray.cli import execute
 from pointray.cli.read_options import Reading
-from pointray.cli.scan_scene import PLAIN
+from pointray.cli.scan_surface import PLAIN
 from pointray.cli.serve import shared_scene_of
 from pointray.model import residency as residence
 from pointray.model.array_file import drop_pages
@@ -514,10 +514,10 @@ def test_info_verifies_every_byte(folder: Path, capsys: pytest.CaptureFixture[st
     scan = folder.parent / "a.ply"
     pr.write(scan, pr.procedural("sphere", 1000))
     assert execute(["info", str(scan), "--verify"]) == 2
-    assert "models in parts" in capsys.readouterr().err
+    assert "a model in parts" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("memory", "words"), [("1GiB", "models in parts"), ("much", "a size like")])
+@pytest.mark.parametrize(("memory", "words"), [("1GiB", "a model in parts"), ("much", "a size like")])
 def test_a_budget_is_for_models_in_parts(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str, words: str
 ) -> None:
@@ -649,7 +649,7 @@ def test_the_viewer_keeps_to_its_budget_and_comes_to_rest(made: Path, pages: lis
 def test_a_folder_is_viewed_with_direct_light_and_a_budget(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sample, "COARSE", 1)
     pr.render(scene_of(pr.Model.load(made)), FAR)  # loads the kernel that a picture needs
-    options = {"settings": pr.Settings("baked"), "up": "auto", "light": None, "fill": None, "background": "auto"}
+    options = {"settings": pr.Settings("baked"), "up": None, "light": None, "fill": None, "background": "auto"}
     options |= {"ground": False, "normals": "auto", "bake": None, "quick": True, "memory": 1 << 20}
     options |= {"backfaces": None, "contact_shadow": True}
     surface = dict(PLAIN)

@@ -63,7 +63,7 @@ def lines_of(capsys, *arguments):
     capsys.readouterr()
     status = execute([str(a) for a in arguments])
     lines = capsys.readouterr().err.splitlines()
-    return status, [line for line in lines if not line.startswith("compiling")]
+    return status, [line for line in lines if not line.startswith("Compiling")]
 
 
 def test_a_few_points_on_the_command_line(case, tmp_path, capsys):

@@ -9,6 +9,8 @@ from PIL import Image
 import pointray as pr
 import scatter_sheets
 from cloudcompare import seen_from
+from pointray.cli.declare import parsed
+from pointray.cli.picture_options import PictureOptions
 from pointray.cli.views import View
 from scatter_sheets import LINE, closed, options_of
 
@@ -41,7 +43,7 @@ def test_the_camera_is_that_of_the_options():
     *vectors, fov, angle, size, shape = options_of(CAMERA)
     words = dict(word.removeprefix("--").split("=") for word in vectors)
     assert (fov, size, shape) == ("--fov", "--size", "40x30")
-    view = View(shape, words.pop("up"), {"fov": float(angle)}, **words)
+    view = View(parsed(PictureOptions, {"size": shape, "fov": float(angle), **words}))
     assert view._look_at(view.eye, view.target, view.up) == CAMERA
 
 

@@ -412,7 +412,7 @@ def test_the_command_line_says_how_points_are_drawn(
     assert execute(["render", str(folder), *picture]) == 0
     capsys.readouterr()
     for more, text in (
-        (["-o", str(tmp_path / "b.ply"), "--scatter", "discs"], "are for a model"),
+        (["-o", str(tmp_path / "b.ply"), "--scatter", "discs"], "require a model"),
         (["-o", f"{tmp_path}/b.pointray/", "--scatter-size", "-1"], "--scatter-size"),
         (["-o", f"{tmp_path}/b.pointray/", "--scatter", "balls"], "balls"),
     ):

@@ -316,15 +316,15 @@ def line(text: str, start: str) -> int:
 
 # The text, its replacement, the key that the message names, and what it says. The line is that of the replacement.
 WRONG = {
-    "unknown key": ("fov = 50", "fow = 50", "camera.fow", "unknown key 'fow' (did you mean 'fov'?); there are: eye, "),
+    "unknown key": ("fov = 50", "fow = 50", "camera.fow", "unknown key 'fow' (did you mean 'fov'?); available: eye, "),
     "unknown table": ("[settings]", "[seting]", "seting", "unknown key 'seting' (did you mean 'settings'?)"),
     "unknown kind": ('kind = "sun"', 'kind = "son"', "lights[0].kind", "unknown kind 'son' (did you mean 'sun'?)"),
     "levels": ("points = 2000", "levels = 3\npoints = 2000", "models.ball.levels", "must be true or false, not 3"),
     "no kind": ('kind = "point"', "", "lights[1]", "kind is missing"),
-    "word of another kind": ("ior = 1.4", "color = 1", "materials.glass.color", "unknown key 'color'; there are: kind"),
+    "word of another kind": ("ior = 1.4", "color = 1", "materials.glass.color", "unknown key 'color'; available: kind"),
     "missing": ("direction = [1, 1, -2]", "", "lights[0]", "direction is missing"),
     "no model": ('model = "ball"', 'model = "bell"', "instances[0].model", "unknown model 'bell' (did you mean 'ball'"),
-    "no material": ('material = "glass"', 'material = "x"', "instances[2].material", "there are: gold, glass"),
+    "no material": ('material = "glass"', 'material = "x"', "instances[2].material", "available: gold, glass"),
     "type": ("angle = 1", 'angle = "wide"', "lights[0].angle", "must be a number, not 'wide'"),
     "true as number": ("radius = 0.5", "radius = true", "lights[3].radius", "must be a number, not True"),
     "text in a list": ("u = [0, 1, 0]", 'u = [0, "1", 0]', "lights[2].u", "must be a number or a list of numbers"),
@@ -349,7 +349,7 @@ WRONG = {
     "no file": ('file = "scan.ply"', 'file = "scam.ply"', "models.scan.file", "scam.ply: No such file or directory"),
     "unreadable": ('file = "scan.ply"', 'file = "sky.exr"', "models.scan.file", "sky.exr: unsupported file type .exr"),
     "no picture": ('image = "sky.exr"', 'image = "x.exr"', "lights[5].image", "x.exr: No such file or directory"),
-    "no transforms": ('"many.npy"', '"scan.ply"', "instances[2].transforms", "scan.ply: this is no .npy file"),
+    "no transforms": ('"many.npy"', '"scan.ply"', "instances[2].transforms", "scan.ply: not a valid .npy file"),
     "procedural": (
         'procedural = "sphere"',
         'procedural = "cube"',
@@ -375,7 +375,7 @@ WRONG = {
         "normal = [-1, 0, 0]",
         "offset = 1",
         "clips[1].offset",
-        "unknown key 'offset'; there are: point",
+        "unknown key 'offset'; available: point",
     ),
     "clips": (
         "[camera]",
@@ -383,7 +383,7 @@ WRONG = {
         "clips[16]",
         "at most 16",
     ),
-    "two skies": ('kind = "sphere"\ncenter = [3, 0, 5]\nradius = 0.5', 'kind = "environment"', "lights[5]", "already"),
+    "two skies": ('kind = "sphere"\ncenter = [3, 0, 5]\nradius = 0.5', 'kind = "environment"', "lights[5]", "only one"),
 }
 
 
@@ -415,16 +415,19 @@ def test_mistakes(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("a = = 1", "scene.toml:1: this is no TOML: Invalid value"),
-        ("\n[camera]\nfov = 3\nfov = 4\n", "scene.toml:4: this is no TOML: Cannot overwrite a value"),
-        ("a = '''", "scene.toml: this is no TOML"),
-        ("a = " + "[" * 20000, "scene.toml: this is no TOML"),
-        ("", "scene.toml: camera: eye and target are missing, and there are no instances to be framed"),
+        ("a = = 1", "scene.toml:1: not valid TOML: Invalid value"),
+        ("\n[camera]\nfov = 3\nfov = 4\n", "scene.toml:4: not valid TOML: Cannot overwrite a value"),
+        ("a = '''", "scene.toml: not valid TOML"),
+        ("a = " + "[" * 20000, "scene.toml: not valid TOML"),
+        ("", "scene.toml: camera: eye and target are missing, and there are no instances for an automatic camera"),
         ("[models.a]\n", "scene.toml:1: models.a: file or procedural is missing"),
         ("models = 3\n", "scene.toml:1: models: must be a table, not 3"),
         ("[models]\na = 3\n", "scene.toml:2: models.a: must be a table, not 3"),
-        ("lights = [{kind = 1}]\n", "scene.toml:1: lights[0].kind: unknown kind 1; there are: point, sun"),
-        ('[models.a]\nfile = "b.pointray"\nsamples = 3', "scene.toml:3: models.a.samples: is part of a saved model"),
+        ("lights = [{kind = 1}]\n", "scene.toml:1: lights[0].kind: unknown kind 1; available: point, sun"),
+        (
+            '[models.a]\nfile = "b.pointray"\nsamples = 3',
+            "scene.toml:3: models.a.samples: cannot be set for a saved model",
+        ),
     ],
 )
 def test_files_that_are_no_scenes(text: str, message: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -466,9 +469,11 @@ def test_broken_transforms(folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     np.save(folder / "many.npy", flat)
     assert said(folder, GOOD, capsys).startswith(f"{start}.row 1: transform is singular")
     np.save(folder / "many.npy", flat[0])
-    assert said(folder, GOOD, capsys).startswith(f"{start}: many.npy: transforms are (n, 4, 4) numbers, not (4, 4)")
+    assert said(folder, GOOD, capsys).startswith(
+        f"{start}: many.npy: expected transforms of shape (n, 4, 4), got (4, 4)"
+    )
     np.save(folder / "many.npy", np.array([{}, 1], object), allow_pickle=True)
-    assert said(folder, GOOD, capsys).startswith(f"{start}: many.npy: this is no .npy file of numbers")
+    assert said(folder, GOOD, capsys).startswith(f"{start}: many.npy: not a valid .npy file of numbers")
 
 
 def test_a_broken_scan(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -479,7 +484,7 @@ def test_a_broken_scan(folder: Path, capsys: pytest.CaptureFixture[str]) -> None
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--surface", "imls"], "--surface is not for a scene file, which says it itself"),
+        (["--surface", "imls"], "--surface is not for a scene file, which defines it itself"),
         (["--radius-scale", "2"], "--radius-scale is not for a scene file"),
         (["--light", "sun:0,0,-1"], "--light is not for a scene file"),
         (["--ground"], "--ground is not for a scene file"),

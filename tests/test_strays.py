@@ -192,4 +192,4 @@ def test_commands_leave_them_out(tmp_path, capsys):
     model = tmp_path / "m.pointray"
     pr.Model(points).save(model)
     assert execute(["info", str(model), "--drop-strays"]) != 0
-    assert "--drop-strays is for reading scans" in capsys.readouterr().err
+    assert "--drop-strays is for scans" in capsys.readouterr().err

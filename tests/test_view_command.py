@@ -69,12 +69,12 @@ def test_a_taken_port_is_reported(scan, capsys):
         port = other.getsockname()[1]
         with view(scan, "--port", port) as url:
             assert urlsplit(url).port != port
-            assert f"pointray: port {port} is taken\n" in capsys.readouterr().err
+            assert f"pointray: port {port} is in use\n" in capsys.readouterr().err
 
 
 def test_listening_beyond_this_machine_is_reported(scan, capsys):
     with view(scan, "--host", "0.0.0.0") as url:
-        assert "note: --host 0.0.0.0: whoever reaches this machine" in capsys.readouterr().err
+        assert "note: --host 0.0.0.0: everyone who can reach this computer" in capsys.readouterr().err
         Browser(url, SIZE).close()
 
 
@@ -188,8 +188,8 @@ def test_levels_in_the_panel(tmp_path, browse):
         ("nothing.ply", "nothing.ply: No such file or directory"),
         ("note.txt", "note.txt: "),
         ("cut.ply --strict", "cut.ply: is cut off: "),
-        ("empty", "empty: no file in this folder can be read"),
-        ("scan.ply a.toml", "a.toml: a scene file is taken alone"),
+        ("empty", "empty: contains no readable file"),
+        ("scan.ply a.toml", "a.toml: a scene file cannot be combined with other files"),
         ("scan.ply --up 0,0,0", "--up must not be zero"),
         ("scan.ply --light moon:1,2,3", "--light must be like"),
         ("scan.ply --background blue", "--background must be three numbers"),

@@ -11,7 +11,7 @@ from pointray.auto_view.studio import studio
 from pointray.base.choices import AUTO
 from pointray.cli import execute, serve
 from pointray.cli.read_options import Reading
-from pointray.cli.scan_scene import PLAIN
+from pointray.cli.scan_surface import PLAIN
 from pointray.viewer.exports import _command, _python
 from pointray.viewer.painter import FrameRequest
 from pointray.viewer.panel import Output, folders
@@ -32,7 +32,7 @@ def bowl(tmp_path_factory):
 
 def viewed(file, backfaces=None, contact_shadow=True):
     """The shared scene of `pointray view` of a file, and the first view settings of a browser."""
-    options = {"up": "z", "light": None, "fill": None, "background": AUTO, "ground": False, "normals": AUTO}
+    options = {"up": UP, "light": None, "fill": None, "background": AUTO, "ground": False, "normals": AUTO}
     options |= {"settings": pr.Settings("phong", backfaces=backfaces or "muted"), "bake": None, "quick": False}
     options |= {"backfaces": backfaces, "contact_shadow": contact_shadow}
     shared, loader = serve.shared_scene_of([file], Reading(), {}, options, dict(PLAIN))

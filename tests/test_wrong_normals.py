@@ -10,7 +10,7 @@ import pytest
 import pointray as pr
 from conftest import long, shared_model, sphere_points
 from pointray.cli import execute
-from pointray.cli.scan_scene import PLAIN
+from pointray.cli.scan_surface import PLAIN
 from pointray.cloud.neighbors import few_queries as nearby
 from pointray.cloud.normals.comparison import WRONG
 from pointray.cloud.normals.validation import select_normals
@@ -256,11 +256,11 @@ def test_info_says_the_same(file, bare, capsys):
     assert facts["normals_off"] == pytest.approx(21, abs=1)
     assert len(facts["notes"]) == 1 and "by 21 degrees (median): fitted ones will be used" in facts["notes"][0]
     assert execute(["info", str(file)]) == 0
-    assert "degrees off: wrong" in capsys.readouterr().out
+    assert "degrees off the surface (median): wrong" in capsys.readouterr().out
     pr.write(file, ripple())
     assert execute(["info", str(file)]) == 0
     out = capsys.readouterr().out
-    assert "degrees off: right" in out and "notes" not in out
+    assert "degrees off the surface (median): good" in out and "notes" not in out
     assert execute(["info", str(bare), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["normals"], facts["normals_off"], facts["normals_wrong"], facts["notes"]) == (False, None, False, [])
@@ -290,8 +290,8 @@ def test_what_a_scene_file_says_wrong(file, bare, tmp_path, capsys):
     scene, saved = tmp_path / "scene.toml", tmp_path / "m.pointray"
     pr.Model(ripple(1, 1_000)).save(saved)
     wrong = {
-        'file = "ripple.ply"\nnormals = "fitted"': "normals: unknown kind of normals 'fitted' (did you mean 'fit'?)",
-        'file = "m.pointray"\nnormals = "fit"': "normals: is part of a saved model (m.pointray)",
+        'file = "ripple.ply"\nnormals = "fitted"': "normals: unknown normals 'fitted' (did you mean 'fit'?)",
+        'file = "m.pointray"\nnormals = "fit"': "normals: cannot be set for a saved model (m.pointray)",
         'file = "bare.ply"\nnormals = "file"': 'normals = "file": the file has no normals',
         'procedural = "sphere"\npoints = 900\nnormals = "fit"': "normals: unknown key 'normals'",
     }

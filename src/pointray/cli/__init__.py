@@ -1,14 +1,15 @@
 """The command line: `main`, and the exit status of a run.
 
-commands, options : the commands, a file for each group of them, and the options that several share
-read_options, scan_files : which points of which files are read
-scan_scene, scene_file, views, keys : from a scan or a scene file to a scene and cameras
+commands : the commands, one file for each group; declare : options as fields of dataclasses
+picture_options, read_options : the options of pictures and of reading, each declared once; options : parsers
+scan_files : the files of a scan, and checks of result files
+scan_scene, scan_surface, scan_material, scan_lights : the scene of a scan
+scene_file, views, keys : scene files, cameras, and camera keys of films
 outputs, animate : the work of `render` and `animate`
-scan_lights : the lights of a scan, and whether they are baked
-baked_light, bake : where pictures get baked light from, and the work of `bake`
+baked_light, bake : sources of baked light, and the work of `bake`
 prepare, convert, demo, serve, benchmark : the work of `prepare`, `convert`, `demo`, `view` and `bench`
-facts, report, tables : the work of `info`: of files, coordinates and attributes, of points, and how they are shown
-waiting : progress bars, and Ctrl-C; printable : texts from files, without control characters
+facts, report, tables, system : the work of `info`
+waiting : progress bars and Ctrl-C; printable : texts without control characters; cluster : Dask workers
 
 Begin with commands.
 """
@@ -17,6 +18,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -27,12 +29,12 @@ from ..base.memory import FULL_DISK
 from .printable import printable
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-# A lack of memory in messages of errors other than MemoryError: from C++, threads, and the loader of libraries.
+# Signs of a lack of memory in errors other than MemoryError: from C++, threads, and the loader of libraries.
 NO_MEMORY_SIGNS = ("bad_alloc", "start new thread", "failed to map segment", "annot allocate memory")
 
 
 def execute(arguments: Sequence[str]) -> int:
-    """Run a command; returns the exit status: 0, 1 (failed), 2 (bad input), 130 (interrupted)."""
+    """Run a command and return the exit status: 0, 1 (failed), 2 (bad input), 130 (interrupted)."""
     with warnings.catch_warnings():
         warnings.showwarning = _note  # type: ignore[assignment]
         warnings.simplefilter("default", UserWarning)
@@ -47,10 +49,10 @@ def execute(arguments: Sequence[str]) -> int:
 
 
 def _is_interrupted(error: BaseException | None) -> bool:
-    """Whether an error stands for a Ctrl-C, or was met while one was handled.
+    """Whether an error was caused by Ctrl-C.
 
-    Python turns one that meets a class while it is made into a RuntimeError, and one that meets a lock of `threading`
-    may release it twice.
+    Python turns Ctrl-C into a RuntimeError while a class is being created, and a lock of `threading` may be released
+    twice.
     """
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
@@ -62,27 +64,27 @@ def _is_interrupted(error: BaseException | None) -> bool:
 
 
 def _report(error: Exception) -> int:
-    """Print one line that tells what went wrong; returns the exit status."""
+    """Print an error in one line and return the exit status."""
     status = getattr(error, "exit_code", None)  # typer's own errors have one
     if type(error).__name__ == "NoArgsIsHelpError":
         print(error)
         return BAD_INPUT
     if status is not None:
-        _say(error.format_message() if hasattr(error, "format_message") else str(error))
+        _print(_usage(error))
         return int(status)
     if _lacks_memory(error):
-        _say(f"not enough memory ({' '.join(f'{type(error).__name__}: {error}'.split()).rstrip(': ')})")
+        _print(f"not enough memory ({' '.join(f'{type(error).__name__}: {error}'.split()).rstrip(': ')})")
         return FAILED
     if isinstance(error, OSError | ValueError):
-        _say(_reason(error))
-        # A full disk is no fault of the input.
+        _print(_reason(error))
+        # A full disk is not bad input.
         return FAILED if isinstance(error, OSError) and error.errno in FULL_DISK else BAD_INPUT
-    _say(str(error) if type(error).__name__ == "WriteError" else f"{type(error).__name__}: {error}")
+    _print(str(error) if type(error).__name__ == "WriteError" else f"{type(error).__name__}: {error}")
     return FAILED
 
 
 def _lacks_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one that caused it, is a lack of memory."""
+    """Whether an error, or one that caused it, is due to a lack of memory."""
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))
@@ -94,20 +96,35 @@ def _lacks_memory(error: BaseException | None) -> bool:
     return False
 
 
+def _usage(error: Any) -> str:
+    """Return the message of an error of Typer, with the closest match of a misspelt option."""
+    from ..scenefile.spelling import did_you_mean
+
+    if hasattr(error, "possibilities"):
+        return f"{error.message}{did_you_mean(error.option_name, error.possibilities or ())}"
+    return str(error.format_message() if hasattr(error, "format_message") else error)
+
+
 def _reason(error: OSError | ValueError) -> str:
-    """The message; for errors of the operating system the file and the reason."""
+    """Return the message of an error, with the closest match of a misspelt file or attribute."""
+    from ..scenefile.spelling import did_you_mean, suggest_file
+
     if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    return str(error)
+        if not error.filename:
+            return error.strerror
+        return f"{error.filename}: {error.strerror}{suggest_file(error)}"
+    text = str(error)
+    attribute = re.search(r"no attribute '([^']+)'.*: ([^:]+)$", text)
+    return f"{text}{did_you_mean(attribute[1], attribute[2].split(', '))}" if attribute else text
 
 
-def _say(text: str) -> None:
+def _print(text: str) -> None:
     print(f"pointray: {printable(' '.join(text.split()))}", file=sys.stderr)
 
 
 def _note(message: Any, *rest: Any) -> None:
-    """Print a warning of the library as one line."""
-    _say(f"note: {message}")
+    """Print a warning of the library in one line."""
+    _print(f"note: {message}")
 
 
 def main() -> None:
@@ -118,13 +135,13 @@ def main() -> None:
         status = INTERRUPTED
     try:
         sys.stdout.flush()
-    except (BrokenPipeError, ValueError, AttributeError):  # its reader has gone, or it is closed
+    except (BrokenPipeError, ValueError, AttributeError):  # the reader of the pipe is gone, or it is closed
         pass
     except OSError as error:
-        if status == DONE:  # otherwise an error has been reported
+        if status == DONE:  # otherwise an error was printed
             status = FAILED
-            _say(f"standard output: {error.strerror}")
+            _print(f"standard output: {error.strerror}")
     with suppress(OSError, ValueError, AttributeError):
         sys.stderr.flush()
-    # Do not wait for threads: one may still be in the compiler, which cannot be interrupted.
+    # Do not wait for threads: one may be in the compiler, which cannot be interrupted.
     os._exit(status)

@@ -21,28 +21,28 @@ from .views import SceneView, View
 from .waiting import Progress, in_background, writing
 
 SECONDS, TURNS = 6.0, 1.0  # defaults of a turntable
-PREVIEWS, PREVIEW, PREVIEW_SAMPLES = 8, 128, 16  # frames that choose the exposure: number, longer side, samples
-ROUNDING = 1e-6  # of frames: a share that is a whole number of frames may be a little less
-TRANSPARENT = "an MP4 cannot be transparent, numbered .png can"
+PREVIEWS, PREVIEW, PREVIEW_SAMPLES = 8, 128, 16  # frames that determine the exposure: number, longer side, samples
+ROUNDING = 1e-6  # frames: rounding error of a share that is a whole number of frames
+TRANSPARENT = "MP4 does not support transparency; use numbered .png"
 
 
 class CameraPath:
-    """A turntable, or a path through keys. A wrong option raises ValueError or OSError at once.
+    """A turntable, or a path through keys. Raises ValueError or OSError if an option is invalid.
 
     Attributes
     ----------
     count : int
         Number of frames.
     inputs : dict
-        What the cameras depend on, besides the size, as values of JSON.
+        Inputs of the cameras besides the size, as JSON values.
     """
 
     def __init__(self, view: View | SceneView, fps: float, options: dict[str, Any]) -> None:
         self.view, self.fps = view, check_positive(fps, "--fps")
-        self._cameras: list[Any] = []  # empty for a turntable, whose cameras depend on the first one
+        self._cameras: list[Any] = []  # empty for a turntable, whose cameras follow from the first one
         if options["keys"] is None:
             if isinstance(view, View) and view.framed and view.lens["projection"] == "panorama":
-                raise ValueError("a panorama is all around the camera, no turntable before it: say --keys, or --eye")
+                raise ValueError("a panorama surrounds the camera, a turntable needs --eye; or use --keys")
             seconds = SECONDS if options["seconds"] is None else check_positive(options["seconds"], "--seconds")
             self._turns = TURNS if options["turns"] is None else options["turns"]
             if not math.isfinite(self._turns):
@@ -54,14 +54,14 @@ class CameraPath:
 
         for name in ("seconds", "turns", "eye", "target"):
             if options[name] is not None:
-                raise ValueError(f"--{name} is not for --keys, which say it themselves")
+                raise ValueError(f"--{name} cannot be combined with --keys, which define it")
         keys = read_keys(options["keys"], view)
         self._cameras = fly(keys, fps)
         self.count = len(self._cameras)
         self.inputs = {"fps": fps, "keys": [[time, *astuple(camera)] for time, camera in keys]}
 
     def cameras(self, first: Any) -> list[Any]:
-        """The camera of each frame; a turntable begins with `first`."""
+        """Return the camera of each frame; a turntable begins with `first`."""
         from ..rendering.camera_path import turntable
 
         return self._cameras or turntable(first, self.count, self._turns)
@@ -71,20 +71,20 @@ def _frames(count: float) -> int:
     from ..rendering.camera_path import MOST_FRAMES
 
     if not 0.5 <= count <= MOST_FRAMES:
-        raise ValueError(f"a film has 1 to {MOST_FRAMES} frames; --seconds times --fps are {count:.6g}")
+        raise ValueError(f"expected 1 to {MOST_FRAMES} frames, got --seconds times --fps = {count:.6g}")
     return math.floor(count + 0.5)
 
 
 @dataclass(frozen=True)
 class FilmOutput:
-    """Where to write a film.
+    """Paths of a film.
 
     Attributes
     ----------
     path : Path
-        As the user gave it.
+        The path that the user gave.
     pattern : Path
-        The name of numbered pictures: of the result, or of files that stay beside the MP4 until it is written.
+        Name of numbered images: the result, or temporary files beside an MP4 until it is written.
     mp4 : bool
         Whether the result is an MP4.
     """
@@ -95,7 +95,7 @@ class FilmOutput:
 
 
 def film_output(output: Path, background: str) -> FilmOutput:
-    """The output that -o names; raises an error if the film cannot be written there."""
+    """Return the output for -o; an error if the film cannot be written there."""
     from ..base.atomic_write import sweep
     from ..image.frames import check_pattern, note_of
     from ..image.mp4 import check_mp4
@@ -108,40 +108,40 @@ def film_output(output: Path, background: str) -> FilmOutput:
         folder = pattern.parent
         sweep(folder)
         if folder.is_dir() and any(folder.iterdir()) and not note_of(pattern).exists():
-            raise ValueError(f"{folder}: not of a film that was interrupted, and its place is needed for frames")
+            raise ValueError(f"{folder}: needed for frames, but contains other files")
         check_pattern(pattern)
         return FilmOutput(output, pattern, True)
     if "%" not in output.name and output.suffix and not output.is_dir():
-        raise ValueError(f"{output}: a film is .mp4, or numbered pictures: a folder, or a name like %04d.png")
+        raise ValueError(f"{output}: expected .mp4, or for numbered images a folder or a name like %04d.png")
     pattern = output if "%" in output.name else output / "%04d.png"
     check_pattern(pattern)
     return FilmOutput(output, pattern, False)
 
 
 class FilmSource(NamedTuple):
-    """What a film shows.
+    """The contents of a film.
 
     Attributes
     ----------
     build : callable
-        Takes a Progress; returns the scene, the first camera of a turntable, and the settings of pictures.
+        Takes a Progress; returns the scene, the first camera of a turntable, and the final settings.
     settings : Settings
-        As far as they are known before.
+        As known before the scene is built.
     exposure : float or "auto"
-        Auto: one for all frames.
+        "auto": one exposure for all frames.
     curve : str
         "auto": chosen with the exposure.
     inputs : dict
-        What the scene depends on, as values of JSON.
+        Inputs of the scene, as JSON values.
     leveled : bool
-        Whether models get levels of detail if a frame would show them.
+        Whether to make levels of detail if a frame would show them.
     backdrop : two sRGB colours, or None
     light : callable, optional
-        Takes a Progress; gives the scene baked light that `build` has not given it.
+        Takes a Progress; gives the scene its baked light, unless `build` does.
     bakes : bool
         Whether light is baked.
     shadow : callable, optional
-        Returns the contact shadow, or None; after `build`.
+        Returns the contact shadow, or None. Called after `build`.
     """
 
     build: Callable[[Progress], tuple[Any, Any, Any]]
@@ -157,7 +157,7 @@ class FilmSource(NamedTuple):
 
 
 def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: float | str) -> FilmSource:
-    """A film of a scan. Unless options place the camera, a turntable keeps the whole scan in the picture."""
+    """Return a film of a scan. With an automatic camera a turntable keeps the whole scan in the image."""
 
     def build(progress: Progress) -> tuple[Any, Any, Any]:
         scene, _, scan = scan_scene.build(progress)
@@ -174,9 +174,9 @@ def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: floa
 
 
 def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, client: Any = None) -> str:
-    """Render the missing frames and write the film; returns a line for the user.
+    """Render the missing frames and write the film; return a line for the user.
 
-    client : whose workers render; None: this process does
+    client : Dask client whose workers render; None: this process
     """
     from ..image.frames import Frames
     from ..image.mp4 import even, write_mp4
@@ -189,7 +189,7 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, cli
     missing, other = frames.find()
     if other:
         differ = ", ".join(name.replace("_", " ") for name in other)
-        warn(f"{frames.pattern}: all frames are rendered anew: not as before: {differ}", stacklevel=2)
+        warn(f"{frames.pattern}: rendering all frames again, because these changed: {differ}", stacklevel=2)
     with Progress(source.settings if missing else None, source.bakes and len(missing) > 0) as progress:
         try:
             if missing:
@@ -199,7 +199,7 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, cli
                 with writing(output.path):
                     write_mp4(output.path, output.pattern, camera_path.count, camera_path.fps, size)
         except KeyboardInterrupt:
-            warn(f"{output.path}: the same command goes on where this one stopped", stacklevel=2)
+            warn(f"{output.path}: interrupted; run the same command to continue", stacklevel=2)
             raise
     with writing(output.path):
         if output.mp4:
@@ -208,9 +208,9 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, cli
             frames.finish()
     shape = f"{size[0]}x{size[1]}"
     if output.mp4 and even(size) != size:
-        shape += " (an MP4 has even sides: {}x{})".format(*even(size))
+        shape += " (rounded to even sides: {}x{})".format(*even(size))
     before = camera_path.count - len(missing)
-    known = f", {before:,} of them from before" if before else ""
+    known = f", {before:,} of them rendered before" if before else ""
     seconds = camera_path.count / camera_path.fps
     return f"{output.path}: {shape}, {camera_path.count:,} frames{known}, {seconds:.3g} seconds"
 
@@ -218,7 +218,7 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, cli
 def _render(
     frames: Any, missing: list[int], camera_path: CameraPath, work: tuple[FilmSource, Any], progress: Progress
 ) -> None:
-    """Render the missing frames, and store them in order. work : what they show, and whose workers render"""
+    """Render the missing frames and store them in order. work : source and client"""
     from ..rendering.lod import is_far
 
     source, client = work
@@ -263,7 +263,7 @@ def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Pro
 
 
 def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str]:
-    """Exposure and curve for a film: the lowest exposure of some small frames, so that no frame is overexposed."""
+    """Return exposure and curve of a film: the lowest exposure of some small frames, so that none is overexposed."""
     from ..image.exposure import PLAIN, auto_exposure, auto_tone, white_under
     from ..rendering.picture import render_snapshot
 
@@ -283,7 +283,7 @@ def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str
 
 
 def _inputs(camera_path: CameraPath, source: FilmSource) -> dict[str, Any]:
-    """All that the pictures depend on, as values of JSON; the number of threads is not part of it."""
+    """Return the inputs of the images as JSON values, without the number of threads."""
     from .. import __version__
 
     settings = {name: value for name, value in asdict(source.settings).items() if name != "threads"}

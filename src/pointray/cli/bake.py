@@ -1,4 +1,4 @@
-"""pointray bake: the light of a scan or a scene file, as attributes of its points or in a file of its own."""
+"""pointray bake: writes the light of a scan or a scene file to its points or to a separate file."""
 
 from __future__ import annotations
 
@@ -11,32 +11,31 @@ from numpy.typing import NDArray
 
 from ..auto_view import HEADLIGHT
 from ..auto_view.first_view import ViewChoice
-from ..base.choices import AUTO
 from ..cloud.points import Points
 from ..image.exposure import auto_tone, white_under
 from ..image.tone import linear_to_srgb, srgb_to_linear, tone
 from .baked_light import LightSource
 from .cluster import wait_for_kernels
-from .options import up_axis
+from .picture_options import PictureOptions
 from .scan_files import ScanFiles, check_result
-from .scan_scene import APPEARANCE, SURFACE, ScanScene
+from .scan_scene import ScanScene
 from .scene_file import DescribedScene
 from .waiting import Progress, in_background, writing
 
-BAKING = ("noise", "links", "patches", "albedo_scale", "seed", "threads")  # options that are BakeSettings
+BAKING = ("noise", "links", "patches", "albedo_scale", "seed", "threads")  # options that `BakeSettings` has
 LIGHT = ".bake"
 OCCLUSION, IRRADIANCE = "ao", ("irradiance_r", "irradiance_g", "irradiance_b")  # attributes of the points
 WHITE = (1.0, 1.0, 1.0)
 
 
 class BakeOutput(NamedTuple):
-    """What is written.
+    """Result of a bake.
 
     Attributes
     ----------
     path : Path
     colors : bool
-        Whether the points get colours that hold the light.
+        Whether the points get colours that contain the light.
     """
 
     path: Path
@@ -44,7 +43,7 @@ class BakeOutput(NamedTuple):
 
     @property
     def is_light(self) -> bool:
-        """Whether it is a file of light, not of points."""
+        """Whether the file holds light instead of points."""
         return self.path.suffix.lower() == LIGHT
 
 
@@ -53,55 +52,57 @@ def check_output(output: BakeOutput) -> None:
     from ..io.known_formats import written
 
     if output.colors and output.is_light:
-        raise ValueError(f"{output.path}: holds light only; --colors is for {', '.join(written())}")
+        raise ValueError(f"{output.path}: contains light only; --colors requires {', '.join(written())}")
     check_result(output.path, LIGHT)
 
 
-def scan_to_bake(scan: ScanFiles, options: dict[str, Any]) -> tuple[ScanScene, LightSource]:
-    """The scene of a scan, and how its light is baked, from all options; a wrong one raises ValueError at once."""
+def scan_to_bake(
+    scan: ScanFiles, options: PictureOptions, baking: dict[str, Any], output: BakeOutput
+) -> tuple[ScanScene, LightSource]:
+    """Return the scene of a scan and the source of its light; ValueError if an option is invalid.
+
+    baking : values of `BakeSettings`
+    """
     from ..baking.settings import BakeSettings
 
-    plain = {name: getattr(value, "value", value) for name, value in options.items()}
-    for text in plain["light"] or []:
+    for text in options.light or []:
         if text.endswith(",camera") or text == HEADLIGHT:
-            raise ValueError(f"--light {text}: light that goes with the camera is not baked")
-    if plain["colors"] and plain["color_by"] is not None:
-        raise ValueError("--colors is for the points' own colours, or --color, not for --color-by")
-    source = LightSource(BakeSettings(**{name: plain[name] for name in BAKING}))
-    surface = {name: plain[name] for name in SURFACE}
-    appearance = {name: plain.get(name) for name in APPEARANCE} | {"background": AUTO}  # which is no option here
-    appearance["neutral"] = not BakeOutput(plain["output"]).is_light  # a file of light is for pictures, which have clay
-    choice = ViewChoice(up_axis(plain["up"]), azimuth=0.0)  # what is said then names no options of views
-    scan_scene = ScanScene(scan, surface, appearance, choice, normals=plain["normals"], baked=source)
+            raise ValueError(f"--light {text}: light that moves with the camera cannot be baked")
+    if output.colors and options.color_by is not None:
+        raise ValueError("--colors cannot be combined with --color-by, only with the points' own colours or --color")
+    source = LightSource(BakeSettings(**baking))
+    choice = ViewChoice(options.up, azimuth=0.0)  # the printed choices are without a view then
+    neutral = not output.is_light  # a file of light is for images, in which scans are clay
+    scan_scene = ScanScene(scan, options, choice, baked=source, neutral=neutral)
     scan.check()
     return scan_scene, source
 
 
 def bake_scan(scan_scene: ScanScene, source: LightSource, output: BakeOutput, client: Any = None) -> str:
-    """Bake a scan's light and write it; returns lines for the user. client : whose workers do; None: this process"""
+    """Bake and write the light of a scan; return lines for the user. client : Dask client, or None for this process"""
     with Progress(bakes=True) as progress:
         scene, model, scan = scan_scene.build(progress)
         wait_for_kernels(client)
         baked = in_background(lambda: source.make(scene, progress.show, client))
         if output.is_light:
-            told = _write_light(output, baked, len(model.points), progress)
+            report = _write_light(output, baked, len(model.points), progress)
         else:
             number = next(iter(scene.shapes))
             white, points = white_under(scene.lights, "baked"), scan_scene.read or model.points
-            told = _write_points(output, baked, number, points, (scan_scene.one_color, white))
-    return f"{told}\n{scan.found}" if scan.found else told
+            report = _write_points(output, baked, number, points, (scan_scene.one_color, white))
+    return f"{report}\n{scan.found}" if scan.found else report
 
 
 def bake_scene(described: DescribedScene, settings: dict[str, Any], output: BakeOutput, client: Any = None) -> str:
-    """Bake the light of a scene file and write it; returns a line for the user.
+    """Bake and write the light of a scene file; return a line for the user.
 
-    settings : of `BakeSettings`, those that options give
-    client : whose workers do; None: this process
+    settings : values of `BakeSettings` that options give
+    client : Dask client whose workers bake; None: this process
     """
     plan, count = described.plan, described.plan.model_instances
     if not output.is_light and count != 1:
-        one = f"{output.path}: holds the points of one instance of a model"
-        raise ValueError(f"{one}, the scene has {count:,}: {LIGHT} holds the light of all")
+        one = f"{output.path}: can store one instance of a model, the scene has {count:,}"
+        raise ValueError(f"{one}; use {LIGHT}, which stores the light of all")
     source = LightSource(replace(plan.bake.settings, **settings))
     with Progress(bakes=True) as progress:
         scene = in_background(lambda: plan.build(progress.show, lit=False)).scene
@@ -119,11 +120,11 @@ def _write_light(output: BakeOutput, baked: Any, count: int, progress: Progress)
     with writing(output.path):
         in_background(lambda: baked.save(output.path, lambda share: progress.show("writing", share)))
     ending = f"; {baked.coarser}" if baked.coarser else ""
-    return f"{output.path}: the light of {count:,} points, {baked.nbytes / 2**20:.3g} MiB{ending}"
+    return f"{output.path}: light of {count:,} points, {baked.nbytes / 2**20:.3g} MiB{ending}"
 
 
 def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, look: tuple[Any, float | None]) -> str:
-    """Write the points with the light of an instance. look : color and white, see `lit_colors`"""
+    """Write points with the light of an instance. look : color and white, see `lit_colors`"""
     import pointray as pr
 
     irradiance = baked.irradiance(number)
@@ -133,7 +134,7 @@ def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, l
     if output.colors:
         colors, exposure, curve = lit_colors(points, irradiance, *look)
         soft = ", highlights softened" if curve == "soft" else ""
-        ending = f", colours in that light, exposure {exposure:g}{soft}"
+        ending = f", lit colours, exposure {exposure:g}{soft}"
     lit = points.changed(colors=colors, attributes=attributes)
     with writing(output.path):
         pr.write(output.path, lit)
@@ -143,16 +144,16 @@ def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, l
 def lit_colors(
     points: Points, irradiance: NDArray[np.float32], color: Any = None, white: float | None = None
 ) -> tuple[NDArray[np.uint8], float, str]:
-    """The colours of matt points in some light, as a picture would show them, sRGB; exposure, in stops, and curve.
+    """Return the sRGB colours of lit diffuse points as in an image, the exposure in stops, and the curve.
 
-    Points without light keep the colours that they have.
+    Points of unknown irradiance keep their colours.
 
     Parameters
     ----------
     irradiance : (n, 3) float32
-        NaN where it is unknown.
+        NaN where unknown.
     color : (3,) float, linear, optional
-        Of all points; None: their own, or white if they have none.
+        Colour of all points; None: their own, or white if they have none.
     white : float, optional
         See `auto_exposure`.
     """

@@ -1,4 +1,4 @@
-"""Where the pictures of `render`, `animate` and `view` get baked light from: a file, or they have it baked first."""
+"""Sources of the baked light of `render`, `animate` and `view`: a file, or a bake before the first image."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from typing import Any
 from ..base.warning_log import warn
 from .waiting import Progress, in_background
 
-# Of light that nobody asked for: a picture comes a second or two later than without, see docs/decisions.
+# Settings for light that is baked by default, which delays an image by one to two seconds, see docs/decisions.
 QUICK_PATCHES, QUICK_LINKS, QUICK_NOISE = 16384, 16, 1.0
 
-# What is said when there is no file.
-KEEP = "pointray bake keeps it in a file, for --bake"
-FIRST = f"light is baked first ({KEEP})"
-LOOK = "a studio lights the scan, and its light is baked; --light headlight takes a headlight instead"
-ONCE = f"light is baked first, once for all frames: only the camera moves ({KEEP})"
+# Notes, printed if there is no file.
+KEEP = "to reuse it, write it to a file with `pointray bake` and use --bake"
+FIRST = f"baking light first ({KEEP})"
+LOOK = "baking the studio's light; use --light headlight for a headlight instead"
+ONCE = f"baking light first, once for all frames ({KEEP})"
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,10 @@ class LightSource:
     Attributes
     ----------
     settings : BakeSettings
-        How it is baked, without a file.
+        Used if there is no file.
     file : Path or None
     quick : bool
-        Whether it is baked although nobody asked for it.
+        Whether it is baked by default, not on request.
     """
 
     settings: Any
@@ -39,17 +39,17 @@ class LightSource:
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """What the light depends on besides the scene, as values of JSON; the number of threads is not part of it."""
+        """Inputs of the light besides the scene, as JSON values, without the number of threads."""
         if self.file is not None:
             facts = self.file.stat()
             return {"light": [str(self.file.resolve()), facts.st_size, facts.st_mtime_ns]}
         return {"bake": {name: value for name, value in asdict(self.settings).items() if name != "threads"}}
 
     def make(self, scene: Any, show: Any, client: Any = None) -> Any:
-        """The light of a scene; ValueError if that of the file does not fit.
+        """Return the light of a scene; ValueError if that of the file does not fit.
 
-        show : takes a stage and the share done
-        client : whose workers send the rays of a bake; None: this process
+        show : callable that takes a stage and the share done
+        client : Dask client whose workers trace the rays of a bake; None: this process
         """
         import pointray as pr
 
@@ -61,17 +61,17 @@ class LightSource:
         show("baking light", 0.0)
         return pr.bake(scene, self.settings, partial(show, "baking light"), client)
 
-    def light(self, scene: Any, progress: Progress, told: str = FIRST) -> None:
-        """Give a scene its light. told : what is said if it is baked"""
+    def light(self, scene: Any, progress: Progress, note: str = FIRST) -> None:
+        """Give a scene its light. note : printed if it is baked on request"""
         if self.file is None:
-            warn(LOOK if self.quick else told, stacklevel=2)
+            warn(LOOK if self.quick else note, stacklevel=2)
         scene.baked = in_background(lambda: self.make(scene, progress.show))
         if scene.baked.coarser:
-            warn(f"the light does not fit into memory as it is: {scene.baked.coarser}", stacklevel=2)
+            warn(f"not enough memory for the full resolution of the light: {scene.baked.coarser}", stacklevel=2)
 
 
 def light_source(settings: Any, file: Path | None, quick: bool = False) -> LightSource | None:
-    """Where pictures with these settings get baked light from; None if they show none. The file must be there."""
+    """Return the source of baked light for these settings, None if they need none; OSError if the file is missing."""
     from ..baking.settings import BakeSettings
     from ..base.atomic_write import check_regular
 

@@ -1,4 +1,4 @@
-"""pointray convert: the points of a scan in a file of another format."""
+"""pointray convert: writes the points of a scan in another format."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .waiting import Progress, in_background, writing
 
 
 def convert(paths: Sequence[Path], reading: Reading, output: Path, force: bool) -> str:
-    """Read a scan and write it; returns a line for the user."""
+    """Read a scan and write it; return a line for the user."""
     check_result(output)
     scan = scan_of(paths, reading)
     check_not_input(scan.files, output, force)
@@ -29,7 +29,7 @@ def convert(paths: Sequence[Path], reading: Reading, output: Path, force: bool) 
 
 
 def _write(output: Path, points: Any, progress: Progress) -> list[str]:
-    """Write points; returns what the format cannot hold, in words."""
+    """Write points and return messages about what the format cannot store."""
     from ..io.files import write_points
 
     return write_points(output, points, lambda share: progress.show("writing", share))

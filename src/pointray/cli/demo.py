@@ -25,7 +25,7 @@ SKY = (0.62, 0.72, 0.84)
 
 
 def statue_scene(model: Model) -> Scene:
-    """The statue on the ground, under a sun and a weaker second one."""
+    """Return the statue on the ground, under a sun and a weaker second one."""
     scene = Scene()
     scene.add(model, material=Phong(specular=0.04, exponent=40))
     scene.add(Plane((0, 0, float(model.bounds[0, 2])), (0, 0, 1), color=GROUND, checker=0.5))
@@ -36,7 +36,7 @@ def statue_scene(model: Model) -> Scene:
 
 
 def statue_camera(model: Model, size: tuple[int, int]) -> Camera:
-    """A camera in front of the statue, a little to the statue's left."""
+    """Return a camera in front of the statue, slightly to its left."""
     return Camera.frame(model.bounds, (0.32, -1.0, 0.16), fov=30, size=size)
 
 
@@ -68,9 +68,9 @@ def run_demo(
     threads: int | None,
     show: Callable[[str, float], None],
 ) -> dict[str, Any]:
-    """Make the statue, its model and its picture; returns the table of results.
+    """Make the statue, its model and its image; return the table of results.
 
-    The rays counted are one camera ray for each pixel, and one shadow ray for each light and covered pixel.
+    Counted rays are one camera ray per pixel, and one shadow ray per light and covered pixel.
     """
     clock = Clock(show)
     clock("points", 0.0)
@@ -88,7 +88,7 @@ def run_demo(
         image = render(scene, camera, settings)
         times.append(time.perf_counter() - start)
     clock("", 1.0)
-    # The background gives every pixel alpha 1, so that a picture of depths has to tell which pixels are covered.
+    # The background gives every pixel alpha 1, so covered pixels are counted in an image of depths.
     covered = int((render(scene, camera, Settings("depth", threads=threads))[..., 0] != scene_sky(scene)).sum())
     median = statistics.median(times)
     rays = image.shape[0] * image.shape[1] + 2 * covered
@@ -109,6 +109,6 @@ def run_demo(
 
 
 def scene_sky(scene: Scene) -> float:
-    """Red of the background, which a picture of depths shows where there is no surface."""
+    """Return the red of the background, which an image of depths shows where there is no surface."""
     color = scene.background
     return 0.0 if color is None else float(color[0])

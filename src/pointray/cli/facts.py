@@ -1,4 +1,4 @@
-"""pointray info: all facts about a scan; here those of files, coordinates and attributes."""
+"""pointray info: facts about files, coordinates and attributes; those about points are in `report`."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from .report import describe, describe_model
 from .scan_files import ScanFiles
 from .waiting import Progress, in_background
 
-MOST_CLASSES = 256  # of a byte
+MOST_CLASSES = 256  # values of a byte
 
 
 def describe_all(scan: ScanFiles, deep: bool) -> dict[str, Any]:
-    """All that info tells, as values of JSON. deep : see `describe`"""
+    """Return all facts that `info` prints, as JSON values. deep : see `describe`"""
     with Progress() as progress:
         progress.show("reading", 0.0)
         points, model = in_background(lambda: read_scan(scan, progress))
@@ -39,12 +39,12 @@ def describe_all(scan: ScanFiles, deep: bool) -> dict[str, Any]:
 
 
 def describe_picture(points: Points) -> dict[str, Any]:
-    """What `render` shows of a scan without options, and why, as values of JSON."""
+    """Return the automatic choices of `render` for a scan, and their reasons, as JSON values."""
     from ..auto_view.first_view import Scan, ViewChoice
 
     scan = Scan(points, ViewChoice())
     up = scan.found_up
-    assert up is not None  # nobody chose one
+    assert up is not None  # it is automatic
     color = "those of the file" if points.colors is not None else "none: shown in grey"
     facts: dict[str, Any] = {
         "up": f"{up.axis if up.axis.startswith('-') else f'+{up.axis}'} ({up.why})",
@@ -56,14 +56,14 @@ def describe_picture(points: Points) -> dict[str, Any]:
 
 
 def describe_files(scan: ScanFiles) -> list[dict[str, Any]]:
-    """What the files' headers say: file, format, bytes, rows (None: known only when all are read), and facts."""
+    """Return facts from file headers: file, format, bytes, rows (None: unknown before reading), and others."""
     if scan.saved is not None:
         return [{"file": str(scan.saved), "format": "saved model", "bytes": _bytes_of(scan.saved)}]
     return list(_headers(scan))
 
 
 def _bytes_of(saved: Path) -> int:
-    """The bytes of a saved model, or of all files of one in parts."""
+    """Return the size in bytes of a saved model, or of all files of a model in parts."""
     files = saved.iterdir() if saved.is_dir() else [saved]
     return sum(file.stat().st_size for file in files)
 
@@ -77,7 +77,7 @@ def _headers(scan: ScanFiles) -> Iterator[dict[str, Any]]:
 
 
 def describe_survey(survey: Survey) -> dict[str, Any]:
-    """The coordinate system with its name and unit, the step of the file's coordinates, the scanners' places."""
+    """Return the coordinate system with its name and unit, the coordinate resolution, and scanner positions."""
     return {
         "crs": survey.crs,
         "crs_name": None if survey.crs is None else crs_name(survey.crs),
@@ -89,16 +89,15 @@ def describe_survey(survey: Survey) -> dict[str, Any]:
 
 
 def crs_name(crs: str) -> str:
-    """The name in well-known text, which is its first text in quotes; another code or text as it is."""
+    """Return the name in well-known text, its first quoted string; other codes or texts unchanged."""
     found = re.search(r'"([^"]+)"', crs)
     return found[1] if found and "[" in crs[: found.start()] else crs
 
 
 def describe_attributes(points: Points) -> dict[str, dict[str, Any]]:
-    """For each attribute its dtype and least and greatest value, exactly; lists of them where it has columns.
+    """Return the dtype and the exact minimum and maximum of each attribute, as lists if it has columns.
 
-    NaN and infinite values are left out; `not_finite` counts them, where there are any. The classes of LAS files have
-    counts.
+    NaN and infinite values are ignored and counted in `not_finite`. LAS classes have counts.
     """
     return {name: _describe(name, points.attributes[name]) for name in sorted(points.attributes)}
 
@@ -120,9 +119,9 @@ def _describe(name: str, values: NDArray[Any]) -> dict[str, Any]:
 
 
 def _ends(values: NDArray[Any]) -> tuple[Any, Any]:
-    """The least and greatest finite value as numbers of Python; None if no value is finite."""
+    """Return the minimum and maximum of the finite values as Python numbers; None if no value is finite."""
     if values.dtype.kind == "f":
-        low, high = np.fmin.reduce(values), np.fmax.reduce(values)  # without NaN, and without copies
+        low, high = np.fmin.reduce(values), np.fmax.reduce(values)  # ignores NaN, without copies
         if not (np.isfinite(low) and np.isfinite(high)):
             finite = values[np.isfinite(values)]
             if not len(finite):
@@ -134,5 +133,5 @@ def _ends(values: NDArray[Any]) -> tuple[Any, Any]:
 
 
 def class_name(value: str) -> str:
-    """A class of LAS files in words."""
-    return ASPRS[int(value)][0] if int(value) in ASPRS else "no name"
+    """Return the name of a LAS class."""
+    return ASPRS[int(value)][0] if int(value) in ASPRS else "unnamed"

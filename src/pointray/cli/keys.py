@@ -1,4 +1,4 @@
-"""The keys of a film, read from a file: a time and a camera for each. Errors name file and key."""
+"""Camera keys of a film, read from a file: a time and a camera each. Errors name file and key."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ KNOWN = (*NEEDED, "up", "fov")
 
 
 def read_keys(file: Path, view: View | SceneView) -> list[tuple[float, Any]]:
-    """The (seconds, Camera) of each key; the view gives size and lens, and up and fov if a key has none."""
+    """Return (seconds, Camera) of each key. Size, lens, and missing up and fov come from the view."""
     from ..base.atomic_write import check_regular
 
     rows = _rows(check_regular(file))
@@ -23,24 +23,24 @@ def read_keys(file: Path, view: View | SceneView) -> list[tuple[float, Any]]:
         try:
             keys.append(_key(row, view))
             if number > 1 and keys[-1][0] <= keys[-2][0]:
-                raise ValueError(f"its time, {keys[-1][0]:g}, is not after that of the key before, {keys[-2][0]:g}")
+                raise ValueError(f"time {keys[-1][0]:g} must be later than that of the previous key, {keys[-2][0]:g}")
         except (ValueError, OverflowError) as error:  # OverflowError: an integer of 400 digits
             raise ValueError(f"{file}: key {number}: {error}") from None
     if len(keys) < 2:
-        raise ValueError(f"{file}: a film needs two keys or more, not {len(keys)}")
+        raise ValueError(f"{file}: expected at least two keys, got {len(keys)}")
     return keys
 
 
 def _rows(file: Path) -> list[Any]:
-    """The list under `keys`."""
+    """Return the list `keys` of a file."""
     kind = file.suffix.lower()
     if kind not in (".toml", ".json"):
-        raise ValueError(f"{file}: keys are .toml or .json, not {file.suffix or 'a file without extension'}")
+        raise ValueError(f"{file}: keys must be .toml or .json, not {file.suffix or 'a file without extension'}")
     try:
         text = file.read_text(encoding="utf-8")
         data = tomllib.loads(text) if kind == ".toml" else json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ValueError(f"{file}: this is no {kind[1:].upper()}: {error}") from None
+        raise ValueError(f"{file}: not valid {kind[1:].upper()}: {error}") from None
     if not isinstance(data, dict) or set(data) != {"keys"} or not isinstance(data["keys"], list):
         example = "tables [[keys]]" if kind == ".toml" else 'a list, {"keys": [...]}'
         raise ValueError(f"{file}: the keys must be {example}, and nothing else")
@@ -52,7 +52,7 @@ def _key(row: Any, view: View | SceneView) -> tuple[float, Any]:
     from ..rendering.camera import Camera
 
     if not isinstance(row, dict):
-        raise ValueError(f"it must have {', '.join(NEEDED)}, and is {row!r}")
+        raise ValueError(f"expected {', '.join(NEEDED)}, got {row!r}")
     unknown = [name for name in row if name not in KNOWN]
     if unknown:
         raise ValueError(f"unknown {unknown[0]!r}: a key has {', '.join(KNOWN)}")

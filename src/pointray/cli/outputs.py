@@ -1,4 +1,4 @@
-"""The result of `render`: a picture, or all its layers."""
+"""The result of `render`: an image, or all its layers."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 from .cluster import wait_for_kernels
 from .waiting import Progress, in_background, writing
 
-LEGEND_BYTES = 8  # a pixel, for the copy of the picture into which the legend is drawn
+LEGEND_BYTES = 8  # per pixel, for the copy of the image into which the legend is drawn
 
 
 def is_layered(output: Path) -> bool:
-    """Whether the result is layers, not a picture to look at."""
+    """Whether the result is layers instead of an image to look at."""
     from ..image.write import LAYERED
 
     return output.suffix.lower() in LAYERED
@@ -27,7 +27,7 @@ def check_output(output: Path, exposed: bool, legend: bool) -> None:
         check_layers_path(output)
         for option, given in (("--exposure", exposed), ("--legend", legend)):
             if given:
-                raise ValueError(f"{output}: layers keep the light as it is; {option} is for {', '.join(SHOWN)}")
+                raise ValueError(f"{output}: layers store linear light; {option} requires {', '.join(SHOWN)}")
         return
     if output.suffix.lower() not in SHOWN:
         extension = output.suffix or "a file without extension"
@@ -36,7 +36,7 @@ def check_output(output: Path, exposed: bool, legend: bool) -> None:
 
 
 def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool = False) -> None:
-    """Raise ValueError if there is too little memory for rendering and writing the picture."""
+    """Raise ValueError if there is not enough memory for rendering and writing the image."""
     from ..image.write import EXR_BYTES, LAYERED, SHOWN_BYTES
     from ..rendering.layers import LAYER_BYTES
     from ..rendering.picture import check_picture, picture_bytes
@@ -49,7 +49,7 @@ def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool 
 
 
 class Shown(NamedTuple):
-    """How to show a picture.
+    """How to show an image.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Shown(NamedTuple):
     legend : Attribute or None
     backdrop : two sRGB colours, or None
     shadow : ContactShadow or None
-        Under the picture.
+        Drawn under the image.
     """
 
     exposure: float | str = 0.0
@@ -69,10 +69,10 @@ class Shown(NamedTuple):
 
 
 def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progress: Progress, client: Any = None) -> str:
-    """Render and write a picture; returns the end of the message about it.
+    """Render and write an image; return the end of the message about it.
 
     job : scene, camera and settings
-    client : whose workers render; None: this process does
+    client : Dask client whose workers render; None: this process
     """
     import pointray as pr
 

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from ..base.arguments import check_positive
 from ..base.choices import AUTO
 from ..base.warning_log import warn
 from ..cloud.normals.validation import select_normals
@@ -25,14 +24,15 @@ from ..surface.splats.radii import radii_in
 from ..surface.splats.scattered.spheres import Drawing
 from ..surface.tree.settings import check_settings
 from .cluster import working_on
+from .options import smooth_of
 from .read_options import Reading
 from .scan_files import ScanFiles, check_not_input, check_result, scan_of
-from .scan_surface import as_option, check_saved, smooth_of
+from .scan_surface import as_option, check_saved
 from .waiting import Progress, in_background, writing
 
 
 def tolerance_of(text: str) -> tuple[float, bool]:
-    """Parse `0.5`, or `0.05%` of the diagonal: the number, and whether it is a share."""
+    """Parse `0.5`, or `0.05%` of the diagonal; return the number and whether it is a share."""
     share = text.endswith("%")
     try:
         value = float(text.removesuffix("%"))
@@ -44,7 +44,7 @@ def tolerance_of(text: str) -> tuple[float, bool]:
 
 
 def read_scan(scan: ScanFiles, progress: Progress, viewpoint: Any = None) -> tuple[Any, Any]:
-    """The points of a scan, and its model if it is a saved model, otherwise None. viewpoint : see `ScanFiles.read`"""
+    """Return the points of a scan, and its model if it is a saved one. viewpoint : see `ScanFiles.read`"""
     import pointray as pr
 
     if scan.saved is None:
@@ -60,15 +60,15 @@ def surface_of(settings: Any) -> dict[str, Any]:
 
 
 def drawing_of(options: dict[str, Any]) -> Drawing | None:
-    """Return how scattered points are to be drawn, perhaps "auto"; None if no option says so."""
-    scatter, size = options["scatter"], check_positive(options["scatter_size"], "--scatter-size")
+    """Return how to draw scattered points; None if no option sets it."""
+    scatter, size = options["scatter"], options["scatter_size"]
     if scatter == AUTO and size == 1.0:
         return None
     return Drawing(scatter, size)
 
 
 def check_parts(output: Path, part_points: int | None) -> None:
-    """ValueError if a model in parts cannot be written to a folder."""
+    """Raise ValueError if a model in parts cannot be written to a folder."""
     if output.suffix.lower() != SAVED:
         raise ValueError(f"{output}: a model in parts is a folder whose name ends in {SAVED}, like city{SAVED}/")
     if part_points is not None and part_points < 1:
@@ -82,14 +82,11 @@ IN_MEMORY = "tolerance", "count", "drop_duplicates", "drop_outliers", "smooth", 
 
 
 def _goes_by_parts(scan: ScanFiles, reading: Reading, output: Path, options: dict[str, Any]) -> bool:
-    """Whether a model in parts is made part by part, as its scan is too large for the memory, or had been begun so.
-
-    Workers make it so always.
-    """
+    """Whether to make a model part by part: for workers, for large scans, or because an earlier run began so."""
     sharing = _sharing(options)
     if scan.saved is not None:
         if sharing:
-            raise ValueError(f"{sharing} is for scans: a saved model is put into parts here")
+            raise ValueError(f"{sharing} requires a scan; saved models are split in this process")
         return False
     memory = options["memory"]
     unfinished = check_unfinished(output).exists()
@@ -98,18 +95,18 @@ def _goes_by_parts(scan: ScanFiles, reading: Reading, output: Path, options: dic
     whole = [name for name in IN_MEMORY if options[name] not in (None, False)]
     whole += ["max_points"] * (reading.max_points is not None) + ["drop_strays"] * reading.drop_strays
     if whole and (unfinished or sharing or memory is not None):
-        name, instead = whole[0].replace("_", "-"), f"leave out {sharing}" if sharing else "read fewer points"
-        raise ValueError(f"--{name} is for scans that fit into memory: leave it out, or {instead}")
+        name, instead = whole[0].replace("_", "-"), f"omit {sharing}" if sharing else "read fewer points"
+        raise ValueError(f"--{name} requires a scan that fits into memory: omit it, or {instead}")
     return not whole
 
 
 def _sharing(options: dict[str, Any]) -> str:
-    """The option by which workers do the work; empty if none is given."""
+    """Return the option that uses workers; empty if there is none."""
     return next((f"--{name}" for name in ("cluster", "workers") if options[name] is not None), "")
 
 
 def _prepare_parts(scan: ScanFiles, reading: Reading, output: Path, options: dict[str, Any]) -> str:
-    """Make a model in parts, part by part; returns a line for the user."""
+    """Make a model in parts, part by part; return a line for the user."""
     import pointray as pr
 
     selection = Selection(reading.every, None, reading.request.bounds, reading.keep, reading.drop)
@@ -123,7 +120,7 @@ def _prepare_parts(scan: ScanFiles, reading: Reading, output: Path, options: dic
 
 
 def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict[str, Any]) -> str:
-    """Do what the options ask for and write the result; returns a line for the user."""
+    """Prepare a scan and write the result; return a line for the user."""
     tolerance = None if options["tolerance"] is None else tolerance_of(options["tolerance"])
     if tolerance is not None and options["count"] is not None:
         raise ValueError("give either --tolerance or --count, not both")
@@ -135,18 +132,18 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
         check_parts(output, options["part_points"])
     else:
         if _sharing(options):
-            raise ValueError(f"{_sharing(options)} is for a model in parts: -o {output.with_suffix(SAVED)}/")
+            raise ValueError(f"{_sharing(options)} requires a model in parts: -o {output.with_suffix(SAVED)}/")
         check_result(output, SAVED)
     drawing = drawing_of(options)
     if drawing is not None and output.suffix.lower() != SAVED:
-        raise ValueError(f"--scatter and --scatter-size are for a model, {SAVED}: {output.name} holds points")
+        raise ValueError(f"--scatter and --scatter-size require a model ({SAVED}), but {output.name} stores points")
     scan = scan_of(paths, reading)
     check_not_input(scan.files, output, options["force"])
     check_saved(scan.files[0], options["normals"] == AUTO and drawing is None)
     scan.check()
     if options["in_parts"] and _goes_by_parts(scan, reading, output, options):
         return _prepare_parts(scan, reading, output, options)
-    if options["trajectory"] is not None:  # what is wrong with it is told before a large scan is read
+    if options["trajectory"] is not None:  # errors in it come before a large scan is read
         options = {**options, "trajectory": read_trajectory(options["trajectory"])}
     import pointray as pr
 
@@ -178,16 +175,16 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
                 in_background(lambda: model.make_levels(progress.show))
             with writing(output):
                 in_background(lambda: model.save(output, lambda share: progress.show("writing", share)))
-            return f"{output}: a model of {len(points):,} points; {', '.join(done) or 'nothing else was to be done'}"
+            return f"{output}: a model of {len(points):,} points; {', '.join(done) or 'nothing else to do'}"
     with writing(output):
         pr.write(output, points)
-    return f"{output}: {len(points):,} points; {', '.join(done) or 'nothing was to be done'}"
+    return f"{output}: {len(points):,} points; {', '.join(done) or 'nothing to do'}"
 
 
 def _prepared(
     points: Any, tolerance: tuple[float, bool] | None, options: dict[str, Any], show: Any, is_scan: bool
 ) -> tuple[Any, Any]:
-    """The points after all steps that the options ask for, and what was done, in words."""
+    """Return the points after all steps, and descriptions of the steps."""
     import pointray as pr
 
     from ..cloud.cleaning import find_flaws
@@ -207,7 +204,7 @@ def _prepared(
         show("smoothing", 0.0)
         before = points
         points = pr.smooth(points, smooth_of(options["smooth"]), partial(show, "smoothing"))
-        done.append("no noise was found" if points is before else "noise smoothed away")
+        done.append("no noise found" if points is before else "noise smoothed")
     if options["estimate_normals"]:
         show("normals", 0.0)
         viewpoint = options["viewpoint"]
@@ -224,7 +221,7 @@ def _prepared(
         limit = None
         if tolerance is not None:
             limit = tolerance[0] * (float(np.linalg.norm(np.subtract(*points.bounds))) if tolerance[1] else 1.0)
-        # What --smooth says has been done above; without it noise is smoothed away as it is measured.
+        # --smooth has been applied above; without it measured noise is smoothed.
         noise: str | float = AUTO if options["smooth"] is None else 0.0
         found = find_subsample(points, limit, options["count"], noise, show)
         if found.message:
@@ -235,7 +232,7 @@ def _prepared(
 
 
 def _fit_of(found: Any, limit: float | None) -> str:
-    """How well the surface of the kept points fits all points, in words."""
+    """Return a description of how well the surface of the kept points fits all points."""
     from ..surface.splats.subsample import NOISY, SHARE
 
     if limit is None:

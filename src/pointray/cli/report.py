@@ -23,33 +23,33 @@ from ..surface.splats.support import find_support
 
 Positions = NDArray[np.float32]
 
-FEW = 500_000  # up to so many points are searched for everything, which takes a second
-SAMPLE = 200_000  # points whose spacing is measured with a search among all points
-SAMPLED = 4_000  # points whose spacing is measured with a search in nearby cells
-GUESS = 20_000  # points that give a first guess of the spacing, for the size of these cells
-MEASURED, FLAWLESS, COUNTED = 0.1, 0.4, 0.95  # shares of the time after which spacing, flaws, lone points are known
-CELL = 3.0  # the size of a cell, in guessed spacings
+FEW = 500_000  # maximum number of points that are always checked completely, which takes a second
+SAMPLE = 200_000  # points whose spacing is measured by a search among all points
+SAMPLED = 4_000  # points whose spacing is measured by a search in nearby cells
+GUESS = 20_000  # points for a first estimate of the spacing, which sets the size of these cells
+MEASURED, FLAWLESS, COUNTED = 0.1, 0.4, 0.95  # progress once spacing, flaws and isolated points are known
+CELL = 3.0  # size of a cell in estimated spacings
 
 
 def describe(points: Points, deep: bool = False, progress: Progress | None = None) -> dict[str, Any]:
-    """What a cloud contains, and what pointray does about missing parts.
+    """Describe a cloud, and how missing parts are replaced.
 
     Parameters
     ----------
     points : Points
     deep : bool
-        Measure what takes long. For more than FEW points these are `duplicates`, `outliers` and a spacing from many
-        points; for any number of points it is `lone`, which takes as long as building a model.
+        Whether to compute slow facts: for more than FEW points `duplicates`, `outliers` and a spacing from many points;
+        for any number of points `lone`, which takes as long as building a model.
     progress : callable, optional
         Called with the share done.
 
     Returns
     -------
     dict
-        Values of JSON; None is what was not measured. `spacing` is the median distance from a point to the nearest
-        one at another position, and `spacing_sample` the number of points measured. `steps` are the steps to which
-        coordinates were rounded; a step that is fine compared with the spacing is given as 0. `normals_off` is the
-        median angle between normals and surface in degrees; None if there are no normals, or the points do not tell.
+        JSON values; None: not measured. `spacing` is the median distance to the nearest point at another position, and
+        `spacing_sample` the number of points measured. `lone` counts isolated points. `steps` are the steps to which
+        coordinates were rounded, 0 if fine compared with the spacing. `normals_off` is the median angle between the
+        given and the fitted normals in degrees; None if there are no normals, or none can be fitted.
         `notes` are warnings about normals and rounding.
     """
     low, high = points.bounds
@@ -106,7 +106,7 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
 
 
 def _count_lone(points: Points, finite: Positions, progress: Progress | None) -> int:
-    """The number of stray points whose radii a model would make smaller; 0 if the points bring radii."""
+    """Return the number of isolated points whose radii a model would limit; 0 if the points have radii."""
     if radii_in(points) is not None or len(distinct(finite)[0]) < 2:
         return 0
     cloud = points if len(finite) == len(points) else points.select(points.finite)
@@ -119,7 +119,7 @@ def _count_lone(points: Points, finite: Positions, progress: Progress | None) ->
 
 
 def describe_model(model: Model) -> dict[str, Any]:
-    """Facts about a model besides its points: its surface, and the number of points in each level of detail."""
+    """Return facts about a model besides its points: its surface, and the points in each level of detail."""
     radii = model.radii[model.radii > 0]
     return {
         "surface": model.surface,
@@ -131,27 +131,27 @@ def describe_model(model: Model) -> dict[str, Any]:
 
 
 def _levels_of_parts(model: Model) -> list[int]:
-    """The number of points in each level of detail of all parts on disk, which are not opened."""
+    """Return the number of points in each level of detail of all parts on disk, without opening them."""
     sizes = [[level.source.file.points for level in part.levels if level.source is not None] for part in model.parts]
     return [sum(level) for level in itertools.zip_longest(*sizes, fillvalue=0)]
 
 
 def _spacing(positions: Positions) -> tuple[float, int]:
-    """Median distance to the nearest neighbour at another position, and the number of points measured."""
+    """Return the median distance to the nearest point at another position, and the number of points measured."""
     unique = positions[distinct(positions)[0]]
     queries = unique[:: -(-len(unique) // SAMPLE)]
     return _median_distance(unique, queries), len(queries)
 
 
 def _median_distance(unique: Positions, queries: Positions) -> float:
-    """Median distance from queries to the nearest other one of distinct positions, which contain them; 0 if none."""
+    """Return the median distance from queries to the nearest other distinct position; 0 if there is none."""
     return float(np.median(neighbors(unique, 2, queries)[0][:, 1])) if len(unique) > 1 else 0.0
 
 
 def _sampled_spacing(positions: Positions) -> tuple[float, int]:
-    """The spacing as in `_spacing` for a sample of the points, whose neighbours are searched in nearby cells only.
+    """Return the spacing as `_spacing`, for a sample of points whose neighbours are searched in nearby cells only.
 
-    Every neighbour within a cell's size is found, so that a median below that size is exact for the sample.
+    All neighbours within a cell's size are found, so a median below that size is exact for the sample.
     """
     random = np.random.default_rng(0)
     some, queries = (positions[np.unique(random.integers(len(positions), size=n))] for n in (GUESS, SAMPLED))

@@ -1,4 +1,4 @@
-"""The files of a scan: which ones a command reads, and where its result may go."""
+"""The files of a scan, and checks of result files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ FEW = 3  # files that a note names
 
 
 def is_saved(file: Path) -> bool:
-    """Whether a file has the extension of saved models; those in parts are folders."""
+    """Whether a path has the extension of saved models, which are files, or folders if in parts."""
     from ..model.model_file import SAVED
 
     return file.suffix.lower() == SAVED
@@ -28,14 +28,14 @@ def is_in_parts(file: Path) -> bool:
 
 @dataclass(frozen=True)
 class ScanFiles:
-    """A scan: one file or several, which are read as one cloud; or a saved model, which is alone.
+    """A scan, one or several files that are read as one cloud; or a single saved model.
 
     Attributes
     ----------
     files : tuple of Path
     reading : Reading
     cached : bool
-        Whether its model may come from the cache, and is kept there.
+        Whether its model may come from the cache, and is stored there.
     """
 
     files: tuple[Path, ...]
@@ -44,17 +44,17 @@ class ScanFiles:
 
     @property
     def name(self) -> str:
-        """What messages call it."""
+        """Name in messages."""
         return str(self.files[0]) if len(self.files) == 1 else f"{len(self.files):,} files"
 
     @property
     def saved(self) -> Path | None:
-        """The saved model, if it is one."""
+        """Path of the saved model; None for scans."""
         return self.files[0] if is_saved(self.files[0]) else None
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """What its points depend on, as values of JSON."""
+        """Inputs of its points, as JSON values."""
         facts = [file.stat() for file in self.files]
         return {
             "scan": [str(file.resolve()) for file in self.files],
@@ -64,22 +64,22 @@ class ScanFiles:
         }
 
     def entry(self, **made: Any) -> Any:
-        """The place of its model in the cache, if it may be there; made : how the model is made"""
+        """Return the cache entry of its model, None without cache. made : parameters of the model"""
         from ..model.model_cache import entry_of
 
         return entry_of(self.files, {"reading": self.reading.inputs, **made}) if self.cached else None
 
     def check(self) -> None:
-        """Raise an error if no format knows one of its files."""
+        """Raise an error if one of its files has no known format."""
         for file in self.files:
             check_scan(file, self.reading)
 
     def verify(self) -> None:
-        """Raise an error if a file of a model in parts is not the one that its index describes."""
+        """Raise an error if a file of a model in parts does not match its index."""
         from ..model.model_folder import verify_folder
 
         if not self.is_in_parts:
-            raise ValueError("--verify is for models in parts")
+            raise ValueError("--verify requires a model in parts")
         verify_folder(self.files[0])
 
     @property
@@ -90,7 +90,7 @@ class ScanFiles:
     def read(
         self, progress: Callable[[float], None] | None = None, viewpoint: tuple[float, float, float] | None = None
     ) -> Any:
-        """Its points, if it is no saved model. viewpoint : the scanner, from which veils are seen"""
+        """Return its points; not for saved models. viewpoint : scanner position, for the detection of veils"""
         import pointray as pr
 
         points = pr.read(self.files, progress=progress, **self.reading.arguments)
@@ -102,25 +102,25 @@ class ScanFiles:
 
 
 def scan_of(paths: Sequence[Path], reading: Reading, cached: bool = False) -> ScanFiles:
-    """The scan that a user names; an error if a file is not there, or the files do not go together."""
+    """Return the scan of some paths; an error if a file is missing, or files cannot be combined."""
     files = files_of(paths)
     saved = next(filter(is_saved, files), None)
     if saved is not None and len(files) > 1:
-        raise ValueError(f"{saved}: a saved model is taken alone; only view shows it beside others")
+        raise ValueError(f"{saved}: a saved model cannot be combined with other files, except in view")
     check_unread(files, reading)
     return ScanFiles(tuple(files), reading, cached)
 
 
 def check_unread(files: Sequence[Path], reading: Reading) -> None:
-    """ValueError if options of reading are given for a saved model, whose points have been read."""
+    """Raise ValueError if options of reading are given for a saved model."""
     saved = next(filter(is_saved, files), None)
     if saved is not None and not reading.is_plain:
         option = reading.unusual[0].replace("_", "-")
-        raise ValueError(f"{saved}: --{option} is for reading scans, not for a saved model")
+        raise ValueError(f"{saved}: --{option} is for scans, not for saved models")
 
 
 def files_of(paths: Sequence[Path]) -> list[Path]:
-    """The files that a user names, for a folder those in it that can be read; an error if one is not there."""
+    """Return the files of some paths, for a folder the scans in it; an error if one is missing."""
     from ..base.atomic_write import check_regular
 
     files: list[Path] = []
@@ -133,7 +133,7 @@ def files_of(paths: Sequence[Path]) -> list[Path]:
     for file in files:
         other = seen.setdefault(file.resolve(), file)
         if other is not file:
-            raise ValueError(f"{file}: is given twice" + ("" if file == other else f", as {other} too"))
+            raise ValueError(f"{file}: is given twice" + ("" if file == other else f", also as {other}"))
     return files
 
 
@@ -152,7 +152,7 @@ def check_scan(file: Path, reading: Reading | None = None) -> None:
 
 
 def _scans_in(folder: Path) -> list[Path]:
-    """The files of a folder that can be read, in the order of their names; a note tells of the others."""
+    """Return the readable files of a folder, sorted by name; warn about the others."""
     from ..io.known_formats import extensions
     from ..io.unpacking import PACKED
 
@@ -169,10 +169,10 @@ def _scans_in(folder: Path) -> list[Path]:
         except (OSError, ValueError):
             left.append(path.name)
     if not files:
-        raise ValueError(f"{folder}: no file in this folder can be read; can read {', '.join(sorted(known))}")
+        raise ValueError(f"{folder}: contains no readable file; supported: {', '.join(sorted(known))}")
     if left:
         more = f" and {len(left) - FEW:,} more" if len(left) > FEW else ""
-        warn(f"{folder}: left aside, as no scans: {', '.join(left[:FEW])}{more}", stacklevel=2)
+        warn(f"{folder}: skipped files that are not scans: {', '.join(left[:FEW])}{more}", stacklevel=2)
     return files
 
 
@@ -192,7 +192,7 @@ def check_result(output: Path, *others: str) -> None:
         known = " and ".join([", ".join(written()), *others])
         raise ValueError(f"{output}: cannot write {output.suffix or 'a file without extension'}; can write {known}")
     if extension not in others:
-        writer_of(output)  # it may need a package
+        writer_of(output)  # it may require a package
     check_writable(output)
 
 
@@ -201,4 +201,4 @@ def check_not_input(files: Sequence[Path], output: Path, force: bool) -> None:
     if force or not output.exists():
         return
     if any(file.exists() and os.path.samefile(file, output) for file in files):
-        raise ValueError(f"{output}: is the input itself; --force overwrites it")
+        raise ValueError(f"{output}: is an input; use --force to overwrite it")

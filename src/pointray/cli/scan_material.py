@@ -5,53 +5,54 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from .options import color_of, numbers
+from .options import Vector, color_of
 
-HEIGHT = "height"  # a value of --color-by: the coordinate along --up
+HEIGHT = "height"  # value of --color-by: the coordinate along --up
 
 
 class ScanMaterial:
-    """The material and colour of a scan. A wrong option raises ValueError at once.
+    """The material and colour of a scan. Raises ValueError if options are invalid.
 
     Parameters
     ----------
-    material : {"own", "clay", "phong", "metal", "glass"}
-    color : str or None
-        Linear r,g,b.
+    material : str
+        One of `MATERIALS`.
+    color : (3,) tuple or None
+        Linear RGB.
     color_by : str or None
-        What the colour shows, as for `color_of`.
+        Attribute, colormap and range, as for `color_of`.
     neutral : bool
-        Whether points without a colour are grey instead of clay, unless that is their material.
+        Whether points without colours are grey; otherwise, and for the material "clay", they are clay.
     """
 
     def __init__(
-        self, material: str, color: str | None = None, color_by: str | None = None, neutral: bool = False
+        self, material: str, color: Vector | None = None, color_by: str | None = None, neutral: bool = False
     ) -> None:
         if color is not None and color_by is not None:
             raise ValueError("--color and --color-by exclude each other")
         if material == "glass" and (color is not None or color_by is not None):
-            raise ValueError("--material glass has no colour")
+            raise ValueError("--material glass cannot be coloured")
         self._kind, self._neutral = material, neutral
         self.attribute = None if color_by is None else color_of(color_by)
-        self._color = None if color is None else numbers(color, "--color")
-        if self._color is not None and not all(0 <= part <= 1 for part in self._color):
-            raise ValueError(f"--color must be linear r,g,b from 0 to 1, not {color}")
+        self._color = color
 
     @property
-    def one_color(self) -> tuple[float, float, float] | None:
-        """The linear colour that it gives to all points; None: they may have their own."""
+    def one_color(self) -> Vector | None:
+        """Linear colour of all points; None if points may differ."""
         from ..auto_view.studio import CLAY
 
         clay = self._kind == "clay" and self._color is None and self.attribute is None
         return CLAY if clay else self._color
 
     def build(self, points: Any, up: Any) -> Any:
-        """The material for points, clay or grey if nothing gives them a colour.
+        """Return the material for points; those without any colour become clay or grey.
 
-        up : (3,) tuple; None if it is not known yet, in which case it will be an axis
+        up : (3,) tuple; None if unknown, in which case it will be an axis
         """
         from ..auto_view.studio import CLAY, NEUTRAL
         from ..scene.paints import check_attribute
+        from ..scenefile.spelling import did_you_mean
+        from ..shade.attributes import COORDINATES
         from ..shade.materials.diffuse import Diffuse
         from ..shade.materials.phong import Phong
         from ..shade.materials.principled import Principled
@@ -62,7 +63,11 @@ class ScanMaterial:
             color = self.attribute
             if color.name == HEIGHT and HEIGHT not in points.attributes:
                 color = replace(color, name=_axis_of(up or (0.0, 0.0, 1.0)))
-            check_attribute(points, color)
+            try:
+                check_attribute(points, color)
+            except ValueError as error:
+                names = (*points.attributes, *COORDINATES, HEIGHT)
+                raise ValueError(f"{error}{did_you_mean(color.name, names)}") from None
         elif color is None and (points.colors is None or self._kind == "clay"):
             color = NEUTRAL if self._neutral and self._kind != "clay" else CLAY
         made: dict[str, Any] = {
@@ -75,9 +80,9 @@ class ScanMaterial:
         return made[self._kind]()
 
 
-def _axis_of(up: tuple[float, float, float]) -> str:
-    """The name of the coordinate that increases upwards."""
+def _axis_of(up: Vector) -> str:
+    """Return the name of the coordinate that increases upwards."""
     axes = sorted(map(abs, up))
     if axes[:2] != [0, 0] or max(up) <= 0:
-        raise ValueError(f"--color-by {HEIGHT} is for --up along x, y or z, not {up}: name the coordinate")
+        raise ValueError(f"--color-by {HEIGHT} requires --up along x, y or z, got {up}: use --color-by x, y or z")
     return "xyz"[up.index(max(up))]

@@ -1,4 +1,4 @@
-"""Scene files on the command line; some options replace what the file says."""
+"""Scene files on the command line; some options replace values of the file."""
 
 from __future__ import annotations
 
@@ -8,33 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from ..base.warning_log import warn
 from .baked_light import FIRST, ONCE
-from .options import background_of, exposure_of, numbers, size_of, up_axis, use_threads
+from .options import background_of, exposure_of, use_threads
 from .outputs import Shown, check_fits, write_picture
+from .picture_options import IN_CAMERA, IN_ROOT, IN_SETTINGS, OF_WORKERS, TABLES, names_of
 from .views import SceneView
 from .waiting import Progress, in_background
 
 if TYPE_CHECKING:
     from .animate import FilmOutput, FilmSource
 
-VECTORS = ("eye", "target")
-CAMERA = (*VECTORS, "up", "fov", "size", "projection", "aperture", "focus")
-SETTINGS = (
-    "integrator",
-    "spp",
-    "max_depth",
-    "time_limit",
-    "noise",
-    "denoise",
-    "filter",
-    "seed",
-    "threads",
-    "levels",
-    "backfaces",
-)
-ROOT = ("background", "exposure")
-LIGHT = ("bake",)
-WORKERS = ("cluster", "workers", "spread")  # who renders
-FILM = ("seconds", "fps", "turns", "keys")  # options about the film, not about what it shows
+FILM = ("seconds", "fps", "turns", "keys")  # options of the film, not of its contents
 
 
 def is_scene(file: Path) -> bool:
@@ -43,45 +26,42 @@ def is_scene(file: Path) -> bool:
 
 
 def scene_of(files: Sequence[Path]) -> Path | None:
-    """The scene file that a command gets, which is alone; None if it gets scans."""
+    """Return the scene file of a command, None if it gets scans; ValueError if there are other files."""
     found = next(filter(is_scene, files), None)
     if found is not None and len(files) > 1:
-        raise ValueError(f"{found}: a scene file is taken alone")
+        raise ValueError(f"{found}: a scene file cannot be combined with other files")
     return found
 
 
 class DescribedScene:
-    """A scene file with the options given beside it. A mistake in either raises ValueError or OSError at once.
+    """A scene file and the options given with it. Raises ValueError or OSError if either is invalid.
 
     Parameters
     ----------
     options : dict
-        The options that the user has typed.
+        Options that the user typed, parsed.
     others : sequence of str
-        Names of options about neither the scene nor the picture, which are allowed too.
+        Names of other options that are allowed.
     pictures : bool
-        Whether pictures are wanted: options about them are allowed.
+        Whether options of images are allowed.
     """
 
     def __init__(self, file: Path, options: dict[str, Any], others: Sequence[str] = (), pictures: bool = True) -> None:
-        of_pictures = (*CAMERA, *SETTINGS, *ROOT, *LIGHT) if pictures else ()
-        unfit = [name for name in options if name not in ("files", "output", *of_pictures, *others)]
+        known = names_of(*TABLES) if pictures else ()
+        unfit = [name for name in options if name not in ("files", "output", *known, *others)]
         if unfit:
-            raise ValueError(f"--{unfit[0].replace('_', '-')} is not for a scene file, which says it itself: {file}")
-        parsed: dict[str, Any] = {name: numbers(options[name], f"--{name}") for name in VECTORS if name in options}
-        parsed |= {"size": size_of(options["size"])} if "size" in options else {}
-        parsed |= {"background": background_of(options["background"])} if "background" in options else {}
-        if "up" in options:
-            parsed["up"] = up_axis(options["up"])
-            if parsed["up"] is None:
-                raise ValueError("--up auto is for a scan: a scene file says which way is up")
+            raise ValueError(f"--{unfit[0].replace('_', '-')} is not for a scene file, which defines it itself: {file}")
+        values = dict(options)
+        if values.get("up", ()) is None:
+            raise ValueError("--up auto is for scans: a scene file defines the up direction")
+        if "background" in options:
+            values["background"] = background_of(options["background"])
         if "exposure" in options:
-            parsed["exposure"] = exposure_of(options["exposure"])
-            if isinstance(parsed["exposure"], str):
-                raise ValueError("--exposure auto is for a scan: a scene file says how bright its light is")
+            values["exposure"] = exposure_of(options["exposure"])
+            if isinstance(values["exposure"], str):
+                raise ValueError("--exposure auto is for scans: a scene file defines its exposure")
         light: Path | None = options.get("bake")
-        parsed |= {"integrator": "baked"} if light is not None else {}
-        plain = {name: getattr(value, "value", value) for name, value in options.items()} | parsed
+        values |= {"integrator": "baked"} if light is not None else {}
         from ..base.atomic_write import check_regular
         from ..image.denoise import check_denoise
         from ..scenefile import Plan
@@ -90,35 +70,32 @@ class DescribedScene:
         self.plan = plan = Plan(file)
         if light is not None:
             plan.bake = BakePlan(plan.bake.settings, check_regular(light))
-        plan.change(
-            {name: plain[name] for name in CAMERA if name in plain},
-            {name: plain[name] for name in SETTINGS if name in plain},
-            {name: plain[name] for name in ROOT if name in plain},
-        )
+        tables = (names_of(table) for table in (IN_CAMERA, IN_SETTINGS, IN_ROOT))
+        plan.change(*({name: values[name] for name in names if name in values} for names in tables))
         if plan.settings.denoised:
             check_denoise()
         use_threads(plan.settings.threads)
 
     @property
     def bakes(self) -> bool:
-        """Whether light is baked before there are pictures: they show it, and no file has it."""
+        """Whether light is baked first: images show it, and no file has it."""
         return self.plan.is_baked and self.plan.bake.found is None
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """What the scene depends on, as values of JSON."""
+        """Inputs of the scene, as JSON values."""
         facts = [(path, path.stat()) for path in self.plan.files]
         files = [(str(path.resolve()), fact.st_size, fact.st_mtime_ns) for path, fact in facts]
         return {"scene": files, "background": self.plan.background}
 
-    def build(self, progress: Progress, told: str = FIRST) -> Any:
-        """The `SceneFile`, with its baked light if pictures show that. told : what is said if it is baked"""
+    def build(self, progress: Progress, note: str = FIRST) -> Any:
+        """Return the `SceneFile`, with its baked light if images show it. note : printed if the light is baked"""
         if self.bakes:
-            warn(told, stacklevel=2)
+            warn(note, stacklevel=2)
         return in_background(lambda: self.plan.build(progress.show))
 
     def source(self) -> FilmSource:
-        """The source of a film of the scene."""
+        """Return the source of a film of the scene."""
         from .animate import FilmSource
 
         def build(progress: Progress) -> tuple[Any, Any, Any]:
@@ -129,8 +106,8 @@ class DescribedScene:
 
 
 def render_scene(file: Path, output: Path, options: dict[str, Any], client: Any = None) -> str:
-    """Render what a scene file describes; returns a line for the user."""
-    described = DescribedScene(file, options, WORKERS)
+    """Render a scene file; return a line for the user."""
+    described = DescribedScene(file, options, names_of(OF_WORKERS))
     plan = described.plan
     check_fits(output, SceneView(plan.camera).size, plan.settings)
     with Progress(plan.settings, described.bakes) as progress:
@@ -141,12 +118,12 @@ def render_scene(file: Path, output: Path, options: dict[str, Any], client: Any 
 
 
 def animate_scene(file: Path, output: FilmOutput, options: dict[str, Any], fps: float, client: Any = None) -> str:
-    """Make a film of what a scene file describes; returns a line for the user."""
+    """Make a film of a scene file; return a line for the user."""
     from .animate import TRANSPARENT, CameraPath, animate
 
-    described = DescribedScene(file, options, (*FILM, *WORKERS))
+    described = DescribedScene(file, options, (*FILM, *names_of(OF_WORKERS)))
     if output.mp4 and described.plan.background is None:
-        raise described.plan.error("background", f"{TRANSPARENT}; or say --background")
+        raise described.plan.error("background", f"{TRANSPARENT}, or set --background")
     film_options = {name: options.get(name) for name in ("seconds", "turns", "keys", "eye", "target")}
     camera_path = CameraPath(SceneView(described.plan.camera), fps, film_options)
     return animate(output, camera_path, described.source(), client)

@@ -1,4 +1,4 @@
-"""pointray view: opens the page in the browser at once, and shows files there while they load."""
+"""pointray view: opens a page in the browser at once and shows files there while they load."""
 
 from __future__ import annotations
 
@@ -17,12 +17,11 @@ from .options import background_of
 from .read_options import Reading
 from .scan_files import ScanFiles, check_scan, check_unread, files_of, is_in_parts, is_saved
 from .scan_lights import ScanLights
-from .scan_scene import PLAIN, ground_under
-from .scan_surface import check_saved
+from .scan_scene import ground_under
+from .scan_surface import PLAIN, check_saved
 from .scene_file import DescribedScene, scene_of
-from .views import View
 
-SERVING = ("host", "port", "open_browser")  # options about neither the scene nor the picture
+SERVING = ("host", "port", "open_browser")  # options of the server, not of the scene
 
 
 def shared_scene_of(
@@ -33,15 +32,14 @@ def shared_scene_of(
     surface: dict[str, Any],
     cached: bool = False,
 ) -> Any:
-    """The shared scene to view, and its loader. A wrong file or option raises an error at once.
+    """Return the shared scene to view, and its loader; an error at once if a file or an option is invalid.
 
-    typed : the options that the user has typed
-    options : settings, up, light, fill, background, ground, backfaces, contact_shadow, normals, bake and quick, see
-        `picture_options`; and memory
-    cached : whether the scans' model may come from the cache, and is kept there
-    surface : as `Model` takes it; only the default surface gets levels of detail
+    typed : options that the user typed, parsed
+    options : attributes of `PictureOptions`; and settings, quick (`PictureOptions.is_quick`) and perhaps memory
+    surface : arguments of `Model`; only the default surface gets levels of detail
+    cached : whether the model of scans may come from the cache, and is stored there
     """
-    from ..auto_view.first_view import Scan
+    from ..auto_view.first_view import Scan, ViewChoice
     from ..auto_view.fronts import shows_backs
     from ..auto_view.studio import with_direct_light
     from ..rendering.warmup import has_clicks, warm_up
@@ -52,21 +50,21 @@ def shared_scene_of(
     if scene_file is not None:
         described = DescribedScene(scene_file, typed, SERVING)
         plan = described.plan
-        if described.bakes:  # before there is something to see
-            _tell(FIRST)
+        if described.bakes:  # before the first image
+            _print(FIRST)
             warm_up(plan.settings, clicks=True, bakes=True)
         up = plan.camera.get("up", (0.0, 0.0, 1.0))
         return SharedScene(scene_file.name, None, tuple(up), plan.settings, str(scene_file)), SceneFileLoader(plan)
-    choice = View("1x1", options["up"]).choice
+    choice = ViewChoice(options["up"])
     lights = ScanLights(options["light"], options["fill"])
     background = background_of(options["background"])
-    known: list[Any] = []  # up direction and lights: found once, for the coarse version and for all points
+    known: list[Any] = []  # up direction and lights, found once for the coarse version and the full model
 
     def set_up_scene(scene: Any) -> Any:
         if not known:
             scan = Scan(scene, choice)
             if scan.found:
-                _tell(scan.found)
+                _print(scan.found)
             outlook = None if baked is None else scan.natural_outlook
             if outlook is not None and outlook.within and options["quick"]:
                 outlook, shared.settings = None, with_direct_light(settings)
@@ -75,8 +73,8 @@ def shared_scene_of(
             unseen = not has_clicks() or any(model.parts for model in scene.models)
             if options["backfaces"] is None and (unseen or shows_backs(scene, scan.camera())):
                 shared.settings = replace(shared.settings, backfaces=SAME)
-        up, scene.lights, has_strays = known
-        bounds = Scan(scene, choice).bounds if has_strays else scene.bounds
+        up, scene.lights, has_outliers = known
+        bounds = Scan(scene, choice).bounds if has_outliers else scene.bounds
         if options["ground"]:
             scene.add(ground_under(bounds, up))
         scene.background = background
@@ -94,12 +92,12 @@ def shared_scene_of(
     if in_parts and options["quick"]:
         settings = with_direct_light(settings)
     if options.get("memory") is not None and not in_parts:
-        raise ValueError("--memory is for models in parts")
+        raise ValueError("--memory requires a model in parts")
     baked = light_source(settings, options["bake"])
     from_file = baked is not None and baked.file is not None
     if baked is not None and not from_file:
         warm_up(settings, clicks=True, bakes=True, before=with_direct_light(settings))
-    leveled = settings.levels and surface == PLAIN and not from_file  # the file's light is for all points only
+    leveled = settings.levels and surface == PLAIN and not from_file  # light of a file fits the full model only
     light = baked.make if baked is not None and from_file else None
     scans = ScanFiles(tuple(file for file in files if not is_saved(file)), reading, cached)
     entry = scans.entry(normals=options["normals"], **surface) if scans.files else None
@@ -112,7 +110,7 @@ def shared_scene_of(
 
 
 def serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:
-    """Show the scene until Ctrl-C."""
+    """Serve the scene until Ctrl-C."""
     from ..base.malloc_arenas import keep_one_heap
 
     keep_one_heap()
@@ -129,20 +127,20 @@ def _serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -
 
     viewer = Viewer(shared, host, port)
     if port not in (0, viewer.port):
-        _tell(f"port {port} is taken")
+        _print(f"port {port} is in use")
     if viewer.is_public:
-        _tell(f"note: --host {host}: whoever reaches this machine and knows the address sees the model")
+        _print(f"note: --host {host}: everyone who can reach this computer and knows the address can see the model")
     shared.load(loader)
     opened = open_browser and viewer.open_browser()
-    _tell(f"{viewer.url}{'' if opened else ' (open it in a browser)'}, Ctrl-C ends")
+    _print(f"{viewer.url}{'' if opened else ' (open it in a browser)'}, press Ctrl-C to stop")
     interrupted: list[int] = []
     if threading.current_thread() is threading.main_thread():
-        # The handler raises nothing: an exception that is raised while an object is being freed is lost.
+        # The handler raises nothing: an exception raised while an object is being freed is lost.
         signal.signal(signal.SIGINT, lambda number, frame: interrupted.append(number))
     viewer.wait(lambda: bool(interrupted))
     if interrupted:
         raise KeyboardInterrupt
 
 
-def _tell(text: str) -> None:
+def _print(text: str) -> None:
     print(f"pointray: {text}", file=sys.stderr, flush=True)

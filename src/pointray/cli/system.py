@@ -1,4 +1,4 @@
-"""Facts about this installation: what a report of a problem should name."""
+"""Facts about this installation, for bug reports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PACKAGES = ("numpy", "scipy", "numba", "laspy", "OpenEXR", "OpenImageIO", "pye57
 
 
 def describe_system() -> dict[str, Any]:
-    """Versions, the machine, and which kernels are used and why."""
+    """Return versions, facts about the computer, and which kernels are used and why."""
     from .. import __version__
     from ..engine.jit import thread_count
     from ..engine.jit.library import choice

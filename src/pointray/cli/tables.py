@@ -9,11 +9,12 @@ from typing import Any
 from .facts import class_name
 from .printable import printable
 
-OF_SURVEY = ("crs", "crs_name", "unit", "projection", "scale", "stations")
+GEOREFERENCE = ("crs", "crs_name", "unit", "projection", "scale", "stations")
 # Facts without a line of their own.
-APART = ("normals_off", "normals_wrong", "files", "ranges", "first_picture", *OF_SURVEY)
+APART = ("normals_off", "normals_wrong", "files", "ranges", "first_picture", *GEOREFERENCE)
 OF_FILES = ("file", "format", "bytes", "rows")
-BLANKS = {" ": "blank", "\t": "tab"}  # texts that could not be seen
+LABELS = {"low": "min", "high": "max", "lone": "isolated points"}  # names in the table
+BLANKS = {" ": "blank", "\t": "tab"}  # invisible texts
 MOST_STATIONS = 12  # that the table lists
 
 
@@ -25,7 +26,8 @@ def show_table(facts: dict[str, Any], as_json: bool) -> None:
     from rich.console import Console
 
     console = Console(highlight=False)
-    console.print(_table([[name.replace("_", " "), _text(value)] for name, value in _rows(facts).items()]))
+    rows = [[LABELS.get(name, name.replace("_", " ")), _text(value)] for name, value in _rows(facts).items()]
+    console.print(_table(rows))
     if len(facts.get("files", ())) > 1:
         console.print("", _files(facts["files"]), sep="\n")
     if facts.get("ranges"):
@@ -39,16 +41,16 @@ def show_table(facts: dict[str, Any], as_json: bool) -> None:
 
 
 def _picture(facts: dict[str, Any]) -> Any:
-    """The table of what `render` shows."""
+    """Return the table of automatic choices of `render`."""
     view = f"{facts['view']} (azimuth {facts['azimuth']:.0f}, elevation {facts['elevation']:.0f})"
     rows = [["up", facts["up"]], ["view", view], ["colours", facts["colors"]], ["normals", facts["normals"]]]
     if facts["ignored"]:
         rows.append(["ignored", facts["ignored"].removeprefix("Not framed: ").rstrip(".")])
-    return _table([["picture", "as render shows it: --up, --view, --color, --normals change it"], *rows], heads=True)
+    return _table([["picture", "automatic: --up, --view, --color, --normals change it"], *rows], heads=True)
 
 
 def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = False) -> Any:
-    """A table of texts. right : columns that are aligned there; heads : whether the first row is one of heads"""
+    """Return a table of texts. right : right-aligned columns; heads : whether the first row has titles"""
     from rich.table import Table
     from rich.text import Text
 
@@ -61,23 +63,23 @@ def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = Fal
 
 
 def _files(files: list[dict[str, Any]]) -> Any:
-    """The table of several files."""
-    rows = [[file["file"], file["format"], _count(file.get("rows")), _said(file)] for file in files]
+    """Return the table of several files."""
+    rows = [[file["file"], file["format"], _count(file.get("rows")), _describe_header(file)] for file in files]
     return _table([["file", "format", "rows", ""], *rows], right=(2,), heads=True)
 
 
 def _ranges(ranges: dict[str, dict[str, Any]]) -> Any:
-    """The table of attributes."""
+    """Return the table of attributes."""
     rows = []
     for name, about in ranges.items():
         low, high = (_exact(about[end], about["dtype"]) for end in ("low", "high"))
         lost = about.get("not_finite")
         rows.append([name, about["dtype"], low, high, f"{lost:,} not finite" if lost else ""])
-    return _table([["attribute", "", "from", "to", ""], *rows], right=(2, 3), heads=True)
+    return _table([["attribute", "", "min", "max", ""], *rows], right=(2, 3), heads=True)
 
 
 def _exact(value: Any, dtype: str) -> str:
-    """A value with all its digits."""
+    """Return a value with all its digits."""
     if isinstance(value, list):
         return ", ".join(_exact(one, dtype) for one in value)
     if value is None:
@@ -93,37 +95,37 @@ def _count(rows: int | None) -> str:
     return "" if rows is None else f"{rows:,}"
 
 
-def _said(file: dict[str, Any]) -> str:
-    """What a header says besides, in a line."""
+def _describe_header(file: dict[str, Any]) -> str:
+    """Return the other facts of a header in one line."""
     return "; ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in _others(file).items())
 
 
 def _rows(facts: dict[str, Any]) -> dict[str, Any]:
-    """The facts for a table: one line about normals, and no lines for `steps` and `notes` without content."""
+    """Return the facts of the table, without empty `steps` and `notes`."""
     shown: dict[str, Any] = {}
     for name, value in facts.items():
         if name == "points":
-            shown |= _of_the_file(facts) | _of_the_survey(facts)
+            shown |= _of_one_file(facts) | _georeference(facts)
         if name not in APART:
             shown[name] = value
-    if facts.get("scale") and "low" in facts:  # what float32 adds to the file's decimals is not shown
+    if facts.get("scale") and "low" in facts:  # without digits beyond the resolution of the file
         digits = [max(0, math.ceil(-math.log10(step) - 1e-9)) for step in facts["scale"]]
         for name in ("low", "high", "size"):
             shown[name] = [round(x, n) for x, n in zip(facts[name], digits, strict=True)]
     if shown.get("normals"):
-        off, verdict = facts["normals_off"], "wrong" if facts["normals_wrong"] else "right"
-        known = "nothing tells whether right" if off is None else f"a median of {off:.1f} degrees off: {verdict}"
+        off, verdict = facts["normals_off"], "wrong" if facts["normals_wrong"] else "good"
+        known = "not checked" if off is None else f"{off:.1f} degrees off the surface (median): {verdict}"
         shown["normals"] = f"yes, {known}"
     for name in ("steps", "notes"):
         if name in shown and not any(shown[name]):
             del shown[name]
-    if facts.get("ranges"):  # they have a table of their own
+    if facts.get("ranges"):  # they have their own table
         del shown["attributes"]
     return shown
 
 
-def _of_the_file(facts: dict[str, Any]) -> dict[str, Any]:
-    """What the header says, if there is one file."""
+def _of_one_file(facts: dict[str, Any]) -> dict[str, Any]:
+    """Return facts of the header, if there is one file."""
     if len(facts.get("files", ())) != 1:
         return {}
     file = facts["files"][0]
@@ -132,12 +134,12 @@ def _of_the_file(facts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _others(file: dict[str, Any]) -> dict[str, Any]:
-    """What a header says besides name, format and size."""
+    """Return facts of a header besides name, format and size."""
     return {name: value for name, value in file.items() if name not in OF_FILES and value not in (None, "", [], {})}
 
 
-def _of_the_survey(facts: dict[str, Any]) -> dict[str, Any]:
-    """Coordinate system, unit and scanners, as far as they are known."""
+def _georeference(facts: dict[str, Any]) -> dict[str, Any]:
+    """Return coordinate system, unit and scanner positions, if known."""
     shown = {}
     if facts.get("crs_name"):
         shown["coordinate system"] = facts["crs_name"]
@@ -146,7 +148,7 @@ def _of_the_survey(facts: dict[str, Any]) -> dict[str, Any]:
     if facts.get("projection"):
         shown["shown in"] = facts["projection"]
     if facts.get("scale"):
-        shown["step of the file"] = facts["scale"]
+        shown["coordinate resolution"] = facts["scale"]
     stations = facts.get("stations") or []
     if stations:
         lines = ["; ".join(f"{x:.12g}, {y:.12g}, {z:.12g}" for x, y, z in stations[:MOST_STATIONS])]
@@ -157,7 +159,7 @@ def _of_the_survey(facts: dict[str, Any]) -> dict[str, Any]:
 
 def _text(value: Any) -> str:
     if value is None:
-        return "not looked for (--deep does)"
+        return "not checked (use --deep)"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int):

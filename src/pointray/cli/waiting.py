@@ -1,4 +1,4 @@
-"""Waiting for work: progress bars on the terminal, and Ctrl-C at any moment."""
+"""Progress bars on the terminal, and work that Ctrl-C can interrupt."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 T = TypeVar("T")
-POLL = 0.2  # seconds between two checks of what is being compiled
+POLL = 0.2  # seconds between checks of the compilation
 
 
 class Progress:
@@ -18,9 +18,9 @@ class Progress:
     Parameters
     ----------
     settings : Settings, optional
-        Of pictures that will be rendered; their kernels are compiled in the meantime.
+        Settings of images to render; their kernels are compiled in the meantime.
     bakes : bool
-        Whether light will be baked; so are the kernels for that.
+        Whether light will be baked; its kernels are compiled too.
     """
 
     def __init__(self, settings: Any = None, bakes: bool = False) -> None:
@@ -49,14 +49,14 @@ class Progress:
 
     def show(self, stage: str, share: float) -> None:
         """Show the current stage and the share of it that is done."""
-        if stage != self._stage:  # the time left is estimated for each stage
+        if stage != self._stage:  # the remaining time is estimated for each stage
             self._stage = stage
             self._bars.reset(self._task, total=1.0, description=stage)
         self._bars.update(self._task, completed=share)
 
 
 class CompilationWatch:
-    """A bar that is visible while kernels are compiled; without bars, one line when that begins."""
+    """A bar that is visible while kernels are compiled; without bars, one line when compilation begins."""
 
     def __init__(self, bars: Any) -> None:
         self._bars, self._task, self._ended = bars, bars.add_task("", total=1.0, visible=False), threading.Event()
@@ -80,19 +80,19 @@ class CompilationWatch:
             often = _how_often()
             if not self._announced:
                 self._announced = True
-                text = f"compiling kernels, {often}: {state.total}, some {state.seconds:.0f} seconds"
+                text = f"Compiling {state.total} kernels {often}, about {state.seconds:.0f} s)"
                 self._bars.console.print(text, style="dim")
-            text = f"compiling, {often}: kernel {state.number} of {state.total}"
+            text = f"Compiling kernel {state.number} of {state.total} {often})"
             self._bars.update(self._task, description=text, completed=state.share, visible=True)
 
 
 def _how_often() -> str:
-    """When kernels are compiled."""
+    """Return how often kernels are compiled, as the beginning of a remark."""
     from ..engine.jit.disk_cache import cache_folder
 
     if cache_folder() is None:
-        return "each time, as the cache folder (POINTRAY_CACHE) cannot be written"
-    return "once for this processor"
+        return "(each time: the cache folder POINTRAY_CACHE is not writable"
+    return "for this CPU (first run only"
 
 
 def in_background(work: Callable[[], T]) -> T:
@@ -102,7 +102,7 @@ def in_background(work: Callable[[], T]) -> T:
     """
     results: list[T] = []
     errors: list[BaseException] = []
-    # Held until the work is done. A plain lock: see `engine/jit/c_threads.py`.
+    # Held until the work is done. Why a plain lock: `engine/jit/c_threads.py`.
     working = threading.Lock()
     working.acquire()
 
@@ -115,17 +115,17 @@ def in_background(work: Callable[[], T]) -> T:
 
     from ..engine.jit.c_threads import start
 
-    is_there = start(body)
+    is_alive = start(body)
     try:
-        while is_there() and not working.acquire(timeout=0.1):
+        while is_alive() and not working.acquire(timeout=0.1):
             pass
     except KeyboardInterrupt:
-        working.acquire(timeout=0.2)  # a picture that is just being written gets finished
+        working.acquire(timeout=0.2)  # lets an image that is being written be finished
         raise
     if errors:
         raise errors[0]
     if not results:
-        raise MemoryError("for a thread")
+        raise MemoryError("cannot start a thread")
     return results[0]
 
 
@@ -135,7 +135,7 @@ class WriteError(Exception):
 
 @contextmanager
 def writing(output: Path) -> Iterator[None]:
-    """Turn errors of the operating system within, such as a full disk, into WriteError: the input is not bad."""
+    """Turn OSError, such as a full disk, into WriteError, because the input is not bad."""
     try:
         yield
     except OSError as error:

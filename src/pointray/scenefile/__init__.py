@@ -1,8 +1,8 @@
-"""Scene files: a whole scene as TOML, in the words of the Python classes and parameters.
+"""Scene files: whole scenes as TOML, whose keys are the names of Python classes and parameters.
 
-source, lines : the text, and the line on which each key stands
-words : the keys that a table may have, from the signatures of Python classes and functions
-shading, models, instances, light : the parts of a scene, first checked and then made
+source, lines : the text, and the line of each key
+words : the keys of a table, from the signatures of Python classes and functions; spelling : suggestions
+shading, models, instances, light : the parts of a scene, first checked, then built
 plan : the whole file
 
 Begin with plan.
@@ -20,9 +20,9 @@ __all__ = ["Plan", "SceneFile", "load_scene"]
 
 
 def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], None] | None = None) -> SceneFile:
-    """Make the scene that a TOML file describes.
+    """Build the scene of a TOML file.
 
-    The file is checked completely before any file that it names is read.
+    The file is checked completely before any file that it refers to is read.
 
     Parameters
     ----------
@@ -34,26 +34,26 @@ def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], No
     Returns
     -------
     SceneFile
-        scene, camera, settings, exposure and curve. The scene has its baked light if the integrator shows that.
+        scene, camera, settings, exposure and curve. The scene has baked light if the integrator is "baked".
 
     Raises
     ------
     OSError
-        If the file, or one that it names, cannot be opened.
+        If the file, or one that it refers to, cannot be opened.
     ValueError
-        If anything in it is wrong; the message begins with file, line and key.
+        If the file is invalid. The message begins with file, line and key.
 
     Notes
     -----
-    Keys are the names of Python parameters, and "none" stands for None. docs/scenes.md has all tables::
+    Keys are the names of Python parameters; "none" stands for None. docs/scenes.md describes all tables::
 
         background = [0.5, 0.6, 0.8]           # or "none", "environment"; exposure and curve as for `write_image`
 
-        [models.bust]                          # the parameters of `Model`, and either
-        procedural = "statue"                  # with points (and seed), or file = "scan.ply"
+        [models.bust]                          # parameters of `Model`, and either file = "scan.ply"
+        procedural = "statue"                  # or procedural with points (and seed)
         points = 100_000
 
-        [materials.gold]                       # a class of material, and its parameters
+        [materials.gold]                       # a class of materials, and its parameters
         kind = "principled"
         base_color = [1.0, 0.77, 0.34]
         metallic = 1.0
@@ -71,7 +71,7 @@ def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], No
         kind = "sun"
         direction = [1, 1, -1.5]
 
-        [[clips]]                              # `Scene.clips`: the side that the normal points to is cut away
+        [[clips]]                              # `Scene.clips`: cuts away the side that the normal points to
         point = [0, 0, 1.5]
         normal = [0, 0, 1]
 
@@ -82,7 +82,7 @@ def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], No
         spp = 16
 
         [bake]                                 # `BakeSettings`, for the integrator "baked"
-        file = "bust.bake"                     # its light, if the file is there: `pointray bake` writes it
+        file = "bust.bake"                     # light written by `pointray bake`; baked if the file is missing
 
     Examples
     --------

@@ -28,13 +28,13 @@ class Placement(NamedTuple):
     Attributes
     ----------
     shape : str or Plane
-        The name of a model, or a plane.
+        Name of a model, or a plane.
     matrix : (4, 4) float64
         Model to world.
     matrices : Path or None
-        A file of many such matrices, each for an instance; it replaces `matrix`.
+        File of many such matrices, one per instance; replaces `matrix`.
     material : str or None
-        A material's name.
+        Name of a material.
     """
 
     key: Key
@@ -45,7 +45,7 @@ class Placement(NamedTuple):
 
 
 def check_instance(source: Source, key: Key, models: Any, materials: Any) -> Placement:
-    """The placement that a table of `instances` describes. A file of matrices is checked, but not read."""
+    """Return the placement of a table of `instances`. A file of matrices is checked, but not read."""
     values = check_table(source, key, {"model": TEXT, **ADD, "transforms": optional(TEXT)})
     model = values.pop("model")
     if model not in models:
@@ -55,7 +55,7 @@ def check_instance(source: Source, key: Key, models: Any, materials: Any) -> Pla
         return _placement(source, key, model, values, materials)
     others = [name for name in values if name != "material"]
     if others:
-        raise source.error((*key, others[0]), "transforms say it already")
+        raise source.error((*key, others[0]), "cannot be combined with transforms")
     path = source.path(file_name)
     with source.errors_at((*key, "transforms")):
         _open_matrices(path)
@@ -63,7 +63,7 @@ def check_instance(source: Source, key: Key, models: Any, materials: Any) -> Pla
 
 
 def check_plane(source: Source, key: Key, materials: Any) -> Placement:
-    """The placement that a table of `planes` describes."""
+    """Return the placement of a table of `planes`."""
     words = words_of(Plane)
     values = check_table(source, key, {**words, **ADD})
     with source.errors_at(key, values):
@@ -72,9 +72,9 @@ def check_plane(source: Source, key: Key, materials: Any) -> Placement:
 
 
 def check_clip_plane(source: Source, key: Key) -> NDArray[np.float64]:
-    """The point and normal, (2, 3), that a table of `clips` gives."""
+    """Return point and normal, (2, 3), of a table of `clips`."""
     if key[-1] == MOST:
-        raise source.error(key, f"there are at most {MOST} planes")
+        raise source.error(key, f"at most {MOST} clip planes are supported")
     values = check_table(source, key, words_of(check_clip))
     with source.errors_at(key, values):
         return check_clip(**values)
@@ -86,19 +86,19 @@ def _placement(source: Source, key: Key, shape: str | Plane, values: dict[str, A
         raise source.error((*key, "material"), unknown("material", material, materials))
     parts = [name for name in values if name in TRANSFORM]
     if parts and "transform" in values:
-        raise source.error((*key, parts[0]), "transform says it already")
+        raise source.error((*key, parts[0]), "cannot be combined with transform")
     with source.errors_at(key, values):
         matrix = check_transform(values["transform"] if "transform" in values else transform(**values))
     return Placement(key, shape, matrix, None, material)
 
 
 def count_matrices(placement: Placement) -> int:
-    """How many instances a placement makes; a file of matrices is not read."""
+    """Return the number of instances of a placement; a file of matrices is not read."""
     return 1 if placement.matrices is None else len(_open_matrices(placement.matrices))
 
 
 def load_matrices(source: Source, placement: Placement) -> list[NDArray[np.float64]]:
-    """The matrices of all instances of a placement; their file, if any, is read."""
+    """Return the matrices of all instances of a placement; reads their file, if any."""
     if placement.matrices is None:
         return [placement.matrix]
     with source.errors_at((*placement.key, "transforms")):
@@ -111,11 +111,11 @@ def load_matrices(source: Source, placement: Placement) -> list[NDArray[np.float
 
 
 def _open_matrices(path: Path) -> NDArray[Any]:
-    """Map a .npy file of (n, 4, 4) numbers into memory; Python objects are refused."""
+    """Map a .npy file of (n, 4, 4) numbers into memory; Python objects are rejected."""
     try:
         array = open_memmap(check_regular(path), mode="r")
     except ValueError as error:
-        raise ValueError(f"{path}: this is no .npy file of numbers: {error}") from None
+        raise ValueError(f"{path}: not a valid .npy file of numbers: {error}") from None
     if array.ndim != 3 or array.shape[1:] != (4, 4) or array.dtype.kind not in "iuf":
-        raise ValueError(f"{path}: transforms are (n, 4, 4) numbers, not {array.shape} of {array.dtype}")
+        raise ValueError(f"{path}: expected transforms of shape (n, 4, 4), got {array.shape} of {array.dtype}")
     return array

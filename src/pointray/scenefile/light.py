@@ -1,4 +1,4 @@
-"""The baked light of a scene file: how it is baked, or the file that holds it."""
+"""The baked light of a scene file: settings of a bake, or a file."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ WORDS = {**words_of(BakeSettings), "file": optional(TEXT)}
 
 
 class BakePlan(NamedTuple):
-    """Where a scene gets its baked light from.
+    """Source of the baked light of a scene.
 
     Attributes
     ----------
     settings : BakeSettings
-        How it is baked, unless the file is there.
+        Used if there is no file.
     file : Path or None
     key : Key or None
-        Where the file stands in the scene file; None: it was given beside it.
+        Key of the file in the scene file; None: given by an option.
     """
 
     settings: BakeSettings
@@ -35,12 +35,12 @@ class BakePlan(NamedTuple):
 
     @property
     def found(self) -> Path | None:
-        """The file, if it is there."""
+        """The file, if it exists."""
         return self.file if self.file is not None and self.file.exists() else None
 
 
 def check_bake(source: Source, seed: int) -> BakePlan:
-    """What the table `bake` describes. A file that exists is not read. seed : that of pictures, for want of another"""
+    """Return the plan of the table `bake`. A file is checked, but not read. seed : default, that of images"""
     values = check_table(source, KEY, WORDS) if KEY[0] in source.data else {}
     name = values.pop("file", None)
     with source.errors_at(KEY, values):
@@ -55,9 +55,9 @@ def check_bake(source: Source, seed: int) -> BakePlan:
 
 
 def load_light(path: Path, scene: Scene) -> Baked:
-    """Light that was baked for this scene; ValueError if it does not fit."""
+    """Return light that was baked for this scene; ValueError if it does not fit."""
     baked = Baked.load(path, scene)
     reason = baked.stale
     if reason is not None:
-        raise ValueError(f"{path}: the light does not fit: {reason.partition(':')[0]} since it was baked")
+        raise ValueError(f"{path}: light does not fit the scene: {reason.partition(':')[0]} since it was baked")
     return baked

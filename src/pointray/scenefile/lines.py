@@ -1,6 +1,6 @@
-"""The line on which a key of a TOML text stands, found in one walk over the text's tokens; tomllib does not tell it.
+"""The line of each key of a TOML text, which tomllib does not report; found in one pass over the tokens.
 
-The text is valid: tomllib has read it before.
+The text must be valid: tomllib has read it before.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 Key = tuple[str | int, ...]
 
-# A multi-line string may hold one or two quotes in a row, and may end in five. Possessive quantifiers never read a
-# text twice.
+# A multi-line string may contain one or two quotes in a row, and may end in five. Possessive quantifiers avoid
+# backtracking.
 _TOKENS = re.compile(
     r"""
     (?P<string> \"{3} (?: [^"\\]++ | \\. | "{1,2}(?!") )*+ "{3,5}
@@ -38,9 +38,9 @@ class _Token(NamedTuple):
 
 
 def line_of(text: str, key: Key) -> int:
-    """The first line of a key, or of the longest part of it that is in the text; 0 if no part is.
+    """Return the first line of a key, or of its longest prefix that is in the text; 0 if none is.
 
-    A key within a table in braces has the line of that table.
+    A key of an inline table has the line of that table.
     """
     best, found = 0, 0
     for path, line in _key_lines(text):
@@ -61,7 +61,7 @@ def _tokens(text: str) -> Iterator[_Token]:
 
 
 def _key_lines(text: str) -> Iterator[tuple[Key, int]]:
-    """The key paths of a text and their lines, in order; what encloses a key comes before it."""
+    """Yield the key paths of a text and their lines, in order, enclosing tables first."""
     last_rows: dict[Key, int] = {}  # array of tables -> index of its last table
     table: Key = ()
     tokens = _tokens(text)
@@ -90,7 +90,7 @@ def _key_lines(text: str) -> Iterator[tuple[Key, int]]:
 
 
 def _header(tokens: Iterator[_Token]) -> tuple[Key, bool]:
-    """The parts of a table's name, and whether the table is a row of an array: `[[name]]`."""
+    """Return the parts of a table's name, and whether the table is an element of an array: `[[name]]`."""
     words, is_array = [], False
     for token in tokens:
         if token.kind == "end":
@@ -103,7 +103,7 @@ def _header(tokens: Iterator[_Token]) -> tuple[Key, bool]:
 
 
 def _parts(name: str) -> Key:
-    """The parts of a dotted key, which may be quoted."""
+    """Return the parts of a dotted key, which may be quoted."""
     if _BARE.fullmatch(name):
         return tuple(name.split("."))
     parts: list[str] = []
@@ -115,7 +115,7 @@ def _parts(name: str) -> Key:
 
 
 def _resolve(parts: Key, last_rows: dict[Key, int]) -> Key:
-    """The key path that a table's name stands for; the name of an array of tables stands for its last table."""
+    """Return the key path of a table's name; the name of an array of tables means its last table."""
     path: Key = ()
     for part in parts:
         path = (*path, part)
@@ -130,8 +130,8 @@ def _prefixes(outer: Key, path: Key, line: int) -> Iterator[tuple[Key, int]]:
 
 
 def _elements(tokens: Iterator[_Token], key: Key) -> Iterator[tuple[Key, int]]:
-    """The key paths of a value's array elements, and their lines; tables in braces are skipped."""
-    path, braces, fresh = key, 0, False  # fresh: the next token begins an element
+    """Yield the key paths of array elements of a value, and their lines; inline tables are skipped."""
+    path, braces, is_new = key, 0, False  # is_new: the next token begins an element
     depth = len(key)
     for token in tokens:
         if token.kind == "end":
@@ -142,14 +142,14 @@ def _elements(tokens: Iterator[_Token], key: Key) -> Iterator[tuple[Key, int]]:
         if braces:
             braces += (mark == "{") - (mark == "}")
             continue
-        if fresh and mark != "]":
+        if is_new and mark != "]":
             yield path, token.line
-            fresh = False
+            is_new = False
         if mark == "[":
-            path, fresh = (*path, 0), True
+            path, is_new = (*path, 0), True
         elif mark == "]":
-            path, fresh = path[:-1], False
+            path, is_new = path[:-1], False
         elif mark == "," and len(path) > depth:
-            path, fresh = (*path[:-1], int(path[-1]) + 1), True
+            path, is_new = (*path[:-1], int(path[-1]) + 1), True
         elif mark == "{":
             braces = 1

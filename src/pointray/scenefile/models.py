@@ -31,16 +31,16 @@ from .words import TEXT, WHOLE, Word, check_table, optional, unknown, value_at, 
 WORDS = words_of(Model, "points", "radii", "_scattered")
 LEVELS_OPTION = {"levels": Word(("bool",), False)}
 NORMALS_OPTION = {"normals": Word(("str",), False)}
-READING = {  # the choices of `read`; annotations of some are none that TOML has
+READING = {  # arguments of `read`; the annotations of the last three are not TOML types
     **words_of(read, "path", "progress"),
     **{"keep": Word(("dict",), False), "drop": Word(("dict",), False), "intrinsics": Word(("ArrayLike",), False)},
 }
 
-Say = Callable[[str, float], None]
+Report = Callable[[str, float], None]
 
 
 class Recipe(NamedTuple):
-    """How to make a model.
+    """Parameters of a model.
 
     Attributes
     ----------
@@ -48,11 +48,11 @@ class Recipe(NamedTuple):
     procedural : (str, int, int)
         Name, number of points and seed; used if there is no file.
     arguments : dict
-        Of `Model`.
+        Arguments of `Model`.
     levels : bool
         Whether to make levels of detail.
     normals : {"auto", "file", "fit"}
-        The normals of a scan, as for `select_normals`.
+        Normals of a scan to use, as for `select_normals`.
     reading : dict
         Arguments of `read`.
     """
@@ -67,7 +67,7 @@ class Recipe(NamedTuple):
 
 
 def check_model(source: Source, key: Key) -> Recipe:
-    """The recipe that a table under `models` describes. A file must exist, but is not read."""
+    """Return the recipe of a table under `models`. A file must exist, but is not read."""
     table = value_at(source, key)
     if isinstance(table, dict) and "file" not in table and "procedural" not in table:
         raise source.error(key, "file or procedural is missing")
@@ -99,20 +99,20 @@ def check_model(source: Source, key: Key) -> Recipe:
 
 def _check_file(source: Source, key: Key, file: Path, values: dict[str, Any]) -> None:
     if file.suffix.lower() == SAVED and values:
-        raise source.error((*key, next(iter(values))), f"is part of a saved model ({file.name})")
+        raise source.error((*key, next(iter(values))), f"cannot be set for a saved model ({file.name})")
     if values.get("normals", "auto") not in NORMALS:
-        raise source.error((*key, "normals"), unknown("kind of normals", values["normals"], NORMALS))
+        raise source.error((*key, "normals"), unknown("normals", values["normals"], NORMALS))
     with source.errors_at((*key, "file")):
         if file.is_dir() and file.suffix.lower() == SAVED:
             check_folder(file)
             return
         check_regular(file)
-        if file.suffix.lower() not in (SAVED, *PACKED, *extensions()):  # only its contents may tell what it is
+        if file.suffix.lower() not in (SAVED, *PACKED, *extensions()):  # its format is detected from the contents
             check_readable(file)
 
 
 def check_contents(source: Source, recipe: Recipe) -> None:
-    """An error if no format knows a scan: told after the mistakes in the scene file, and before a model is built."""
+    """Raise an error if the format of a scan is unknown: after errors of the scene file, before models are built."""
     if recipe.file is not None and recipe.file.suffix.lower() != SAVED:
         with source.errors_at((*recipe.key, "file")):
             check_readable(recipe.file)
@@ -127,28 +127,28 @@ def _check_procedural(source: Source, key: Key, name: str, count: int, seed: int
         raise source.error((*key, "seed"), f"must not be negative, not {seed}")
 
 
-def load_model(source: Source, recipe: Recipe, say: Say) -> Model:
-    """Read and build a model, and its levels of detail if the recipe wants them."""
-    model = _load(source, recipe, say)
-    if recipe.levels and not model.levels and not model.parts:  # a saved model may have them already
+def load_model(source: Source, recipe: Recipe, report: Report) -> Model:
+    """Read and build a model, with levels of detail if the recipe has them."""
+    model = _load(source, recipe, report)
+    if recipe.levels and not model.levels and not model.parts:  # a saved model may have them
         with source.errors_at(recipe.key):
-            model.make_levels(say)
+            model.make_levels(report)
     return model
 
 
-def _load(source: Source, recipe: Recipe, say: Say) -> Model:
-    """The model without new levels of detail. A scan may have radii: the attribute `radius`."""
+def _load(source: Source, recipe: Recipe, report: Report) -> Model:
+    """Return the model without new levels of detail. The attribute `radius` of a scan gives its radii."""
     file = recipe.file
-    say("reading", 0.0)
+    report("reading", 0.0)
     if file is None:
         with source.errors_at(recipe.key):
-            return Model(procedural(*recipe.procedural), **recipe.arguments, progress=say)
+            return Model(procedural(*recipe.procedural), **recipe.arguments, progress=report)
     with source.errors_at((*recipe.key, "file")):
         if file.suffix.lower() == SAVED:
             return Model.load(file)
-        points = read(file, progress=partial(say, "reading"), **recipe.reading)
-    say("normals", 0.0)
+        points = read(file, progress=partial(report, "reading"), **recipe.reading)
+    report("normals", 0.0)
     with source.errors_at((*recipe.key, "normals") if recipe.normals == "file" else recipe.key):
-        points = select_normals(points, recipe.normals, 'normals = "file"', partial(say, "normals"))
+        points = select_normals(points, recipe.normals, 'normals = "file"', partial(report, "normals"))
     with source.errors_at(recipe.key):
-        return Model(points, radii_in(points), **recipe.arguments, progress=say)
+        return Model(points, radii_in(points), **recipe.arguments, progress=report)

@@ -38,11 +38,11 @@ ROOT = {
     **dict.fromkeys(("instances", "planes", "lights", "clips"), Word(("list",), False)),
 }
 
-Say = Callable[[str, float], None]
+Report = Callable[[str, float], None]
 
 
 class SceneFile(NamedTuple):
-    """What a scene file describes, ready for `render` and `write_image`.
+    """The contents of a scene file, for `render` and `write_image`.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class SceneFile(NamedTuple):
 
 
 class Plan:
-    """A scene file that is correct as far as can be told without reading the files that it names.
+    """A checked scene file. The files that it refers to have not been read.
 
     Attributes
     ----------
@@ -79,9 +79,9 @@ class Plan:
     Raises
     ------
     OSError
-        If the file, or one that it names, cannot be opened.
+        If the file, or one that it refers to, cannot be opened.
     ValueError
-        If anything in it is wrong.
+        If the file is invalid.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -106,7 +106,7 @@ class Plan:
 
     @property
     def files(self) -> list[Path]:
-        """The scene file and the files that it names."""
+        """The scene file and the files that it refers to."""
         named = [recipe.file for recipe in self._models.values()]
         named += [placement.matrices for placement in self._placements]
         named += [light.values.get("image") for light in self._lights]
@@ -115,16 +115,16 @@ class Plan:
 
     @property
     def is_baked(self) -> bool:
-        """Whether pictures show baked light."""
+        """Whether images show baked light."""
         return self.settings.integrator == "baked"
 
     @property
     def model_instances(self) -> int:
-        """How many instances of models there are."""
+        """Number of instances of models."""
         return sum(count_matrices(placement) for placement in self._placements if isinstance(placement.shape, str))
 
     def error(self, name: str, message: str) -> ValueError:
-        """An error about a key at the top level of the file, present or missing."""
+        """Return an error about a key at the top level of the file, present or missing."""
         return self._source.error((name,), message)
 
     def _check_root(self) -> None:
@@ -142,16 +142,15 @@ class Plan:
         words = LOOK_AT if "eye" in table or "target" in table else FRAME
         values = check_table(self._source, key, words) if table else {}
         if "eye" not in values and not any(isinstance(placement.shape, str) for placement in self._placements):
-            raise self._source.error(key, "eye and target are missing, and there are no instances to be framed")
+            raise self._source.error(
+                key, "eye and target are missing, and there are no instances for an automatic camera"
+            )
         with self._source.errors_at(key, values):
             camera_of(values, BOX)
         return values
 
     def change(self, camera: dict[str, Any], settings: dict[str, Any], root: dict[str, Any]) -> None:
-        """Replace some of the file's values; ValueError if a new one is wrong.
-
-        root : background and exposure, which stand outside of tables
-        """
+        """Replace values of the file; ValueError if a new one is invalid. root : background and exposure"""
         self.settings = replace(self.settings, **settings)
         self.camera = {**self.camera, **camera}
         if "eye" in camera or "target" in camera:
@@ -161,12 +160,12 @@ class Plan:
         self.exposure = root.get("exposure", self.exposure)
         self._check_root()
 
-    def build(self, progress: Say | None = None, lit: bool = True) -> SceneFile:
-        """Read the files and make the scene: instances in the order of the file, then planes.
+    def build(self, progress: Report | None = None, lit: bool = True) -> SceneFile:
+        """Read the files and build the scene: instances in the order of the file, then planes.
 
-        lit : whether it gets baked light, if its pictures show that
+        lit : whether to add baked light, if images show it
         """
-        source, say = self._source, progress or (lambda stage, share: None)
+        source, report = self._source, progress or (lambda stage, share: None)
         scene = Scene()
         scene.background = self.background
         scene.clips = np.array(self._clips).reshape(-1, 2, 3)
@@ -176,35 +175,35 @@ class Plan:
         used = dict.fromkeys(placement.shape for placement in self._placements if isinstance(placement.shape, str))
         for name in used:
             check_contents(source, self._models[name])
-        models = {name: load_model(source, self._models[name], say) for name in used}
+        models = {name: load_model(source, self._models[name], report) for name in used}
         for placement, matrices in placements:
             shape = models[placement.shape] if isinstance(placement.shape, str) else placement.shape
             material = None if placement.material is None else self._materials[placement.material]
             for matrix in matrices:
                 scene.add(shape, matrix, material)
         if lit and self.is_baked:
-            scene.baked = self._light(scene, say)
+            scene.baked = self._light(scene, report)
         camera = camera_of(self.camera, scene.bounds if models else BOX)
         return SceneFile(scene, camera, self.settings, self.exposure, self.curve)
 
-    def _light(self, scene: Scene, say: Say) -> Baked:
-        """The light from its file, or baked now if there is none."""
+    def _light(self, scene: Scene, report: Report) -> Baked:
+        """Return the light of the file, or baked if there is none."""
         plan, file = self.bake, self.bake.found
         if file is None:
-            say("baking light", 0.0)
+            report("baking light", 0.0)
             with self._source.errors_at(()):
-                return bake(scene, plan.settings, partial(say, "baking light"))
-        say("reading light", 0.0)
+                return bake(scene, plan.settings, partial(report, "baking light"))
+        report("reading light", 0.0)
         with nullcontext() if plan.key is None else self._source.errors_at(plan.key):
             return load_light(file, scene)
 
 
 def camera_of(values: Mapping[str, Any], bounds: ArrayLike) -> Camera:
-    """The camera that a file's values describe, for a scene with these bounds."""
+    """Return the camera of a file for a scene with these bounds."""
     if "eye" in values or "target" in values:
         for name in ("eye", "target"):
             if name not in values:
-                raise ValueError(f"a camera has eye and target, or neither and is framed: {name} is missing")
+                raise ValueError(f"{name} is missing: set both eye and target, or neither for an automatic camera")
         return Camera.look_at(**values)
     lens = {name: values[name] for name in ("aperture", "focus") if name in values}
     framed = Camera.frame(bounds, **{name: value for name, value in values.items() if name not in lens})

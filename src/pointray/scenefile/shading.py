@@ -1,4 +1,4 @@
-"""The lights and materials of a scene file: the key `kind` names a class, and the other keys are its parameters."""
+"""The lights and materials of a scene file: `kind` is the name of a class, other keys are its parameters."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ LIGHTS = _by_kind([*get_args(Light), EnvironmentLight])
 
 
 class CheckedLight(NamedTuple):
-    """A light that has been checked, but not made: its picture has not been read.
+    """A checked light, whose image has not been read.
 
     Attributes
     ----------
     key : Key
-        Where it stands in the file.
+        Its key in the file.
     kind : class
     values : dict
-        The arguments of the class.
+        Arguments of the class.
     """
 
     key: Key
@@ -42,7 +42,7 @@ class CheckedLight(NamedTuple):
 
 
 def check_material(source: Source, key: Key) -> Material:
-    """The material that a table under `materials` describes."""
+    """Return the material of a table under `materials`."""
     kind, values = _check_kind(source, key, material_kinds())
     with source.errors_at(key, values):
         material: Material = kind(**values)
@@ -50,16 +50,16 @@ def check_material(source: Source, key: Key) -> Material:
 
 
 def check_lights(source: Source, keys: list[Key]) -> list[CheckedLight]:
-    """The lights that the tables of `lights` describe. A picture must exist, but is not read."""
+    """Return the lights of the tables of `lights`. An image must exist, but is not read."""
     lights = [_check_light(source, key) for key in keys]
     for light in [light for light in lights if light.kind is EnvironmentLight][1:]:
-        raise source.error(light.key, "the scene has an environment already")
+        raise source.error(light.key, "only one environment light is supported")
     return lights
 
 
 def _check_light(source: Source, key: Key) -> CheckedLight:
     kind, values = _check_kind(source, key, LIGHTS)
-    trial = dict(values)  # with an empty picture
+    trial = dict(values)  # with an empty image
     if isinstance(values.get("image"), str):
         values["image"] = source.path(values["image"])
         with source.errors_at((*key, "image")):
@@ -71,7 +71,7 @@ def _check_light(source: Source, key: Key) -> CheckedLight:
 
 
 def make_light(source: Source, light: CheckedLight) -> Any:
-    """The light; its picture, if any, is read."""
+    """Return the light; reads its image, if any."""
     with source.errors_at((*light.key, "image")):
         return light.kind(**light.values)
 

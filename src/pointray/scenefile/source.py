@@ -1,4 +1,4 @@
-"""A scene file that has been read: its data, and errors that tell file, line and key."""
+"""The data of a scene file, and errors with file, line and key."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 
 from ..base.atomic_write import check_regular
 from .lines import Key, line_of
+from .spelling import suggest_file
 
 
 class Source:
@@ -21,14 +22,14 @@ class Source:
     ----------
     file : Path
     data : dict
-        As tomllib returns it.
+        Data as returned by tomllib.
 
     Raises
     ------
     OSError
         If the file cannot be opened.
     ValueError
-        If it is not TOML.
+        If it is not valid TOML.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -39,21 +40,21 @@ class Source:
         except (ValueError, RecursionError) as error:
             line = re.search(r" \(at line (\d+), column \d+\)", str(error))
             message = str(error).replace(line[0], "") if line else str(error)
-            raise ValueError(f"{self.file}:{f'{line[1]}:' if line else ''} this is no TOML: {message}") from None
+            raise ValueError(f"{self.file}:{f'{line[1]}:' if line else ''} not valid TOML: {message}") from None
 
     def path(self, name: str) -> Path:
-        """A path that the file gives, relative to the file's folder."""
+        """Return a path of the file, relative to the file's folder."""
         return self.file.parent / name
 
     def error(self, key: Key, message: str) -> ValueError:
-        """An error about the value of a key."""
+        """Return an error about the value of a key."""
         return ValueError(self._message(key, message))
 
     @contextmanager
     def errors_at(self, key: Key, names: Iterable[str] = ()) -> Iterator[None]:
         """Add file, line and key to errors raised within.
 
-        They concern the first of `names`, keys of the table at `key`, that the message mentions, or the table.
+        An error is assigned to the first of `names`, keys of the table, in its message, otherwise to the table.
         """
         try:
             yield
@@ -64,10 +65,10 @@ class Source:
                 raise self.error(key, message) from error
             raise self.error((*key, named), message.removeprefix(f"{named} ")) from error
         except OSError as error:
-            raise type(error)(self._message(key, f"{error.filename}: {error.strerror}")) from error
+            raise type(error)(self._message(key, f"{error.filename}: {error.strerror}{suggest_file(error)}")) from error
 
     def line_of(self, key: Key) -> int:
-        """The first line of a key, or of the longest part of it that is in the file; 0 if no part is."""
+        """Return the first line of a key, or of its longest prefix that is in the file; 0 if none is."""
         return line_of(self._text, key)
 
     def _message(self, key: Key, message: str) -> str:

@@ -1,8 +1,7 @@
-"""The keys that a table may have: the parameters of what it makes, with the types that their annotations allow."""
+"""The keys of a table: the parameters of a class or function, with the types that their annotations allow."""
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import math
 import reprlib
@@ -12,17 +11,18 @@ from typing import Any, NamedTuple
 from ..shade.attributes import Attribute
 from .lines import Key
 from .source import Source
+from .spelling import did_you_mean
 
 LARGEST = 1e18  # the square of a larger number overflows float32
 
 
 class Word(NamedTuple):
-    """What a table may have under a key.
+    """A key of a table.
 
     Attributes
     ----------
     types : tuple of str
-        Keys of TYPES: the value must have one of them.
+        Keys of TYPES, one of which the value must have.
     required : bool
     """
 
@@ -42,7 +42,7 @@ def _is_whole(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-# Annotation -> its name in messages, and whether a value of TOML is of that type.
+# Annotation -> name in messages, and a test whether a TOML value has that type.
 TYPES: dict[str, tuple[str, Callable[[Any], bool]]] = {
     "bool": ("true or false", lambda value: isinstance(value, bool)),
     "int": ("a whole number", _is_whole),
@@ -63,12 +63,12 @@ TEXT, WHOLE = Word(("str",), True), Word(("int",), True)
 
 
 def optional(word: Word) -> Word:
-    """A word that may be left out."""
+    """Return a word that may be omitted."""
     return word._replace(required=False)
 
 
 def words_of(make: Callable[..., Any], *without: str) -> dict[str, Word]:
-    """The parameters of a class or function whose values TOML can express, except those in `without`."""
+    """Return the parameters of a class or function with TOML types, except those in `without`."""
     words = {}
     for name, parameter in inspect.signature(make).parameters.items():
         types = tuple(part for part in str(parameter.annotation).split(" | ") if part in TYPES)
@@ -78,17 +78,15 @@ def words_of(make: Callable[..., Any], *without: str) -> dict[str, Word]:
 
 
 def unknown(what: str, name: Any, known: Iterable[str]) -> str:
-    """The message about a name that is not among those known."""
+    """Return the message about an unknown name, with the closest match."""
     names = list(known)
-    near = difflib.get_close_matches(str(name), names, 1)
-    guess = f" (did you mean {near[0]!r}?)" if near else ""
-    return f"unknown {what} {name!r}{guess}; there are: {', '.join(names) or 'none'}"
+    return f"unknown {what} {name!r}{did_you_mean(str(name), names)}; available: {', '.join(names) or 'none'}"
 
 
 def check_table(source: Source, key: Key, words: Mapping[str, Word], what: str = "key") -> dict[str, Any]:
-    """The values of a table, whose keys and types are checked; "none" becomes None.
+    """Return the values of a table after checking its keys and types; "none" becomes None.
 
-    what : what messages call a key
+    what : name of a key in messages
     """
     table = value_at(source, key)
     if not isinstance(table, dict):
@@ -103,7 +101,7 @@ def check_table(source: Source, key: Key, words: Mapping[str, Word], what: str =
 
 
 def value_at(source: Source, key: Key) -> Any:
-    """The value of a key that the file has."""
+    """Return the value of a key of the file."""
     value: Any = source.data
     for part in key:
         value = value[part]
@@ -123,7 +121,7 @@ def _value(source: Source, key: Key, value: Any, types: tuple[str, ...]) -> Any:
     for number in _numbers_in(value):
         if number != number:
             raise source.error(key, "must not be NaN")
-        if LARGEST < abs(number) < math.inf:  # the class knows whether infinity is allowed
+        if LARGEST < abs(number) < math.inf:  # the class checks infinity
             raise source.error(key, f"must not be larger than {LARGEST:g}")
     return value
 

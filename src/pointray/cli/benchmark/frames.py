@@ -22,7 +22,7 @@ from ...surface.splats.subsample import subsample
 from .views import far_view, near_view
 
 SIZE, STRESS_SIZE = (512, 512), (640, 480)
-STRESS = 24_000_000  # clouds of so many points or more are the paper's stress test: Phong, a light and shadows
+STRESS = 24_000_000  # clouds of at least this many points are the paper's stress test: Phong, a light and shadows
 SUN = SunLight((-0.5, 0.6, -0.8), 3.0)
 # Frames a second that the paper reports, on two 2.4 GHz Opterons. For 32,000 points it says only "comparable".
 PAPER = {(1_000_000, "near"): 4.5, (1_000_000, "far"): 8.7, (STRESS, "far"): 2.1}
@@ -32,7 +32,7 @@ Show = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Row:
-    """One case: what was rendered, and how fast, here and in the paper (None: the paper gives no number)."""
+    """One case: the rendered scene, and its frame rates here and in the paper (None: not given)."""
 
     points: int
     view: str
@@ -63,7 +63,7 @@ def measure(counts: Sequence[int], runs: int, threads: int, show: Show) -> list[
         If a count is given twice.
     """
     if len(set(counts)) < len(counts):
-        raise ValueError(f"--points: each count once, not {', '.join(f'{n:,}' for n in counts)}")
+        raise ValueError(f"--points: duplicate counts in {', '.join(f'{n:,}' for n in counts)}")
     rows: list[Row] = []
     for points, radii in _clouds(sorted(counts), show):
         show(f"model of {len(points):,} points", 0.0)
@@ -75,7 +75,7 @@ def measure(counts: Sequence[int], runs: int, threads: int, show: Show) -> list[
 
 
 def _clouds(counts: list[int], show: Show) -> Iterator[tuple[Points, np.ndarray | None]]:
-    """The statue with each number of points, and radii if it was subsampled."""
+    """Yield the statue with each number of points, and radii if it was subsampled."""
     for k, count in enumerate(counts):
         if k == 0 and len(counts) > 1:
             continue
@@ -87,7 +87,7 @@ def _clouds(counts: list[int], show: Show) -> Iterator[tuple[Points, np.ndarray 
 
 
 def _cases(model: Model, threads: int) -> Iterator[tuple[str, Scene, Camera, Settings]]:
-    """The cases of a model: view, scene, camera and settings."""
+    """Yield the cases of a model: view, scene, camera and settings."""
     scene = Scene()
     scene.add(model)
     if len(model.points) >= STRESS:

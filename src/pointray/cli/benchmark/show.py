@@ -45,16 +45,16 @@ def show_rows(rows: Sequence[Row], threads: int, as_json: bool) -> None:
 
 
 def check_plot(path: Path) -> None:
-    """Raise an error if a plot cannot be written: wrong extension, no such folder, or matplotlib is absent."""
+    """Raise an error if a plot cannot be written: unsupported extension, missing folder, or missing matplotlib."""
     if path.suffix.lower() not in PLOTS:
-        raise ValueError(f"{path}: a plot is {', '.join(PLOTS)}, not {path.suffix or 'a name without ending'}")
+        raise ValueError(f"{path}: a plot must be {', '.join(PLOTS)}, not {path.suffix or 'a file without extension'}")
     check_writable(path)
     if importlib.util.find_spec("matplotlib") is None:
         raise ValueError("--plot needs matplotlib: pip install 'pointray[plot]'")
 
 
 def plot(path: Path, rows: Sequence[Row]) -> None:
-    """Draw the frame rates, each beside the paper's if there is one."""
+    """Draw the frame rates beside those of the paper."""
     import matplotlib
 
     matplotlib.use("Agg")

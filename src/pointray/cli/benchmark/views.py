@@ -1,4 +1,4 @@
-"""The views in which speed is measured: far shows the whole model, near covers the whole picture."""
+"""The views in which speed is measured: far shows the whole model, near fills the whole image."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from ...rendering.camera import Camera
 from ...scene.scene import Scene
 
 FROM = (0.45, -1.0, 0.2)
-TALL = 0.9  # share of the picture's height that the silhouette spans in the far view
-FULL = 0.95  # least share of pixels that hit in the near view
-COARSE = 128  # pixels a side of the pictures by which the near view is chosen
+TALL = 0.9  # share of the image's height that the silhouette spans in the far view
+FULL = 0.95  # smallest share of pixels that hit in the near view
+COARSE = 128  # size in pixels of the images that determine the near view
 
 Floats = NDArray[np.float64]
 
 
 def far_view(points: Points, bounds: Floats, size: tuple[int, int]) -> Camera:
-    """The whole model: its silhouette spans TALL of the height, or of the width if it is wider than tall."""
+    """Return a camera whose image the silhouette spans by TALL, in height, or in width if it is wider than tall."""
     camera = Camera.frame(bounds, FROM, size=size)
     world = points.world[:: max(1, len(points) // 100_000)]
     for _ in range(4):
@@ -40,7 +40,7 @@ def far_view(points: Points, bounds: Floats, size: tuple[int, int]) -> Camera:
 
 
 def near_view(scene: Scene, far: Camera, size: tuple[int, int]) -> Camera:
-    """A camera that approaches the place where the silhouette is widest, until FULL of the pixels hit."""
+    """Return a camera so near to the widest place of the silhouette that FULL of the pixels hit."""
     coarse = Camera.look_at(far.eye, far.target, fov=far.fov, size=(COARSE, COARSE))
     hits = scene.intersect(*coarse.rays())
     inside = distance_transform_edt(np.pad(np.isfinite(hits.t), 1))[1:-1, 1:-1]

@@ -5,15 +5,17 @@ files : `bake`, `prepare`, `info`, `convert`
 cache : `cache`
 trials : `demo`, `bench`
 
-Nothing heavy is imported before it is needed, so that --help answers at once.
+Heavy modules are imported inside the commands, so that --help answers at once.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
+from ..declare import OUTPUT
 from .cache import cache
 from .files import bake, convert, info, prepare
 from .pictures import animate, render, view
@@ -23,20 +25,26 @@ app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["--help", "-h"]},
-    help="Ray traces point clouds: smooth, lit, shadowed surfaces straight from points.",
+    context_settings={"help_option_names": ["--help", "-h"], "max_content_width": 100},
+    help="\b\nExamples:\n  pointray view scan.ply\n  pointray render scan.ply -o scan.png\n\n"
+    "Ray trace point clouds: smooth, lit, shadowed surfaces straight from points.",
 )
 
-app.command()(render)
-app.command()(animate)
-app.command()(view)
-app.command()(bake)
-app.command()(prepare)
-app.command()(info)
-app.command()(convert)
-app.command()(cache)
-app.command()(demo)
-app.command()(bench)
+
+class Command(TyperCommand):
+    """A command whose option --help has a panel, as all others have."""
+
+    def get_help_option(self, ctx: Any) -> Any:
+        """Return the option --help."""
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.rich_help_panel = OUTPUT
+        return option
+
+
+for command in (render, animate, view, bake, prepare, info, convert, cache, demo, bench):
+    summary = command.__wrapped__.__doc__.partition("\n")[0]  # type: ignore[attr-defined]
+    app.command(cls=Command, short_help=summary)(command)
 
 
 @app.callback(invoke_without_command=True)

@@ -1,19 +1,20 @@
-"""The command about the cache of models: `cache`."""
+"""The command `cache`, for the cache of models."""
 
 from __future__ import annotations
 
 import time
 from typing import Annotated
 
-import typer
+from ..declare import OUTPUT, single, with_options
 
 
+@with_options("pointray cache", "pointray cache --clear")
 def cache(
-    info: Annotated[bool, typer.Option("--info", help="What is kept, the default.")] = False,
-    clear: Annotated[bool, typer.Option("--clear", help="Remove all of it.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    info: Annotated[bool, single(OUTPUT, None, "List the stored models (default).", "--info")] = False,
+    clear: Annotated[bool, single(OUTPUT, None, "Remove all stored models.", "--clear")] = False,
+    json: Annotated[bool, single(OUTPUT, None, "Print JSON.", "--json")] = False,
 ) -> None:
-    """Models of scans that were built before, which view, render and animate take the next time."""
+    """List or clear the cache of models, from which view, render and animate start faster."""
     from ...model import model_cache
     from ..tables import show_table
 

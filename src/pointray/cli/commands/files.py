@@ -7,233 +7,165 @@ from typing import Annotated
 
 import typer
 
-from ...base.choices import AUTO
-from ..cluster import ClusterOption, WorkersOption, working_on
-from ..options import (
-    SCANS,
-    TOGETHER,
-    AlbedoScaleOption,
-    BakeNoiseOption,
-    ColorByOption,
-    ColorOption,
-    FillOption,
-    GroundOption,
-    LightOption,
-    LinksOption,
-    Look,
-    MaterialOption,
-    Normals,
-    NormalsOption,
-    PatchesOption,
-    PerhapsPointsArgument,
-    PointsArgument,
-    RadiusScaleOption,
-    SamplesOption,
-    Scatter,
-    ScatterOption,
-    ScatterSizeOption,
-    SeedOption,
-    SmoothOption,
-    SubjectArgument,
-    SurfaceOption,
-    ThreadsOption,
-    UpOption,
-    bytes_of,
-    given,
-    numbers,
-    use_threads,
-)
-from ..read_options import Reading, with_reading
+from ..cluster import working_on
+from ..declare import INPUT, LIGHT, OUTPUT, QUALITY, single, with_options
+from ..options import POINTS, SUBJECT, bytes_of, given, numbers, use_threads
+from ..picture_options import OF_WORKERS, PictureOptions, names_of
+from ..read_options import Reading
 from ..scan_files import check_not_input, scan_of
 
 SEPARATORS = ("/", "\\")  # at the end of a folder's name
 
+LIT = (
+    "Result: .ply, the points with the attributes ao (visible share of the sky) and irradiance_r, _g, _b (incoming "
+    "light on the side of the normals); or .bake, for --bake."
+)
+ALBEDO = "Factor for the points' colours where light bounces, 0 to 1; photographs contain light already."
+PATCHES = "Maximum number of points that exchange light; others interpolate. Default: half of them, 32768 to 1048576."
+PREPARED = "Result: .ply; .pointray: a saved model; or a folder .pointray/: a model in parts."
+TOLERANCE = "Drop points while the surface changes by at most this: 0.5 (units), or 0.05% (of the diagonal)."
+SMOOTH = (
+    "Move noisy points onto the surface. Noise as a standard deviation; auto: as measured, which --tolerance and "
+    "--count imply."
+)
+TRAJECTORY = "Path of a moving scanner, towards which normals are turned: time,x,y,z, or a cloud with gps_time."
+PART_POINTS = "Points per part of a model in parts, rounded down to a power of two. Default: 4194304."
+MEMORY = (
+    "Make a model in parts part by part if it needs more memory than this on a machine, such as 4GiB; an interrupted "
+    "run continues. Default: the available memory."
+)
+ForceOption = Annotated[bool, single(OUTPUT, None, "Allow the result to overwrite an input.", "--force")]
+JsonOption = Annotated[bool, single(OUTPUT, None, "Print JSON.", "--json")]
 
-@with_reading
+
+@with_options("pointray bake scan.ply -o scan.bake", "pointray bake scan.ply -o lit.ply --colors --light sun:1,1,-2")
 def bake(
     context: typer.Context,
-    files: SubjectArgument,
+    files: Annotated[list[Path], typer.Argument(help=SUBJECT)],
     reading: Reading,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--output",
-            "-o",
-            help="The result: .ply, the points with the attributes ao (the share of the sky that each sees) and "
-            "irradiance_r, _g, _b (the light that arrives, where normals point); or .bake, the light for --bake.",
-        ),
-    ],
+    options: PictureOptions,
+    output: Annotated[Path, single(OUTPUT, "FILE", LIT, "--output", "-o")],
     colors: Annotated[
-        bool,
-        typer.Option("--colors", help="Give a .ply colours that hold the light: its own, or white, times it, exposed."),
+        bool, single(OUTPUT, None, "Give a .ply colours that contain the light: own colour times light.", "--colors")
     ] = False,
-    noise: BakeNoiseOption = 0.03,
-    links: LinksOption = 48,
-    patches: PatchesOption = None,
-    albedo_scale: AlbedoScaleOption = 1.0,
-    seed: SeedOption = 0,
-    threads: ThreadsOption = None,
-    cluster: ClusterOption = None,
-    workers: WorkersOption = None,
-    up: UpOption = AUTO,
-    surface: SurfaceOption = None,
-    samples: SamplesOption = 4,
-    radius_scale: RadiusScaleOption = 1.0,
-    smooth: SmoothOption = AUTO,
-    scatter: ScatterOption = Scatter["auto"],
-    scatter_size: ScatterSizeOption = 1.0,
-    normals: NormalsOption = Normals["auto"],
-    light: LightOption = None,
-    fill: FillOption = None,
-    material: MaterialOption = Look["own"],
-    color: ColorOption = None,
-    ground: GroundOption = False,
-    color_by: ColorByOption = None,
-    force: Annotated[bool, typer.Option("--force", help="The result may be the input itself: overwrite it.")] = False,
+    noise: Annotated[float, single(QUALITY, "SHARE", "Target noise relative to the light.")] = 0.03,
+    links: Annotated[int, single(QUALITY, "COUNT", "Rays per patch that gather light; noisy patches get more.")] = 48,
+    patches: Annotated[int | None, single(QUALITY, "COUNT", PATCHES)] = None,
+    albedo_scale: Annotated[float, single(LIGHT, "FACTOR", ALBEDO)] = 1.0,
+    force: ForceOption = False,
 ) -> None:
-    """Bake light into a scan or a scene: all that arrives at each point, after all bounces.
+    """Bake light into a scan or a scene: the light at each point after all bounces.
 
-    Without --light there are a sun that stands still, at the upper left of the view that render finds, and the sky of
-    the studio. Light that goes with the camera is not baked.
+    Without --light these are the studio's sky and a sun fixed at the upper left of the automatic view. Light that moves
+    with the camera cannot be baked.
     """
     from ..bake import BAKING, BakeOutput, bake_scan, bake_scene, check_output, scan_to_bake
-    from ..scene_file import WORKERS, DescribedScene, scene_of
+    from ..scene_file import DescribedScene, scene_of
 
     wanted, file = BakeOutput(output, colors), scene_of(files)
     check_output(wanted)
-    use_threads(threads)
+    use_threads(options.threads)
     if file is None:
         scan = scan_of(files, reading)
         check_not_input(scan.files, output, force)
-        baking = scan_to_bake(scan, context.params)
-        with working_on(cluster, workers) as client:
+        baking = scan_to_bake(scan, options, {name: context.params[name] for name in BAKING}, wanted)
+        with working_on(**options.of(OF_WORKERS)) as client:
             print(bake_scan(*baking, wanted, client))
         return
     check_not_input(files, output, force)
     typed = given(context)
     settings = {name: typed.pop(name) for name in BAKING if name in typed}
-    described = DescribedScene(file, typed, ("colors", "force", *WORKERS), pictures=False)
-    with working_on(cluster, workers) as client:
+    others = ("colors", "force", *names_of(OF_WORKERS))
+    described = DescribedScene(file, options.parsed(typed), others, pictures=False)
+    with working_on(**options.of(OF_WORKERS)) as client:
         print(bake_scene(described, settings, wanted, client))
 
 
-@with_reading
+@with_options(
+    "pointray prepare scan.las -o scan.pointray",
+    "pointray prepare scan.ply -o small.ply --count 500000 --drop-outliers",
+)
 def prepare(
-    files: PointsArgument,
+    context: typer.Context,
+    files: Annotated[list[Path], typer.Argument(help=POINTS)],
     reading: Reading,
-    output: Annotated[
-        str,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="PATH",
-            help="The result: .ply; .pointray: the model, ready; or a folder, .pointray/: the model in parts.",
-        ),
-    ],
-    tolerance: Annotated[
-        str | None,
-        typer.Option(help="Leave out what the surface can spare: it stays within 0.5 (units), or 0.05% (diagonal)."),
-    ] = None,
-    count: Annotated[int | None, typer.Option(help="Leave so many points.")] = None,
-    drop_duplicates: Annotated[bool, typer.Option("--drop-duplicates", help="Of equal positions keep one.")] = False,
-    drop_outliers: Annotated[bool, typer.Option("--drop-outliers", help="Drop what lies far from the rest.")] = False,
-    smooth: Annotated[
-        str | None,
-        typer.Option(
-            help="Move noisy points onto the surface: auto: as measured, which --tolerance and --count do anyway; "
-            "else the noise's deviation (units)."
-        ),
-    ] = None,
-    normals: NormalsOption = Normals["auto"],
-    estimate_normals: Annotated[bool, typer.Option("--estimate-normals", help="The same as --normals fit.")] = False,
+    options: PictureOptions,
+    output: Annotated[str, single(OUTPUT, "PATH", PREPARED, "--output", "-o")],
+    tolerance: Annotated[str | None, single(QUALITY, "LENGTH", TOLERANCE)] = None,
+    count: Annotated[int | None, single(QUALITY, "COUNT", "Keep this many points.")] = None,
+    drop_duplicates: Annotated[
+        bool, single(INPUT, None, "Keep one of several points at the same position.", "--drop-duplicates")
+    ] = False,
+    drop_outliers: Annotated[
+        bool, single(INPUT, None, "Drop points far away from all others.", "--drop-outliers")
+    ] = False,
+    smooth: Annotated[str | None, single(INPUT, "SIGMA", SMOOTH)] = None,
+    estimate_normals: Annotated[bool, single(INPUT, None, "Same as --normals fit.", "--estimate-normals")] = False,
     viewpoint: Annotated[
-        str | None, typer.Option(help="The scanner, x,y,z: for normals and --drop-strays, in place of the file's.")
-    ] = None,
-    trajectory: Annotated[
-        Path | None,
-        typer.Option(help="Of a moving scanner: time,x,y,z, or a cloud with gps_time; normals are turned to it."),
-    ] = None,
-    levels: Annotated[
-        bool, typer.Option("--levels/--no-levels", help="Of a .pointray: levels of detail too, a third more bytes.")
-    ] = True,
-    scatter: ScatterOption = Scatter["auto"],
-    scatter_size: ScatterSizeOption = 1.0,
-    part_points: Annotated[
-        int | None,
-        typer.Option(help="Of a model in parts: the points of a part, rounded down to a power of two [4194304]."),
-    ] = None,
-    memory: Annotated[
         str | None,
-        typer.Option(
-            help="Of a model in parts: make it part by part if it does not fit into so much memory of each machine, "
-            "like 4GiB; an interrupted run goes on [what is available]."
-        ),
+        single(INPUT, "X,Y,Z", "Scanner position, for normals and --drop-strays, instead of that in the file."),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="The result may be the input itself: overwrite it.")] = False,
-    threads: ThreadsOption = None,
-    cluster: ClusterOption = None,
-    workers: WorkersOption = None,
+    trajectory: Annotated[Path | None, single(INPUT, "FILE", TRAJECTORY)] = None,
+    levels: Annotated[
+        bool, single(OUTPUT, None, "Add levels of detail to a .pointray, a third more bytes.", "--levels/--no-levels")
+    ] = True,
+    part_points: Annotated[int | None, single(OUTPUT, "COUNT", PART_POINTS)] = None,
+    memory: Annotated[str | None, single(OUTPUT, "BYTES", MEMORY)] = None,
+    force: ForceOption = False,
 ) -> None:
-    """Make a scan smaller, cleaner, or give it normals; radii are kept as the attribute 'radius', which render uses."""
+    """Make a scan smaller or cleaner, or give it normals; or save its model.
+
+    The radii of the points that are kept are stored in the attribute radius, which `pointray render` uses.
+    """
     from ..prepare import prepare as work
 
-    if estimate_normals and normals == "file":
+    if estimate_normals and options.normals == "file":
         raise ValueError("--estimate-normals and --normals file exclude each other")
-    estimate_normals = estimate_normals or normals == "fit"
+    estimate_normals = estimate_normals or options.normals == "fit"
     if viewpoint is not None and not (estimate_normals or reading.drop_strays):
-        raise ValueError("--viewpoint is for --estimate-normals, --normals fit or --drop-strays: none is given")
+        raise ValueError("--viewpoint requires --estimate-normals, --normals fit or --drop-strays")
     if trajectory is not None and not estimate_normals:
-        raise ValueError("--trajectory is for --estimate-normals or --normals fit, which is not given")
+        raise ValueError("--trajectory requires --estimate-normals or --normals fit")
     if trajectory is not None and viewpoint is not None:
         raise ValueError("--viewpoint and --trajectory exclude each other")
-    use_threads(threads)
-    options = {
-        "tolerance": tolerance,
-        "count": count,
-        "drop_duplicates": drop_duplicates,
-        "drop_outliers": drop_outliers,
-        "smooth": smooth,
-        "normals": normals.value,
+    use_threads(options.threads)
+    plain = {name: getattr(options, name) for name in ("normals", "scatter", "scatter_size")}
+    steps = {**context.params, **plain} | {
         "estimate_normals": estimate_normals,
         "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
-        "trajectory": trajectory,
-        "levels": levels,
-        "scatter": scatter.value,
-        "scatter_size": scatter_size,
         "in_parts": output.endswith(SEPARATORS) or part_points is not None or memory is not None,
-        "part_points": part_points,
         "memory": None if memory is None else bytes_of(memory),
-        "force": force,
-        "cluster": cluster,
-        "workers": workers,
     }
-    print(work(files, reading, Path(output), options))
+    print(work(files, reading, Path(output), steps))
 
 
-@with_reading
+@with_options("pointray info scan.las", "pointray info scan.ply --deep --json")
 def info(
     reading: Reading,
-    files: PerhapsPointsArgument = None,
+    files: Annotated[list[Path] | None, typer.Argument(help=POINTS)] = None,
     deep: Annotated[
-        bool, typer.Option("--deep", help="Look at the neighbours of all points: 10 million take a minute and 7 GB.")
+        bool, single(QUALITY, None, "Search the neighbours of all points: 1 minute and 7 GB for 10 million.", "--deep")
     ] = False,
     json: Annotated[
-        bool, typer.Option("--json", help="As JSON: null is what only --deep finds of so many points.")
+        bool, single(OUTPUT, None, "Print JSON; null: needs --deep for this many points.", "--json")
     ] = False,
     verify: Annotated[
-        bool, typer.Option("--verify", help="Of a model in parts: compare the SHA-256 of all files with the index.")
+        bool, single(INPUT, None, "Compare the SHA-256 of all files of a model in parts with its index.", "--verify")
     ] = False,
     system: Annotated[
-        bool, typer.Option("--system", help="In place of a scan: this installation, and which kernels it uses.")
+        bool, single(OUTPUT, None, "Describe this installation and its kernels instead of a scan.", "--system")
     ] = False,
 ) -> None:
-    """What is in a scan or a saved model, and what is missing; of large ones a sample tells the spacing."""
+    """Describe a scan or a saved model, and what is missing or wrong.
+
+    The spacing of large scans is measured on a sample.
+    """
     from ..facts import describe_all
     from ..tables import show_table
 
     if system:
         if files or deep or verify:
-            raise ValueError("--system stands alone, or with --json")
+            raise ValueError("--system can only be combined with --json")
         from ..system import describe_system
 
         show_table(describe_system(), json)
@@ -247,19 +179,14 @@ def info(
     show_table(describe_all(scan, deep), json)
 
 
-@with_reading
+@with_options("pointray convert scan.e57 scan.laz", "pointray convert a.ply b.ply both.las --every 2")
 def convert(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="IN", help=f"A scan, {SCANS}. {TOGETHER} Or, alone, a saved model, .pointray: its points."
-        ),
-    ],
-    output: Annotated[Path, typer.Argument(metavar="OUT", help="The result, in the format that its extension names.")],
+    files: Annotated[list[Path], typer.Argument(metavar="IN", help=POINTS)],
+    output: Annotated[Path, typer.Argument(metavar="OUT", help="Result, in the format of its extension.")],
     reading: Reading,
-    force: Annotated[bool, typer.Option("--force", help="The result may be an input itself: overwrite it.")] = False,
+    force: ForceOption = False,
 ) -> None:
-    """Write a scan in another format, with all that this can hold, and tell what it cannot."""
+    """Write a scan in another format; the command prints what that format cannot store."""
     from ..convert import convert as work
 
     print(work(files, reading, output, force))

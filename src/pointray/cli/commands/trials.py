@@ -1,30 +1,33 @@
-"""The commands that try the ray tracer on this machine with an embedded statue: `demo` and `bench`."""
+"""The commands that try the ray tracer on this computer with an embedded statue: `demo` and `bench`."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
-from ..options import SizeOption, ThreadsOption, use_threads
+from ..declare import INPUT, OUTPUT, QUALITY, single, with_options
+from ..options import use_threads
+from ..picture_options import PictureOptions
 from ..views import View
 from ..waiting import Progress, in_background, writing
 
+COUNTS = "Points of the statue; repeatable. Default: 32000 and 1000000."
+JsonOption = Annotated[bool, single(OUTPUT, None, "Print the table as JSON.", "--json")]
 
+
+@with_options("pointray demo", "pointray demo -o statue.png --points 100000 --size 800x600", size="512x512")
 def demo(
-    output: Annotated[Path, typer.Option("--output", "-o", help="The picture.")] = Path("demo.png"),
-    points: Annotated[int, typer.Option(min=1000, max=10**8, help="Points of the statue.")] = 1_000_000,
-    size: SizeOption = "512x512",
-    frames: Annotated[int, typer.Option(min=1, help="Frames that are timed.")] = 10,
-    threads: ThreadsOption = None,
-    json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
+    options: PictureOptions,
+    output: Annotated[Path, single(OUTPUT, "FILE", "Image.", "--output", "-o")] = Path("demo.png"),
+    points: Annotated[int, single(INPUT, "COUNT", "Points of the statue.", min=1000, max=10**8)] = 1_000_000,
+    frames: Annotated[int, single(QUALITY, "COUNT", "Number of timed frames.", min=1)] = 10,
+    json: JsonOption = False,
 ) -> None:
-    """Ray trace the embedded statue, on a ground plane, with a hard shadow; write the picture and print the times."""
+    """Ray trace the embedded statue on a ground plane, with a hard shadow; write the image and print the times."""
     from ...image.write import check_image_path
 
     check_image_path(output)
-    wanted, count = View(size).size, use_threads(threads)
+    wanted, count = View(options).size, use_threads(options.threads)
     from ...rendering.settings import Settings
     from ..demo import run_demo
     from ..tables import show_table
@@ -34,22 +37,23 @@ def demo(
     show_table(facts, json)
 
 
+@with_options("pointray bench", "pointray bench --points 100000 --plot rates.png")
 def bench(
-    points: Annotated[
-        list[int] | None,
-        typer.Option(min=1000, max=10**8, help="Points of the statue; repeatable. Default: 32000 and 1000000."),
-    ] = None,
-    runs: Annotated[int, typer.Option(min=1, help="Frames that are timed, of each view.")] = 9,
-    threads: ThreadsOption = None,
-    plot: Annotated[Path | None, typer.Option(help="Draw the table: .png, .svg or .pdf.")] = None,
-    json: Annotated[bool, typer.Option("--json", help="The table as JSON.")] = False,
+    options: PictureOptions,
+    points: Annotated[list[int] | None, single(INPUT, "COUNT", COUNTS, min=1000, max=10**8)] = None,
+    runs: Annotated[int, single(QUALITY, "COUNT", "Number of timed frames per view.", min=1)] = 9,
+    plot: Annotated[Path | None, single(OUTPUT, "FILE", "Draw the table: .png, .svg or .pdf.")] = None,
+    json: JsonOption = False,
 ) -> None:
-    """The paper's frame rates beside this machine's; --points 24000000 is its stress test (6 minutes, 8 GiB)."""
+    """Compare the paper's frame rates with those of this computer.
+
+    --points 24000000 is the paper's stress test (6 minutes, 8 GiB).
+    """
     from .. import benchmark
 
     if plot is not None:
         benchmark.check_plot(plot)
-    count, counts = use_threads(threads), points or [32_000, 1_000_000]
+    count, counts = use_threads(options.threads), points or [32_000, 1_000_000]
     from ...rendering.settings import Settings
 
     with Progress(Settings()) as progress:
