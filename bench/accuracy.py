@@ -22,14 +22,14 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-
 from accuracy_tables import HEAD, beside, choice_table, line, plot, verdict_table
 from measure import WIDE, Row, Setting, cloud_of, measure
-from pointray.model.model import SURFACE
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from truth import FOLDER, MESHES, Truth, truth
 from verdicts import MANY, SOLID, verdicts
+
+from pointray.model.model import SURFACE
 
 SHAPES = ("sphere", "torus", "lattice", "statue", *MESHES)
 SURFACES = ("paper", "imls", "apss", "disc")

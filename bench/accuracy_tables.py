@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
-
 from measure import Row
-from pointray.model.model import SURFACE
+from rich.table import Table
 from truth import MESHES
 from verdicts import Verdict
+
+from pointray.model.model import SURFACE
 
 COLORS = {"disc": "#9a9a9a", "paper": "#d98c21", "imls": "#3a8f5c", "apss": "#1f5fa8"}
 HEAD = (

@@ -19,13 +19,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import platformdirs
-
 from bake_exact import at_wall, below_ball, in_sphere, leaks, moved_sun, sums
 from bake_memory import memory
 from bake_occlusion import occlusion
 from bake_pictures import gloss, pictures
 from bake_rows import MILLION, Options, Row, show, show_head
 from bake_speed import baking, frames
+
 from pointray.engine.jit import thread_count
 
 QUICK_POINTS = 40_000

@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-
-import pointray as pr
 from bake_rows import Options, Row, at_most, told
 from bake_scenes import (
     ALBEDO,
@@ -23,6 +21,8 @@ from bake_scenes import (
     statue_room,
     wall_shade,
 )
+
+import pointray as pr
 from pointray.engine.kernels.vec import LUMINANCE
 
 LIMIT = 1.25  # times the noise: a plane in another direction has another grid, too

@@ -11,10 +11,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-
-import pointray as pr
 from bake_rows import Options, Row, at_most
 from bake_scenes import solid
+
+import pointray as pr
 
 SMALL = 5000  # points of a scene that only makes kernels ready
 STATUS, RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")

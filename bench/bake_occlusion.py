@@ -11,12 +11,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
-import pointray as pr
 from bake_gather import gather, places_of_points, rms_error
 from bake_rows import Options, Row, at_least, at_most, told
 from bake_scenes import solid
+from numpy.typing import NDArray
+
+import pointray as pr
 
 Floats = NDArray[np.float64]
 

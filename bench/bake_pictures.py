@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from bake_reference import Errors, Picture, Reference, baked_light, compare, indirect_light
+from bake_rows import Options, Row, at_least, at_most, told
+from bake_scenes import statue_room
 from PIL import Image
 from scipy.ndimage import binary_erosion
 
 import pointray as pr
-from bake_reference import Errors, Picture, Reference, baked_light, compare, indirect_light
-from bake_rows import Options, Row, at_least, at_most, told
-from bake_scenes import statue_room
 from pointray.image.tone import linear_to_srgb
 
 NOISE, QUICK_NOISE = 0.005, 0.015  # of the references

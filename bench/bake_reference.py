@@ -17,10 +17,10 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from bake_rows import Options
 from numpy.typing import NDArray
 
 import pointray as pr
-from bake_rows import Options
 from pointray.engine.kernels.vec import LUMINANCE
 
 Picture = NDArray[np.float32]

@@ -8,12 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-
-import pointray as pr
 from bake_exact import luminances
 from bake_gather import Places, gather, places_of_patches, rms_error
 from bake_rows import Options, Row, at_least, at_most, told
 from bake_scenes import statue_room
+
+import pointray as pr
 from pointray.cli.benchmark.views import far_view
 
 PLACES, QUICK_PLACES = 4096, 2048

@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from baked_codes import Y00, Code, Gaussian, Kernel, Linear, Records, harmonics
 from baked_maps import COSINE, MIRRORED, NAMES, SOLID, Floats, Lobe, W, even_sky, ggx, light_maps, phong
 

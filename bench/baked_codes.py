@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import least_squares
-
 from baked_maps import COSINE, MIRRORED, Floats, Lobe, W, spiral
 from baked_records import LUMINANCE, pack_values, reflected, values_of
+from scipy.optimize import least_squares
+
 from pointray.engine.kernels.records import PHONG, PRINCIPLED
 
 Y00 = 0.5 / np.sqrt(np.pi)

@@ -37,15 +37,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
-
-import pointray as pr
 from mitsuba_child import llvm_works
 from mitsuba_pairs import COLOR, FORMULAS, LIGHTS, MATERIALS, Floats
 from mitsuba_pictures import write_difference
 from mitsuba_scenes import Body, Case, body, camera, halved, our_scene, their_camera, their_scene
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 from truth import FOLDER
+
+import pointray as pr
 
 ENOUGH = 500_000  # points of a mesh
 MOST_APART, MOST_OFF = 0.05, 0.01

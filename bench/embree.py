@@ -24,9 +24,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
+from views import bounce_rays, shadow_rays
 
 import pointray as pr
-from embree_peers import ABSENT, Discs, Mesh, Peer, available, tile_order
 from pointray.cli.benchmark.views import far_view, near_view
 from pointray.cloud.neighbors import neighbors
 from pointray.engine.jit import borrow, keep_alive, kernel, next_tile, run
@@ -38,7 +39,6 @@ from pointray.procedural_models.creases import edges_of, quarter, settled
 from pointray.surface.trace.cast import _occluded
 from pointray.surface.trace.hits import tile_hit
 from pointray.surface.trace.world import set_ray, trace_tile
-from views import bounce_rays, shadow_rays
 
 BATCH = 1024
 

@@ -19,9 +19,9 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from embree_rays import TILE, trace_packets, trace_singles
 from numpy.typing import NDArray
 
-from embree_rays import TILE, trace_packets, trace_singles
 from pointray.engine import jit
 
 LIBRARY = "libembree3.so.3"

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-
 from embree_peers import ABSENT, Discs, available, tile_order
+from numpy.typing import NDArray
 
 SOURCE = Path(__file__).with_name("embree_loop.cpp")
 THREADS = 2

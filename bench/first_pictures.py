@@ -97,7 +97,6 @@ def picture(scan: Path, folder: Path, size: str = "800x600") -> tuple[NDArray[np
 def pages(scans: list[Path]) -> dict[str, NDArray[np.uint8]]:
     """The first pictures of the viewer's page, one for each scan."""
     from playwright.sync_api import sync_playwright
-
     from viewer import FLAGS, serving
 
     shown = {}

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from truth import DEEP, Floats, Truth
 
 import pointray as pr
 from pointray.cloud.neighbors import distinct, neighbors
 from pointray.engine.jit import thread_count
-from truth import DEEP, Floats, Truth
 
 BATCH = 250_000  # rays at a time
 PLACES = 20_000  # points of the surface at which splats are counted

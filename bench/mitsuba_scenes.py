@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from mitsuba_pairs import LIGHTS, MATERIALS, Floats, diffuse, placed
 from numpy.typing import NDArray
+from truth import FOLDER
 
 import pointray as pr
-from mitsuba_pairs import LIGHTS, MATERIALS, Floats, diffuse, placed
 from pointray.procedural_models import mesh
 from pointray.procedural_models.creases import edges_of, quarter
-from truth import FOLDER
 
 DIAGONAL = 10.0
 # The radius of a disk that stands for an endless plane. With a radius of 1000, a corner lets in 1.6% more of the sky.

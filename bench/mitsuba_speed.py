@@ -21,12 +21,12 @@ from typing import Any
 
 import mitsuba as mi
 import numpy as np
-
-import pointray as pr
 from embree import alternate
 from mitsuba_child import in_child, told
 from mitsuba_pairs import Floats, diffuse, rgb
 from mitsuba_scenes import their_camera
+
+import pointray as pr
 from pointray.cli.benchmark.views import far_view
 
 ENLARGED = 1e5

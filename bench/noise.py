@@ -25,14 +25,13 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from rich.console import Console
-
 from noise_cases import SHAPES, TORUS, clouds, edges, torus, torus_case
 from noise_clouds import Torus, noisy
 from noise_measure import RAYS
 from noise_scans import layered, times, wall
 from noise_surfaces import PEERS, peers, warm_up
 from noise_tables import Figure, number, plot, table_of, write_csv
+from rich.console import Console
 from truth import FOLDER
 
 __all__ = ["main", "torus_case"]

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
-
 from noise_clouds import (
     EDGE_POINTS,
     LATTICE_POINTS,

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from truth import FOLDER, Floats, Mesh, Shape
 
 import pointray as pr
 from pointray.procedural_models import area
-from truth import FOLDER, Floats, Mesh, Shape
 
 TORUS_POINTS, EDGE_POINTS, LATTICE_POINTS, STATUE_POINTS = 100_000, 100_000, 300_000, 1_000_000
 

@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
-
 from measure import lines, unit
 from noise_clouds import Cloud
 from noise_surfaces import Surface

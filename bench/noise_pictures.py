@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
+from truth import FOLDER
 
 import pointray as pr
 from pointray.auto_view.first_view import frame
 from pointray.image.tone import linear_to_srgb
-from truth import FOLDER
 
 TILE, LINE = (270, 200), 16  # pixels of a picture, and of a line of text
 ELEVATION = 12.0  # of the sun, degrees over the surface in the middle

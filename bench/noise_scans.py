@@ -9,9 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-
-import pointray as pr
 from measure import frame_times, scene_of, unit
 from noise_clouds import STATUE_POINTS, Cloud, Procedural, noisy
 from noise_measure import RAYS, Found, Row, aimed, around, found_by, rms, row_of
@@ -31,9 +28,12 @@ from noise_surfaces import (
     surfaces,
 )
 from noise_tables import Figure, Limit, figures
+from numpy.typing import NDArray
+from truth import FOLDER, Floats
+
+import pointray as pr
 from pointray.cloud.neighbors import neighbors
 from pointray.engine.jit import thread_count
-from truth import FOLDER, Floats
 
 EYE = np.array([-3.0, -30.0, 0.0])  # of the tower's wall
 ASIDE = np.array([2.0, 0.0, 1.0])  # from where the room is looked at: veils are thin to the scanner itself

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-
 from noise_clouds import Cloud, Formula, Torus
+from numpy.typing import NDArray
 from truth import Floats
 
 NOISE = 0.1  # h

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from noise_clouds import Cloud
 from numpy.typing import NDArray
+from truth import Floats
 
 import pointray as pr
-from noise_clouds import Cloud
-from truth import Floats
 
 OURS, PLAIN, CLEARED, POISSON, RIMLS = "pointray", "smooth=0", "no strays", "Poisson", "RIMLS"
 PEERS = {POISSON: ("open3d",), RIMLS: ("open3d", "pymeshlab")}

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.table import Table
-
 from accuracy_tables import beside
 from noise_measure import Row
 from noise_surfaces import CLEARED, OURS
+from rich.table import Table
 
 COLORS = {"pointray": "#1f5fa8", "smooth=0": "#7fb0df", "Poisson": "#d98c21", "RIMLS": "#3a8f5c"}
 WORDS = {

@@ -30,13 +30,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from prepare_stages import STAGES
 from rich.console import Console
 from rich.table import Table
+from truth import FOLDER
 
 import pointray as pr
 from pointray.procedural_models import area
-from prepare_stages import STAGES
-from truth import FOLDER
 
 HERE = Path(__file__).parent
 CASES = {"normals": (), "plain": ("--without-normals",), "noise": ("--without-normals", "--noise")}

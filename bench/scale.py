@@ -31,7 +31,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
-
 from scale_city import City
 from scale_paper import markdown, table
 from scale_prepare import Options, keep, make_tiles, prepare

@@ -18,12 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from distributed import Client, LocalCluster
 from distributed.comm.tcp import TCP
-
-import pointray as pr
 from scale_pictures import lit
 from scale_prepare import Options, asked, command_of, prepared
 from scale_rows import LEAST, MOST, Row
 from scale_watch import UNFINISHED, watched
+
+import pointray as pr
 
 THROUGHPUT = 0.85  # asked, of one process
 FRAMES, CHUNK = 24, 100_000  # of the film; rays of a chunk

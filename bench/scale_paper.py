@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from rich.table import Table
-
 from scale_rows import Row, Rows, shown
 
 POINTS, MACHINES = 1_000_000_000, 10

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
-
-from pointray.cli.options import bytes_of
 from scale_city import City, make
 from scale_rows import MOST, Row, Rows, table_of
 from scale_watch import Watched, disk_of, watched
+
+from pointray.cli.options import bytes_of
 
 OVER = 1.25  # the peak of resident memory, as a multiple of --memory: 2.5 GiB of 2
 BLOCK = 1 << 20  # bytes of tiles that are read to find out whether they are the same

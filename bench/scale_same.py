@@ -9,12 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-
-import pointray as pr
 from scale_pictures import lit
 from scale_prepare import SURFACE, Options, asked, command_of, parts_in
 from scale_rows import MOST, Row
 from scale_watch import disk_of, watched
+
+import pointray as pr
 
 PARTS = 8, 64
 APART, SLOWER, LARGER = 1e-5, 1.3, 1.15  # asked: share of hits, ratios of the time of a frame and of bytes

@@ -12,11 +12,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import pointray as pr
-from pointray.cli.options import bytes_of
 from scale_prepare import Options, asked
 from scale_rows import LEAST, MOST, Row
 from scale_watch import Watched, watched
+
+import pointray as pr
+from pointray.cli.options import bytes_of
 
 CHILD = Path(__file__).parent / "scale_pictures.py"
 FIRST, RATE = 1.5, 10.0  # asked: seconds, frames a second

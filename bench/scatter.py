@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scatter_scanners import SAMPLINGS, scan
+from scatter_scenes import CLASSES, make_scene
 
 import pointray as pr
 from pointray.cloud.preparation import placed_for_model
 from pointray.surface.splats.scattered.classification import find_scattered, find_scattered_placed
-from scatter_scanners import SAMPLINGS, scan
-from scatter_scenes import CLASSES, make_scene
 
 NOISES = 0.0, 0.1, 0.25, 0.5  # spacings
 SURFACE, SCATTERED = ("ground", "wall", "roof"), ("crown", "shrub", "wire", "stray")

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scatter_scenes import CROWN, FENCE, GROUND, SHRUB, SIDE, STRAY, STREET, WIRE, Scene
 
 import pointray as pr
-from scatter_scenes import CROWN, FENCE, GROUND, SHRUB, SIDE, STRAY, STREET, WIRE, Scene
 
 Floats = NDArray[np.float64]
 

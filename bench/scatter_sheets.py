@@ -24,17 +24,17 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import cloudcompare
 import numpy as np
 from PIL import Image, ImageDraw
+from scatter_scanners import SAMPLINGS, scan
+from scatter_scenes import make_scene
 
-import cloudcompare
 import pointray as pr
 from pointray.base.choices import SCATTER
 from pointray.cli import execute
 from pointray.cloud.normals.validation import trusted
 from pointray.surface.splats.radii import radii_in
-from scatter_scanners import SAMPLINGS, scan
-from scatter_scenes import make_scene
 
 CHILD = Path(__file__).with_name("pyvista_child.py")
 WINDOW = 3  # size of PyVista's window, in pictures of the sheet

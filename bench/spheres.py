@@ -14,11 +14,11 @@ import time
 import warnings
 
 import numpy as np
+from embree import Ours, cases, compare
+from embree_peers import ABSENT, Peer, Spheres, available
 from numpy.typing import NDArray
 
 import pointray as pr
-from embree import Ours, cases, compare
-from embree_peers import ABSENT, Peer, Spheres, available
 
 PER_TREE = 5000  # points
 

@@ -2,15 +2,15 @@
 
 import csv
 
+import accuracy
 import numpy as np
 import pytest
-
-import accuracy
-import pointray as pr
-from conftest import long
 from measure import Cloud, Row, Setting, cloud_of, lines, measure, model_of, overlap, references, scene_of, trace
 from truth import Mesh, Shape, truth
 from verdicts import verdicts
+
+import pointray as pr
+from helpers.marks import long
 
 N = 20_000
 

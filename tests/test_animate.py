@@ -11,7 +11,8 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import long, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
 from pointray.cli import execute
 from pointray.rendering import sequence
 

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.cli import execute
 
 FILM = ["--size", "32x24", "--spp", "1", "--seconds", "1", "--fps", "2"]

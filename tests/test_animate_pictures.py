@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from clusters import ball, camera_of, cluster_of, scene_of
-from conftest import long
+from helpers.dask_clusters import ball, camera_of, cluster_of, scene_of
+from helpers.marks import long
 from pointray.rendering import picture, sequence
 
 CAMERAS = [camera_of(36, 24, turn) for turn in np.linspace(0, 6, 7)]

@@ -7,7 +7,7 @@ import pytest
 from attack.ledger import Ledger
 from attack.parts import KNOWN, PARTS
 from attack.pool import Attacker, Failure, Tally
-from conftest import long
+from helpers.marks import long
 
 SEED = 1
 needs_posix = pytest.mark.skipif(sys.platform == "win32", reason="processes of POSIX")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
-from maps import map_of_matplotlib
+from helpers.marks import long
+from helpers.matplotlib_maps import map_of_matplotlib
 from pointray.base.choices import COLORMAPS
 from pointray.cli import execute
 from pointray.image.tone import linear_to_srgb, srgb_to_linear

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 
 FEW = {"patches": 2000, "links": 16}  # where the light need not be exact
 

@@ -12,7 +12,7 @@ import pytest
 from plyfile import PlyData
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 from pointray.cli import bake as command
 from pointray.cli import execute, serve
 from pointray.cli.commands.files import bake as bake_command

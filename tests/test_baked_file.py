@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from attack.model_files import copied, join, split
+from helpers.model_bytes import copied, join, split
+from helpers.places import TESTS
 from pointray.model import array_file
 
 QUICK = pr.BakeSettings(links=4, patches=600, noise=1.0)
@@ -561,7 +562,7 @@ print(json.dumps([unfinished, wrong]))
 @pytest.mark.skipif(os.name != "posix", reason="processes and signals of POSIX")
 def test_killed_at_any_moment_the_old_file_is_whole_or_the_new_one(tmp_path):
     here = str(Path(__file__).parent)
-    paths = os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])])
+    paths = os.pathsep.join([here, str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])])
     command = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", KILLS, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": paths}, check=False)
     assert done.returncode == 0, done.stderr

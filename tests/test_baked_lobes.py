@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from baked_records import LUMINANCE, harmonics, pack_values, reflected, values_of
 
 import pointray as pr
-from baked_records import LUMINANCE, harmonics, pack_values, reflected, values_of
-from conftest import long
+from helpers.marks import long
 from pointray.baking.bounces import GRAY, SEES_SKY
 from pointray.baking.pack import PER_PATCH
 from pointray.baking.surfaces import _shares

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import case_file
+from helpers.places import case_file
 
 # Points, size of the bounds in metres, and whether there are colours; a part of the warning.
 READ = {

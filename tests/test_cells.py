@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial import Voronoi
 
-from conftest import long, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
 from pointray.cloud.neighbors import distinct, neighbors
 from pointray.cloud.statistics import quantile
 from pointray.surface.splats import cells, choose_radii

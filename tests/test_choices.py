@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
+from helpers.places import ROOT
 from pointray.base import choices
 from pointray.cli.scan_scene import ScanMaterial
 from pointray.rendering.picture import KERNELS
 from pointray.scenefile import shading
 from pointray.shade.materials.base import Material
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = ROOT / "docs"
 SCENES = (DOCS / "scenes.md").read_text() if DOCS.exists() else ""
 
 

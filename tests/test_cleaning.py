@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import MODELS, long, shared_model, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
+from helpers.places import MODELS, shared_model
 
 SCANS = [
     long("tls_pumpA_rgb"),

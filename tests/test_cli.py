@@ -14,7 +14,8 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import long, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
 from pointray.cli import execute
 
 SMALL = ["--size", "32x24", "--spp", "1"]

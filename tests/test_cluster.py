@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from clusters import ball, camera_of, cluster_of, scene_of
-from conftest import long
+from helpers.dask_clusters import ball, camera_of, cluster_of, scene_of
+from helpers.marks import long
 from pointray.cluster import dispatch, worker
 from pointray.cluster.client import check_client
 from pointray.cluster.dispatch import Job

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from clusters import ball, camera_of, cluster_of, scene_of
-from conftest import long
+from helpers.dask_clusters import ball, camera_of, cluster_of, scene_of
+from helpers.marks import long
 from pointray.baking import tile_ranges as stretches
 from pointray.baking.gather import ONE_TILE
 from pointray.cli import execute

@@ -14,7 +14,7 @@ import dask
 import pytest
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.cli import execute
 from pointray.cluster.client import UNPROFILED
 

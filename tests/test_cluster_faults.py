@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from clusters import ball, camera_of, cluster_of, scene_of
+from helpers.dask_clusters import ball, camera_of, cluster_of, scene_of
 from pointray.cluster import client as client_module
 from pointray.cluster import worker_pool as pool
 from pointray.cluster.dispatch import Job

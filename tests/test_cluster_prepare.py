@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from clusters import cluster_of
-from conftest import sphere_points
+from helpers.clouds import sphere_points
+from helpers.dask_clusters import cluster_of
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
 from pointray.cluster import client as client_module

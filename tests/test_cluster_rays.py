@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from clusters import ball, camera_of, cluster_of, scene_of
+from helpers.dask_clusters import ball, camera_of, cluster_of, scene_of
 from pointray.cluster import serialized_scene as stowed
 from pointray.cluster import worker
 from pointray.cluster.scattered_objects import scattered_objects_of

@@ -18,8 +18,8 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from clusters import assert_alike, ball, camera_of, cluster_of, scene_of
-from conftest import long
+from helpers.dask_clusters import assert_alike, ball, camera_of, cluster_of, scene_of
+from helpers.marks import long
 from pointray.cli import execute
 from pointray.cluster import worker as worker_module
 from pointray.cluster.dispatch import SLOW_AT_HOME, Dispatch, Job

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import case_file
+from helpers.places import case_file
 from pointray.auto_view.clusters import find_main, largest_cluster, places
 from pointray.auto_view.coverage import coverage
 from pointray.auto_view.first_view import Scan, ViewChoice

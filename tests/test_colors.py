@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import case_file
+from helpers.places import case_file
 from pointray.io.formats._unnamed_columns import UndecidedError, judge
 
 BLUE, RED, GREEN = (40, 60, 220), (220, 60, 40), (60, 200, 80)

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import long, shared_model
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.auto_view import contact
 from pointray.auto_view.contact import CELLS, contact_shadow
 from pointray.auto_view.first_view import Scan, ViewChoice

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from helpers.splat_files import cloud
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
 from pointray.io.files import open_files, request_of
 from pointray.io.selection import Selection
 from pointray.io.spooling.spool import spool
-from splats import cloud
 
 N = 40
 XYZ = np.round(np.random.default_rng(21).random((N, 3)) * 9 + 1, 3).astype(np.float32)
@@ -368,15 +368,14 @@ def test_files_without_a_point_are_refused(tmp_path, name, content):
 
 @pytest.mark.parametrize("kind", ["trained", "compressed", "splat"])
 def test_splats_that_are_cut_off(tmp_path, kind):
-    import test_gaussians
-    import test_spz
+    from helpers import gaussian_files, spz_files
 
     path = tmp_path / ("a.splat" if kind == "splat" else "a.ply")
     if kind == "trained":
-        test_gaussians.save(path, test_gaussians.trained(cloud(300)))
+        gaussian_files.save(path, gaussian_files.trained(cloud(300)))
     else:
         path.write_bytes(
-            test_spz.rows(cloud(300)) if kind == "splat" else test_gaussians.packed(cloud(300), harmonics=False)
+            spz_files.rows(cloud(300)) if kind == "splat" else gaussian_files.packed(cloud(300), harmonics=False)
         )
     whole = pr.read(path, opacity=0)
     path.write_bytes(path.read_bytes()[:-100])

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from conftest import sphere_points, uneven_points
+from helpers.clouds import sphere_points, uneven_points
 from pointray.cloud.neighbors import kd_order
 from pointray.cloud.neighbors.cuts import find_cuts
 

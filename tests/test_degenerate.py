@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 from pointray.base.choices import SURFACES
 
 UP = np.array([0.0, 0.0, 1.0])

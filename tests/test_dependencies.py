@@ -17,11 +17,11 @@ from pathlib import Path
 import pytest
 
 import pointray
+from helpers.architecture import statements
 from pointray.base import dependencies
 from pointray.base.dependencies import ROOT, files_of
 from pointray.engine import jit
 from pointray.engine.jit.decorators import Later
-from test_house import statements
 
 FILES = sorted(ROOT.rglob("*.py"))
 

@@ -4,14 +4,12 @@ import zlib
 
 import numpy as np
 import pytest
-from PIL import Image
 
+from helpers.depth_files import FLOATS, STEPS, save
 from pointray.io.files import read
 from pointray.io.formats import depth
 
 CAMERA = (50.0, 55.0, 40.25, 30.5)
-STEPS = np.random.default_rng(3).integers(0, 5000, (60, 80)).astype(np.uint16)
-STEPS[:3] = 0
 
 
 def expected(picture, steps):
@@ -21,20 +19,6 @@ def expected(picture, steps):
     for v, row in enumerate(picture.astype(np.float64) / steps):
         points += [((u - cx) * z / fx, (v - cy) * z / fy, z) for u, z in enumerate(row) if 0 < z < np.inf]
     return np.array(points)
-
-
-def save(path, picture):
-    if path.suffix == ".png":
-        Image.fromarray(picture).save(path)
-    else:
-        np.save(path, picture)
-    return path
-
-
-FLOATS = (STEPS / 1000).astype(np.float32)
-FLOATS[10] = np.nan
-FLOATS[11, :5] = np.inf
-FLOATS[12, :5] = -1
 
 
 @pytest.mark.parametrize(

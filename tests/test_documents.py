@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from test_house import PACKAGE, TOWER, arrows
+from helpers.architecture import PACKAGE, TOWER, arrows
+from helpers.places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 MOST_LINES = 150  # of ARCHITECTURE.md
 ARCHITECTURE = (ROOT / "ARCHITECTURE.md").read_text()
 DOCUMENTS = [

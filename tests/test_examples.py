@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from conftest import long
+from helpers.marks import long
+from helpers.places import ROOT
 from pointray.cli import execute
 
-FOLDER = Path(__file__).resolve().parents[1] / "examples"
+FOLDER = ROOT / "examples"
 EXAMPLES = sorted(path.name for path in FOLDER.iterdir() if path.suffix in (".toml", ".py"))
 SLOWER = ("04", "07")  # they take seconds
 SMALL = [

@@ -14,7 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 import pointray as pr
-from conftest import linked_cache, sphere_points
+from helpers.clouds import sphere_points
+from helpers.kernel_cache import linked_cache
 from pointray.base.choices import INTEGRATORS
 from pointray.engine.jit import Array, inline, kernel
 from pointray.engine.kernels.records import World

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 from pointray.cli import execute
 from pointray.cloud.points import Points
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-
-from conftest import shared_model
 from first_pictures import measure, picture
+
+from helpers.places import shared_model
 
 SCANS = [
     *("stanford_bunny", "stanford_dragon", "stanford_bunny_rangescans", "stanford_dragon_stand_rangescans"),

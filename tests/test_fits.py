@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-import naive_fits
-from conftest import long
+from helpers import naive_fits
+from helpers.marks import long
 from pointray.cloud.denoising.creases import fit_creases
 from pointray.cloud.denoising.fit import fit_surface
 from pointray.cloud.normals.jets import _fit_rows, fit_residuals

@@ -1,6 +1,7 @@
 """docs/formats.md is what the readers say of themselves."""
 
 import formats_table
+
 import pointray as pr
 
 

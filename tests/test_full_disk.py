@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
 from pointray.base import atomic_write as files
 from pointray.base.atomic_write import replacing
 from pointray.cli import execute

@@ -9,7 +9,7 @@ import pytest
 from plyfile import PlyData
 
 import pointray as pr
-from conftest import case_file
+from helpers.places import case_file
 from pointray.cloud.geographic import PLANE, PROJ, LocalFrame, is_geographic, projected
 from pointray.cloud.georeference import Survey
 from pointray.io.trajectory import eyes_along

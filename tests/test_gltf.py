@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
+from helpers.places import MODELS
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -92,7 +93,7 @@ def test_a_quantized_mesh_with_all_attributes(tmp_path):
 
 
 def test_a_quantized_file_of_another_program():
-    path = Path(__file__).resolve().parents[2] / "shared" / "cases" / "glb_quantized.glb"
+    path = MODELS.parent / "cases" / "glb_quantized.glb"
     if not path.exists():
         pytest.skip("no shared files here")
     points = pr.read(path)

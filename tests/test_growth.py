@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, sphere_points, uneven_points
+from helpers.clouds import sphere_points, uneven_points
+from helpers.marks import long
 
 FEW, MANY, MOST = 4_000, 64_000, 60.0
 LEAST = 0.02  # seconds: less is too little to measure. All pairs of MANY points take more than 60 times as long

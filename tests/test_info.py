@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.cli import execute
 from pointray.cli.facts import crs_name, describe_attributes, describe_survey
 from pointray.cli.tables import show_table

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 from pointray.engine.kernels.records import MATERIAL_SIZE, TOP_BOUNDS, TOP_CENTER, TOP_NODE
 from pointray.engine.kernels.tree import ROW
 from pointray.surface.tree.instance_bvh import DEEP, FEW, build_top

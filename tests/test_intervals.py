@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model, sphere_points
-from naive import KINDS, field, splats_of
+from helpers.clouds import sphere_points
+from helpers.marks import long
+from helpers.naive import KINDS, field, splats_of
+from helpers.places import shared_model
 from pointray.engine.kernels.tree import LONGEST
 from pointray.surface.intersect.march import START, START_UNREFINED
 

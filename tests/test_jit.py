@@ -265,7 +265,7 @@ print(use(3.0), jit.compilations())
 
 @pytest.mark.long
 def test_an_edited_piece_of_a_kernel_outside_of_the_package_is_seen(elsewhere, tmp_path):
-    """The twins in tests/naive.py are such kernels: a stale one would be an outdated reference."""
+    """The twins in tests/helpers/naive.py are such kernels: a stale one would be an outdated reference."""
     assert use(elsewhere, tmp_path, PIECE) == ["6.0", "1"]
     assert use(elsewhere, tmp_path, PIECE.replace("2.0", "7.0")) == ["21.0", "1"]
 

@@ -1,18 +1,9 @@
 import numpy as np
 import pytest
 
+from helpers.kitti_files import REFLECTANCE, RINGS, XYZ, N, save
 from pointray.io.files import read
 from pointray.io.formats import kitti
-
-N = 80  # a file of so many rows of 16 bytes, or of 64 of 20, has the same size
-XYZ = np.random.default_rng(9).normal(size=(N, 3)).astype(np.float32) * 20
-REFLECTANCE = np.random.default_rng(10).random((N, 1)).astype(np.float32)
-RINGS = (np.arange(N)[:, None] % 32).astype(np.float32)
-
-
-def save(path, *columns):
-    np.concatenate(columns, axis=1).tofile(path)
-    return path
 
 
 @pytest.mark.parametrize("rows", [1 << 20, 7])

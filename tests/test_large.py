@@ -1,43 +1,30 @@
 """Clouds that do not fit into memory: models made part by part are those that are made at once."""
 
 import json
-import os
 import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model
+from helpers.marks import long
+from helpers.places import TESTS, shared_model
+from helpers.prepared_parts import SIZE, prepared
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
 from pointray.cloud.neighbors import NeighborTree, kd_order
-from pointray.io.files import request_of
-from pointray.io.selection import Selection
 from pointray.model.out_of_core import prepare as prepare_module
 from pointray.model.out_of_core.arrange import boxes_of
 from pointray.model.out_of_core.builder import OutOfCoreBuilder
 from pointray.model.out_of_core.local import REACH, local_of
-from pointray.model.out_of_core.prepare import part_points_within, prepare
+from pointray.model.out_of_core.prepare import part_points_within
 from pointray.model.out_of_core.work import Work
-from pointray.surface.splats.scattered.spheres import ALL_SURFACE
-from pointray.surface.tree.settings import check_settings
 from pointray.surface.tree.stored import stored_splats
 
-SIZE = 1 << 14
 SHARE = re.compile(r"^\d+(?=% of neighbouring normals)")
-
-
-def prepared(file, folder, size=SIZE, smooth="auto"):
-    """The model in parts of a file, made part by part."""
-    reading = request_of(), Selection(1, None, None, None, None)
-    settings = check_settings("apss", 4, 1, "auto"), smooth, ALL_SURFACE
-    prepare([Path(file)], reading, folder, settings, size)
-    return pr.Model.load(folder)
 
 
 def noisy(rng, points, share):
@@ -255,10 +242,10 @@ def test_a_run_that_is_killed_goes_on(tmp_path, rng):
     whole = prepared(tmp_path / "a.ply", tmp_path / "whole.pointray")
     code = f"""
 import os, sys
-sys.path.insert(0, {os.path.dirname(__file__)!r})
+sys.path.insert(0, {str(TESTS)!r})
 from pathlib import Path
 from pointray.base.disk_columns import Columns
-from test_large import prepared
+from helpers.prepared_parts import prepared
 put, left = Columns.put, [int(sys.argv[1])]
 def counted(self, name, facts):
     put(self, name, facts)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray import Points
 from pointray.cloud.neighbors import kd_order
 from pointray.cloud.normals.jets import fit_normals

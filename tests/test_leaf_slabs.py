@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.engine.jit import uncompiled
 from pointray.engine.kernels.tree import NO_SURFACE
 from pointray.surface.tree.build import Splats, build_tree

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.cli import execute
 from pointray.image.legend import draw_legend, labels, ticks
 from pointray.image.tone import linear_to_srgb

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 from pointray.cli import execute
 from pointray.engine.kernels.records import INSTANCE, SHAPE_ROW
 from pointray.engine.kernels.tree import ROW

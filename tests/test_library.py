@@ -12,24 +12,10 @@ from pathlib import Path
 import pytest
 
 import pointray
-from conftest import long
-from pointray.base.dependencies import key_of
+from helpers.marks import long
+from helpers.native_library import PACKAGE, needs_library
 from pointray.cli import BAD_INPUT, execute
 from pointray.engine.jit import library
-
-PACKAGE = Path(pointray.__file__).parent
-
-
-def is_there() -> bool:
-    """Whether there is a library, of the sources of today."""
-    try:
-        kernels = json.loads((library.FOLDER / library.MANIFEST).read_text())["kernels"]
-    except FileNotFoundError:
-        return False
-    return kernels["pointray.surface.tree.wide.enclose"]["key"] == key_of([PACKAGE / "tree" / "wide.py"])
-
-
-needs_library = pytest.mark.skipif(not is_there(), reason="no compiled kernels of these sources (make kernels)")
 
 # A model and a picture of it, and how many kernels came from where.
 PICTURE = """

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from attack.model_files import copied, join, split
-from conftest import long
+from helpers.marks import long
+from helpers.model_bytes import copied, join, split
 from pointray.baking.levels import Shape, Wanted, choose_levels, deepest, in_fours, knots_at
 
 SKY, SUN = pr.EnvironmentLight((1, 0.9, 0.8)), pr.SunLight((1, -0.5, -2))

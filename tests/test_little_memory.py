@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="a limit of memory, and how much there is of it")
 

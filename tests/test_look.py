@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 from pointray.auto_view.studio import studio
 from pointray.base.choices import AUTO
 from pointray.cli import baked_light, execute, serve

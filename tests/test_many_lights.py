@@ -7,7 +7,7 @@ import pytest
 from scipy.special import gammainccinv
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 from pointray.engine.jit import borrow, kernel
 from pointray.engine.kernels.records import LIGHT, LIGHT_AREA, LIGHT_KIND, LIGHT_POWER, POINT_LIGHT, SUN_LIGHT
 from pointray.shade.choice import chance_of, choose_light, nearest_lamp, sun_after

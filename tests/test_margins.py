@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 from pointray.baking.surfaces import find_sheets
 from pointray.surface.tree.indices import check_indices
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.special import gammainccinv
 
 import pointray as pr
-from conftest import long
-from surfaces import RINGS, SECTORS, Surface, bins_of, integrals, quadrature, upper, wo_at
+from helpers.marks import long
+from helpers.material_surface import RINGS, SECTORS, Surface, bins_of, integrals, quadrature, upper, wo_at
 
 OPAQUE = {
     "diffuse": pr.Diffuse(),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.base import memory
 from pointray.base.memory import available_memory, check_memory
 from pointray.cli import execute
@@ -110,7 +110,7 @@ PEAK = """
 import sys
 import numpy as np
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.image import write_image, write_layers
 
 def now(name):

@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 from plyfile import PlyData, PlyElement
 
+from helpers.mesh_files import save
 from pointray.io import files
 from pointray.io.files import read
 from pointray.io.formats.mesh import mesh
@@ -19,18 +20,6 @@ KINDS = ["obj", "stl", "ascii.stl", "glb", "gltf", "off"]
 
 def ball():
     return trimesh.creation.icosphere(2, radius=3.0)
-
-
-def save(folder, shape, kind):
-    """Write a mesh or a scene with trimesh."""
-    if kind == "gltf":
-        for name, data in shape.export(file_type="gltf").items():
-            (folder / name).write_bytes(data)
-        return folder / "model.gltf"
-    path = folder / f"a.{kind}"
-    data = shape.export(file_type="stl_ascii" if kind == "ascii.stl" else kind)
-    path.write_bytes(data.encode() if isinstance(data, str) else data)
-    return path
 
 
 def save_ply(path, shape):

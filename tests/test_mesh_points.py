@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import shared_model
+from helpers.places import shared_model
 from pointray.cli import execute
 
 trimesh = pytest.importorskip("trimesh")

@@ -4,16 +4,17 @@ import os
 import sys
 from functools import cache
 
-import numpy as np
-import pytest
-
 import mitsuba_child
 import mitsuba_pairs
-import pointray as pr
+import numpy as np
+import pytest
 from beside_mitsuba import Pair, choose_variant, compare
-from conftest import MODELS, long, shared_model
 from mitsuba_pairs import COLOR, MATERIALS
 from mitsuba_scenes import DIAGONAL, Body, Case, body
+
+import pointray as pr
+from helpers.marks import long
+from helpers.places import MODELS, shared_model
 
 
 def ring():

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from native import link, signatures
-from native.targets import LEVELS
 
 import pointray
+from helpers.native_library import needs_library
+from native import link, signatures
+from native.targets import LEVELS
 from pointray.engine.jit import library
-from test_library import needs_library
 
 ROOT = Path(pointray.__file__).parents[2]
 WHEEL = ROOT / "build" / "wheel" / "linux-x86_64"

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from conftest import long, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
 from pointray.cloud.neighbors import NeighborTree, distinct, kd_order, neighbor_chunks, neighbors, take
 from pointray.cloud.neighbors.order import LEAF
 from pointray.cloud.neighbors.search import PER_NEIGHBOR, SPARE

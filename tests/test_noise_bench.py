@@ -3,12 +3,10 @@
 import csv
 from dataclasses import replace
 
-import numpy as np
-import pytest
-from scipy.spatial import cKDTree
-
 import noise
 import noise_surfaces
+import numpy as np
+import pytest
 from measure import lines
 from noise_clouds import Cube, Procedural, Torus, noisy
 from noise_measure import aimed, found_by, row_of
@@ -16,6 +14,7 @@ from noise_scans import found_strays, rays_of
 from noise_scenes import Plate, Room, Wall, drift, layers, strays, veil
 from noise_surfaces import OURS, POISSON, Surface, peers
 from noise_tables import Figure, Limit, grouped, number, table_of, verdict
+from scipy.spatial import cKDTree
 
 
 def exact_rays(exact, error=0.0):

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from conftest import long, shared_model, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.cloud.neighbors import distinct, kd_order, neighbors
 from pointray.cloud.normals.consistency import agreement_share
 from pointray.cloud.normals.estimate import estimate_normals, mend_normals

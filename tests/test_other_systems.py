@@ -14,16 +14,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+import pointray
+from helpers.kernel_recordings import read
 from native import link
 from native.__main__ import best_level, this_system
 from native.library import builder_key
 from native.targets import SYSTEMS
-
-import pointray
 from pointray.base.dependencies import ROOT as PACKAGE
 from pointray.base.dependencies import digest_of
 from pointray.engine.jit import library
-from recordings import read
 
 pytestmark = pytest.mark.long
 pytest.importorskip("ziglang", reason="it links for other systems (make wheel installs it)")
@@ -41,7 +41,7 @@ import sys
 from pathlib import Path
 import pointray as pr
 from pointray.engine.jit import library
-from recordings import Recorder
+from helpers.kernel_recordings import Recorder
 
 library.FOLDER = Path(sys.argv[1])
 library._runs = lambda name, code: name == sys.argv[2]
@@ -111,7 +111,7 @@ def library_for(system: str, level: str, folder: Path) -> tuple[Path, tuple[str,
 def replayed(system: str, command: list[str], made: Path, folder: Path, recording: Path) -> str:
     """Repeat the calls on another system; returns the name of the file of results."""
     driver, name = folder / "replay.exe", f"on-{system}"
-    target = [*link.zig(system), str(Path(__file__).with_name("replay.c")), "-O1", "-o", str(driver)]
+    target = [*link.zig(system), str(ROOT / "tests" / "helpers" / "replay.c"), "-O1", "-o", str(driver)]
     subprocess.run([*target, *([] if system.startswith("windows") else ["-ldl"])], check=True)
     drive = "Z:" if system.startswith("windows") else ""
     subprocess.run(

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from browsing import Page, chromium
+from helpers.browser_page import Page, chromium
+from helpers.viewer_client import CLOSE, compile_kernels, expected, levels_in, scene_of, shown_levels, socket_of
 from pointray.cli import execute
 from pointray.viewer.light_control import light_controls_of
 from pointray.viewer.loading import Files
 from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.viewer import Viewer
-from viewing import CLOSE, compile_kernels, expected, levels_in, scene_of, shown_levels, socket_of
 
 SIZE = (640, 360)
 SAMPLES = 4  # of finished pictures; tests set it in the panel, as a user would

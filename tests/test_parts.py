@@ -11,7 +11,8 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import long, shared_model
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.cli import execute
 from pointray.model.array_file import read_arrays
 from pointray.model.model_file import KIND

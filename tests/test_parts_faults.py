@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.base.disk_columns import Column
 from pointray.cli import execute
 from pointray.io.files import request_of

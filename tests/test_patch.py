@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from conftest import long
+from helpers.marks import long
 from pointray.engine.jit import kernel
 from pointray.engine.kernels.tree import CELL, LEAF, NO_SURFACE, SLAB
 from pointray.engine.simd import load16, store

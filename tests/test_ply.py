@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 
-from conftest import shared_model
+from helpers.places import shared_model
 from pointray.base.atomic_write import check_writable, replacing
 from pointray.cli import BAD_INPUT, execute
 from pointray.cloud.points import Points

@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 import pointray as pr
-from conftest import long, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
 from pointray.cli import execute, report
 
 

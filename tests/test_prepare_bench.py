@@ -4,10 +4,10 @@ import time
 
 import numpy as np
 import pytest
-
-import pointray as pr
 from prepare import child, median_of, stage_table
 from prepare_stages import STAGES, Clock
+
+import pointray as pr
 
 
 def test_a_stage_inside_another_counts_for_both_and_is_the_inner_ones_own():

@@ -10,7 +10,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from conftest import long
+from helpers.marks import long
 from pointray.engine.jit import Array, kernel
 from pointray.procedural_models import _MESH_CELL, NAMES, area, mesh, procedural, procedural_distance, sample
 from pointray.procedural_models.clay import _foot

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.base.progress import part_of, tell
 from pointray.cli.report import describe
 

@@ -3,7 +3,9 @@ import pytest
 from scipy.spatial import cKDTree
 
 import pointray as pr
-from conftest import long, shared_model, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.cloud.neighbors import distinct, neighbors
 from pointray.io.files import read
 from pointray.surface.splats import check_radii, choose_radii

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.cli import execute
 from pointray.cli.read_options import Reading, reading_of
 from pointray.cli.scan_files import scan_of

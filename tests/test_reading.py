@@ -9,31 +9,19 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from helpers.row_source import Rows
 from pointray.base import memory
 from pointray.cloud.georeference import RESIDUAL, SCAN, Survey, numbers_of
 from pointray.io import files, gather
 from pointray.io.colors import ColorRange, to_shades
 from pointray.io.filling import Filling
-from pointray.io.formats._source import Chunk, Listing, Source
+from pointray.io.formats._source import Chunk
 from pointray.io.formats.ply import _binary
 from pointray.io.opening import Opener
 from pointray.io.selection import Selection
 
 XYZ = np.random.default_rng(4).random((1000, 3))
 CLASSES = np.random.default_rng(5).integers(0, 9, 1000).astype(np.uint8)
-
-
-class Rows(Source):
-    """A file of rows in chunks of this many, which may not know their number."""
-
-    def __init__(self, chunk, size=100, known=True, survey=None):
-        n = len(chunk.positions)
-        self.listing = Listing(n if known else None, 64, expected=n, survey=survey or Survey())
-        self._chunk, self._size = chunk, size
-
-    def chunks(self):
-        for start in range(0, len(self._chunk.positions), self._size):
-            yield self._chunk.select(slice(start, start + self._size))
 
 
 def gathered(*chunks, selection=None, progress=None, **about):

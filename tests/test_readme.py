@@ -9,11 +9,11 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
+from helpers.places import ROOT
+from helpers.viewer_client import Browser, view
 from pointray.cli import execute
-from viewing import Browser, view
 
-ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()
 SMALL = {"points": "points = 5000", "spp": "spp = 1"}  # of the examples
 # Words of blocks that take long.

@@ -8,7 +8,8 @@ import pytest
 from plyfile import PlyData, PlyElement
 
 import pointray as pr
-from conftest import MODELS, shared_model, sphere_points
+from helpers.clouds import sphere_points
+from helpers.places import MODELS, shared_model
 from pointray.cli import execute
 from pointray.cloud.rounding import find_rounding
 

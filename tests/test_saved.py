@@ -2,13 +2,12 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import shared_model
+from helpers.places import TESTS, shared_model
 from pointray.cli import execute
 from pointray.engine.kernels.tree import BORDERED, LEAF, LONGEST, REFINE, SHEETED, STEP, SURFACE, Tree
 from pointray.model.array_file import ALIGN
@@ -289,7 +288,7 @@ def test_what_cannot_be_a_model_is_told_with_its_file(tmp_path, capsys):
 @pytest.mark.long
 def test_no_extreme_number_in_a_file_leads_a_ray_astray(tmp_path):
     """This runs in a process of its own, which a ray that reads foreign memory may end."""
-    command = [sys.executable, str(Path(__file__).with_name("extremes.py")), str(tmp_path)]
+    command = [sys.executable, str(TESTS / "helpers" / "model_extremes.py"), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, f"exit status {done.returncode}: {done.stderr[-2000:]}"
     refused, loaded = map(int, done.stdout.split())

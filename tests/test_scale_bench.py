@@ -10,17 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rich.console import Console
-
-import pointray as pr
 import scale
 import scale_city
+from rich.console import Console
 from scale_city import EDGE, ORIGIN, City, Sculptor, ground, make
 from scale_paper import lines, markdown
 from scale_prepare import Options, asked
 from scale_rows import LEAST, MOST, Row, Rows, shown, table_of
 from scale_same import compared, part_size
 from scale_watch import Watch, disk_of, watched
+
+import pointray as pr
 
 CITY = City(50_000)
 MIB = 1 << 20

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scatter_scanners import scan
+from scatter_scenes import CLASSES, CROWN, GROUND, ROOF, STRAY, WALL, make_scene
 
-import naive_scatter
 import pointray as pr
-from conftest import shared_model
+from helpers import naive_scatter
+from helpers.places import shared_model
 from pointray.cloud.preparation import placed_for_model
 from pointray.surface.splats.local_planes import columns_of, disagreement, fit_planes
 from pointray.surface.splats.scattered.classification import FEW, find_scattered, find_scattered_placed
 from pointray.surface.splats.scattered.islands import CLOSED_IN, ISLANDS, SPECKS, follow_around
-from scatter_scanners import scan
-from scatter_scenes import CLASSES, CROWN, GROUND, ROOF, STRAY, WALL, make_scene
 
 SIDE = 70.0  # of planes with about one point in a unit of area
 

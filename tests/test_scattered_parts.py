@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
 from pointray.cloud.neighbors import kd_order

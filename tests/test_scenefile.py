@@ -8,7 +8,8 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
+from helpers.places import ROOT
 from pointray.cli import execute
 from pointray.scenefile import shading
 from pointray.scenefile.source import Source
@@ -506,7 +507,7 @@ def test_no_scene_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 def test_the_manual(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The example of docs/scenes.md works, and its mistake gives the message shown there."""
-    page = (Path(__file__).resolve().parents[1] / "docs" / "scenes.md").read_text()
+    page = (ROOT / "docs" / "scenes.md").read_text()
     (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     small = text.replace("100_000", "2000").replace('"statue"', '"sphere"')  # whose mesh is made sooner
     (tmp_path / "scene.toml").write_text(small)

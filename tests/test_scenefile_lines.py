@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from helpers.places import ROOT
 from pointray.scenefile.lines import line_of
 from pointray.scenefile.source import Source
 
@@ -98,7 +99,7 @@ def test_lines_are_those_at_which_a_text_that_ends_there_has_the_key() -> None:
             assert line_of(LINES, longer) == naive_line_of(LINES, longer), longer
 
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+EXAMPLES = ROOT / "examples"
 
 
 @pytest.mark.parametrize("name", ["01_statue.toml", "03_area_lights.toml"])

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 from pointray.cloud.outliers import merge_for_model
 from pointray.cloud.outliers.local_fits import CORE, GROUP, KEPT, Survey
 from pointray.cloud.outliers.passes import merge_passes

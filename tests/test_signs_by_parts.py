@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.base.disk_columns import Columns
 from pointray.cloud.neighbors import NeighborTree, distinct, kd_order
 from pointray.cloud.normals.jets import fit_normals

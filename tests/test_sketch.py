@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from helpers.viewer_client import SECONDS, SIZE, Browser
 from pointray.auto_view.framing import Lens, frame_points
 from pointray.auto_view.sample import sample_of
 from pointray.viewer import loading
@@ -13,7 +14,6 @@ from pointray.viewer import sketch as sketch_of
 from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.sketch import Sketch
 from pointray.viewer.viewer import Viewer
-from viewing import SECONDS, SIZE, Browser
 
 VIEW = (0.5, -1.0, 0.4)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
 from pointray.cloud.denoising.edges import ROUNDING, Edges
 
 N = 20_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from conftest import MODELS
+from helpers.places import MODELS
 from pointray.io.files import read
 from pointray.io.formats._odd_numbers import odd_number, plain_lines
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
-from naive import meet_scattered, walk
+from helpers.marks import long
+from helpers.naive import meet_scattered, walk
 from pointray.cloud.kd_ordering import along_path
 from pointray.cloud.statistics import CloudStatistics
 from pointray.engine.kernels.tree import NO_CHILD, SCATTERED, first_scattered

@@ -14,7 +14,10 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long
+from helpers.las_files import write_random
+from helpers.marks import long
+from helpers.row_source import Rows
+from helpers.small_files import full_points, small_scans
 from pointray.base.disk_columns import Columns
 from pointray.cloud.georeference import RESIDUAL, SCAN, Survey
 from pointray.cloud.points import choose_origin
@@ -27,9 +30,6 @@ from pointray.io.selection import Selection
 from pointray.io.spooling import convert
 from pointray.io.spooling import spool as own
 from pointray.io.spooling.spool import Spooled, spool, spooled_in
-from scans import full_points, small_scans
-from test_las import write_random
-from test_reading import Rows
 
 XYZ = np.random.default_rng(12).random((1000, 3))
 RGB = np.random.default_rng(13).integers(0, 256, (1000, 3))

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.auto_view.direction import angles_of, direction_of, find_outlook
 from pointray.auto_view.first_view import Scan, ViewChoice
 from pointray.auto_view.framing import MARGIN, STRAY, Lens, frame_points, frame_turning

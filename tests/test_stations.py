@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from helpers.stations import BOTH, EAST, WEST, seen_torus
 from pointray import Points, estimate_normals
 from pointray.cloud.georeference import SCAN, Survey
 from pointray.cloud.normals.estimate import mend_normals
 from pointray.cloud.normals.stations import eyes_of
-
-WEST, EAST = (-5.0, 0.0, 0.3), (5.0, 0.0, -0.2)
-BOTH = Survey(stations=(WEST, EAST))
 
 
 def wall(n=4000, thickness=0.002, origin=(0, 0, 0)):
@@ -25,15 +23,6 @@ def wall(n=4000, thickness=0.002, origin=(0, 0, 0)):
 def wrong(normals, exact):
     """The share of normals that face the wrong side."""
     return float((np.einsum("ij,ij->i", normals, exact) < 0).mean())
-
-
-def seen_torus(count=6000):
-    """A torus about x, each point with the station that it faces more, and the cosine of the angle between them."""
-    made = pr.procedural("torus", count)
-    torus = Points(np.roll(made.positions, 1, axis=1), np.roll(made.normals, 1, axis=1))
-    away = [np.array(station) - torus.positions for station in BOTH.stations]
-    faces = np.array([np.einsum("ij,ij->i", torus.normals, a / np.linalg.norm(a, axis=1)[:, None]) for a in away])
-    return torus, faces.argmax(axis=0), faces.max(axis=0)
 
 
 def test_a_thin_wall_seen_from_both_sides():

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.cli import execute
 from pointray.cloud.outliers import without_strays
 

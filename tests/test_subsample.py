@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.cloud.neighbors import distinct, kd_order
 from pointray.surface.splats.cover import choose, relax
 from pointray.surface.splats.deviation import deviations

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model, sphere_points, uneven_points
+from helpers.clouds import sphere_points, uneven_points
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.cloud.neighbors import kd_order
 from pointray.engine.kernels.tree import LEAF, LEAST, NO_SURFACE, STEP
 from pointray.surface.tree.build import Splats, build_tree

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import shared_model
-from naive import walk
+from helpers.naive import walk
+from helpers.places import shared_model
 
 SURFACES = ["paper", "imls", "apss"]
 CLOUDS = ["bunny", "dragon", "lattice", "statue"]

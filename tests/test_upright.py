@@ -7,14 +7,14 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-import upright_clouds as made
-from conftest import MODELS
+from helpers import upright_clouds as made
+from helpers.places import MODELS
+from helpers.upright_parts import unit_rows
 from pointray.auto_view.camera_frame import find_camera_frame
 from pointray.auto_view.evidence import AXES
 from pointray.auto_view.first_view import Scan, ViewChoice
 from pointray.auto_view.sample import sample_of
 from pointray.auto_view.upright import FORMATS, REASONS, WEIGHTS, axis_direction, find_up, weighted_evidence
-from upright_parts import unit_rows
 
 UP = {
     "points/stanford_bunny.ply": "y",

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from helpers.viewer_client import SECONDS, Browser, expected, levels_in, serve, view
 from pointray.cli import execute
 from pointray.viewer import loading
 from pointray.viewer.shared_scene import SharedScene
-from viewing import SECONDS, Browser, expected, levels_in, serve, view
 
 SIZE = (160, 120)
 

@@ -12,6 +12,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 
 import pointray as pr
+from helpers.viewer_client import CLOSE, SECONDS, SIZE, Browser, compile_kernels, expected, levels_in, scene_of
 from pointray.auto_view.direction import axes_of
 from pointray.engine.kernels.records import ACROSS, FORWARD, UPWARD
 from pointray.viewer import queries as lookups
@@ -26,7 +27,6 @@ from pointray.viewer.session import MOST_SAID
 from pointray.viewer.shared_scene import Build, SharedScene
 from pointray.viewer.view_settings import ViewSettings
 from pointray.viewer.viewer import Viewer
-from viewing import CLOSE, SECONDS, SIZE, Browser, compile_kernels, expected, levels_in, scene_of
 
 SAMPLES = 4  # of finished pictures; the viewer's own number is 64
 

@@ -14,8 +14,8 @@ import psutil
 import pytest
 
 import pointray as pr
-from browsing import Page, chromium
-from viewing import Browser
+from helpers.browser_page import Page, chromium
+from helpers.viewer_client import Browser
 
 EVENTS = 1_200
 BY_HAND = 120  # events in a real browser, which is killed after half of them

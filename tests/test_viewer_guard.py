@@ -16,7 +16,8 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 import pointray as pr
-from conftest import long
+from helpers.marks import long
+from helpers.viewer_client import SECONDS, SIZE, Browser, compile_kernels, scene_of, socket_of
 from pointray.viewer import outbox, painter, session
 from pointray.viewer import queries as lookups
 from pointray.viewer.connection import MOST_WAITING, is_loopback
@@ -30,7 +31,6 @@ from pointray.viewer.session import MOST_COSTLY
 from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.view_settings import ViewSettings
 from pointray.viewer.viewer import Viewer
-from viewing import SECONDS, SIZE, Browser, compile_kernels, scene_of, socket_of
 
 BOUND = 16 << 20  # bytes that one client may have the server hold
 HELLO = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"

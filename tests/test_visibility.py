@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import shared_model
+from helpers.places import shared_model
+from helpers.prepared_parts import prepared
+from helpers.stations import seen_torus
 from pointray import Points, Survey, estimate_normals
 from pointray.cloud.georeference import SCAN
 from pointray.cloud.normals.estimate import mend_normals
 from pointray.cloud.normals.stations import eyes_of
 from pointray.cloud.normals.visibility import HIDDEN, hidden_share, ignored_stations
-from test_large import prepared
-from test_stations import seen_torus
 
 EYE = np.array([0.0, 0.0, 1.6])
 NOTE = "not where a scanner stood: ignored for normals"

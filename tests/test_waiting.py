@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from conftest import long
+from helpers.marks import long
 from pointray import cli
 from pointray.cli.waiting import in_background
 from pointray.engine.jit import c_threads as alive

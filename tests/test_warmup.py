@@ -6,20 +6,18 @@ import shutil
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
 import pointray as pr
-from conftest import linked_cache
+from helpers.kernel_cache import linked_cache
+from helpers.places import ROOT
 from pointray.engine import jit
 from pointray.engine.jit import backlog
 from pointray.engine.jit import second_process as beside
 from pointray.engine.jit.backlog import Backlog
 from pointray.rendering import warmup
 from pointray.viewer.time_left import TimeLeft
-
-ROOT = Path(__file__).resolve().parents[1]
 
 
 class Clock:

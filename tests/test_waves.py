@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from clusters import assert_alike, ball, camera_of, scene_of
-from conftest import long, sphere_points
+from helpers.clouds import sphere_points
+from helpers.dask_clusters import assert_alike, ball, camera_of, scene_of
+from helpers.marks import long
 from pointray.model.out_of_core.split import split
 from pointray.rendering.picture import kernel_for
 from pointray.rendering.plan import plan

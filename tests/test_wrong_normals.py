@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from conftest import long, shared_model, sphere_points
+from helpers.clouds import sphere_points
+from helpers.marks import long
+from helpers.places import shared_model
 from pointray.cli import execute
 from pointray.cli.scan_scene import PLAIN
 from pointray.cloud.neighbors import few_queries as nearby

@@ -12,7 +12,7 @@ from typing import Any
 
 from attack.pool import Failure, Tally
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 COLUMNS = ("inputs", "accepted", "refused", "crashed", "hung", "failed")
 SHOWN = 8  # inputs of a failure that are listed
 
@@ -20,7 +20,7 @@ SHOWN = 8  # inputs of a failure that are listed
 def code_key() -> str:
     """A hash of the package and of the attack. Batches that were done with another hash do not count."""
     digest = hashlib.sha256()
-    for folder in ("src", "tests/attack"):
+    for folder in ("src", "tests/helpers", "tests/robustness/attack"):
         files = [path for path in (ROOT / folder).rglob("*") if path.suffix in (".py", ".toml", ".txt")]
         for path in sorted(files):
             digest.update(path.relative_to(ROOT).as_posix().encode())

@@ -6,24 +6,20 @@ are cast at what loads: each must hit with finite numbers or miss.
 
 from __future__ import annotations
 
-import io
 import itertools
-import json
-import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 import pointray as pr
 from attack import Attack, WrongError
 from attack.casting import cast
 from attack.mutate import WORDS, Rng, corrupt, extremes_of, pick, poison
+from helpers.model_bytes import Saved, copied, join, split
 
-ALIGN = 64
 # Index arrays, and how many of each come in a round. Spans are few, and a wrong one does most harm.
 INDICES = {"spans": 3, "children": 2, "refs": 1, "order": 1, "borders": 1, "facing": 1, "colors": 1}
 JSONS = (
@@ -46,39 +42,6 @@ JSONS = (
     10**30,
     "x" * 99,
 )
-
-
-class Saved(NamedTuple):
-    """The parts of a file: the description, and the arrays that it names."""
-
-    about: dict[str, Any]
-    arrays: dict[str, NDArray[Any]]
-
-
-def split(data: bytes) -> Saved:
-    """Split a valid file into its parts."""
-    stream, found = io.BytesIO(data), []
-    while stream.tell() + ALIGN < len(data):
-        npy.read_magic(stream)
-        shape, _, dtype = npy.read_array_header_1_0(stream)
-        content = stream.read(math.prod(shape) * dtype.itemsize)
-        found.append(np.frombuffer(content, dtype).reshape(shape).copy())
-        stream.seek(-stream.tell() % ALIGN, io.SEEK_CUR)
-    about = json.loads(found[0].tobytes())
-    return Saved(about, dict(zip(about["arrays"], found[1:], strict=True)))
-
-
-def join(saved: Saved, lie: Callable[[int, bytes], bytes] = lambda k, header: header) -> bytes:
-    """Join parts to a file. lie : changes the header of the k-th array"""
-    head = np.frombuffer(json.dumps(saved.about).encode(), np.uint8)
-    out = io.BytesIO()
-    for k, array in enumerate((head, *saved.arrays.values())):
-        header = io.BytesIO()
-        npy.write_array_header_1_0(header, npy.header_data_from_array_1_0(array))
-        out.write(lie(k, header.getvalue()))
-        out.write(np.ascontiguousarray(array).tobytes())
-        out.write(bytes(-out.tell() % ALIGN))
-    return out.getvalue() + bytes(ALIGN)
 
 
 def originals(folder: Path) -> list[Saved]:
@@ -158,10 +121,6 @@ def _extremes(k: int, name: str, array: NDArray[Any], length: int) -> list[tuple
 
 
 # -------------------------------------------------------------------------------------------------- other mutations
-
-
-def copied(saved: Saved) -> Saved:
-    return Saved(json.loads(json.dumps(saved.about)), {name: array.copy() for name, array in saved.arrays.items()})
 
 
 def poison_floats(rng: Rng, saved: Saved) -> None:

@@ -19,9 +19,9 @@ from attack import Attack, WrongError
 from attack.byte_changes import change, is_text
 from attack.mutate import Rng, pick
 from attack.told_counts import told
-from conftest import MODELS
+from helpers.places import MODELS
+from helpers.small_files import small_scans
 from pointray.base.warning_log import heard
-from scans import small_scans
 
 SPARE, TIMES = 64 << 20, 8  # memory that a file may take: bytes, and times what it holds
 LARGEST = 400 << 10  # bytes of files of other programs that are mutated

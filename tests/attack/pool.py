@@ -22,7 +22,8 @@ from attack.parts import KNOWN
 
 ALONE = 20  # crashes and hangs that are repeated alone; later ones are only counted
 START = 1800.0  # seconds for a child to be ready, which may compile kernels
-TESTS = Path(__file__).resolve().parents[1]
+ATTACKS = Path(__file__).resolve().parents[1]
+TESTS = ATTACKS.parent
 
 
 @dataclass
@@ -63,7 +64,7 @@ class Child:
         self._errors = self.folder / "stderr"
         inputs = self.folder / "inputs"
         inputs.mkdir()
-        paths = [str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])]
+        paths = [str(TESTS), str(ATTACKS), *filter(None, [os.environ.get("PYTHONPATH")])]
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "POINTRAY_THREADS": "2"}
         environment["POINTRAY_CHECK"] = "1" if KNOWN[part].checked else os.environ.get("POINTRAY_CHECK", "")
         command = [sys.executable, "-m", "attack.child", part, str(seed), str(inputs)]

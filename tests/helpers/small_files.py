@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 import pointray as pr
+from helpers.splat_files import cloud
 from pointray.io.known_formats import written
-from splats import cloud
 
 ROWS = 200
 
@@ -89,7 +89,7 @@ def _written(folder: Path, extension: str) -> Iterator[Path]:
 
 
 def _las(folder: Path) -> Iterator[Path]:
-    from test_las import write_random
+    from helpers.las_files import write_random
 
     yield from _written(folder, ".las")
     for version, format in (("1.2", 3), ("1.4", 7), ("1.3", 5)):
@@ -99,7 +99,7 @@ def _las(folder: Path) -> Iterator[Path]:
 
 
 def _laz(folder: Path) -> Iterator[Path]:
-    from test_las import write_random
+    from helpers.las_files import write_random
 
     yield from _written(folder, ".laz")
     for version, format in (("1.2", 3), ("1.4", 7), ("1.4", 10)):
@@ -156,7 +156,7 @@ def _copc(folder: Path) -> Iterator[Path]:
 
 
 def _e57(folder: Path) -> Iterator[Path]:
-    import test_e57 as own
+    from helpers import e57_files as own
 
     columns = own.xyz_columns()
     yield own.save(folder / "bare.e57", (columns, {}))
@@ -170,14 +170,14 @@ def _e57(folder: Path) -> Iterator[Path]:
 
 
 def _mesh(folder: Path, *kinds: str) -> Iterator[Path]:
-    import test_mesh as own
+    from helpers import mesh_files as own
 
     for kind in kinds:
         yield own.save(folder, own.trimesh.creation.icosphere(2, radius=3.0), kind)
 
 
 def _gaussians(folder: Path) -> Iterator[Path]:
-    import test_gaussians as own
+    from helpers import gaussian_files as own
 
     yield own.save(folder / "trained.ply", own.trained(cloud(ROWS)))
     yield own.save(folder / "text.ply", own.trained(cloud(ROWS)), text=True)
@@ -187,7 +187,7 @@ def _gaussians(folder: Path) -> Iterator[Path]:
 
 
 def _spz(folder: Path) -> Iterator[Path]:
-    import test_spz as own
+    from helpers import spz_files as own
 
     for version in (1, 2, 3, 4):
         made, path = cloud(ROWS), folder / f"{version}.spz"
@@ -196,21 +196,21 @@ def _spz(folder: Path) -> Iterator[Path]:
 
 
 def _splat(folder: Path) -> Iterator[Path]:
-    import test_spz as own
+    from helpers import spz_files as own
 
     (folder / "a.splat").write_bytes(own.rows(cloud(ROWS)))
     yield folder / "a.splat"
 
 
 def _pcd(folder: Path) -> Iterator[Path]:
-    import test_pcd as own
+    from helpers import pcd_files as own
 
     for encoding in own.ENCODINGS:
         yield own.save(folder / f"{encoding}.pcd", encoding=encoding)
 
 
 def _text(folder: Path) -> Iterator[Path]:
-    import test_text as own
+    from helpers import text_files as own
 
     yield own.save(folder / "a.xyz", own.XYZ, own.RGB)
     yield own.save(folder / "b.csv", own.XYZ, own.NORMALS, header="x,y,z,nx,ny,nz\n", separator=",")
@@ -219,27 +219,27 @@ def _text(folder: Path) -> Iterator[Path]:
 
 
 def _ptx(folder: Path) -> Iterator[Path]:
-    import test_ptx as own
+    from helpers import ptx_files as own
 
     yield own.save(folder, own.FIRST + own.SECOND)
 
 
 def _kitti(folder: Path) -> Iterator[Path]:
-    import test_kitti as own
+    from helpers import kitti_files as own
 
     yield own.save(folder / "000001.bin", own.XYZ, own.REFLECTANCE)
     yield own.save(folder / "a.pcd.bin", own.XYZ, own.REFLECTANCE, own.RINGS)
 
 
 def _depth(folder: Path) -> Iterator[Path]:
-    import test_depth as own
+    from helpers import depth_files as own
 
     yield own.save(folder / "a.png", own.STEPS)
     yield own.save(folder / "a.npy", own.FLOATS)
 
 
 def _colmap(folder: Path) -> Iterator[Path]:
-    import test_colmap as own
+    from helpers import colmap_files as own
 
     for name, content in own.WRITTEN.items():
         (folder / name).write_bytes(content())

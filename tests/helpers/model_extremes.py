@@ -1,6 +1,6 @@
 """A program that sets every integer of a saved model to its extremes and traces what loads. It must not crash.
 
-    python tests/extremes.py FOLDER
+    python tests/helpers/model_extremes.py FOLDER
 
 It prints how many of the changed models were refused, and how many loaded.
 """

@@ -9,8 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from helpers.upright_parts import Box, Capsule, Cloud, Ellipsoid, N, Part, Rng, ground, joined, leaves, solid, unit_rows
 from pointray.auto_view.upright import axis_direction
-from upright_parts import Box, Capsule, Cloud, Ellipsoid, N, Part, Rng, ground, joined, leaves, solid, unit_rows
 
 # ----------------------------------------------------------------------------------------------------------- scenes
 

@@ -12,7 +12,7 @@ import numpy as np
 from distributed import Client, LocalCluster
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.cluster.client import UNPROFILED
 
 

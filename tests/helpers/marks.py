@@ -1,0 +1,10 @@
+"""Marks of single cases of a test."""
+
+from __future__ import annotations
+
+import pytest
+
+
+def long(*values: object) -> object:
+    """Mark a case of a test that takes more than half a second: `make long` runs it."""
+    return pytest.param(*values, marks=pytest.mark.long)
