@@ -57,7 +57,7 @@ format: $(VENV)/tools
 	$(BIN)/ruff format .
 
 bench: $(VENV)/tools
-	$(BIN)/python bench/embree.py
+	$(BIN)/python -m bench.tracing.embree
 
 # 220,000 inputs in about an hour; interrupted, it goes on when called again, until src/ or tests/attack/ is changed.
 # One part: make attack PART=ply COUNT=1000 SEED=3; one input: make attack PART=ply SEED=3 INPUT=17.

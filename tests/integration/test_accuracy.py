@@ -2,14 +2,26 @@
 
 import csv
 
-import accuracy
 import numpy as np
 import pytest
-from measure import Cloud, Row, Setting, cloud_of, lines, measure, model_of, overlap, references, scene_of, trace
-from truth import Mesh, Shape, truth
-from verdicts import verdicts
 
 import pointray as pr
+from bench.helpers.measure import (
+    Cloud,
+    Row,
+    Setting,
+    cloud_of,
+    lines,
+    measure,
+    model_of,
+    overlap,
+    references,
+    scene_of,
+    trace,
+)
+from bench.helpers.truth import Mesh, Shape, truth
+from bench.surface import accuracy
+from bench.surface.verdicts import verdicts
 from helpers.marks import long
 
 N = 20_000
@@ -193,8 +205,8 @@ def test_verdicts_tell_good_from_bad():
 @pytest.mark.long
 def test_a_run_writes_its_table_and_plot(tmp_path, capsys, monkeypatch):
     pytest.importorskip("matplotlib")
-    monkeypatch.setattr("measure.PIXELS", 64)
-    monkeypatch.setattr("measure.PLACES", 1000)
+    monkeypatch.setattr("bench.helpers.measure.PIXELS", 64)
+    monkeypatch.setattr("bench.helpers.measure.PLACES", 1000)
     table, plot = tmp_path / "a.csv", tmp_path / "a.png"
     size = ["--points", "1000", "--rays", "2000", "--shapes", "sphere", "--csv", str(table), "--plot", str(plot)]
     accuracy.main(["--quick", *size])

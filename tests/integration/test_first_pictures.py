@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from first_pictures import measure, picture
 
+from bench.looks.first_pictures import measure, picture
 from helpers.places import shared_model
 
 SCANS = [

@@ -1,12 +1,13 @@
 """docs/formats.md is what the readers say of themselves."""
 
-import formats_table
-
 import pointray as pr
+from bench.maintenance import formats_table
 
 
 def test_the_document_is_up_to_date():
-    assert formats_table.TARGET.read_text() == formats_table.formats_page(), "python bench/formats_table.py makes it"
+    assert formats_table.TARGET.read_text() == formats_table.formats_page(), (
+        "python -m bench.maintenance.formats_table makes it"
+    )
 
 
 def test_every_format_is_in_both_tables():

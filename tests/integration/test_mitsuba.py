@@ -4,15 +4,14 @@ import os
 import sys
 from functools import cache
 
-import mitsuba_child
-import mitsuba_pairs
 import numpy as np
 import pytest
-from beside_mitsuba import Pair, choose_variant, compare
-from mitsuba_pairs import COLOR, MATERIALS
-from mitsuba_scenes import DIAGONAL, Body, Case, body
 
 import pointray as pr
+from bench.light import mitsuba_child, mitsuba_pairs
+from bench.light.beside_mitsuba import Pair, choose_variant, compare
+from bench.light.mitsuba_pairs import COLOR, MATERIALS
+from bench.light.mitsuba_scenes import DIAGONAL, Body, Case, body
 from helpers.marks import long
 from helpers.places import MODELS, shared_model
 
@@ -91,7 +90,7 @@ def aborted(*arguments):
 @pytest.mark.long
 def test_where_mitsuba_ends_its_process_the_rest_goes_on(capfd):
     pytest.importorskip("mitsuba")
-    from mitsuba_speed import speed
+    from bench.light.mitsuba_speed import speed
 
     speed(2_000, 32, 1, 1, beside=aborted)
     out = capfd.readouterr().out.splitlines()

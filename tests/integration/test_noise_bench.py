@@ -1,20 +1,21 @@
-"""`bench/noise.py`: its exact surfaces, its scans that go wrong, and a run at a size that takes seconds."""
+"""`bench/noise/compare.py`: its exact surfaces, its scans that go wrong, and a run at a size that takes seconds."""
 
 import csv
 from dataclasses import replace
 
-import noise
-import noise_surfaces
 import numpy as np
 import pytest
-from measure import lines
-from noise_clouds import Cube, Procedural, Torus, noisy
-from noise_measure import aimed, found_by, row_of
-from noise_scans import found_strays, rays_of
-from noise_scenes import Plate, Room, Wall, drift, layers, strays, veil
-from noise_surfaces import OURS, POISSON, Surface, peers
-from noise_tables import Figure, Limit, grouped, number, table_of, verdict
 from scipy.spatial import cKDTree
+
+from bench.helpers.measure import lines
+from bench.noise import compare as noise
+from bench.noise import surfaces as noise_surfaces
+from bench.noise.clouds import Cube, Procedural, Torus, noisy
+from bench.noise.measure import aimed, found_by, row_of
+from bench.noise.scans import found_strays, rays_of
+from bench.noise.scenes import Plate, Room, Wall, drift, layers, strays, veil
+from bench.noise.surfaces import OURS, POISSON, Surface, peers
+from bench.noise.tables import Figure, Limit, grouped, number, table_of, verdict
 
 
 def exact_rays(exact, error=0.0):

@@ -1,13 +1,13 @@
-"""`bench/prepare.py`: its clock, and a run at a size that takes seconds."""
+"""`bench/preparation/prepare.py`: its clock, and a run at a size that takes seconds."""
 
 import time
 
 import numpy as np
 import pytest
-from prepare import child, median_of, stage_table
-from prepare_stages import STAGES, Clock
 
 import pointray as pr
+from bench.preparation.prepare import child, median_of, stage_table
+from bench.preparation.stages import STAGES, Clock
 
 
 def test_a_stage_inside_another_counts_for_both_and_is_the_inner_ones_own():
@@ -27,7 +27,7 @@ def test_a_stage_inside_another_counts_for_both_and_is_the_inner_ones_own():
 @pytest.mark.parametrize("words", [(), ("--without-normals", "--noise", 0.005)])
 def test_every_stage_is_found_in_the_package(tmp_path, words):
     pr.write(tmp_path / "a.ply", pr.procedural("torus", 3000))
-    found = child("prepare_stages.py", tmp_path / "a.ply", *words)
+    found = child("stages.py", tmp_path / "a.ply", *words)
     assert found["points"] == 3000
     optional = {"fits", "orientation"} if not words else set()
     assert {"read", *STAGES, "whole model", "levels"} - optional - set(found["stages"]) == set()

@@ -1,4 +1,4 @@
-"""`bench/scale.py`: its city, its rows, what it watches, and each stage at a size that takes seconds."""
+"""`bench/scale/stages.py`: its city, its rows, what it watches, and each stage at a size that takes seconds."""
 
 import io
 import json
@@ -10,17 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scale
-import scale_city
 from rich.console import Console
-from scale_city import EDGE, ORIGIN, City, Sculptor, ground, make
-from scale_paper import lines, markdown
-from scale_prepare import Options, asked
-from scale_rows import LEAST, MOST, Row, Rows, shown, table_of
-from scale_same import compared, part_size
-from scale_watch import Watch, disk_of, watched
 
 import pointray as pr
+from bench.scale import city as scale_city
+from bench.scale import stages as scale
+from bench.scale.city import EDGE, ORIGIN, City, Sculptor, ground, make
+from bench.scale.paper import lines, markdown
+from bench.scale.prepare import Options, asked
+from bench.scale.rows import LEAST, MOST, Row, Rows, shown, table_of
+from bench.scale.same import compared, part_size
+from bench.scale.watch import Watch, disk_of, watched
 
 CITY = City(50_000)
 MIB = 1 << 20

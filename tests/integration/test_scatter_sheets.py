@@ -4,12 +4,12 @@ import sys
 
 import numpy as np
 import pytest
-import scatter_sheets
-from cloudcompare import seen_from
 from PIL import Image
-from scatter_sheets import LINE, closed, options_of
 
 import pointray as pr
+from bench.looks import scatter_sheets
+from bench.looks.cloudcompare import seen_from
+from bench.looks.scatter_sheets import LINE, closed, options_of
 from pointray.cli.views import View
 
 CAMERA = pr.Camera.look_at((3, -7, 2.5), (0.5, 0.2, -0.1), (0.1, 0, 1), fov=35, size=(40, 30))

@@ -3,10 +3,10 @@
 import sys
 
 import pytest
-
 from attack.ledger import Ledger
 from attack.parts import KNOWN, PARTS
 from attack.pool import Attacker, Failure, Tally
+
 from helpers.marks import long
 
 SEED = 1

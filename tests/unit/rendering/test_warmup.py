@@ -84,8 +84,8 @@ def test_time_left_is_that_of_a_stage(clock):
 @pytest.mark.long
 @pytest.mark.parametrize("start", ["first_start", "other_start"])
 def test_the_record_has_what_a_first_start_uses(start):
-    """Compare the stages; after a change of what building, pictures or baking use, run `bench/record_kernels.py`."""
-    command = [sys.executable, ROOT / "bench" / "record_kernels.py", start]
+    """Compare the stages; after a change of what building, pictures or baking use, run `bench/maintenance/record_kernels.py`."""
+    command = [sys.executable, ROOT / "bench" / "maintenance" / "record_kernels.py", start]
     rows = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     record = {stage: {f"pointray.{name}" for name in kernels} for stage, kernels in stages().items()}
     if start == "first_start":
@@ -110,8 +110,8 @@ def test_the_record_names_kernels():
 COLD = """
 import sys, threading, time
 import pointray as pr
-sys.path.append({bench!r})
-from record_kernels import torus
+sys.path.append({root!r})
+from bench.maintenance.record_kernels import torus
 from pointray.rendering import warmup
 from pointray.engine.jit import BACKLOG, compilations
 
@@ -131,7 +131,7 @@ if __name__ == "__main__":
     states = [state for state in seen if state]
     print(compilations(), max([state.total for state in states], default=0), BACKLOG.state, hit.t > 0)
     print(all(a.number <= b.number for a, b in zip(states, states[1:])))
-""".replace("{bench!r}", repr(str(ROOT / "bench")))
+""".replace("{root!r}", repr(str(ROOT)))
 PICTURE = """
     pr.render(scene, pr.Camera.look_at((3, 0, 2), (0, 0, 0), size=(8, 8)), pr.Settings("phong"))
 """

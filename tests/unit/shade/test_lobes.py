@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from baked_records import LUMINANCE, harmonics, pack_values, reflected, values_of
 
 import pointray as pr
+from bench.light.baked_records import LUMINANCE, harmonics, pack_values, reflected, values_of
 from helpers.marks import long
 from pointray.baking.bounces import GRAY, SEES_SKY
 from pointray.baking.pack import PER_PATCH

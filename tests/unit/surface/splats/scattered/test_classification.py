@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scatter_scanners import scan
-from scatter_scenes import CLASSES, CROWN, GROUND, ROOF, STRAY, WALL, make_scene
 
 import pointray as pr
+from bench.surface.scatter_scanners import scan
+from bench.surface.scatter_scenes import CLASSES, CROWN, GROUND, ROOF, STRAY, WALL, make_scene
 from helpers import naive_scatter
 from helpers.places import shared_model
 from pointray.cloud.preparation import placed_for_model
