@@ -1,4 +1,4 @@
-"""Fixtures and helpers of several tests."""
+"""Fixtures that all tests share, and their markers."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ import pytest
 import typer.main
 from filelock import FileLock
 
+from helpers.places import TESTS
 from native import signatures
 from pointray.base.dependencies import key_of
 from pointray.engine import jit
@@ -90,7 +91,8 @@ def commands_made_once() -> Iterator[None]:
 def models_made_once(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Make each procedural model once for all test processes, and keep it in pytest's cache: the statue takes 8 s.
 
-    A test that makes the same one twice calls `sample` as it was imported, see `tests/test_procedural.py`.
+    A test that makes the same one twice calls `sample` as it was imported, see
+    `tests/unit/procedural_models/test_procedural_models.py`.
     """
     module = importlib.import_module("pointray.procedural_models")
     cache = getattr(pytestconfig, "cache", None)  # absent with -p no:cacheprovider
@@ -126,6 +128,11 @@ def kept_in(folder: Path, function: Callable[..., tuple[np.ndarray, ...]]) -> Ca
     return call
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that take minutes come first: at the end one process would do the last of them alone."""
+    """Mark tests by their folder, and put those that take minutes first: at the end one process would do the last."""
+    for item in items:
+        for marker in ("browser", "cluster"):
+            if TESTS / marker in item.path.parents:
+                item.add_marker(marker)
     items.sort(key=lambda item: item.get_closest_marker("long") is None)

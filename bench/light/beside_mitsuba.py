@@ -1,7 +1,7 @@
 """Compare pictures of pointray with those of Mitsuba 3: Mitsuba renders meshes, pointray points of their triangles.
 
-    python -m bench.light.beside_mitsuba [--meshes bunny dragon ...] [--lights sun ...] [--materials diffuse ...] [--bounces]
-                                   [--size 128] [--spp 144] [--halvings 2] [--folder DIR] [--json FILE]
+    python -m bench.light.beside_mitsuba [--meshes bunny dragon ...] [--lights sun ...] [--materials diffuse ...]
+                                   [--bounces] [--size 128] [--spp 144] [--halvings 2] [--folder DIR] [--json FILE]
                                    [--pictures DIR]
     python -m bench.light.beside_mitsuba --speed [--points 1000000] [--size 512] [--spp 4] [--runs 5]
 

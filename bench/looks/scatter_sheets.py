@@ -8,7 +8,8 @@ the look, and one of PyVista's points with eye-dome lighting, if --pyvista names
     python -m venv /tmp/pv && /tmp/pv/bin/pip install pyvista
 
 --cloudcompare adds CloudCompare's points, see `cloudcompare.py`.
---synthetic adds labelled scenes of `bench/surface/scatter_scenes.py`, scanned as the word says ("airborne 4", "vehicle", ...).
+--synthetic adds labelled scenes of `bench/surface/scatter_scenes.py`, scanned as the word says ("airborne 4",
+"vehicle", ...).
 --measure prints the share of scattered points, and the largest share of the picture that one point covers, of models
 with spheres.
 """

@@ -19,7 +19,7 @@ COLUMNS = {
 }
 HEAD = """# File formats
 
-<!-- Made by `python -m bench.maintenance.formats_table` from what the readers say; tests/integration/test_formats_table.py compares. -->
+<!-- Made by `python -m bench.maintenance.formats_table` from what the readers say; test_formats_table.py compares. -->
 
 What a file is its contents tell, not its name. `.gz` and `.zst` are unpacked first. Several files are one cloud, and a
 folder stands for the scans in it; they must not have different coordinate systems. `pointray convert IN... OUT` writes

@@ -1,7 +1,7 @@
 """Measure the way from raw points to the first picture: stages, points a second, memory, growth, beside its peers.
 
-    python -m bench.preparation.prepare [--points 100000 1000000 4000000 10000000 24000000] [--shape statue|torus] [--runs 1]
-                            [--only normals plain noise scans peers view]
+    python -m bench.preparation.prepare [--points 100000 1000000 4000000 10000000 24000000] [--shape statue|torus]
+                            [--runs 1] [--only normals plain noise scans peers view]
                             [--folder FOLDER] [--models FOLDER] [--json FILE]
 
 normals  points with normals; plain: without; noise: without, and moved by 0.3 spacings in all directions

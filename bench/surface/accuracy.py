@@ -1,7 +1,8 @@
 """Measure the surface's accuracy by rays through clouds of known surfaces, beside flat discs on the same points.
 
-    python -m bench.surface.accuracy [--quick | --full | --choice] [--shapes sphere statue bunny ...] [--surfaces apss disc ...]
-                             [--points 10000 ...] [--noise 0 0.1 ...] [--rays 200000] [--csv FILE] [--plot FILE]
+    python -m bench.surface.accuracy [--quick | --full | --choice] [--shapes sphere statue bunny ...]
+                             [--surfaces apss disc ...] [--points 10000 ...] [--noise 0 0.1 ...] [--rays 200000]
+                             [--csv FILE] [--plot FILE]
 
 The program prints a row for each cloud and surface as it is measured (`measure.Row` explains the columns), then every
 demand with the figure seen. It also writes the rows as CSV and as a plot. It takes some 5 minutes on two cores. --full

@@ -1,7 +1,7 @@
 """Compare the speed of pointray with Embree's oriented discs: the same points, radii and rays, in turn, in one run.
 
-    python -m bench.tracing.embree [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [--mesh MESH] [--reach 1.25]
-        [scan.ply ...]
+    python -m bench.tracing.embree [--points 1000000 32000] [--size 512] [--runs 9] [--threads 2] [--mesh MESH]
+        [--reach 1.25] [scan.ply ...]
 
 Each cloud is traced in the far and near views of `pointray.cli.benchmark.views`, by shadow rays from all hits of the
 far view to a point light, and by one diffuse bounce from each of them. The program prints million rays a second of

@@ -3,8 +3,8 @@
     python -m bench.tracing.spheres [--points 1000000] [--size 512] [--runs 9] [--threads 2] [--scale 1.0]
 
 The cloud is a forest: crowns of leaves, trunks and the ground's undergrowth, all of them spheres. Rays as in
-`bench/tracing/embree.py`: a far and a near view, shadow rays from all hits of the far view to a point light, and one diffuse
-bounce from each of them. Both run in turn; Embree's faster query counts. Needs Embree 3, see `embree_peers.py`.
+`bench/tracing/embree.py`: a far and a near view, shadow rays from all hits of the far view to a point light, and one
+diffuse bounce from each of them. Both run in turn; Embree's faster query counts. Needs Embree 3, see `embree_peers.py`.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 /* Calls functions of a library of kernels as a file of recorded calls says, and writes what they leave.
 
-   replay LIBRARY CALLS RESULTS. All numbers are words of 64 bits; tests/helpers/kernel_recordings.py describes and writes the file. */
+   replay LIBRARY CALLS RESULTS. All numbers are words of 64 bits; tests/helpers/kernel_recordings.py describes and
+   writes the file. */
 
 #include <stdint.h>
 #include <stdio.h>

@@ -33,6 +33,12 @@ def paths_in(text: str) -> set[str]:
     return {name for name in re.findall(r"`([^`]+)`", prose) if PATH.fullmatch(name)}
 
 
+def programs_in(text: str) -> set[str]:
+    """The paths of the programs of `bench/` that are named as files or as modules."""
+    modules = re.findall(r"-m (bench(?:\.\w+)+)", text)
+    return {*re.findall(r"bench/[\w/]+\.py", text), *(f"{module.replace('.', '/')}.py" for module in modules)}
+
+
 def missing(names: set[str]) -> list[str]:
     """Paths that exist neither in the package nor in the project."""
     return sorted(name for name in names if not ((PACKAGE / name).exists() or (ROOT / name).exists()))
@@ -60,6 +66,8 @@ def test_the_checks_see_what_is_wrong():
         "house/",
         "tree/built.py",
     ]
+    programs = programs_in("python -m bench.tracing.embree --size 2, `bench/none.py`, `python -m bench.tracing.none`.")
+    assert missing(programs) == ["bench/none.py", "bench/tracing/none.py"]
     assert anchors("# Its own server, instead of viser\n") == {"its-own-server-instead-of-viser"}
 
 
@@ -86,7 +94,7 @@ def test_every_path_exists(document: Path):
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=title)
 def test_every_script_of_a_command_exists(document: Path):
-    assert missing(set(re.findall(r"bench/\w+\.py", document.read_text()))) == []
+    assert missing(programs_in(document.read_text())) == []
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=title)

@@ -13,6 +13,7 @@ SCANS = [
 ]
 
 
+@pytest.mark.scans
 @pytest.mark.long
 @pytest.mark.parametrize("name", [*SCANS, "tls_tower_wall_ghost_nonormals"])
 def test_first_pictures(name, tmp_path):

@@ -5,9 +5,7 @@ from bench.maintenance import formats_table
 
 
 def test_the_document_is_up_to_date():
-    assert formats_table.TARGET.read_text() == formats_table.formats_page(), (
-        "python -m bench.maintenance.formats_table makes it"
-    )
+    assert formats_table.TARGET.read_text() == formats_table.formats_page(), "run bench.maintenance.formats_table"
 
 
 def test_every_format_is_in_both_tables():

@@ -12,7 +12,7 @@ from bench.light import mitsuba_child, mitsuba_pairs
 from bench.light.beside_mitsuba import Pair, choose_variant, compare
 from bench.light.mitsuba_pairs import COLOR, MATERIALS
 from bench.light.mitsuba_scenes import DIAGONAL, Body, Case, body
-from helpers.marks import long
+from helpers.marks import long, long_scan, scan
 from helpers.places import MODELS, shared_model
 
 
@@ -30,7 +30,7 @@ SMALL = "ring", 48, 16
 LARGE = [("torus", 96, 49), ("bunny", 96, 49)]
 
 
-@pytest.fixture(scope="module", params=[SMALL, *map(long, LARGE)], ids=str)
+@pytest.fixture(scope="module", params=[SMALL, long(LARGE[0]), long_scan(LARGE[1])], ids=str)
 def pair(request):
     """A mesh, and how its pictures are rendered: pixels a side, and samples a pixel."""
     for package in ("mitsuba", "trimesh"):
@@ -49,7 +49,11 @@ def pair(request):
     [
         (SMALL, "sun"),
         (SMALL, "disk"),
-        *(long(mesh, light) for mesh in LARGE for light in ("sun", "constant", "disk")),
+        *(
+            mark(mesh, light)
+            for mark, mesh in zip((long, long_scan), LARGE, strict=True)
+            for light in ("sun", "constant", "disk")
+        ),
     ],
     ids=str,
     indirect=["pair"],
@@ -62,14 +66,14 @@ def test_direct_light(pair, light):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("pair", LARGE, indirect=True, ids=str)
+@pytest.mark.parametrize("pair", [LARGE[0], scan(LARGE[1])], indirect=True, ids=str)
 def test_four_bounces_in_a_corner(pair):
     row = compare(pair, Case("rectangle", "diffuse", "corner", 4))
     assert row.met, row
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("pair", LARGE, indirect=True, ids=str)
+@pytest.mark.parametrize("pair", [LARGE[0], scan(LARGE[1])], indirect=True, ids=str)
 def test_mirrors(pair):
     row = compare(pair, Case("gradient", "mirror", "floor", 2))
     assert row.met, row

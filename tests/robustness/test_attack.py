@@ -1,4 +1,4 @@
-"""A few inputs of each attack (see tests/attack/); `make attack` makes all of them."""
+"""A few inputs of each attack (see tests/robustness/attack/); `make attack` makes all of them."""
 
 import sys
 

@@ -131,6 +131,7 @@ def test_only_objects_that_stand_have_one(rng):
         assert not Scan(points, ViewChoice(up=UP)).stands
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize(
     "name", ["stanford_bunny", *map(long, ["stanford_lucy_50k", "nefertiti_50k", "stanford_dragon_stand_rangescans"])]
 )
@@ -138,6 +139,7 @@ def test_scans_that_stand(name):
     assert Scan(pr.read(shared_model(f"points/{name}.ply")), ViewChoice()).stands
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize(
     "name",
     [

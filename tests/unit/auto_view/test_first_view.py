@@ -178,11 +178,13 @@ def test_zoom_comes_nearer():
 # ------------------------------------------------------------------------------------------------- up and view
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize(("name", "up"), [item if item[0] in FEW else long(*item) for item in STANDING.items()])
 def test_scans_stand_upright(name, up):
     assert find_up(sample_of(scan(name))).axis == up
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize(
     "name", ["stanford_bunny", *map(long, ("stanford_dragon", "stanford_lucy_50k", "nefertiti_50k"))]
 )
@@ -204,6 +206,7 @@ def test_maps_and_flat_scans_have_z_upwards(rng):
     assert find_up(sample_of(pr.Points(rng.random((3000, 3)) * (10, 10, 1.9)))).why == "the scan is flat"
 
 
+@pytest.mark.scans
 def test_splats_stand_with_y_downwards_unless_they_would_stand_better_otherwise():
     sphere = pr.procedural("sphere", 2000)
     about = {"opacity": np.ones(2000, np.float32), "scale_0": np.ones(2000, np.float32)}
@@ -215,6 +218,7 @@ def test_splats_stand_with_y_downwards_unless_they_would_stand_better_otherwise(
         assert find_up(sample_of(pr.Points(bunny.positions * turn, bunny.normals * turn, None, about))).axis == axis
 
 
+@pytest.mark.scans
 @pytest.mark.long
 def test_a_scan_of_splats_stands_with_y_downwards():
     man = pr.read(shared_model("raw/3dgs_biker.compressed.ply"))

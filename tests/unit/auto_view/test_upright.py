@@ -108,6 +108,7 @@ def made_clouds(seed=1000):
         yield f"{make} {up}", points_of(made.turned(make(rng), up, rng), with_normals), up
 
 
+@pytest.mark.scans
 def test_sixty_clouds_stand_upright():
     wrong = [name for clouds in (shared_clouds(), made_clouds()) for name, points, up in clouds if up_of(points) != up]
     assert len(UP) + len(MADE) >= 60 and len(wrong) <= 2, wrong

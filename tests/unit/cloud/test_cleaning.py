@@ -65,6 +65,7 @@ def test_rows_that_are_not_finite_stay_where_they_are():
     assert len(cleaned) == 5003 and not cleaned.finite[:3].any()
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize("name", SCANS if MODELS.exists() else SCANS[:1])
 def test_scans_lose_a_few_in_a_thousand_at_most(name):
     points = pr.read(shared_model(f"points/{name}.ply"))

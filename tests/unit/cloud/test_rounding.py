@@ -116,6 +116,7 @@ SCANS = [
 ]
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize("path", SCANS)
 def test_no_real_scan_is_said_to_be_rounded(path):
     if "3dgs" in path.name:
@@ -123,6 +124,7 @@ def test_no_real_scan_is_said_to_be_rounded(path):
     assert find_rounding(pr.read(path)) == ((0, 0, 0), None)
 
 
+@pytest.mark.scans
 def test_a_real_scan_in_float32_on_a_map():
     points = pr.read(shared_model("points/outcrop_qcompass_rgb.ply"))
     moved = pr.Points((points.world - points.bounds[0] + PLACE).astype(np.float32))

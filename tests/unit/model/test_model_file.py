@@ -265,6 +265,7 @@ def test_the_command_line_saves_and_renders_models(tmp_path):
     assert picture.exists() and pr.Model.load(model).surface == "apss"
 
 
+@pytest.mark.scans
 def test_a_scan_comes_back(tmp_path):
     model = pr.Model(pr.read(shared_model("points/nefertiti_50k.ply")))
     model.save(tmp_path / "m")

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import pointray as pr
-from helpers.marks import long
+from helpers.marks import long, long_scan
 from helpers.places import shared_model
 from pointray.cli import execute
 from pointray.model.array_file import read_arrays
@@ -45,7 +45,7 @@ def clouds(name: str) -> pr.Points:
     return pr.procedural(name, 100_000)
 
 
-@pytest.fixture(scope="module", params=["wall", long("statue"), long("lion")])
+@pytest.fixture(scope="module", params=["wall", long("statue"), long_scan("lion")])
 def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[pr.Model, pr.Model]:
     model = pr.Model(clouds(request.param), scatter="surface")
     folder = tmp_path_factory.mktemp("parts") / "a.pointray"

@@ -84,7 +84,7 @@ def test_time_left_is_that_of_a_stage(clock):
 @pytest.mark.long
 @pytest.mark.parametrize("start", ["first_start", "other_start"])
 def test_the_record_has_what_a_first_start_uses(start):
-    """Compare the stages; after a change of what building, pictures or baking use, run `bench/maintenance/record_kernels.py`."""
+    """Compare the stages; after a change of what building, pictures or baking use, run `record_kernels`."""
     command = [sys.executable, ROOT / "bench" / "maintenance" / "record_kernels.py", start]
     rows = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     record = {stage: {f"pointray.{name}" for name in kernels} for stage, kernels in stages().items()}

@@ -59,6 +59,7 @@ def test_a_noisy_torus_faces_outward(noise, flipped):
     assert (np.sum(found * torus.normals, axis=1) < 0).mean() < flipped
 
 
+@pytest.mark.scans
 @pytest.mark.long
 def test_the_wall_of_a_tower():
     """A sparse second layer in front of it; some of its ledges truly face away. Measured: 0.28%, 4.1% and 1.2%."""
@@ -77,6 +78,7 @@ def read_wall():
     return pr.read(shared_model("points/tls_tower_wall_ghost_nonormals.ply"))
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize("name", [long("stanford_dragon_stand_rangescans"), long("stanford_bunny_rangescans")])
 def test_range_scans_agree(name):
     points = pr.read(shared_model(f"points/{name}.ply"))

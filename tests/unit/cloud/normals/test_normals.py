@@ -215,6 +215,7 @@ def test_what_cannot_be_estimated(positions, others, words):
         estimate_normals(Points(positions), **others)
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize(
     ("name", "viewpoint", "flipped"),
     [
@@ -267,6 +268,7 @@ def test_scan_lines(rng, step, noise, rms):
     assert (angle > 90).mean() < 0.002
 
 
+@pytest.mark.scans
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["autzen_stadium_crop_rgb", "outcrop_qcompass_rgb"])
 def test_real_ground_looks_up(name):
@@ -345,6 +347,7 @@ CLOSED = [*SCANS, "stanford_lucy_50k", "nefertiti_50k"]
 OPEN = ["potree_lion_takanawa_rgb", "outcrop_qcompass_rgb", "autzen_stadium_crop_rgb", "rgbd_kinect_chair_rgb"]
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize("name", [*CLOSED, *OPEN, "tls_pumpA_rgb"])
 def test_good_normals_of_scans_cause_no_words_and_flipped_ones_do(name):
     points = read(shared_model(f"points/{name}.ply"))

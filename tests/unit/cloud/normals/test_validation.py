@@ -62,6 +62,7 @@ def bare(tmp_path: Path) -> Path:
 # ------------------------------------------------------------------------------------------------- what is wrong
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize("name", [SCANS[0], *map(long, SCANS[1:])])
 def test_normals_of_scans_are_right_and_tilted_ones_wrong(name):
     points = pr.read(shared_model(f"points/{name}.ply"))

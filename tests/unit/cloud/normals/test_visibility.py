@@ -120,6 +120,7 @@ def test_few_points_and_no_points_are_no_evidence(rng):
     assert ignored_stations(moved(bad, (9, 9, 9))) == ()
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize(
     ("name", "options"),
     [
@@ -135,6 +136,7 @@ def test_real_scans_keep_the_place_of_their_scanner(name, options):
     assert hidden_share(points.positions, -points.origin) < 0.3 * HIDDEN
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize("name", ["stanford_dragon", "potree_lion_takanawa_rgb", "autzen_stadium_crop_rgb"])
 def test_real_merged_scans_have_no_station(name):
     points = pr.read(shared_model(f"points/{name}.ply"))

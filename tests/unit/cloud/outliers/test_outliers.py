@@ -125,6 +125,7 @@ def test_models_keep_their_points(model, count):
     assert pr.find_strays(pr.procedural(model, count)).any.mean() < 0.002
 
 
+@pytest.mark.scans
 def test_a_mesh_keeps_its_points():
     assert pr.find_strays(shared_model("stanford_bunny")).any.mean() < 0.001
 

@@ -356,6 +356,7 @@ def test_a_margin_holds_the_neighbours(tmp_path):
     assert len(local.rows) < len(positions) * 0.8
 
 
+@pytest.mark.scans
 @pytest.mark.long
 def test_real_scans_by_parts(tmp_path, rng):
     """LAS without normals, with a coordinate system and whole numbers that float32 cannot hold."""

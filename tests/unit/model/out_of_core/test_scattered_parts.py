@@ -275,6 +275,7 @@ def test_more_clouds_part_by_part(name: str, tmp_path: Path, rng: np.random.Gene
         assert json.loads((tmp_path / "a.pointray" / INDEX).read_text())["version"] == 2
 
 
+@pytest.mark.scans
 @pytest.mark.long
 @pytest.mark.parametrize("file", ["raw/Megaplot.laz", "raw/pcl_samp11_utm.pcd", "raw/small_gicp_target.ply"])
 def test_real_scans_part_by_part(file: str, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 import pointray as pr
 from helpers.clouds import sphere_points
-from helpers.marks import long
+from helpers.marks import long, long_scan
 from helpers.places import shared_model
 from pointray.base.disk_columns import Columns
 from pointray.cloud.neighbors import NeighborTree, distinct, kd_order
@@ -118,7 +118,7 @@ def signs_of(cloud, folder, order=lambda parts: parts):
     return out[:]
 
 
-@pytest.mark.parametrize("name", ["bubbles", "crossing", long("terrain"), long("lucy"), long("statue")])
+@pytest.mark.parametrize("name", ["bubbles", "crossing", long("terrain"), long_scan("lucy"), long("statue")])
 def test_parts_have_the_signs_of_the_whole(name, tmp_path, monkeypatch):
     monkeypatch.setattr("pointray.model.out_of_core.disk_votes.PIECES", 1000)
     cloud = made(name)

@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from helpers.clouds import sphere_points
-from helpers.marks import long
+from helpers.marks import long, long_scan
 from helpers.naive import KINDS, field, splats_of
 from helpers.places import shared_model
 from pointray.engine.kernels.tree import LONGEST
@@ -15,9 +15,13 @@ from pointray.surface.intersect.march import START, START_UNREFINED
 
 FEW, MANY = 64, 128  # pixels across a picture, see `cast`
 SMOOTH = "torus", "torus, refine=0", "torus, disc"
-DETAILED = "statue", "statue, refine=0", "statue, disc", "bunny", "pump"
-CLOUDS = [*((name, FEW) for name in SMOOTH), *(long(name, MANY) for name in DETAILED)]
+DETAILED = "statue", "statue, refine=0", "statue, disc"
 SCANS = {"bunny": "stanford_bunny", "pump": "tls_pumpA_rgb"}
+CLOUDS = [
+    *((name, FEW) for name in SMOOTH),
+    *(long(name, MANY) for name in DETAILED),
+    *(long_scan(name, MANY) for name in SCANS),
+]
 EYES = np.array([[0.6, -0.9, 0.3], [-0.6, -0.9, 0.1], [0.1, 1.0, 0.2], [1.0, 0.1, -0.2]])
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import pointray as pr
+from helpers import marks
 from helpers.naive import walk
 from helpers.places import shared_model
 
 SURFACES = ["paper", "imls", "apss"]
-CLOUDS = ["bunny", "dragon", "lattice", "statue"]
+CLOUDS = [marks.scan("bunny"), marks.scan("dragon"), "lattice", "statue"]
 
 
 @cache
@@ -48,7 +49,7 @@ def compare(points, side, up, surface, size):
     )
 
 
-@pytest.mark.parametrize(("name", "surface"), [("bunny", "apss"), ("torus", "imls"), ("torus", "paper")])
+@pytest.mark.parametrize(("name", "surface"), [marks.scan("bunny", "apss"), ("torus", "imls"), ("torus", "paper")])
 def test_rays_agree_with_the_twin(name, surface):
     compare(*cloud(name, 20_000), surface, 40)
 

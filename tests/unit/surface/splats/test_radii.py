@@ -230,6 +230,7 @@ def test_duplicates_count_once():
     np.testing.assert_allclose(pr.Model(twice).radii, np.repeat(pr.Model(points).radii, 3), rtol=1e-6)
 
 
+@pytest.mark.scans
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["points/tls_pumpA_rgb.ply", "points/rgbd_kinect_chair_rgb.ply"])
 def test_radii_of_real_scans_are_sane(name):

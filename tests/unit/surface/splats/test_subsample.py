@@ -334,6 +334,7 @@ def test_the_statue_of_the_paper(monkeypatch):
     assert ours[-1] <= 0.5 * theirs[-1]
 
 
+@pytest.mark.scans
 @pytest.mark.long
 def test_a_scan():
     points = pr.read(shared_model("points/stanford_bunny.ply"))

@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from helpers.clouds import sphere_points, uneven_points
-from helpers.marks import long
+from helpers.marks import long, long_scan
 from helpers.places import shared_model
 from pointray.cloud.neighbors import kd_order
 from pointray.engine.kernels.tree import LEAF, LEAST, NO_SURFACE, STEP
@@ -66,7 +66,9 @@ def torus():
     return splats("torus")
 
 
-@pytest.mark.parametrize("name", [*map(long, ("sphere", "torus", "lattice", "statue", "stanford_bunny")), "uneven"])
+@pytest.mark.parametrize(
+    "name", [*map(long, ("sphere", "torus", "lattice", "statue")), long_scan("stanford_bunny"), "uneven"]
+)
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
 def test_trees_are_whole(name, surface):
     positions = 4000 if name not in ("torus", "uneven") else 1000
@@ -87,7 +89,7 @@ def test_a_narrow_splat_does_not_decide_the_step_far_away(name):
 @pytest.mark.parametrize("width", [long(LEAF_WIDTH / 4), long(LEAF_WIDTH / 2), LEAF_WIDTH])
 @pytest.mark.parametrize(
     "name",
-    ["torus", long("stanford_bunny"), long("nefertiti_50k"), long("stanford_dragon_stand_rangescans")],
+    ["torus", *map(long_scan, ("stanford_bunny", "nefertiti_50k", "stanford_dragon_stand_rangescans"))],
 )
 def test_trees_over_uneven_splats_are_whole(name, width):
     cloud = splats(name)
@@ -252,7 +254,8 @@ def seen(cloud, rays, **changes):
 
 
 @pytest.mark.parametrize(
-    "name", ["torus", long("statue"), long("stanford_bunny"), long("stanford_bunny_rangescans"), "uneven", "sweep"]
+    "name",
+    ["torus", long("statue"), *map(long_scan, ("stanford_bunny", "stanford_bunny_rangescans")), "uneven", "sweep"],
 )
 def test_slabs_and_boxes_lose_nothing(name, rng):
     cloud = splats(name)
@@ -264,7 +267,7 @@ def test_slabs_and_boxes_lose_nothing(name, rng):
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
-@pytest.mark.parametrize("name", [*map(long, ("torus", "statue", "stanford_bunny")), "uneven", "sweep"])
+@pytest.mark.parametrize("name", [*map(long, ("torus", "statue")), long_scan("stanford_bunny"), "uneven", "sweep"])
 def test_the_size_of_voxels_changes_nothing(name, factor, rng):
     cloud = splats(name)
     rays = random_rays(rng, cloud)

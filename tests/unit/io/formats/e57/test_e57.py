@@ -24,6 +24,7 @@ def turned(xyz):
     return np.stack([-xyz[:, 1], xyz[:, 0], xyz[:, 2]], axis=1)
 
 
+@pytest.mark.scans
 def test_a_file_of_another_program_is_as_pye57_reads_it():
     path = shared_model("raw/bunnyFloat.e57")
     points = read(path)

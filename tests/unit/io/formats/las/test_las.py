@@ -46,6 +46,7 @@ def check_same(points: pr.Points, las: laspy.LasData) -> None:
     assert (points.colors is not None) == ("red" in las.point_format.dimension_names)
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize("name", FILES)
 def test_real_files_as_laspy_reads_them(name: str, tmp_path: Path) -> None:
     path = shared_model(f"raw/{name}")
@@ -272,6 +273,7 @@ def test_units_of_well_known_text() -> None:
 # --------------------------------------------------------------------------------------------------------- COPC
 
 
+@pytest.mark.scans
 def test_nodes_as_laspy_finds_them() -> None:
     path = shared_model("raw/lion_takanawa.copc.laz")
     whole = laspy.read(path)
@@ -294,6 +296,7 @@ def test_nodes_as_laspy_finds_them() -> None:
         pr.read(path, bounds=box + 1000)
 
 
+@pytest.mark.scans
 def test_pages_that_name_each_other_are_refused(tmp_path: Path) -> None:
     data = bytearray(shared_model("raw/lion_takanawa.copc.laz").read_bytes())
     start, size = struct.unpack_from("<2Q", data, 375 + 54 + 40)
@@ -415,6 +418,7 @@ def test_wrong_counts_of_compressed_points(version: str, format: int, chunk: int
         assert f"{count:,} rows" in error_of(path, path.read_bytes())
 
 
+@pytest.mark.scans
 def test_an_octree_with_a_wrong_count(tmp_path: Path) -> None:
     """Nodes that a box asks for are read too."""
     good, path = shared_model("raw/lion_takanawa.copc.laz").read_bytes(), tmp_path / "a.laz"

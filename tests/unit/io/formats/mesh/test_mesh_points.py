@@ -143,6 +143,7 @@ def test_a_cloud_with_a_few_triangles_is_a_cloud(rng, tmp_path):
     assert len(pr.read(tmp_path / "a.ply")) == 50
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize("name", ["stanford_bunny_mesh", "stanford_dragon_mesh"])
 def test_meshes_of_scans_keep_their_vertices(name):
     points = pr.read(shared_model(f"meshes/{name}.ply"))

@@ -264,6 +264,7 @@ def fields_of(path):
     return {name: rows[name] for name in names}
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize("name", ["Zaghetto_binary", "bun0_ascii", "colored_cloud"])
 def test_files_of_other_programs(name):
     path = shared_model(f"raw/{name}.pcd")

@@ -439,6 +439,7 @@ def test_a_replaced_file_has_an_ordinary_mode_and_stays_a_link(tmp_path):
 # ------------------------------------------------------------------------------------------------------ real files
 
 
+@pytest.mark.scans
 def test_real_files():
     points = read(shared_model("points/tls_pumpA_rgb.ply"))
     assert len(points) == 155_201
@@ -451,6 +452,7 @@ def test_real_files():
     assert np.ptp(grid.bounds, axis=0).max() < 0.2
 
 
+@pytest.mark.scans
 def test_real_map_coordinates_and_labels():
     path = shared_model("raw/b9_als_rgb_label.ply")
     points, truth = read(path), PlyData.read(str(path))["vertex"]

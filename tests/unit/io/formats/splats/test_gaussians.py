@@ -210,6 +210,7 @@ def test_boxes_that_are_not_finite(tmp_path):
     assert points.finite.sum() == 256
 
 
+@pytest.mark.scans
 def test_a_file_of_supersplat():
     """Compared with an own reading of a file that another program wrote."""
     path = shared_model("raw/3dgs_biker.compressed.ply")

@@ -97,6 +97,7 @@ def test_what_is_wrong_is_said_with_its_line(tmp_path, text, word):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.scans
 def test_a_real_file_holds_what_numpy_reads():
     """PDAL wrote it, with world coordinates and a header that says nothing: no scanner stood at 0, 0, 0."""
     path = shared_model("raw/1.2-with-color.ptx")

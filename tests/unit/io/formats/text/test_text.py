@@ -215,6 +215,7 @@ def test_other_formats_are_not_claimed():
         assert recognised(content) == SURE, content
 
 
+@pytest.mark.scans
 def test_real_files_hold_what_numpy_reads():
     path = shared_model("raw/kitten_xyz_normals.xyz")
     wanted, points = np.loadtxt(path), read(path)

@@ -119,6 +119,7 @@ def test_fitted_normals_are_no_evidence_along_a_line(rng):
     assert find_scattered(x, normals, fitted=True).all()
 
 
+@pytest.mark.scans
 def test_fitted_normals_show_folds_that_planes_miss():
     """Lucy at 50,000 points has folds of one or two spacings."""
     points = pr.read(shared_model("points/nefertiti_50k.ply"))
@@ -244,6 +245,7 @@ def test_scans_from_the_ground_have_walls_and_crowns(sampling):
     assert max(shares[[GROUND, WALL, ROOF]]) < 0.05 and shares[CROWN] > 0.9 and shares[STRAY] > 0.7
 
 
+@pytest.mark.scans
 @pytest.mark.parametrize("name", ["stanford_bunny", "nefertiti_50k", "stanford_lucy_50k"])
 def test_meshes_vertices_are_surfaces(name):
     points = pr.read(shared_model(f"points/{name}.ply"))
