@@ -33,8 +33,8 @@ from .picture import kernel_for, render
 from .settings import Settings
 
 PACKAGE = (__package__ or "").split(".")[0]
-# What a first start compiled, and for how long; written by `bench/record_kernels.py`. A faster or slower machine is
-# noticed, see `jit.Backlog`.
+# What a first start compiled, and for how long; written by `bench/maintenance/record_kernels.py`. A faster or slower
+# machine is noticed, see `jit.Backlog`.
 RECORD: dict[str, Any] = json.loads(Path(__file__).with_name("first_start.json").read_text())
 BUILD, NORMALS = RECORD["build"], RECORD["normals"]  # of a model; also if it has no normals
 BAKE, BLEND = RECORD["bake"], RECORD["blend"]  # of a bake; also if there are models
