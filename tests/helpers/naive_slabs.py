@@ -13,7 +13,7 @@ PAD = 1e-4  # of a radius, against rounding: the slab of a single splat has no t
 
 
 @kernel
-def _outside(work, clouds, normals, lines, settings, out):
+def outside(work, clouds, normals, lines, settings, out):
     """Per cloud: zeros found on lines through it, and their greatest height in the slab (1 at its border)."""
     kind, trim, limits = settings
     found, most = out

@@ -5,48 +5,16 @@ import mmap
 import os
 import subprocess
 import sys
-from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pointray as pr
+from helpers.baked_room import COLORS, QUICK, SKY, SUN, ball, room, usual_ball
 from helpers.model_bytes import copied, join, split
 from helpers.places import TESTS
 from pointray.model import array_file
-
-QUICK = pr.BakeSettings(links=4, patches=600, noise=1.0)
-SKY = pr.EnvironmentLight(1.0, ground=0.3)
-SUN = pr.SunLight((-1, 1, -2), 2.0)
-COLORS = np.random.default_rng(3).integers(0, 255, (2000, 3), np.uint8)
-
-
-def ball(**changes):
-    """A model of a sphere, of which something may differ."""
-    points = pr.procedural("sphere", 2000)
-    positions = points.positions * changes.pop("size", 1.0)
-    colors = changes.pop("colors", COLORS)
-    return pr.Model(pr.Points(positions, changes.pop("normals", points.normals), colors), **changes)
-
-
-@cache
-def usual_ball():
-    return ball()
-
-
-def room(model=None, lights=(SKY, SUN), **changes):
-    """A scene of two balls between two planes, of which something may differ."""
-    model = usual_ball() if model is None else model
-    scene = pr.Scene()
-    scene.add(model, material=pr.Diffuse(changes.get("albedo")))
-    scene.add(pr.Plane(changes.get("floor", (0, 0, -1)), (0, 0, 1), shadow_catcher=changes.get("catcher", False)))
-    scene.add(model, changes.get("place", pr.transform(translate=(2.5, 0, 0), scale=0.8)))
-    scene.add(pr.Plane((0, 2, 0), (0, -1, 0), color=(0.8, 0.2, 0.1)))
-    scene.clips = changes.get("clips", [((0, 0, 3), (0, 0, 1))])
-    scene.lights = lights
-    return scene
 
 
 @pytest.fixture(scope="module")
@@ -495,7 +463,7 @@ def test_if_writing_ends_early_the_old_file_stays(tmp_path, saved):
 KILLS = """
 import json, os, random, signal, sys, time
 from pathlib import Path
-from test_baked_file import SKY, SUN, QUICK, room
+from helpers.baked_room import SKY, SUN, QUICK, room
 import pointray as pr
 
 path, rng = Path(sys.argv[1]) / "a.bake", random.Random(5)
@@ -561,8 +529,7 @@ print(json.dumps([unfinished, wrong]))
 @pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="processes and signals of POSIX")
 def test_killed_at_any_moment_the_old_file_is_whole_or_the_new_one(tmp_path):
-    here = str(Path(__file__).parent)
-    paths = os.pathsep.join([here, str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])])
+    paths = os.pathsep.join([str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])])
     command = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", KILLS, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": paths}, check=False)
     assert done.returncode == 0, done.stderr

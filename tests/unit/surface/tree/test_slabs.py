@@ -5,7 +5,7 @@ import pytest
 
 from helpers.marks import long
 from helpers.naive import KINDS
-from helpers.naive_slabs import LINES, TRIM, _outside
+from helpers.naive_slabs import LINES, TRIM, outside
 from pointray.engine.jit import run
 from pointray.surface.tree.leaves import limits_of
 
@@ -43,7 +43,7 @@ def test_all_surface_lies_in_the_slab(surface, trim, count):
         lines[:, :, 0] = clouds[:, :1, :3] + 0.4 * lines[:, :, 0] - lines[:, :, 1]
         out = np.empty(len(clouds), np.int64), np.empty(len(clouds))
         settings = KINDS[surface], trim, limits_of(surface, trim)
-        run(_outside, len(clouds), clouds, normals, lines, settings, out)
+        run(outside, len(clouds), clouds, normals, lines, settings, out)
         zeros += out[0].sum()
         shares.append(out[1][out[0] > 0])
     shares = np.concatenate(shares)
