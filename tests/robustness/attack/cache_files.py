@@ -20,8 +20,9 @@ import numpy as np
 
 import pointray as pr
 from attack import Attack, WrongError
-from attack.model_files import JSONS, anything, split
+from attack.model_files import JSONS, anything
 from attack.mutate import Rng, corrupt, pick
+from helpers.model_bytes import split
 from pointray.cli import execute
 from pointray.model import model_cache
 
