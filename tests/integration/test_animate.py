@@ -134,7 +134,7 @@ def test_numbered_pictures_of_a_turn(scan, capsys):
     assert right[9, 12, 0] > 150 and left[9, 12, 2] > 150  # a quarter later the eye is at +x
 
 
-def test_an_mp4(scan, capsys):
+def test_a_film_shows_its_frames(scan, capsys):
     assert animate(scan, "turn.mp4") == 0
     assert capsys.readouterr().out == f"{scan.with_name('turn.mp4')}: 24x18, 4 frames, 2 seconds\n"
     assert sorted(os.listdir(scan.parent)) == ["scan.ply", "turn.mp4"]
@@ -359,7 +359,7 @@ BAD_KEYS = {
 
 
 @pytest.mark.parametrize("words", BAD_KEYS)
-def test_bad_keys(words, tmp_path, capsys):
+def test_bad_keys_are_refused_before_the_scan_is_read(words, tmp_path, capsys):
     """Bad keys are told before the scan is read, which here is no scan."""
     (tmp_path / "scan.ply").write_text("nothing")
     (tmp_path / "keys.json").write_text(json.dumps({"keys": BAD_KEYS[words]}))

@@ -140,7 +140,7 @@ def test_a_level_with_another_dtype_is_an_error(tmp_path):
         pr.Model.load(tmp_path / "a.pointray")
 
 
-def test_ply_files(tmp_path, points):
+def test_ply_keeps_coordinates_and_wide_integers_as_floats(tmp_path, points):
     with pytest.warns(UserWarning) as told:
         pr.write(tmp_path / "a.ply", points)
     said = " ".join(str(warning.message) for warning in told)

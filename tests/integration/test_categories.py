@@ -82,7 +82,7 @@ def test_measures_have_no_categories(name):
     assert categories_of(values, name) is None and categories_of(values, "user_data") == (0, 1, 2)
 
 
-def test_their_names():
+def test_a_category_has_its_name_or_its_number():
     assert category_name(pr.Attribute("classification"), 2) == "2 ground"
     assert category_name(pr.Attribute("scalar_Classification"), 6) == "6 building"
     assert category_name(pr.Attribute("classification"), 77) == category_name(pr.Attribute("label"), 77) == "77"
@@ -177,7 +177,7 @@ def test_a_picture_by_command_has_a_legend_of_classes(tmp_path):
 
 
 @pytest.mark.parametrize("categories", [[], [1.5], True, "water", [[1, 2]]])
-def test_bad_categories(categories):
+def test_bad_categories_are_refused(categories):
     with pytest.raises(ValueError, match="categories"):
         pr.Attribute("label", categories=categories)
 

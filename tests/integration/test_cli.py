@@ -124,7 +124,7 @@ def test_ground_and_lights(scan: Path) -> None:
     assert mean(*sun, "--light", "point:-4,-4,4", "--background", "0,0,0", "--ground") > ground + 5
 
 
-def test_projections(scan: Path) -> None:
+def test_each_projection_covers_its_part_of_the_picture(scan: Path) -> None:
     """An orthographic frame fits the sphere's box; a panorama is taken from inside the sphere."""
     covered = {}
     for projection in ("perspective", "orthographic", "panorama"):
@@ -181,7 +181,7 @@ def test_info_tells_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert [line.split(":")[0] for line in facts["missing"]] == ["normals", "colors", "some positions"]
 
 
-def test_demo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_demo_makes_a_picture_and_prints_facts(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture = tmp_path / "statue.png"
     arguments = ["demo", "-o", str(picture), "--points", "5000", "--size", "40x30", "--frames", "2", "--json"]
     assert execute(arguments) == 0
@@ -210,7 +210,7 @@ BROKEN = {
 
 @pytest.mark.parametrize("name", BROKEN)
 @pytest.mark.parametrize("command", ["render", "info"])
-def test_broken_files(name: str, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_broken_files_are_named(name: str, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / name
     file.write_text(BROKEN[name])
     more = ["-o", str(tmp_path / "a.png")] if command == "render" else []

@@ -73,7 +73,7 @@ def test_what_the_target_cannot_hold_is_told(scan, capsys, monkeypatch):
         ("scene.toml b.ply", "scene.toml: cannot read .toml"),
     ],
 )
-def test_bad_input(arguments, message, scan, capsys):
+def test_bad_input_changes_no_file(arguments, message, scan, capsys):
     Path("note.txt").write_text("hello, this is no scan")
     Path("scene.toml").write_text("[models]")
     before = Path("a.ply").read_bytes()
@@ -82,7 +82,7 @@ def test_bad_input(arguments, message, scan, capsys):
     assert Path("a.ply").read_bytes() == before and not Path("b.ply").exists()
 
 
-def test_forced(scan, capsys):
+def test_force_overwrites_the_scan(scan, capsys):
     assert run(capsys, "a.ply", "a.ply", "--force", "--every", "2")[:2] == (0, "a.ply: 250 points\n")
     assert len(pr.read("a.ply")) == 250
 

@@ -58,7 +58,7 @@ def test_they_are_numbered() -> None:
 
 
 @pytest.mark.parametrize("name", [long(name) if name[:2] in SLOWER else name for name in EXAMPLES])
-def test_example(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_example_shows_its_object(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     image = picture_of(name, tmp_path, monkeypatch)
     assert image.shape == (40, 48, 3)
     middle = image[10:30, 12:36].astype(float)
@@ -71,7 +71,7 @@ def test_the_same_in_toml_and_in_python(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.long
-def test_notebook(tmp_path: Path) -> None:
+def test_the_notebook_runs(tmp_path: Path) -> None:
     nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
     book = nbformat.read(FOLDER / "notebook.ipynb", as_version=4)
     for cell in book.cells:

@@ -16,7 +16,7 @@ SCANS = [
 @pytest.mark.scans
 @pytest.mark.long
 @pytest.mark.parametrize("name", [*SCANS, "tls_tower_wall_ghost_nonormals"])
-def test_first_pictures(name, tmp_path):
+def test_first_pictures_are_framed_and_exposed(name, tmp_path):
     levels, alpha = picture(shared_model(f"points/{name}.ply"), tmp_path)
     found = measure(levels, alpha)
     print(name, found)

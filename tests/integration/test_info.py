@@ -29,7 +29,7 @@ def scan(tmp_path):
     return path
 
 
-def test_as_json(scan, capsys):
+def test_json_has_all_facts(scan, capsys):
     assert execute(["info", str(scan), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["format"] == "PLY" and facts["crs"] == WKT and facts["crs_name"] == "ETRS89 / UTM zone 32N"

@@ -58,7 +58,7 @@ def pair(request):
     ids=str,
     indirect=["pair"],
 )
-def test_direct_light(pair, light):
+def test_direct_light_is_that_of_mitsuba(pair, light):
     row = compare(pair, Case(light, "diffuse"))
     assert row.met, row
     assert row.model.pixels > 0.11 * pair.camera.size[0] ** 2 and row.all.pixels > 0.54 * pair.camera.size[0] ** 2
@@ -74,7 +74,7 @@ def test_four_bounces_in_a_corner(pair):
 
 @pytest.mark.long
 @pytest.mark.parametrize("pair", [LARGE[0], scan(LARGE[1])], indirect=True, ids=str)
-def test_mirrors(pair):
+def test_mirrors_show_what_those_of_mitsuba_show(pair):
     row = compare(pair, Case("gradient", "mirror", "floor", 2))
     assert row.met, row
 

@@ -128,7 +128,7 @@ def test_shares_of_strays_found():
 
 
 @pytest.mark.parametrize(("value", "word"), [(-0.09, "aim"), (0.1, "met"), (0.12, "NOT met")])
-def test_verdicts(value, word):
+def test_a_figure_is_compared_with_its_aim_and_its_limit(value, word):
     found = [Figure("torus", "a", "bias", OURS, value, Limit(1.0, 0.9, times=POISSON))]
     assert verdict(grouped(found)["torus", "a", "bias"]) == ""
     found.append(Figure("torus", "a", "bias", POISSON, -0.1))

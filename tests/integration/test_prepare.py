@@ -137,7 +137,7 @@ def test_a_file_replaces_itself_by_force_only(scan, capsys, kind):
         (["--viewpoint", "1,2,3"], "--estimate-normals"),
     ],
 )
-def test_bad_options(scan, capsys, options, words):
+def test_bad_options_are_refused_and_leave_nothing(scan, capsys, options, words):
     out = scan.with_name("out.ply")
     status, text, err = run(capsys, "prepare", scan, "-o", out, *options)
     assert (status, text) == (2, "") and words in err and err.count("\n") == 1
@@ -279,7 +279,7 @@ def test_info_of_one_place(monkeypatch):
     assert report.describe(pr.Points(np.repeat(np.eye(3), 500, axis=0)))["spacing"] == pytest.approx(np.sqrt(2))
 
 
-def test_info_deep(scan, capsys, monkeypatch):
+def test_only_info_deep_counts_duplicates_and_outliers(scan, capsys, monkeypatch):
     monkeypatch.setattr(report, "FEW", 1000)
     facts = json.loads(run(capsys, "info", scan, "--json")[1])
     assert facts["duplicates"] is None and facts["outliers"] is None

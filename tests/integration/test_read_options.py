@@ -67,7 +67,7 @@ def test_points_are_chosen(options, count, folder, capsys):
     assert info(capsys, "a.ply", *options.split())["points"] == count
 
 
-def test_a_box(folder, capsys):
+def test_bounds_leave_the_points_of_a_box(folder, capsys):
     facts = info(capsys, "a.ply", "b.ply", "--bounds", "0,-1,-1,1,1,1")
     rows = np.vstack([pr.read(name).positions for name in ("a.ply", "b.ply")])
     assert facts["points"] == (rows[:, 0] >= 0).sum() and facts["low"][0] >= 0

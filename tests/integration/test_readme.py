@@ -59,7 +59,7 @@ def test_there_is_something_to_test() -> None:
 
 
 @pytest.mark.parametrize("block", [long(b) if any(word in b for word in EXPENSIVE) else b for b in blocks("sh")])
-def test_commands(block: str, folder: Path) -> None:
+def test_commands_of_the_readme_run(block: str, folder: Path) -> None:
     lines = block.replace("\\\n", " ").splitlines()
     for line in lines:
         program, *arguments = shlex.split(line, comments=True) or [""]
@@ -75,7 +75,7 @@ def test_commands(block: str, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("block", blocks("python"))
-def test_programs(block: str, folder: Path) -> None:
+def test_programs_of_the_readme_run(block: str, folder: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         exec(compile(block, "README.md", "exec"), {"__name__": "__main__"})
@@ -84,5 +84,5 @@ def test_programs(block: str, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("link", re.findall(r"\]\((?!http)([^)#]+)\)", README))
-def test_links(link: str) -> None:
+def test_links_of_the_readme_lead_to_files(link: str) -> None:
     assert (ROOT / link).exists()

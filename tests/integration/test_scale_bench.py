@@ -107,7 +107,7 @@ def test_rows_are_kept_by_name_and_size(tmp_path):
 
 
 @pytest.mark.parametrize(("kind", "limit", "met"), [(MOST, 2.0, True), (MOST, 1.9, False), (LEAST, 2.1, False)])
-def test_verdicts(kind, limit, met):
+def test_a_row_is_compared_with_its_limit(kind, limit, met):
     row = asked(Row("a.x", 10, 2.0, "s", "x"), kind, limit)
     assert row.is_met is met and Row("a.x", 10, 2.0, "s", "x").is_met is None
     console = Console(width=120, file=io.StringIO())

@@ -248,7 +248,7 @@ def test_a_camera_that_frames(folder: Path) -> None:
     assert made.camera.eye == framed.eye and made.camera.aperture == 0.1
 
 
-def test_render(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scene_file_gives_the_picture_of_its_program(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture = folder / "a.png"
     assert execute(["render", str(folder / "scene.toml"), "-o", str(picture)]) == 0
     assert capsys.readouterr().out == f"{picture}: 32x24\n"
@@ -269,7 +269,7 @@ def test_options_change_what_the_file_says(folder: Path) -> None:
     assert picture.read_bytes() == (folder / "b.png").read_bytes()
 
 
-def test_layers(folder: Path) -> None:
+def test_a_scene_file_gives_layers(folder: Path) -> None:
     options = ["--size", "8x6", "--spp", "1"]
     assert execute(["render", str(folder / "scene.toml"), "-o", str(folder / "a.npz"), *options]) == 0
     layers = np.load(folder / "a.npz")
@@ -389,7 +389,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_mistakes(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_mistakes_are_found_before_a_scan_is_read(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """All of these are told before any scan is read, as the scan is broken."""
     (folder / "scan.ply").write_text("broken")
     old, new, key, message = WRONG[case]
@@ -460,7 +460,7 @@ def test_a_broken_picture_of_the_sky(damage: str, folder: Path, capsys: pytest.C
     assert damage == "cut" or "row 3, column 2 has nan" in found
 
 
-def test_broken_transforms(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_broken_transforms_are_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     start = f"scene.toml:{line(GOOD, 'transforms = ')}: instances[2].transforms"
     flat = many()
     flat[1, 2, 2] = 0
@@ -505,7 +505,7 @@ def test_no_scene_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
         pr.load_scene(tmp_path / "x.toml")
 
 
-def test_the_manual(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_example_of_the_manual_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The example of docs/scenes.md works, and its mistake gives the message shown there."""
     page = (ROOT / "docs" / "scenes.md").read_text()
     (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)

@@ -199,7 +199,7 @@ def test_levels_in_the_panel(tmp_path, browse):
         ("scan.ply --host no.such.host.invalid --no-open", "no.such.host.invalid"),
     ],
 )
-def test_bad_input(arguments, message, scan, tmp_path, monkeypatch, capsys):
+def test_bad_input_of_view_is_refused(arguments, message, scan, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scan.ply").write_bytes(scan.read_bytes())
     (tmp_path / "note.txt").write_text("x")

@@ -113,7 +113,7 @@ def scene_file(folder, cloud, more):
         ("two", 'scatter = "spheres"\nscatter_size = 1e17', "scene.toml:1: models.a: radii range from 3.5e+16"),
     ],
 )
-def test_scene_files(tmp_path, capsys, cloud, more, told):
+def test_extremes_in_scene_files_are_refused(tmp_path, capsys, cloud, more, told):
     path = scene_file(tmp_path, cloud, more)
     status, (line,) = lines_of(capsys, "render", path, "-o", tmp_path / "a.png", "--size", "16x12")
     assert status == 2 and told in line

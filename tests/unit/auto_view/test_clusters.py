@@ -137,7 +137,7 @@ def test_a_camera_that_looks_away_is_reported(rng, tmp_path, capsys):
         ("e57_phantom_zeros_world.e57", "Not framed: 50% of the points lie at 0, 0, 0 far from all others"),
     ],
 )
-def test_cases(name, said):
+def test_scans_that_failed_once_are_framed(name, said):
     points = pr.read(case_file(name))
     scan = Scan(points, ViewChoice())
     assert said in scan.found

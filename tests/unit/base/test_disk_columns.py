@@ -89,7 +89,7 @@ def test_threads_write_side_by_side(columns):
     np.testing.assert_array_equal(column[:], np.repeat(np.arange(50), 2000).reshape(-1, 2))
 
 
-def test_names(columns):
+def test_columns_have_names_and_files(columns):
     columns.make("a", "f4", 3)
     columns.make("attribute.1", "u1")
     columns.put("a", {"rows": 5})
@@ -131,7 +131,7 @@ def test_what_is_damaged_is_told(columns):
             columns.get("b")
 
 
-def test_facts(columns):
+def test_facts_are_kept_exactly(columns):
     assert columns.get("spooled") is None
     columns.put("spooled", {"rows": 1})
     columns.put("spooled", {"rows": 2, "origin": [0.1, 1e300]})

@@ -137,7 +137,7 @@ def test_pictures_of_all_kinds(tmp_path):
         (lambda: pr.write_image("a.exr", np.zeros((3, 4, 3)), legend=HEIGHT), "legend"),
     ],
 )
-def test_bad_input(make, says):
+def test_a_bad_legend_is_refused(make, says):
     with pytest.raises(ValueError, match=says):
         make()
 

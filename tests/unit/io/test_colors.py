@@ -102,7 +102,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_cases(name):
+def test_files_that_failed_once_have_their_colors(name):
     with pytest.warns(UserWarning, match=re.escape(CASES[name] or "")) if CASES[name] else nullcontext():
         points = pr.read(case_file(name))
     if name.startswith("txt_id"):

@@ -158,7 +158,7 @@ def test_statue_has_relief_finer_than_32000_points():
 
 
 @pytest.mark.long
-def test_areas():
+def test_areas_are_those_of_the_formulas():
     assert area("sphere") == pytest.approx(4 * np.pi, rel=1e-4)
     assert area("torus") == pytest.approx(4 * np.pi**2 * 0.4, rel=1e-4)
 
@@ -169,7 +169,7 @@ def test_statue_is_coloured_by_part():
     assert len(np.unique(colors // 32, axis=0)) > 40
 
 
-def test_wrong_arguments():
+def test_unknown_names_and_counts_are_refused():
     with pytest.raises(ValueError, match="statue, sphere, torus, lattice"):
         sample("bunny", 10)
     with pytest.raises(ValueError, match="statue, sphere, torus, lattice"):

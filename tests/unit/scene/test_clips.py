@@ -250,7 +250,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_bad_planes(case):
+def test_bad_planes_are_refused_and_change_nothing(case):
     scene = pr.Scene()
     scene.clips = [(np.zeros(3), UP)]
     version, (wrong, message) = scene._version, BAD[case]

@@ -102,7 +102,7 @@ def test_the_interval_of_a_ray_counts(rng, models):
 
 
 @pytest.mark.parametrize("count", range(FEW - 1, FEW + 4))
-def test_any_number(models, count):
+def test_any_number_of_instances_is_hit(models, count):
     transforms = [np.eye(4) for _ in range(count)]
     for k, transform in enumerate(transforms):
         transform[0, 3] = 4 * k

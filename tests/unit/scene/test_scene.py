@@ -66,7 +66,7 @@ def test_moving_and_removing(model):
 
 
 @pytest.mark.parametrize("shape", [(), (1,), (0,), (7,), (3, 4), (2, 3, 4)])
-def test_leading_shapes(scene, shape):
+def test_hits_have_the_shape_of_the_rays(scene, shape):
     hits = scene.intersect(np.broadcast_to([0.0, -4, 0], (*shape, 3)), [0, 1, 0])
     assert hits.t.shape == hits.point.shape == hits.instance.shape == shape
     assert hits.position.shape == hits.normal.shape == hits.color.shape == (*shape, 3)
@@ -233,7 +233,7 @@ def test_background_and_alpha(model):
     assert image[0, 0] == pytest.approx([0.2, 0.4, 0.6, 1])
 
 
-def test_debug_views(scene):
+def test_debug_views_show_normal_depth_and_cost(scene):
     camera = pr.Camera.look_at((0, -4, 0), (0, 0, 0), size=(31, 31))
     assert pr.render(scene, camera, pr.Settings("normal"))[15, 15, :3] == pytest.approx([0.5, 0, 0.5], abs=0.02)
     assert pr.render(scene, camera, pr.Settings("depth"))[15, 15, 0] == pytest.approx(3, abs=1e-3)
@@ -298,7 +298,7 @@ def test_an_empty_scene():
         (lambda s, m: pr.Model(pr.Points(np.zeros((1000, 3)), np.ones((1000, 3)))), "radi|place"),
     ],
 )
-def test_bad_input(model, call, says):
+def test_a_scene_refuses_bad_input(model, call, says):
     with pytest.raises(ValueError, match=says):
         call(pr.Scene(), model)
 

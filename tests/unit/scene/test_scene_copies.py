@@ -137,7 +137,7 @@ def test_lights_are_set_as_a_whole(sphere):
         ([pr.EnvironmentLight(1), pr.EnvironmentLight(2)], "an EnvironmentLight already"),
     ],
 )
-def test_bad_lights(wrong, message):
+def test_bad_lights_are_refused_and_change_nothing(wrong, message):
     scene = pr.Scene()
     scene.add_light(pr.SunLight((0, 1, -1)))
     before, version = scene.lights, scene._version

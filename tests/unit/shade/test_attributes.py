@@ -240,7 +240,7 @@ def test_a_range_is_found(model):
         (np.full(1500, np.nan), "tab10", (0, 1)),
     ],
 )
-def test_odd_ranges(values, name, want):
+def test_odd_values_have_a_range(values, name, want):
     points = pr.procedural("sphere", 1500)
     scene = pr.Scene()
     model = pr.Model(pr.Points(points.positions, points.normals, None, {"value": values}))
@@ -358,7 +358,7 @@ def test_a_saved_model_keeps_its_attributes(model, tmp_path):
         (lambda m: pr.Scene().add(pr.Plane((0, 0, 0), (0, 0, 1)), None, pr.Diffuse(pr.Attribute("z"))), "plane"),
     ],
 )
-def test_bad_input(model, make, says):
+def test_bad_attributes_are_refused(model, make, says):
     with pytest.raises(ValueError, match=says):
         make(model)
 
@@ -390,7 +390,7 @@ def rendered(scan, *more):
     return np.asarray(Image.open(picture))[..., :3].astype(int)
 
 
-def test_color_by(scan):
+def test_color_by_shows_an_attribute(scan):
     z, height = (rendered(scan, "--color-by", f"{name}:gray:-1,1") for name in ("z", "height"))
     assert 150 < z[5, 12, 0] < 255 and z[18, 12, 0] < 90 and np.abs(z - height).max() <= 3  # the scan has a 'height'
     assert (rendered(scan, "--color-by", "odd:tab10")[12, 6] == colormap("tab10")[6]).all()

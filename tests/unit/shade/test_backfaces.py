@@ -110,7 +110,7 @@ def test_a_view_of_backs_is_noticed(bowl):
 
 
 @pytest.mark.parametrize("value", ["black", None, 1])
-def test_wrong_values(value):
+def test_unknown_backfaces_are_refused(value):
     with pytest.raises(ValueError, match="unknown backfaces"):
         pr.Settings(backfaces=value)
 

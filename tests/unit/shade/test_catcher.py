@@ -211,7 +211,7 @@ def test_lights_in_front_of_it_are_seen():
 
 
 @pytest.mark.parametrize("wrong", ["yes", 1, None])
-def test_bad_input(wrong):
+def test_a_shadow_catcher_is_true_or_false(wrong):
     with pytest.raises(ValueError, match="shadow_catcher"):
         pr.Plane((0, 0, 0), (0, 0, 1), shadow_catcher=wrong)
 

@@ -267,7 +267,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bad_lights(what):
+def test_bad_lights_are_refused(what):
     with pytest.raises(ValueError, match=what.strip()):
         pr.Scene().add_light(BAD[what]())
 

@@ -363,7 +363,7 @@ def test_noise_and_time_end_the_work(sphere):
     assert error(time_limit=1e-9) > error(noise=0.02)
 
 
-def test_ambient_occlusion(sphere):
+def test_a_sphere_occludes_its_part_of_the_sky(sphere):
     """The sky above a plane is open, except for the part that a sphere covers."""
     scene, camera = floor_scene(0.8)
     open_plane = pr.render(scene, camera, pr.Settings(integrator="ao", spp=4, ao_distance=5))
@@ -397,6 +397,6 @@ def test_without_any_light_there_is_an_even_sky(sphere):
         {"integrator": "pathh"},
     ],
 )
-def test_bad_settings(options):
+def test_bad_settings_are_refused(options):
     with pytest.raises(ValueError, match=next(iter(options))):
         pr.Settings(**options)

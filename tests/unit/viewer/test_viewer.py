@@ -388,7 +388,7 @@ def test_the_camera_as_a_command_and_as_python(browser, scene):
     assert names["camera"].eye == pytest.approx(camera["eye"])
 
 
-def test_views(browser, scene):
+def test_views_look_along_their_axes(browser, scene):
     browser.arrive()
     middle = scene.bounds.mean(axis=0)
     for name, axis, sign in (("front", 1, -1), ("back", 1, 1), ("left", 0, -1), ("right", 0, 1), ("top", 2, 1)):
@@ -509,7 +509,7 @@ def test_a_scene_that_fails_to_come_says_why():
         ("note", {"value": "x"}, [], ["y"]),
     ],
 )
-def test_controls_check(kind, options, good, bad):
+def test_controls_refuse_bad_values(kind, options, good, bad):
     control = Control("it", "it", kind, **options)
     for value in good:
         control.check(value)

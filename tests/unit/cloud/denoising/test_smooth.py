@@ -132,7 +132,7 @@ def test_a_given_deviation_moves_all_and_none():
 
 
 @pytest.mark.parametrize("wrong", [-1, np.nan, np.inf, "much", None, [1]])
-def test_wrong_deviations(wrong):
+def test_wrong_deviations_are_refused(wrong):
     points = pr.procedural("torus", 500)
     with pytest.raises(ValueError, match="sigma must be 'auto' or a finite number from 0"):
         pr.smooth(points, wrong)

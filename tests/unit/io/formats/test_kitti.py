@@ -7,7 +7,7 @@ from pointray.io.formats import kitti
 
 
 @pytest.mark.parametrize("rows", [1 << 20, 7])
-def test_kitti(tmp_path, monkeypatch, rows):
+def test_kitti_has_points_and_reflectance(tmp_path, monkeypatch, rows):
     monkeypatch.setattr(kitti, "CHUNK", rows)
     points = read(save(tmp_path / "000001.bin", XYZ, REFLECTANCE))
     np.testing.assert_array_equal(points.positions, XYZ)
@@ -19,7 +19,7 @@ def test_kitti(tmp_path, monkeypatch, rows):
 
 @pytest.mark.parametrize("name", ["a.pcd.bin", "a.bin", "A.PCD.BIN"])
 @pytest.mark.parametrize("n", [N, N - 1])
-def test_nuscenes(tmp_path, name, n):
+def test_nuscenes_has_intensity_and_rings(tmp_path, name, n):
     points = read(save(tmp_path / name, XYZ[:n], REFLECTANCE[:n] * 255, RINGS[:n]))
     np.testing.assert_array_equal(points.positions, XYZ[:n])
     np.testing.assert_array_equal(points.attributes["intensity"], REFLECTANCE[:n, 0] * 255)

@@ -318,7 +318,7 @@ def test_surveys_in_the_whole_numbers_of_las(tmp_path, columns):
     check([tmp_path / "a.las", tmp_path / "c.las"], columns, every=2)
 
 
-def test_stations(columns):
+def test_stations_of_all_files_are_kept(columns):
     first, second = Survey(stations=((1, 2, 3),)), Survey(stations=((4, 5, 6), (7, 8, 9)))
     bare, both = Chunk(XYZ), Chunk(XYZ, attributes={"a": np.arange(1000), SCAN: np.repeat([0, 1], 500)})
     one, two = (bare, 100, True, first), (both, 100, False, second)
@@ -340,7 +340,7 @@ def test_files_that_hold_nothing(columns):
 
 
 @pytest.mark.parametrize("shift", [0.0, long(3e6), -2e9])
-def test_origins(columns, monkeypatch, shift):
+def test_the_origin_is_chosen_from_all_rows(columns, monkeypatch, shift):
     """The sample is of all rows: two files whose rows are no multiple of its step."""
     samples = []
 

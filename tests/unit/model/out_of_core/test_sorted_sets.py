@@ -17,5 +17,5 @@ def test_they_are_those_of_numpy(size: int, spread: int) -> None:
         np.testing.assert_array_equal(among(known, numbers), np.isin(numbers, some))
 
 
-def test_no_numbers() -> None:
+def test_no_numbers_are_no_distinct_ones() -> None:
     assert distinct_numbers(np.zeros(0, np.int64)).size == 0

@@ -177,7 +177,7 @@ def test_glass_refracts(ior, side):
     np.testing.assert_allclose(share[through][1:], textbook, atol=1e-9)
 
 
-def test_fresnels_landmarks():
+def test_glass_reflects_by_the_equations_of_fresnel():
     glass = Surface(pr.Dielectric(1.5))
     brewster, critical = np.degrees(np.arctan(1.5)), np.degrees(np.arcsin(1 / 1.5))
     _, _, share = glass.glass(wos_at([0, brewster, 90]))
@@ -222,7 +222,7 @@ def test_extremes_are_finite(name):
     assert not below[0].any() and not below[1].any()
 
 
-def test_what_emits():
+def test_only_emissive_materials_shine():
     shines, specular = Surface(pr.Emissive((1, 2, 3), 0.5)).own_light()
     assert shines.tolist() == [1, 2, 3] and not specular
     for material in (pr.Diffuse(), pr.Phong(), pr.Principled(), pr.Mirror(), pr.Dielectric()):
@@ -279,7 +279,7 @@ def test_pictures_under_the_headlight(material, radiance):
         (lambda: pr.Scene().add(pr.Plane((0, 0, 0), (0, 0, 1)), material="glass"), "Dielectric.*not str"),
     ],
 )
-def test_bad_input(make, says):
+def test_bad_materials_are_refused(make, says):
     with pytest.raises(ValueError, match=says):
         make()
 

@@ -283,7 +283,7 @@ CLOUDS = ["plane", "line", "two clusters", "duplicates", "nan", "few", "two", "n
 
 @pytest.mark.parametrize("name", CLOUDS)
 @pytest.mark.parametrize("share", [1e-9, long(1e-2), 0.9])
-def test_strange_clouds(name, share):
+def test_strange_clouds_keep_finite_points(name, share):
     points = clouds()[name]
     size = diagonal(points.select(points.finite))
     with warnings.catch_warnings():
@@ -295,7 +295,7 @@ def test_strange_clouds(name, share):
 
 
 @pytest.mark.parametrize("count", [1, 10, 500, long(1990), 2000])
-def test_counts(count):
+def test_a_subset_has_the_count_that_is_asked_for(count):
     try:
         subset, radii = pr.subsample(SPHERE, count=count)
     except ValueError as error:
@@ -336,7 +336,7 @@ def test_the_statue_of_the_paper(monkeypatch):
 
 @pytest.mark.scans
 @pytest.mark.long
-def test_a_scan():
+def test_a_subset_of_a_scan_keeps_the_tolerance():
     points = pr.read(shared_model("points/stanford_bunny.ply"))
     tolerance = 1e-3 * diagonal(points)
     subset, radii = pr.subsample(points, tolerance)

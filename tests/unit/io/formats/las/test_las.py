@@ -502,7 +502,7 @@ def test_the_same_points_give_the_same_file(tmp_path: Path) -> None:
     assert shares[-1] == 1.0 and len(pr.read(tmp_path / "a.laz", max_points=1000)) == 1000
 
 
-def test_without_lazrs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_laz_without_lazrs_names_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_random(tmp_path / "a.laz", "1.2", 3)
     monkeypatch.setitem(sys.modules, "lazrs", None)
     with pytest.raises(ValueError, match=r"pip install 'laspy\[lazrs\]'"):

@@ -52,7 +52,7 @@ def test_packed_data_may_hold_the_padding(tmp_path):
         ("rgba", (PACKED | 0xFF000000).view(np.int32)),
     ],
 )
-def test_packed_colours(tmp_path, encoding, name, column):
+def test_packed_colours_are_unpacked(tmp_path, encoding, name, column):
     columns = {**dict(zip("xyz", XYZ.T, strict=True)), name: column}
     points = read(save(tmp_path / "a.pcd", columns, encoding))
     expected = RGB & [127, 255, 255] if column.dtype == np.float32 else RGB

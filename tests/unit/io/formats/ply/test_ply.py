@@ -111,7 +111,7 @@ def test_colors_of_all_kinds(tmp_path, names, colors):
 @pytest.mark.parametrize(("text", "order"), FORMATS)
 @pytest.mark.parametrize("name", ["rgb", "RGBA"])
 @pytest.mark.parametrize("dtype", ["u4", "i4", "f4", "whole f4"])
-def test_packed_colors(tmp_path, text, order, name, dtype):
+def test_packed_colors_are_unpacked(tmp_path, text, order, name, dtype):
     """As PCL writes them: bits 0xAARRGGBB; a float of the same bits, or of the same value."""
     packed = RGB.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32) | 1 << 16
     expected = RGB | np.array([1, 0, 0], np.uint8)
@@ -440,7 +440,7 @@ def test_a_replaced_file_has_an_ordinary_mode_and_stays_a_link(tmp_path):
 
 
 @pytest.mark.scans
-def test_real_files():
+def test_real_files_have_their_points_and_colors():
     points = read(shared_model("points/tls_pumpA_rgb.ply"))
     assert len(points) == 155_201
     assert points.normals is not None

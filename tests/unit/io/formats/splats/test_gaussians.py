@@ -153,7 +153,7 @@ def test_signs_of_normals_are_set_by_what_mends_them(tmp_path):
 
 @pytest.mark.parametrize("shades", [True, False])
 @pytest.mark.parametrize("n", [1, 256, 700])
-def test_compressed_files(tmp_path, n, shades):
+def test_compressed_splats_are_read_within_their_steps(tmp_path, n, shades):
     made = cloud(n)
     (tmp_path / "a.ply").write_bytes(packed(made, shades, harmonics=n < 300))
     points = read(tmp_path / "a.ply", opacity=0)

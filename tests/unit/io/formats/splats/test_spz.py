@@ -16,7 +16,7 @@ from pointray.io.formats.splats import splat, spz
 
 @pytest.mark.parametrize("degree", [0, 1, 4])
 @pytest.mark.parametrize("version", [1, 2, 3, 4])
-def test_every_version(tmp_path, version, degree):
+def test_every_version_of_spz_is_read(tmp_path, version, degree):
     made = cloud(400)
     data = packed(made, degree, b"skip this") if version == 4 else gzip.compress(plain(made, version, degree))
     (tmp_path / "a.spz").write_bytes(data)
@@ -31,7 +31,7 @@ def test_every_version(tmp_path, version, degree):
     assert listing.facts == {"version": version, "splats": 400, "harmonics": degree, "antialiased": False}
 
 
-def test_known_bytes(tmp_path):
+def test_known_bytes_of_spz_are_read(tmp_path):
     """A file of one splat, byte by byte."""
     rows = [b"\x00\x10\x00", b"\x00\xf0\xff", b"\xff\xff\x7f", b"\x80", b"\x00\x80\xff", b"\xa0\xa0\x00"]
     # The largest is w, at place 3; x is -0.5: the z axis turns about x by -60 degrees.
@@ -87,7 +87,7 @@ MADE = cloud(20)
         (packed(MADE, 1).replace(b"\x06\x20\0\0\0", b"\x05\x20\0\0\0", 1), "it has 5 columns, not 6"),
     ],
 )
-def test_damaged_files(tmp_path, data, message):
+def test_damaged_files_are_refused(tmp_path, data, message):
     (tmp_path / "a.spz").write_bytes(data)
     with pytest.raises(ValueError, match=re.escape(message)):
         read(tmp_path / "a.spz")
@@ -126,7 +126,7 @@ def test_damage_is_told_in_one_line(tmp_path, kind):
 # ------------------------------------------------------------------------------------------------------------ .splat
 
 
-def test_splat_files(tmp_path):
+def test_splat_files_are_read(tmp_path):
     made = cloud(400)
     (tmp_path / "a.splat").write_bytes(rows(made))
     check(read(tmp_path / "a.splat", opacity=0), made, turned=0.9995, opacity=0.002)

@@ -102,7 +102,7 @@ def test_two_columns_with_one_name_are_both_kept(tmp_path):
 
 
 @pytest.mark.parametrize("separator", [";", " ", "\t", "; "])
-def test_decimal_commas(tmp_path, separator):
+def test_decimal_commas_are_read(tmp_path, separator):
     path = save(tmp_path / "a.csv", XYZ, RGB, separator=separator, decimal=",")
     np.testing.assert_allclose(read(path).world, XYZ, atol=1e-5)
     assert columns_of(path) == ["x", "y", "z", "r", "g", "b"]
