@@ -4,6 +4,7 @@ import numpy as np
 from plyfile import PlyData, PlyElement
 
 NAMES = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{k}" for k in range(3)), *(f"f_rest_{k}" for k in range(9))]
+NAMES += ["opacity", *(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))]
 
 
 def trained(made, without=(), dtype="f4", **more):

@@ -1,5 +1,9 @@
 """Mesh files of trimesh."""
 
+import pytest
+
+trimesh = pytest.importorskip("trimesh")
+
 
 def save(folder, shape, kind):
     """Write a mesh or a scene with trimesh."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plyfile import PlyData, PlyElement
 
-from helpers.gaussian_files import NAMES, packed, save, trained
+from helpers.gaussian_files import packed, save, trained
 from helpers.places import shared_model
 from helpers.splat_files import check, cloud, damaged
 from pointray.cloud.normals.estimate import mend_normals
@@ -15,8 +15,6 @@ from pointray.io.files import headers, read, write
 from pointray.io.formats._source import HEAD, MAYBE, SURE, Request
 from pointray.io.formats.ply import _binary, ply
 from pointray.io.formats.splats import compressed_gaussians, gaussians
-
-NAMES += ["opacity", *(f"scale_{k}" for k in range(3)), *(f"rot_{k}" for k in range(4))]
 
 
 @pytest.mark.parametrize(("text", "order"), [(True, "="), (False, "<"), (False, ">")])
