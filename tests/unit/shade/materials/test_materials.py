@@ -55,7 +55,7 @@ def test_samples_lie_where_their_pdf_says(rng, monkeypatch, name, degrees):
     """Chi-square test over rings and sectors around the mirrored direction."""
     surface, wo, count = Surface(OPAQUE[name]), wo_at(degrees), 200_000
     nodes = 32  # with 8, sums over bins that the horizon cuts are 5% off, more than the noise
-    monkeypatch.setattr("surfaces.NODES", nodes)
+    monkeypatch.setattr("helpers.material_surface.NODES", nodes)
     directions, solid = quadrature(wo)
     mass = (surface.eval_bsdf(wo, directions)[1] * solid).reshape(len(RINGS) - 1, nodes, SECTORS, -1).sum(axis=(1, 3))
     direction, _, pdf, _ = surface.sample(wo, rng.random((count, 3)))
