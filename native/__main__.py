@@ -1,7 +1,8 @@
-"""Build pointray's kernels as native libraries: `python -m native` in the folder of the project.
+"""Build pointray's kernels as native libraries: `python -m native` in the project's root folder.
 
-Without arguments: for this processor, into the package, where tests and commands use it. An edit of a kernel compiles
-that kernel anew, and no other. `python -m native signatures` records the arguments of all kernels after they changed.
+Without arguments, it builds for this processor and into the package, where tests and commands find the library. After
+an edit only the changed kernels are compiled. `python -m native signatures` records the argument types of all kernels
+after they have changed.
 """
 
 from __future__ import annotations
@@ -21,17 +22,17 @@ LIBRARIES = ROOT / "src/pointray/engine/native"
 
 
 def this_system() -> str:
-    """The name of this system in `SYSTEMS`, if it is there."""
+    """Return the name of this system in `SYSTEMS`, if it is there."""
     return f"{platform.system().lower()}-{platform.machine().lower()}"
 
 
 def show(done: int, total: int, kernel: str) -> None:
-    """Tell which kernel is done."""
+    """Print which kernel is done."""
     print(f"{done}/{total} {kernel.removeprefix('pointray.')}", flush=True)
 
 
 def best_level(system: str) -> str | None:
-    """The best level of the processor of this machine; None if it has not even the lowest."""
+    """Return the best level of this machine's processor; None if it does not reach the lowest."""
     from llvmlite.binding import get_host_cpu_features
 
     features = get_host_cpu_features()
@@ -47,24 +48,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m native", description=__doc__)
     parser.add_argument("what", nargs="?", choices=["build", "signatures"], default="build")
     parser.add_argument("--system", choices=SYSTEMS, default=this_system())
-    parser.add_argument("--level", action="append", help="of processors (default: this one's; with --zig all)")
-    parser.add_argument("--zig", action="store_true", help="link by Zig, for old systems and other ones")
+    parser.add_argument("--level", action="append", help="processor level (default: this one's; with --zig all)")
+    parser.add_argument("--zig", action="store_true", help="link with Zig, for older or other systems")
     parser.add_argument("--out", type=Path, default=LIBRARIES)
-    parser.add_argument("--objects", type=Path, default=ROOT / "build/native", help="where objects are kept")
-    parser.add_argument("--jobs", type=int, help="processes (default: one for each core)")
+    parser.add_argument("--objects", type=Path, default=ROOT / "build/native", help="folder of object files")
+    parser.add_argument("--jobs", type=int, help="number of processes (default: one for each core)")
     arguments = parser.parse_args()
     signatures.import_all()
     if arguments.what == "signatures":
         signatures.record()
         return
     if arguments.system not in SYSTEMS:
-        print(f"{arguments.system}: there is no target for it in native/targets.py; Numba compiles kernels instead")
+        print(f"{arguments.system}: not a target in native/targets.py; Numba compiles kernels instead")
         return
     command = zig(arguments.system) if arguments.zig else compiler()
     best = None if arguments.zig else best_level(arguments.system)
     levels = arguments.level or (SYSTEMS[arguments.system].levels if arguments.zig else [best])
     if command is None or None in levels:
-        print("no C compiler (cc), or a processor below the lowest level: Numba compiles kernels instead")
+        print("no C compiler (cc) found, or processor below the lowest level: Numba compiles kernels instead")
         return
     make(Order(arguments.system, tuple(levels), arguments.objects, arguments.jobs), arguments.out, command, show)
 

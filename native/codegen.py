@@ -1,6 +1,6 @@
-"""Numba's compiler for a target other than this process: nothing that it compiles is called here.
+"""Numba's compiler for a target other than this process; compiled code is never called here.
 
-`use(system, level)` sets this process up; it must not have compiled anything before.
+`use(system, level)` sets this process up, which must not have compiled anything before.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from .targets import LEVELS, SYSTEMS
 
 
 def use(system: str, level: str) -> None:
-    """Have Numba compile for a target from now on."""
+    """Make Numba compile for a target from now on."""
     chosen = LEVELS[level]
-    # Numba reads these when it is imported, and so does `pointray.engine.simd.memory`.
+    # Numba reads these when it is imported, as does `pointray.engine.simd.memory`.
     os.environ.update(NUMBA_CPU_NAME=chosen.name, NUMBA_CPU_FEATURES=chosen.features, POINTRAY_KERNELS="jit")
     ll.initialize_all_targets()
     ll.initialize_all_asmprinters()
@@ -33,11 +33,11 @@ def use(system: str, level: str) -> None:
         """The code of a function."""
 
         def get_pointer_to_function(self, name: str) -> int:
-            """A number by which Numba knows the function; it has no address here."""
+            """Return a number that identifies the function to Numba; it has no address here."""
             return next(addresses)
 
     class Codegen(codegen.CPUCodegen):
-        """Code for the target, without an engine that could run it."""
+        """Code for the target, without an execution engine."""
 
         _library_class = Library
 
@@ -49,7 +49,7 @@ def use(system: str, level: str) -> None:
             )
             self._target_data = self._tm.target_data
             self._data_layout = str(self._target_data)
-            self._loopvect, self._opt_level = False, 0  # as Numba's own
+            self._loopvect, self._opt_level = False, 0  # as in Numba
 
         def _create_empty_module(self, name: str) -> Any:
             module = super()._create_empty_module(name)
@@ -57,13 +57,13 @@ def use(system: str, level: str) -> None:
             return module
 
         def _add_module(self, module: Any) -> None:
-            """Nothing is loaded."""
+            """Load nothing."""
 
         def set_env(self, name: str, env: Any) -> None:
-            """Nothing is called."""
+            """Set nothing, because nothing is called."""
 
     class CallConv(CPUCallConv):
-        """Errors are texts, `NameOfException: message`, in place of pickles that only Python can read."""
+        """Calling convention with errors as texts, `NameOfException: message`, because C cannot read pickles."""
 
         def set_static_user_exc(
             self, builder: Any, exc: Any, exc_args: Any = None, loc: Any = None, func_name: Any = None
@@ -74,12 +74,12 @@ def use(system: str, level: str) -> None:
             builder.store(builder.bitcast(text, where.type.pointee), where)
 
         def set_dynamic_user_exc(self, builder: Any, exc: Any, exc_args: Any, *more: Any, **options: Any) -> None:
-            """Values that are known only when the kernel runs are left out: only Python could put them into a text."""
+            """Leave out values known only at run time, because only Python could format them."""
             known = tuple("?" if isinstance(value, ir.Value) else value for value in exc_args)
             self.set_static_user_exc(builder, exc, known)
 
     class Context(cpu.CPUContext):
-        """Numba's context of compiling with both of these."""
+        """Numba's compilation context with both of these."""
 
         call_conv = property(CallConv)
 

@@ -1,4 +1,4 @@
-"""A kernel -> the machine code of an object file, in a process that `codegen.use` has set up."""
+"""Compilation of a kernel to an object file, in a process that `codegen.use` has set up."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .entry import add_entry
 
 
 def compiled(kernel: str) -> tuple[bytes, Any]:
-    """The object file of a kernel, and the text of the type of its result."""
+    """Return the object file of a kernel, and its result type as text."""
     recorded = signatures.recorded()
     types = tuple(signatures.type_of(text, recorded["records"]) for text in recorded["kernels"][kernel])
     compiler = KERNELS[kernel].dispatcher._compiler
@@ -34,7 +34,7 @@ def compiled(kernel: str) -> tuple[bytes, Any]:
 
 
 def _emitted(library: Any, entry: str) -> bytes:
-    """Link a kernel with its pieces, optimize it, drop all that its entry does not reach, and emit machine code."""
+    """Link a kernel with its pieces, optimize it, remove code that its entry does not reach, and emit machine code."""
     for piece in dict.fromkeys(library._linking_libraries):
         library._final_module.link_in(piece._get_module_for_linking(), preserve=True)
     library._optimize_final_module()

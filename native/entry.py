@@ -1,8 +1,8 @@
 """The C function of a kernel: `int32_t pr_NAME(const int64_t *slots, int64_t *out)`.
 
-slots : the leaves of the arguments, eight bytes each; an array is its address, its shape and, where it may have any,
-its strides. out : the leaves of the result; of an array: address, owner, shape. If the function returns other than 0,
-out[0] is the address of the error's text.
+slots : the leaves of the arguments, eight bytes each; an array is passed as address, shape and, if its layout permits
+any, strides. out : the leaves of the result; an array is returned as address, owner, shape. If the function does not
+return 0, out[0] is the address of the error's text.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ I64 = ir.IntType(64)
 def add_entry(context: Any, library: Any, description: Any, name: str) -> None:
     """Add the C function of a kernel to the library of its code.
 
-    description : Numba's, of the kernel's compiled function
+    description : Numba's function descriptor of the compiled kernel
     """
     module = context.codegen()._create_empty_module(name)
     words = I64.as_pointer()
@@ -44,13 +44,13 @@ def add_entry(context: Any, library: Any, description: Any, name: str) -> None:
 
 
 class _Reader:
-    """Values from slots, one after the other."""
+    """Reader of values from consecutive slots."""
 
     def __init__(self, context: Any, builder: Any, slots: Any) -> None:
         self._context, self._builder, self._slots, self._next = context, builder, slots, 0
 
     def read(self, kind: Any) -> Any:
-        """The next value, of a type of Numba's."""
+        """Read the next value, of a Numba type."""
         if isinstance(kind, types.Array):
             return self._read_array(kind)
         if isinstance(kind, types.BaseTuple):
@@ -64,7 +64,7 @@ class _Reader:
             return self._builder.bitcast(self._builder.trunc(word, ir.IntType(32)), ir.FloatType())
         if kind == types.boolean:
             return self._builder.trunc(word, ir.IntType(1))
-        raise NotImplementedError(f"an argument of a kernel: {kind}")
+        raise NotImplementedError(f"unsupported type of a kernel argument: {kind}")
 
     def _word(self) -> Any:
         where = self._builder.gep(self._slots, [ir.Constant(ir.IntType(32), self._next)])
@@ -72,7 +72,7 @@ class _Reader:
         return self._builder.load(where)
 
     def _read_array(self, kind: Any) -> Any:
-        """An array whose memory its owner keeps."""
+        """Read an array whose memory is kept by its owner."""
         context, builder = self._context, self._builder
         item = context.get_abi_sizeof(context.get_data_type(kind.dtype))
         array, address = context.make_array(kind)(context, builder), self._word()
@@ -89,7 +89,7 @@ class _Reader:
         return array._getvalue()
 
     def _strides(self, kind: Any, shape: list[Any], item: int) -> list[Any]:
-        """Those of an array whose items follow each other."""
+        """Return the strides of a contiguous array."""
         order = range(kind.ndim) if kind.layout == "F" else range(kind.ndim - 1, -1, -1)
         strides, step = [None] * kind.ndim, ir.Constant(I64, item)
         for axis in order:
@@ -98,13 +98,13 @@ class _Reader:
 
 
 class _Writer:
-    """Values into words, one after the other."""
+    """Writer of values into consecutive words."""
 
     def __init__(self, context: Any, builder: Any, out: Any) -> None:
         self._context, self._builder, self._out, self._next = context, builder, out, 0
 
     def write(self, kind: Any, value: Any) -> None:
-        """Add a value of a type of Numba's."""
+        """Write a value of a Numba type."""
         builder, kind = self._builder, types.unliteral(kind)
         if kind == types.none:
             return
@@ -124,7 +124,7 @@ class _Writer:
             extend = builder.sext if kind.signed else builder.zext
             self._put(value if kind.bitwidth == 64 else extend(value, I64))
         else:
-            raise NotImplementedError(f"a result of a kernel: {kind}")
+            raise NotImplementedError(f"unsupported type of a kernel result: {kind}")
 
     def _put(self, word: Any) -> None:
         self._builder.store(word, self._builder.gep(self._out, [ir.Constant(ir.IntType(32), self._next)]))

@@ -1,4 +1,4 @@
-"""A folder with the libraries of a system and their manifest, as `pointray.engine.jit.library` reads it."""
+"""The folder with a system's libraries and their manifest, as read by `pointray.engine.jit.library`."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from .targets import SYSTEMS
 
 
 def make(order: Order, folder: Path, command: list[str], progress: Progress) -> None:
-    """Make the libraries of a system, and the manifest; what is there and still right is left alone.
+    """Make the libraries of a system, and the manifest; keep up-to-date ones.
 
-    Of several processes that do this at once, one works and the others wait.
+    If several processes do this at once, one works and the others wait.
 
     command : the C compiler
-    progress : called with the number of kernels that are done, of all, and the last one
+    progress : called with the number of finished kernels, of all, and the last one
     """
     folder.mkdir(parents=True, exist_ok=True)
     order.folder.mkdir(parents=True, exist_ok=True)
@@ -43,7 +43,7 @@ def make(order: Order, folder: Path, command: list[str], progress: Progress) -> 
 
 
 def _library(system: str, level: str, objects: list[Object], folder: Path, command: list[str]) -> dict[str, str]:
-    """Link a library unless it is there; returns what the manifest says of it."""
+    """Link a library unless it exists; return its entry in the manifest."""
     facts = "\n".join([linking_key(), *command[1:], *(one.path.name for one in objects)])
     path = folder / f"{level}-{hashlib.sha256(facts.encode()).hexdigest()[:16]}{SYSTEMS[system].ending}"
     if not path.exists():
@@ -52,7 +52,7 @@ def _library(system: str, level: str, objects: list[Object], folder: Path, comma
 
 
 def _described(objects: list[Object]) -> dict[str, Any]:
-    """What the manifest says of kernels, each with its key, arguments and result; of all sources; of the builder."""
+    """Return the manifest's entries: key, arguments and result of each kernel, and keys of sources and builder."""
     recorded = signatures.recorded()
     kernels = {
         one.kernel: {"key": one.key, "arguments": recorded["kernels"][one.kernel], "returns": one.returns}
@@ -64,7 +64,7 @@ def _described(objects: list[Object]) -> dict[str, Any]:
 
 
 def builder_key() -> str:
-    """A hash of the files that compile and link."""
+    """Return a hash of the files that compile and link."""
     return hashlib.sha256((own_key() + linking_key()).encode()).hexdigest()[:16]
 
 

@@ -1,4 +1,4 @@
-"""Objects -> one shared library, by the system's C compiler, or by Zig for any system."""
+"""Linking of objects to one shared library, by the system's C compiler, or by Zig for any system."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ OF_RUNTIME = "pr_level", "pr_release"
 
 
 def compiler() -> list[str] | None:
-    """The C compiler of this system; None if there is none."""
+    """Return the C compiler of this system; None if there is none."""
     found = next((path for name in ("cc", "gcc", "clang") if (path := shutil.which(name))), None)
     return [found] if found else None
 
 
 def zig(system: str) -> list[str]:
-    """Zig's C compiler for a system."""
+    """Return Zig's C compiler for a system."""
     return [sys.executable, "-m", "ziglang", "cc", "-target", SYSTEMS[system].zig]
 
 
 def linking_key() -> str:
-    """A hash of what goes into each library besides the kernels."""
+    """Return a hash of the inputs of each library other than the kernels."""
     digest = hashlib.sha256()
     for name in ("link.py", "runtime.c", "exports.map"):
         digest.update((HERE / name).read_bytes())
@@ -36,12 +36,12 @@ def linking_key() -> str:
 
 
 def link(command: list[str], system: str, objects: dict[str, Path], library: Path) -> None:
-    """Link objects, which are given by their functions, and the runtime; the library is replaced as a whole."""
+    """Link objects, given by their functions, and the runtime; the library is replaced atomically."""
     options = ["-O2", "-std=gnu11", "-fPIC", f"-ffile-prefix-map={HERE}=native"]
     with tempfile.TemporaryDirectory(dir=library.parent) as folder:
         runtime, made = Path(folder, "runtime.o"), Path(folder, library.name)
         _run([*command, *options, "-c", str(HERE / "runtime.c"), "-o", str(runtime)])
-        listing = Path(folder, "objects")  # a command of Windows is shorter than all names together
+        listing = Path(folder, "objects")  # all names together exceed the length of a command on Windows
         listing.write_text("\n".join(f'"{path.as_posix()}"' for path in [*objects.values(), runtime]))
         exported = _exports(system, [*objects, *OF_RUNTIME], Path(folder))
         _run([*command, "-shared", "-s", *exported, "-o", str(made), f"@{listing}", "-lm"])
@@ -49,7 +49,7 @@ def link(command: list[str], system: str, objects: dict[str, Path], library: Pat
 
 
 def _exports(system: str, functions: list[str], folder: Path) -> list[str]:
-    """Options of the linker, which exports these functions and nothing else. folder : for files that it reads"""
+    """Return linker options that export only these functions. folder : for files that the linker reads"""
     if system.startswith("linux"):
         return [
             f"-Wl,--version-script={HERE / 'exports.map'}",
@@ -61,7 +61,7 @@ def _exports(system: str, functions: list[str], folder: Path) -> list[str]:
         listing = folder / "exports.def"
         listing.write_text("\n ".join(["EXPORTS", *functions]))
         return [str(listing)]
-    return []  # of macOS's linker by Zig: all that is not hidden, as in the objects
+    return []  # Zig's linker for macOS exports all symbols that are not hidden; the objects hide the others
 
 
 def _run(command: list[str]) -> None:

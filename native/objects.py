@@ -1,6 +1,6 @@
-"""Kernels -> object files, on all cores. An object is kept until what it depends on changes.
+"""Compilation of kernels to object files on all cores. An object is kept until its dependencies change.
 
-A process of its own for each core, which takes the next kernel: those that take longest come first.
+Each core runs a process that takes the next kernel; those that take longest come first.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ Progress = Callable[[int, int, str], None]
 class Object(NamedTuple):
     """A compiled kernel.
 
-    path : the object file, beside which `returns` is kept
-    key : of the sources, as `dependencies.key_of` gives it
+    path : the object file, beside which `returns` is stored
+    key : hash of the sources, from `dependencies.key_of`
     returns : the type of the result, as text
     """
 
@@ -42,10 +42,10 @@ class Object(NamedTuple):
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be compiled.
+    """The kernels and targets to compile.
 
     system, levels : the target, see `targets`
-    folder : in which objects are kept
+    folder : folder of the objects
     jobs : processes, by default as many as cores
     only : the kernels, by default all
     """
@@ -58,7 +58,7 @@ class Order:
 
 
 def build(order: Order, level: str, progress: Progress) -> list[Object]:
-    """Compile kernels for a level of processors, unless they are in the folder."""
+    """Compile kernels for a processor level, unless they are in the folder."""
     folder = order.folder / order.system / level
     folder.mkdir(parents=True, exist_ok=True)
     wanted = [_planned(kernel, order.system, level, folder) for kernel in sorted(order.only) or signatures.known()]
@@ -81,12 +81,12 @@ def build(order: Order, level: str, progress: Progress) -> list[Object]:
 
 
 def file_of(kernel: str) -> Path:
-    """The file in which a kernel is written."""
+    """Return the source file of a kernel."""
     return Path(KERNELS[kernel].py_func.__code__.co_filename)
 
 
 def _planned(kernel: str, system: str, level: str, folder: Path) -> Object:
-    """Where the object of a kernel belongs, named by all that it depends on."""
+    """Return the object of a kernel with its path, which is named by all dependencies."""
     import llvmlite
     import numba
 
@@ -98,7 +98,7 @@ def _planned(kernel: str, system: str, level: str, folder: Path) -> Object:
 
 
 def own_key() -> str:
-    """A hash of the files that make machine code."""
+    """Return a hash of the files that generate machine code."""
     digest = hashlib.sha256()
     for name in ("codegen.py", "entry.py", "emit.py"):
         digest.update(Path(__file__).with_name(name).read_bytes())
@@ -114,7 +114,7 @@ def _sweep(folder: Path, wanted: list[Object]) -> None:
 
 
 def _begin(system: str, level: str) -> None:
-    """Set a process up that compiles."""
+    """Set up a process that compiles."""
     from . import codegen
 
     gc.set_threshold(200_000, 20, 100)  # types and instructions stay until the end
@@ -135,4 +135,4 @@ def _compile(kernel: str, path: Path) -> None:
     unfinished.write_bytes(code)
     unfinished.replace(path)
     facts = {"returns": returns, "seconds": round(time.thread_time() - begun, 2)}
-    path.with_suffix(".json").write_text(json.dumps(facts))  # last: it tells that the object is there
+    path.with_suffix(".json").write_text(json.dumps(facts))  # last, because it marks the object as complete

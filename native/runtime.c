@@ -1,13 +1,13 @@
-/* What kernels need besides themselves: memory that is counted, and two functions of Numba's. It runs on any processor.
+/* Runtime of the kernels: reference-counted memory, and two functions of Numba's. It runs on any processor.
 
-   The memory is laid out as kernels expect it (Numba's nrt.cpp). */
+   The layout of Memory is the one that kernels expect (Numba's nrt.cpp). */
 
 #include <math.h>
 #include <stdint.h>
 #include <stdlib.h>
 
 #if defined(_WIN32)
-#define EXPORT /* link.py lists what is exported */
+#define EXPORT /* link.py lists the exported functions */
 #define LOCAL
 #else
 #define EXPORT __attribute__((visibility("default")))
@@ -58,7 +58,7 @@ static void drop_list(void *data, size_t size, void *info) {
     free(data);
 }
 
-/* The memory of a list, which sorting uses. */
+/* Allocate the memory of a list, as used by sorting. */
 LOCAL Memory *NRT_MemInfo_new_varsize_dtor(size_t size, void (*drop)(void *)) {
     Memory *memory = malloc(sizeof(Memory));
     void *data = memory ? NRT_Allocate(size) : NULL;
@@ -70,7 +70,7 @@ LOCAL Memory *NRT_MemInfo_new_varsize_dtor(size_t size, void (*drop)(void *)) {
     return memory;
 }
 
-/* Give back an array that a kernel has returned. */
+/* Release an array that a kernel has returned. */
 EXPORT void pr_release(Memory *memory) {
     if (memory && __atomic_sub_fetch(&memory->count, 1, __ATOMIC_ACQ_REL) == 0)
         NRT_MemInfo_call_dtor(memory);
@@ -99,7 +99,7 @@ LOCAL float numba_ldexpf(float x, int exponent) { return ldexpf(x, exponent); }
 
 static int has(unsigned word, unsigned bits) { return (word & bits) == bits; }
 
-/* The processor's level of x86-64, 1 to 4, of which the operating system keeps the registers. */
+/* Return the x86-64 level of the processor, 1 to 4, limited to registers that the operating system saves. */
 EXPORT int pr_level(void) {
     unsigned a, b, c, d, more_b = 0, extra_c = 0, kept = 0;
     if (!__get_cpuid(1, &a, &b, &c, &d))

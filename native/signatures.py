@@ -1,7 +1,7 @@
-"""The types of the arguments of each kernel, as text: recorded from kernels that Numba has compiled.
+"""The argument types of each kernel as text, recorded from kernels that Numba has compiled.
 
 A number is `i8`, `f4`, `b1` and so on; an array `f4[2C]`, with its number of axes and its layout (C, F, or A for any),
-`const f4[2C]` if it cannot be written; a tuple is a list; a named tuple is `package.module:Class`, see `records`.
+`const f4[2C]` if it is read-only; a tuple is a list; a named tuple is `package.module:Class`, see `records`.
 """
 
 from __future__ import annotations
@@ -19,35 +19,35 @@ FILE = Path(__file__).with_name("signatures.json")
 
 
 def import_all() -> None:
-    """Import all modules of the package, so that all kernels are known."""
+    """Import all modules of the package, which registers all kernels."""
     for module in pkgutil.walk_packages(pointray.__path__, "pointray."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
 
 
 def shipped() -> list[str]:
-    """The kernels of the package."""
+    """Return the kernels of the package."""
     return sorted(name for name in KERNELS if name.startswith("pointray."))
 
 
 def known() -> list[str]:
-    """Those whose arguments are recorded; Numba compiles the others when they are first called."""
+    """Return the kernels whose arguments are recorded; Numba compiles the others when they are first called."""
     return [name for name in shipped() if name in recorded()["kernels"]]
 
 
 def compiled_types(name: str) -> tuple[Any, ...] | None:
-    """Numba's types of a kernel's arguments: of the only compiled version in this process or on disk."""
+    """Return Numba's types of a kernel's arguments, from the only compiled version in this process or on disk."""
     dispatcher = KERNELS[name].dispatcher
     found = {tuple(signature) for signature in dispatcher.signatures}
     if not found:
         found = {tuple(key[0]) for key in dispatcher._cache._cache_file._load_index()}
     if len(found) > 1:
-        raise ValueError(f"{name} has been compiled for several kinds of arguments: {sorted(map(str, found))}")
+        raise ValueError(f"{name} is compiled for several argument types: {sorted(map(str, found))}")
     return found.pop() if found else None
 
 
 def described(kind: Any, records: dict[str, Any]) -> Any:
-    """The text of a type of Numba's; named tuples are added to `records`."""
+    """Return a Numba type as text; add named tuples to `records`."""
     from numba.core import types
     from numba.np.numpy_support import as_dtype
 
@@ -61,7 +61,7 @@ def described(kind: Any, records: dict[str, Any]) -> Any:
         home = kind.instance_class
         name, fields = f"{home.__module__}:{home.__qualname__}", [described(item, records) for item in kind]
         if records.setdefault(name, fields) != fields:
-            raise ValueError(f"{name} has fields of other types elsewhere: {fields}, {records[name]}")
+            raise ValueError(f"{name} has different field types in different kernels: {fields}, {records[name]}")
         return name
     if isinstance(kind, types.BaseTuple):
         return [described(item, records) for item in kind]
@@ -69,7 +69,7 @@ def described(kind: Any, records: dict[str, Any]) -> Any:
 
 
 def type_of(text: Any, records: dict[str, Any]) -> Any:
-    """The type of Numba's that has a text."""
+    """Return the Numba type of a text."""
     import numpy as np
     from numba.core import types
     from numba.np.numpy_support import from_dtype
@@ -100,11 +100,11 @@ def record() -> None:
 
 
 def _lines(rows: dict[str, Any]) -> str:
-    """JSON with a row on each line, so that changes can be read."""
+    """Return JSON with one row on each line, so that diffs are readable."""
     return "{\n" + ",\n".join(f" {json.dumps(name)}: {json.dumps(row)}" for name, row in rows.items()) + "\n}"
 
 
 def recorded() -> dict[str, Any]:
-    """What the file says."""
+    """Return the contents of the file."""
     found: dict[str, Any] = json.loads(FILE.read_text())
     return found

@@ -11,7 +11,7 @@ _V4 = f"{_V3},+avx512bw,+avx512cd,+avx512dq,+avx512f,+avx512vl"
 
 @dataclass(frozen=True)
 class Level:
-    """What a processor can do. name : as Numba and LLVM call it; features : in LLVM's format"""
+    """A processor level. name : in Numba and LLVM; features : in LLVM's format"""
 
     name: str
     features: str
@@ -29,8 +29,8 @@ LEVELS = {
 class System:
     """An operating system.
 
-    triple : LLVM's name of it; zig : zig's; wheel : the platform tag of wheels; ending : of shared libraries
-    levels : the processors that libraries are built for
+    triple : its name in LLVM; zig : in Zig; wheel : the platform tag of wheels; ending : of shared libraries
+    levels : the processor levels that libraries are built for
     """
 
     triple: str

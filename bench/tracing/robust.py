@@ -15,6 +15,7 @@ import warnings
 import numpy as np
 
 import pointray as pr
+from pointray.model.model import PrebuiltModel
 from pointray.surface.tree.build import build_tree
 from pointray.surface.tree.parts import splats_of
 from pointray.surface.tree.settings import LEAF_WIDTH
@@ -24,11 +25,8 @@ SIDES = ((0.45, -1.0, 0.35), (-1.0, 0.3, 0.2), (0.2, 1.0, -0.3), (0.1, 0.2, 1.0)
 
 def rebuilt(model: pr.Model, **changes: object) -> pr.Model:
     """The same model over another tree."""
-    other = object.__new__(pr.Model)
-    other.__dict__.update(model.__dict__)
-    other.tree = build_tree(splats_of(model.tree, model.radii), model.settings._replace(**changes), in_order=True)
-    other.__dict__.pop("longest", None)  # those of the other tree
-    return other
+    tree = build_tree(splats_of(model.tree, model.radii), model.settings._replace(**changes), in_order=True)
+    return PrebuiltModel(model.data._replace(tree=tree))
 
 
 def depths(model: pr.Model, size: int) -> np.ndarray:

@@ -19,6 +19,7 @@ from pointray.cluster.client import check_client, is_fit, unfit
 from pointray.cluster.dispatch import Job
 from pointray.cluster.scattered_objects import scattered_objects_of
 from pointray.cluster.worker_pool import WorkerPool
+from pointray.model.model import PrebuiltModel
 from pointray.model.out_of_core.split import split
 from pointray.rendering import sequence
 from pointray.rendering.pieces import MOST_PIXELS, cut, in_order, pieces_for
@@ -288,8 +289,8 @@ def test_arrays_at_odd_addresses_are_moved() -> None:
     tree = model.tree
     odd = np.frombuffer(b"a" + tree.boxes.tobytes(), np.uint8)[1:].view(np.float32)
     assert not odd.flags.aligned
-    model.tree = tree._replace(boxes=odd)
-    worker._align(model)
+    model = PrebuiltModel(model.data._replace(tree=tree._replace(boxes=odd)))
+    worker._aligned(model)
     assert all(array.flags.aligned and array.flags.writeable for array in model.tree)
     np.testing.assert_array_equal(model.tree.boxes, tree.boxes)
 
@@ -378,7 +379,7 @@ def test_without_dask_it_is_said_how_to_install_it(monkeypatch: pytest.MonkeyPat
 def test_clients_that_cannot_render_are_refused() -> None:
     with cluster_of(0, processes=False) as client, pytest.raises(ValueError, match="no workers: start some with `dask"):
         pr.render(scene_of(MODEL), camera_of(), client=client)
-    with pytest.raises(ValueError, match="client must be one that is connected"):
+    with pytest.raises(ValueError, match="client must be a connected client"):
         pr.render(scene_of(MODEL), camera_of(), client=client)
     with pytest.raises(ValueError, match="client must be a dask"):
         pr.render(scene_of(MODEL), camera_of(), client="tcp://a:1")

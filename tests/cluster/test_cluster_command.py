@@ -123,11 +123,11 @@ def test_a_scheduler_that_is_not_there_is_named_before_anything_is_read(
     monkeypatch.setattr("pointray.cluster.client.PATIENCE", 0.1)  # without a limit of its own this would not end
     address = f"tcp://127.0.0.1:{free_port()}"
     line = refused(capsys, "--cluster", address, name=str(scan))
-    assert line == f"pointray: --cluster {address}: no scheduler of Dask answers there"
+    assert line == f"pointray: --cluster {address}: no Dask scheduler found there"
     with socket.create_server(("127.0.0.1", 0)) as silent:  # takes the connection, and says nothing
         address = f"127.0.0.1:{silent.getsockname()[1]}"
-        assert "no scheduler of Dask answers there" in refused(capsys, "--cluster", address, name=str(scan))
-    assert "no scheduler of Dask answers there" in refused(capsys, "--cluster", "what:is:this", name=str(scan))
+        assert "no Dask scheduler found there" in refused(capsys, "--cluster", address, name=str(scan))
+    assert "no Dask scheduler found there" in refused(capsys, "--cluster", "what:is:this", name=str(scan))
 
 
 def test_a_scheduler_without_workers_is_refused(
@@ -136,7 +136,7 @@ def test_a_scheduler_without_workers_is_refused(
     monkeypatch.setattr("distributed.Client.nthreads", lambda self: {})
     line = refused(capsys, "--cluster", address, name=str(scan))
     start = f"start some with `dask worker {address}`"
-    assert line == f"pointray: --cluster {address}: the scheduler has no workers: {start}"
+    assert line == f"pointray: --cluster {address}: the scheduler has no workers; {start}"
 
 
 def test_only_one_of_the_two_options_is_taken(capsys: pytest.CaptureFixture[str], scan: Path) -> None:

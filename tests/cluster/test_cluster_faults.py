@@ -140,7 +140,7 @@ def die(scene: Any, threads: int, check: Any) -> None:
 
 
 def test_a_job_that_kills_workers_is_given_up(client: Any) -> None:
-    with pytest.raises(RuntimeError, match="deadly: given up, as 4 workers"):
+    with pytest.raises(RuntimeError, match="deadly: failed, 4 Dask workers"):
         list(WorkerPool(client, scene_of(ball())).run(deque([Job("deadly", die, ())]), lambda: None))
 
 
@@ -161,13 +161,13 @@ def render_until_at_work(client: Any, then: Callable[[], Any]) -> None:
 
 
 def test_a_crew_without_workers_gives_up(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pool, "ALONE", 1.0)
-    with pytest.raises(RuntimeError, match="all workers of Dask are gone"):
+    monkeypatch.setattr(pool, "NO_WORKERS_TIMEOUT", 1.0)
+    with pytest.raises(RuntimeError, match="no Dask worker available"):
         render_until_at_work(client, lambda: client.cluster.scale(0))
 
 
 def test_a_scheduler_that_ends_is_noticed(client: Any) -> None:
-    with pytest.raises(RuntimeError, match="the scheduler of Dask is lost"):
+    with pytest.raises(RuntimeError, match="connection to the Dask scheduler lost"):
         render_until_at_work(client, client.cluster.close)
 
 
@@ -189,7 +189,7 @@ def set_missing() -> None:
     sys.modules["pointray.cluster.worker"] = None  # type: ignore[assignment]
 
 
-@pytest.mark.parametrize(("change", "text"), [(set_version, "has pointray 0.0.9, here is"), (set_missing, "has no")])
+@pytest.mark.parametrize(("change", "text"), [(set_version, "has pointray 0.0.9, expected"), (set_missing, "has no")])
 def test_workers_of_another_version_are_refused_by_name(client: Any, change: Any, text: str) -> None:
     first, second = client.nthreads()
     client.run(change, workers=[second])
@@ -204,6 +204,6 @@ def test_a_later_worker_of_another_version_is_left_out(client: Any, monkeypatch:
     del crew_here.workers[second]
     client.run(set_version, "0.0.9", workers=[second])
     monkeypatch.setattr(pool, "REFRESH", 0.0)
-    with pytest.warns(UserWarning, match=f"it is not used: worker {second} has pointray 0.0.9"):
+    with pytest.warns(UserWarning, match=f"worker ignored: worker {second} has pointray 0.0.9"):
         done = [result for _, result in crew_here.run(deque([Job("job", where, ())]), lambda: None)]
     assert done == [first]

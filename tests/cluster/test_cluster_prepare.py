@@ -23,7 +23,7 @@ from pointray.cluster import shared_folder, worker
 from pointray.cluster import task_pool as tasks
 from pointray.cluster.client import UNPROFILED
 from pointray.cluster.recipe import pack, unpack
-from pointray.cluster.task_pool import THREADS, _on, _Task, stoppable
+from pointray.cluster.task_pool import THREADS, _Task, _thread_limit, stoppable
 from pointray.cluster.worker import DroppedError
 from pointray.cluster.worker_pool import WorkerPool
 from pointray.engine.jit import run
@@ -178,7 +178,7 @@ def test_workers_that_do_not_see_the_folder_are_named(
     client: Any, few: tuple[Path, dict[str, bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(shared_folder, "_is_seen", lambda place: False)
-    with pytest.raises(ValueError, match=r"worker \S+ does not see the folder \S+/a, or must not write there"):
+    with pytest.raises(ValueError, match=r"worker \S+ cannot read and write the folder \S+/a"):
         prepared(few[0], tmp_path / "a", client)
     assert not (tmp_path / "a").exists()
 
@@ -234,7 +234,7 @@ def test_a_later_worker_that_does_not_see_the_folder_is_left_out(client: Any) ->
 
     from pointray.cluster.task_pool import TaskPool
 
-    with pytest.warns(UserWarning, match=f"it is not used: {second} is blind"):
+    with pytest.warns(UserWarning, match=f"worker ignored: {second} is blind"):
         team = TaskPool(client, ask)
     assert dict(team.share("squares", square, range(5), lambda: None)) == {k: k * k for k in range(5)}
     assert list(team._pool.workers) == [first]
@@ -333,8 +333,8 @@ def test_a_chore_gives_its_result_or_its_error() -> None:
 
 def test_chores_use_the_threads_of_their_worker(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(THREADS, "9")
-    one, two = _on(1), _on(2)
-    with _on(None):
+    one, two = _thread_limit(1), _thread_limit(2)
+    with _thread_limit(None):
         assert os.environ[THREADS] == "9"
     one.__enter__()
     two.__enter__()
@@ -343,7 +343,7 @@ def test_chores_use_the_threads_of_their_worker(monkeypatch: pytest.MonkeyPatch)
     two.__exit__(None, None, None)
     assert os.environ[THREADS] == "9"
     monkeypatch.delenv(THREADS)
-    with _on(3):
+    with _thread_limit(3):
         assert os.environ[THREADS] == "3"
     assert THREADS not in os.environ
 
@@ -403,7 +403,7 @@ def test_a_scheduler_that_is_not_there_is_told_before_anything_is_read(
     monkeypatch.setattr("pointray.cluster.client.PATIENCE", 0.1)
     monkeypatch.setattr(prepare_module, "spool", None)
     line = refused(capsys, scan, "-o", f"{tmp_path / 'a.pointray'}/", "--cluster", "tcp://127.0.0.1:1")
-    assert line == "pointray: --cluster tcp://127.0.0.1:1: no scheduler of Dask answers there"
+    assert line == "pointray: --cluster tcp://127.0.0.1:1: no Dask scheduler found there"
     assert not (tmp_path / "a.pointray").exists()
 
 

@@ -240,7 +240,7 @@ def test_a_saved_model_goes_as_its_path(client: Any, tmp_path: Path, monkeypatch
         del loaded[:]
         # Other workers do not see it.
         scattered_objects_of(client).asked.clear()
-        monkeypatch.setattr(stowed, "_are_there", lambda places: [False] * len(places))
+        monkeypatch.setattr(stowed, "_check_places", lambda places: [False] * len(places))
         scene.update(0, pr.transform())  # workers keep scenes
         np.testing.assert_array_equal(scene.intersect(*chunked).t.compute(), wanted)
         assert (len(sent), loaded) == (1, [])
@@ -264,7 +264,7 @@ def test_another_version_is_refused(client: Any, monkeypatch: pytest.MonkeyPatch
     lazy = scene_of(MODEL).occluded(*(da.from_array(each, chunks=-1) for each in rays()))
     monkeypatch.setattr(stowed, "version_here", chain(["0.0.9"], repeat(pr.__version__)).__next__)
     with pytest.raises(
-        ValueError, match=rf"this worker has pointray {pr.__version__}, the scene is of pointray 0\.0\.9"
+        ValueError, match=rf"this worker has pointray {pr.__version__}, the scene was sent by pointray 0\.0\.9"
     ):
         client.compute(lazy).result()
 
@@ -279,8 +279,8 @@ ROWS = da.from_array(np.ones((8, 3)), chunks=(3, 3))
 @pytest.mark.parametrize(
     ("given", "text"),
     [
-        ((ROWS[:, :2], ROWS), r"origins must have the shape \(\.\.\., 3\), not \(8, 2\)"),
-        ((ROWS, ROWS[:, 0]), r"directions must have the shape \(\.\.\., 3\), not \(8,\)"),
+        ((ROWS[:, :2], ROWS), r"origins must have the shape \(\.\.\., 3\), got \(8, 2\)"),
+        ((ROWS, ROWS[:, 0]), r"directions must have the shape \(\.\.\., 3\), got \(8,\)"),
         ((ROWS[0, 0], ROWS), r"origins must have the shape"),
         ((ROWS, ROWS[:5]), r"do not broadcast: leading shapes \[\(8,\), \(5,\)"),
         ((ROWS, ROWS, ROWS[:3, 0]), "do not broadcast"),

@@ -138,9 +138,9 @@ def test_what_cannot_be_spread_is_told(
         pr.render(scene, camera, pr.Settings("cost"), client=client, spread=True)
     with pytest.raises(ValueError, match="spread must be True or False"):
         pr.render(scene, camera, client=client, spread="yes")
-    with pytest.raises(ValueError, match="spread: it takes rays in arrays of Dask"):
+    with pytest.raises(ValueError, match="spread: requires rays in Dask arrays"):
         scene.intersect((0, 0, 0), (0, 0, 1), spread=True)
-    with monkeypatch.context() as alone, pytest.raises(ValueError, match="spread: there is no client"):
+    with monkeypatch.context() as alone, pytest.raises(ValueError, match="spread: no Dask client found"):
         alone.setattr(
             "pointray.cluster.serialized_scene.current_client", lambda: None
         )  # workers in this process leave theirs
@@ -149,7 +149,7 @@ def test_what_cannot_be_spread_is_told(
     split(pr.Model(pr.procedural("statue", 20_000)), other, 16_384)
     scene.add(pr.Model.load(other))
     os.utime(other / "index.json", (1, 1))
-    with pytest.raises(ValueError, match="spread: the folder of a model in parts is gone, or has changed"):
+    with pytest.raises(ValueError, match="spread: the folder of a model in parts is missing or has changed"):
         pr.render(scene, camera, client=client, spread=True)
     with client.as_current(), pytest.raises(ValueError, match="spread: the folder"):
         scene.intersect(rays, (0, 0, 1), spread=True)
@@ -215,7 +215,7 @@ class WorkerBackend:
     def fetch(self, future: Any) -> Any:
         raise NotImplementedError
 
-    def unsee(self, place: Any) -> None:
+    def mark_unseen(self, place: Any) -> None:
         raise AssertionError
 
 
@@ -235,29 +235,29 @@ def test_a_job_is_done_at_home_as_long_as_somebody_is_there() -> None:
     hands = WorkerBackend("a", "b")
     jobs = deque(Job(name, print, (), home=home) for name, home in (("1", "a"), ("2", "a"), ("3", "a"), ("4", "b")))
     work = Dispatch(hands, jobs)
-    work.hand_out()
+    work.assign_jobs()
     assert hands.given == [("1", "a"), ("4", "b"), ("2", "a")]  # b waits: nothing else is its own
-    work.hand_out()
+    work.assign_jobs()
     assert len(hands.given) == 3
     del hands.workers["a"]
     work.drop_lost()
-    work.hand_out()
+    work.assign_jobs()
     assert hands.given[3:] == [("1", "b")]  # it has two
     hands.workers["c"] = 1
-    work.hand_out()
+    work.assign_jobs()
     assert hands.given[4:] == [("2", "c"), ("3", "c")]
 
 
 def test_what_is_very_slow_at_home_is_done_elsewhere_too() -> None:
     hands = WorkerBackend("a", "b")
     work = Dispatch(hands, deque([Job("1", print, (), home="a"), Job("2", print, (), home="a")]))
-    work.hand_out()
+    work.assign_jobs()
     work._times.append(0.1)
-    work.flights[0].begun -= SLOW_AT_HOME / 2
-    work.hand_out()
+    work.assignments[0].begun -= SLOW_AT_HOME / 2
+    work.assign_jobs()
     assert hands.given == [("1", "a"), ("2", "a")]
-    work.flights[0].begun -= SLOW_AT_HOME
-    work.hand_out()
+    work.assignments[0].begun -= SLOW_AT_HOME
+    work.assign_jobs()
     assert hands.given == [("1", "a"), ("2", "a"), ("1", "b")]
 
 

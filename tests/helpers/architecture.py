@@ -35,7 +35,10 @@ FLOORS = {
         "trajectory",
     ],
     "surface": ["tree", "splats", "intersect", "trace"],
-    "model": ["array_file", "model_file", "model_folder", "residency", "model", "model_cache", "out_of_core"],
+    "model": [
+        *("array_file", "model_file", "model_data", "model_folder", "building", "levels_of_detail", "residency"),
+        *("traceable", "model", "model_cache", "out_of_core"),
+    ],
 }
 
 

@@ -135,7 +135,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "Model": (pr.Model, {"points": t.rows[:100], "smooth": 0.5}),
         "Model.load": (pr.Model.load, {"path": t.folder / "a.pointray", "memory": 1 << 30}),
         "Model.make_levels": (pr.Model(t.points).make_levels, {}),
-        "Model.remade": (t.model.remade, {"smooth": 0, "surface": "imls"}),
+        "Model.rebuild": (t.model.rebuild, {"smooth": 0, "surface": "imls"}),
         "Model.save": (t.model.save, {"path": t.folder / "b.pointray"}),
         "Phong": (pr.Phong, {}),
         "Plane": (pr.Plane, {"point": (0, 0, -1), "normal": (0, 0, 1)}),
@@ -216,7 +216,7 @@ def public() -> Iterator[tuple[str, dict[str, str]]]:
         yield name, parameters(thing)
         members = vars(thing).items() if inspect.isclass(thing) else ()
         for member, value in members:
-            if member.startswith("_"):
+            if member.startswith("_") or (value.__doc__ or "").startswith("Deprecated alias"):
                 continue
             if isinstance(value, property) and value.fset is not None:
                 yield f"{name}.{member}", {member: next(iter(parameters(value.fset, 1).values()))}

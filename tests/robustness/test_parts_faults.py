@@ -117,7 +117,9 @@ def test_a_part_that_is_no_part_of_the_model_is_named(
 def test_an_index_of_another_version_is_told(folder: Path) -> None:
     index = json.loads((folder / INDEX).read_text())
     (folder / INDEX).write_text(json.dumps({**index, "version": 99}))
-    with pytest.raises(ValueError, match=r"index\.json: written by another version of pointray: prepare it anew"):
+    with pytest.raises(
+        ValueError, match=r"index\.json: written by another version of pointray: run `pointray prepare` again"
+    ):
         pr.Model.load(folder)
 
 

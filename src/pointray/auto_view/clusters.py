@@ -97,9 +97,9 @@ def clusters(positions: Floats, low: Floats, cell: float) -> NDArray[np.int64]:
     keys, of = np.unique(_hash(at.view(np.uint64)), return_inverse=True)
     pairs = []
     for offset in ASIDE:
-        beside = keys + _hash(offset.astype(np.int64).view(np.uint64)[None])
-        place = np.searchsorted(keys, beside).clip(max=len(keys) - 1)
-        found = keys[place] == beside
+        neighbor_keys = keys + _hash(offset.astype(np.int64).view(np.uint64)[None])
+        place = np.searchsorted(keys, neighbor_keys).clip(max=len(keys) - 1)
+        found = keys[place] == neighbor_keys
         pairs.append((np.flatnonzero(found), place[found]))
     one, other = (np.concatenate(side) for side in zip(*pairs, strict=True))
     label: NDArray[np.int64] = np.arange(len(keys))

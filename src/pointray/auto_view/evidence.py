@@ -17,9 +17,9 @@ Floats = NDArray[np.float64]
 
 AXES = ("x", "-x", "y", "-y", "z", "-z")
 LEVEL, PLUMB = 0.95, 0.1  # |cosine| between axis and normal: smallest of horizontal planes, largest of walls
-SLABS, SLAB = 40, 2  # layers over the height; neighbouring layers that one ground may occupy
+SLABS, SLAB = 40, 2  # layers over the height; adjacent layers that the ground may occupy
 THINNEST = 0.015  # smallest layer thickness, as a share of the width
-TWO_SIDED = 2.0  # penalty for a sheet at the opposite end
+TWO_SIDED = 2.0  # penalty for a horizontal surface at the opposite end
 BANDS, WALL = 8, 0.5  # bands over the height; a column with a larger share of occupied bands is a wall
 COLUMNS = 12  # across the view along the axis
 BELOW = 5.0  # penalty for planes below the ground
@@ -99,14 +99,14 @@ def walls(shape: Shape) -> Scores:
 
 
 def ground(shape: Shape) -> tuple[Scores, Scores]:
-    """Score axes by a horizontal sheet below everything, and by objects on it, below half of the height."""
-    sheets, things = [], []
+    """Score axes by a horizontal surface below everything, and by objects on it, below half of the height."""
+    floors, things = [], []
     for axis in range(3):
         layers = Layers.of(shape.planes, axis)
-        below, above = layers.sheet(), layers.upside_down().sheet()
-        sheets += [below * max(1 - TWO_SIDED * above, 0), above * max(1 - TWO_SIDED * below, 0)]
+        below, above = layers.floor(), layers.upside_down().floor()
+        floors += [below * max(1 - TWO_SIDED * above, 0), above * max(1 - TWO_SIDED * below, 0)]
         things.append(min(2 * max(below, above), 1) * layers.lowness())
-    return np.array(sheets), opposed(things)
+    return np.array(floors), opposed(things)
 
 
 class Layers(NamedTuple):
@@ -139,14 +139,14 @@ class Layers(NamedTuple):
     def upside_down(self) -> Layers:
         return Layers(self.planes[::-1], self.level[::-1])
 
-    def sheet(self) -> float:
-        """Return how much of the view along the axis a horizontal sheet in the lower half covers, from 0 to 1."""
+    def floor(self) -> float:
+        """Return how much of the view along the axis a horizontal surface in the lower half covers, from 0 to 1."""
         whole = np.asarray(self.planes.any(axis=0))
         rim = whole & ~_within(whole)
         best, total = 0.0, self.planes.sum()
         for k in range((len(self.planes) + 1) // 2):
-            sheet = np.asarray(self.level[k : k + SLAB].any(axis=0))
-            shares = sheet[whole].mean(), sheet[rim].mean() if rim.any() else 0.0
+            floor = np.asarray(self.level[k : k + SLAB].any(axis=0))
+            shares = floor[whole].mean(), floor[rim].mean() if rim.any() else 0.0
             below = float(self.planes[: max(k - 1, 0)].sum()) / total
             best = max(best, float(np.sqrt(shares[0] * shares[1])) * max(1 - BELOW * below, 0))
         return best
@@ -230,7 +230,7 @@ def turning(shape: Shape) -> Scores:
 
 
 def stationed(shape: Shape) -> Scores:
-    """Score axes along which scanner stations differ negatively: stations stand beside each other."""
+    """Score axes negatively by the spread of scanner stations along them: stations have similar heights."""
     if len(shape.stations) < 2:
         return np.zeros(6)
     spread = shape.stations.std(axis=0)

@@ -235,7 +235,7 @@ def up_of(up: Any) -> Vector | None:
         if up == AUTO:
             return None
         if up not in AXES:
-            raise ValueError(f"up must be three numbers, auto, or one of {', '.join(AXES)}, not {up!r:.40}")
+            raise ValueError(f"up must be three numbers, auto, or one of {', '.join(AXES)}, got {up!r:.40}")
         return axis_direction(up)
     return check_direction(up, "up")
 

@@ -55,7 +55,6 @@ class Sample(NamedTuple):
     Attributes
     ----------
     positions : (n, 3) float64
-    positions : (n, 3) float64
         World, relative to the origin.
     normals : (n, 3) float64
         World, unit; zero where unknown.
@@ -110,9 +109,9 @@ def _percent(share: float) -> str:
 
 
 def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool = True) -> Sample:
-    """Draw at most `most` points evenly from a subject's rows; raise ValueError if it has none.
+    """Draw at most `most` points evenly from a subject's rows; ValueError if it has none.
 
-    Planes do not count. Each instance of a model counts.
+    Planes are ignored. Each instance of a model contributes its points.
     islands : whether to keep small groups of a model's points far from the others, see `without_islands`
     """
     placed = _placed(subject)
@@ -202,12 +201,14 @@ def _representative_points(model: Model) -> list[Points]:
     if not counts:
         return [model.points]
     level = _coarsest(model)
-    stood = [part.has_surface and len(part.levels) >= level > 0 for part in model.parts]
-    coarse = [part.levels[level - 1].points for part, is_leveled in zip(model.parts, stood, strict=True) if is_leveled]
-    share = sum(map(len, coarse)) / max(sum(itertools.compress(counts, stood)), 1) or MOST / len(model.points)
+    has_level = [part.has_surface and len(part.levels) >= level > 0 for part in model.parts]
+    coarse = [
+        part.levels[level - 1].points for part, is_leveled in zip(model.parts, has_level, strict=True) if is_leveled
+    ]
+    share = sum(map(len, coarse)) / max(sum(itertools.compress(counts, has_level)), 1) or MOST / len(model.points)
     rest = [
         start + spread_rows(count, max(int(share * count), STRETCHES))
-        for start, count, is_leveled in zip(np.cumsum([0, *counts]), counts, stood, strict=False)
+        for start, count, is_leveled in zip(np.cumsum([0, *counts]), counts, has_level, strict=False)
         if not is_leveled
     ]
     return [*coarse, *([model.points.select(np.concatenate(rest))] if rest else [])]

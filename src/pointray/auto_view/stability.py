@@ -96,7 +96,7 @@ def outline(flat: Floats) -> float:
 
 
 def carries(base: Floats, middle: Floats) -> bool:
-    """Return whether the centre of an object lies over its base: the base leaves no gap of 180 degrees around it."""
+    """Return whether an object's centre lies over its base: no half circle around it is free of base points."""
     if len(base) == 0 or outline(base) == 0:
         return False
     x, y = (base - middle).T

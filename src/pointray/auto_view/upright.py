@@ -65,7 +65,7 @@ REASONS = {
     "base": "flat base",
     "trunk": "stands on a trunk or post",
     "ground": "level ground below",
-    "things": "things stand on the ground",
+    "things": "objects stand on the ground",
     "walls": "vertical walls",
     "normals": "most normals point up",
     "foliage": "foliage above",
@@ -161,13 +161,13 @@ def _shape_evidence(sample: Sample) -> dict[str, Scores]:
     if len(shape.planes.positions) == 0:
         return {}
     stance, feet, base = stands(shape)
-    sheets, things = ground(shape)
+    floors, things = ground(shape)
     return {
         "stance": stance,
         "feet": feet,
         "base": base,
         "trunk": trunk(shape),
-        "ground": sheets,
+        "ground": floors,
         "things": things,
         "walls": walls(shape),
         "normals": faces(shape),

@@ -81,7 +81,7 @@ class Baked:
             for level in range(count_trees(side)) if spread is None else (0,):
                 of = level if spread is None else spread
                 records[number, sign, level] = make_records(side, of, arrived, unit, self._settings.threads)
-        patches = {number: side.sheet.patches for (number, _), side in exchange.sides.items()}
+        patches = {number: side.surface.patches for (number, _), side in exchange.sides.items()}
         grids = {number: grid for number, grid in patches.items() if isinstance(grid, Grid)}
         blocks = {number: spread.blocks for number, spread in exchange.spreads.items()}
         self._set_light(snapshot, light_key(snapshot), LightTables(unit, records, grids, blocks, exchange.levels))

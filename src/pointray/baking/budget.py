@@ -29,7 +29,7 @@ def spreads_within(
     ValueError
         If the memory is too small even for the coarsest light.
     """
-    planes = sum(4 * RECORD * side.size for side in sides if isinstance(side.sheet.patches, Grid))
+    planes = sum(4 * RECORD * side.size for side in sides if isinstance(side.surface.patches, Grid))
     rows, patches, lit = _models_of(scene, sides)
     trees = {row: _trees_of(scene, row) for row in set(rows.values())}
     shapes = sorted(trees)
@@ -66,7 +66,7 @@ def _models_of(scene: Snapshot, sides: Sequence[Side]) -> tuple[dict[int, int], 
     patches: dict[int, PatchSet] = {}
     lit = Counter[int]()
     for side in sides:
-        found, instance = side.sheet.patches, side.sheet.instance
+        found, instance = side.surface.patches, side.surface.instance
         if isinstance(found, PatchSet):
             rows[instance] = int(records[instance, SHAPE_ROW])
             patches[rows[instance]] = found
@@ -82,7 +82,7 @@ def _trees_of(scene: Snapshot, row: int) -> list[Tree]:
 
 def count_trees(side: Side) -> int:
     """Return the number of trees with records for a side: the model and its levels of detail, or 1 for a plane."""
-    patches = side.sheet.patches
+    patches = side.surface.patches
     return 1 if isinstance(patches, Grid) else len(patches.blends)
 
 

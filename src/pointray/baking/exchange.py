@@ -16,7 +16,7 @@ from .fingerprints import material_key
 from .settings import BakeSettings
 from .sky import Sky, sample_sky
 from .solve import ArrivingLight, find_lights, smoothed, solve
-from .surfaces import Sheet, coarser, find_sheets, with_levels, with_materials
+from .surfaces import BakeSurface, coarser, find_surfaces, with_levels, with_materials
 from .transport import ALL_SIDES, Side, Transport
 
 LEAST_CHOSEN, MOST_CHOSEN = 1 << 15, 1 << 20  # limits of the default number of patches
@@ -48,11 +48,11 @@ class Exchange:
         self, scene: Snapshot, settings: BakeSettings, progress: Progress | None, executor: Executor | None = None
     ) -> None:
         self._settings, self._executor = settings, executor
-        self._sheets = find_sheets(scene, _patch_count(scene, settings), settings.albedo_scale)
+        self._surfaces = find_surfaces(scene, _patch_count(scene, settings), settings.albedo_scale)
         self._materials = material_key(scene)
         tell(progress, 0.1)
         sky = sample_sky(scene.world)
-        self._probe = _probe(scene, self._sheets, settings, executor)
+        self._probe = _probe(scene, self._surfaces, settings, executor)
         self._find(scene, sky, _lit_sides(scene, sky, self._probe, settings), part_of(progress, 0.1, 0.9))
         self._executor = None  # updates run in this process
         self._probe.release_executor()
@@ -61,8 +61,8 @@ class Exchange:
     def _find(self, scene: Snapshot, sky: Sky, lit: list[tuple[int, int]], progress: Progress | None) -> None:
         """Find the links of the lit sides, more of them where light is noisy, and solve for the light."""
         settings, self._lit = self._settings, lit
-        transport = Transport(scene, self._sheets, lit, settings.seed, settings.threads, self._executor)
-        self._sheets = transport.shared_sheets()
+        transport = Transport(scene, self._surfaces, lit, settings.seed, settings.threads, self._executor)
+        self._surfaces = transport.shared_surfaces()
         found = spreads_within(scene, transport.sides, settings.memory)
         rows = np.arange(len(transport), dtype=np.int32)
         transport.send(rows, settings.links, part_of(progress, 0.0, 0.7))
@@ -82,7 +82,7 @@ class Exchange:
     def _keep(self, scene: Snapshot, arrived: ArrivingLight) -> None:
         self.arrived, _ = smoothed(self.transport, arrived, self._settings.threads)
         self.sides: dict[tuple[int, int], Side] = {
-            (int(scene.keys[side.sheet.instance]), side.sign): side for side in self.transport.sides
+            (int(scene.keys[side.surface.instance]), side.sign): side for side in self.transport.sides
         }
 
     def relight(self, scene: Snapshot, other_levels: bool, progress: Progress | None) -> None:
@@ -91,13 +91,13 @@ class Exchange:
         other_levels : whether the levels of detail of models have changed
         """
         if other_levels:
-            self._sheets = with_levels(scene, self._sheets)
+            self._surfaces = with_levels(scene, self._surfaces)
         if material_key(scene) != self._materials:
             self._materials = material_key(scene)
-            self._sheets = with_materials(scene, self._sheets, self._settings.albedo_scale)
+            self._surfaces = with_materials(scene, self._surfaces, self._settings.albedo_scale)
         # Links may be shared with a scene that has other materials, see `Baked.relit`.
-        self._probe.recolor(_coarse_sheets(self._sheets))
-        self.transport.recolor(self._sheets)
+        self._probe.recolor(_coarse_surfaces(self._surfaces))
+        self.transport.recolor(self._surfaces)
         if other_levels:
             self.levels, self.spreads = spreads_within(scene, self.transport.sides, self._settings.memory)
         sky = sample_sky(scene.world)
@@ -119,23 +119,25 @@ def _patch_count(scene: Snapshot, settings: BakeSettings) -> int:
     return int(np.clip(splats // 2, LEAST_CHOSEN, MOST_CHOSEN))
 
 
-def _probe(scene: Snapshot, sheets: list[Sheet], settings: BakeSettings, executor: Executor | None) -> Transport:
-    """Return a transport with few patches, on both sides of all sheets, and few links."""
-    sides = [(k, sign) for k in range(len(sheets)) for sign in ALL_SIDES]
-    probe = Transport(scene, _coarse_sheets(sheets), sides, settings.seed, settings.threads, executor)
+def _probe(
+    scene: Snapshot, surfaces: list[BakeSurface], settings: BakeSettings, executor: Executor | None
+) -> Transport:
+    """Return a transport with few patches, on both sides of all surfaces, and few links."""
+    sides = [(k, sign) for k in range(len(surfaces)) for sign in ALL_SIDES]
+    probe = Transport(scene, _coarse_surfaces(surfaces), sides, settings.seed, settings.threads, executor)
     probe.send(np.arange(len(probe), dtype=np.int32), PROBE_LINKS)
     return probe
 
 
-def _coarse_sheets(sheets: list[Sheet]) -> list[Sheet]:
-    """Return the sheets of the probe."""
-    patches = sum(len(sheet.positions) for sheet in sheets)
+def _coarse_surfaces(surfaces: list[BakeSurface]) -> list[BakeSurface]:
+    """Return the surfaces of the probe."""
+    patches = sum(len(surface.positions) for surface in surfaces)
     most = min(max(patches // PROBE_SHARE, LEAST_PROBES), PROBES)
-    return coarser(sheets, max(most // len(sheets), 16))
+    return coarser(surfaces, max(most // len(surfaces), 16))
 
 
 def _lit_sides(scene: Snapshot, sky: Sky, probe: Transport, settings: BakeSettings) -> list[tuple[int, int]]:
-    """Return (sheet, sign) of all fronts, and of the backs that are lit according to the probe."""
+    """Return (surface, sign) of all fronts, and of the backs that are lit according to the probe."""
     arrived = solve(scene.world, probe, settings, find_lights(scene.world, sky, probe))
     light = (arrived.direct + arrived.indirect) @ np.array(LUMINANCE, np.float32)
     means = [float(light[side.span].mean()) for side in probe.sides]

@@ -51,7 +51,7 @@ class StoredLight(NamedTuple):
 
 
 def write_light(path: str | os.PathLike[str], light: StoredLight, report: Say) -> None:
-    """Write a file for `read_light`; it gets its name once complete. say : called with the completed fraction"""
+    """Write a file for `read_light`; it gets its name once complete. report : called with the completed fraction"""
     kept, row_of = light.kept, {number: row for row, number in enumerate(light.keys.shapes)}
     about = {
         "settings": {name: value for name, value in asdict(light.settings).items() if name != "threads"},

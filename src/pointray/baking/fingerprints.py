@@ -98,7 +98,7 @@ def difference(baked: list[dict[str, Any]], clips: Any, scene: Keys) -> str | No
 
 
 def geometry_key(scene: Snapshot) -> tuple[Any, ...]:
-    """Return what links depend on, within this process: geometry, and which surfaces are mirrors or glass."""
+    """Return a key of what links depend on, valid in this process: geometry, mirrors and glass."""
     world = scene.world
     records = world.instances.reshape(-1, INSTANCE).copy()
     kinds = world.materials[MATERIAL_KIND::MATERIAL_SIZE][records[:, MATERIAL].astype(int)]

@@ -59,7 +59,7 @@ class BakeSettings:
             "seed": check_whole(self.seed, "seed", 0, 2**31 - 1),
         }
         if checked["albedo_scale"] > 1.0:
-            raise ValueError(f"albedo_scale must be at most 1, not {self.albedo_scale}")
+            raise ValueError(f"albedo_scale must be at most 1, got {self.albedo_scale}")
         for name, least in (("max_depth", 0), ("patches", 64), ("memory", 1), ("threads", 1)):
             if getattr(self, name) is not None:
                 most = UNLIMITED_DEPTH if name == "max_depth" else None

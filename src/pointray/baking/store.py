@@ -43,7 +43,7 @@ class SplatLight(NamedTuple):
 
 def blend_of(side: Side, level: int) -> tuple[NDArray[np.int32], NDArray[np.uint8], int]:
     """Return patches and weights that a side's records are blended from at a level of detail, and their number."""
-    patches = side.sheet.patches
+    patches = side.surface.patches
     if isinstance(patches, Grid):
         return NO_BLEND, NO_BLEND.view(np.uint8), side.size
     blend = patches.blends[level]
@@ -123,7 +123,7 @@ def sky_visibility(
     shares = {
         number: seen(side, spreads.get(number))
         for (number, sign), side in sides.items()
-        if sign > 0 and not isinstance(side.sheet.patches, Grid)
+        if sign > 0 and not isinstance(side.surface.patches, Grid)
     }
     return {number: np.rint(np.clip(sky, 0.0, 1.0) * SKY_STEPS).astype(np.uint16) for number, sky in shares.items()}
 

@@ -50,7 +50,7 @@ TURNED = 0.3  # smallest cosine between a splat's normal and its surface; below 
 Floats = NDArray[np.float64]
 
 
-class Sheet(NamedTuple):
+class BakeSurface(NamedTuple):
     """Patches of one instance, shared by its front and back.
 
     instance : row of the instance; patches : `PatchSet` or `Grid`
@@ -69,8 +69,10 @@ class Sheet(NamedTuple):
     margins: NDArray[np.float32]
 
 
-def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progress | None = None) -> list[Sheet]:
-    """Divide all instances into about `most` patches in total, and return their sheets."""
+def find_surfaces(
+    scene: Snapshot, most: int, albedo_scale: float, progress: Progress | None = None
+) -> list[BakeSurface]:
+    """Divide all instances into about `most` patches in total."""
     world = scene.world
     records = world.instances.reshape(-1, INSTANCE)
     counts, edge = _shares(scene, most)
@@ -78,7 +80,7 @@ def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progr
     for k, (model, count) in enumerate(zip(scene.models, counts, strict=True)):
         sets.append(choose_patches([model.tree, *(level.tree for level in model.levels)], count))
         tell(progress, (k + 1) / len(counts))
-    bounds, sheets = around(scene), []
+    bounds, surfaces = around(scene), []
     for k, record in enumerate(records):
         if record[KIND] == MODEL:
             found = sets[int(record[SHAPE_ROW])]
@@ -93,8 +95,8 @@ def find_sheets(scene: Snapshot, most: int, albedo_scale: float, progress: Progr
             normals = np.broadcast_to(plane[3:6], positions.shape).astype(np.float32)
             lost, margins = np.zeros(len(positions), np.bool_), np.zeros(len(positions), np.float32)
         dark = np.zeros(own.shape, np.float32)
-        sheets.append(Sheet(k, patches, positions, normals, own, dark, lost, margins))
-    return _shaded(scene, sheets, albedo_scale)
+        surfaces.append(BakeSurface(k, patches, positions, normals, own, dark, lost, margins))
+    return _shaded(scene, surfaces, albedo_scale)
 
 
 def _margins(noise: NDArray[np.float32], patches: PatchSet) -> NDArray[np.float32]:
@@ -111,30 +113,30 @@ def _model_scale(record: Floats, normals: NDArray[np.float32]) -> NDArray[np.flo
     return np.maximum(np.linalg.norm(normals @ to_model.T, axis=1), 1e-30).astype(np.float32)
 
 
-def with_materials(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[Sheet]:
-    """Return the same sheets with the current materials and colours of the scene."""
+def with_materials(scene: Snapshot, surfaces: list[BakeSurface], albedo_scale: float) -> list[BakeSurface]:
+    """Return the same surfaces with the current materials and colours of the scene."""
     records = scene.world.instances.reshape(-1, INSTANCE)
     out = []
-    for sheet in sheets:
-        if isinstance(sheet.patches, Grid):
-            own = grid_colors(_plane_of(scene.world, records[sheet.instance]), sheet.patches).astype(np.float32)
+    for surface in surfaces:
+        if isinstance(surface.patches, Grid):
+            own = grid_colors(_plane_of(scene.world, records[surface.instance]), surface.patches).astype(np.float32)
         else:
-            own = _all_on_surface(scene.world, sheet.instance, sheet.patches)[2]
-        out.append(sheet._replace(albedo=own))
+            own = _all_on_surface(scene.world, surface.instance, surface.patches)[2]
+        out.append(surface._replace(albedo=own))
     return _shaded(scene, out, albedo_scale)
 
 
-def with_levels(scene: Snapshot, sheets: list[Sheet]) -> list[Sheet]:
-    """Return the same sheets with interpolation for the current levels of detail of their models."""
+def with_levels(scene: Snapshot, surfaces: list[BakeSurface]) -> list[BakeSurface]:
+    """Return the same surfaces with interpolation for the current levels of detail of their models."""
     records, sets, out = scene.world.instances.reshape(-1, INSTANCE), {}, []
-    for sheet in sheets:
-        if not isinstance(sheet.patches, Grid):
-            row, count = int(records[sheet.instance, SHAPE_ROW]), len(sheet.positions)
+    for surface in surfaces:
+        if not isinstance(surface.patches, Grid):
+            row, count = int(records[surface.instance, SHAPE_ROW]), len(surface.positions)
             if row not in sets:  # gives the same patches: they depend only on the model's tree and their number
                 model = scene.models[row]
                 sets[row] = choose_patches([model.tree, *(level.tree for level in model.levels)], count)
-            sheet = sheet._replace(patches=sets[row])
-        out.append(sheet)
+            surface = surface._replace(patches=sets[row])
+        out.append(surface)
     return out
 
 
@@ -142,24 +144,24 @@ def _plane_of(world: World, record: Floats) -> Floats:
     return world.planes[int(record[SHAPE_ROW]) * PLANE_SIZE :][:PLANE_SIZE]
 
 
-def _shaded(scene: Snapshot, sheets: list[Sheet], albedo_scale: float) -> list[Sheet]:
-    """Return sheets with albedo and emission, given sheets whose `albedo` holds the surface's own colours."""
+def _shaded(scene: Snapshot, surfaces: list[BakeSurface], albedo_scale: float) -> list[BakeSurface]:
+    """Return surfaces with albedo and emission, given surfaces whose `albedo` holds the surface's own colours."""
     world = scene.world
     records = world.instances.reshape(-1, INSTANCE)
     reflectances = np.zeros(world.materials.size // MATERIAL_SIZE * 2)
     run(find_reflectances, len(reflectances) // 2, world, reflectances)
     out = []
-    for sheet in sheets:
-        which = int(records[sheet.instance, MATERIAL])
-        material, own = world.materials.reshape(-1, MATERIAL_SIZE)[which], sheet.albedo
-        if not isinstance(sheet.patches, Grid):
+    for surface in surfaces:
+        which = int(records[surface.instance, MATERIAL])
+        material, own = world.materials.reshape(-1, MATERIAL_SIZE)[which], surface.albedo
+        if not isinstance(surface.patches, Grid):
             own = np.minimum(own, np.float32(BRIGHTEST)) * np.float32(albedo_scale)
         color = own if material[OWN_COLOR] else np.broadcast_to(material[BASE_COLOR : BASE_COLOR + 3], own.shape)
         black, more = reflectances[2 * which :][:2]
         emitted = np.zeros(own.shape, np.float32)
         if material[MATERIAL_KIND] == EMISSIVE:
             emitted[:] = material[EMITTED : EMITTED + 3]
-        out.append(sheet._replace(albedo=(black + more * color).astype(np.float32), emitted=emitted))
+        out.append(surface._replace(albedo=(black + more * color).astype(np.float32), emitted=emitted))
     return out
 
 
@@ -176,30 +178,30 @@ def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
     return [max(int(n * share), min(int(n), least)) for n in splats], edge
 
 
-def coarser(sheets: list[Sheet], most: int) -> list[Sheet]:
-    """Reduce each sheet to at most `most` patches, every k-th of them; patches of models have no neighbours then."""
+def coarser(surfaces: list[BakeSurface], most: int) -> list[BakeSurface]:
+    """Reduce each surface to at most `most` patches, every k-th of them; patches of models have no neighbours then."""
     out = []
-    for sheet in sheets:
-        if isinstance(sheet.patches, Grid):
-            step = max(-(-sheet.patches.edge // math.isqrt(most)), 1)
-            edge = sheet.patches.edge
+    for surface in surfaces:
+        if isinstance(surface.patches, Grid):
+            step = max(-(-surface.patches.edge // math.isqrt(most)), 1)
+            edge = surface.patches.edge
             rows = np.arange(edge * edge).reshape(edge, edge)[step // 2 :: step, step // 2 :: step]
-            out.append(_selected(sheet, rows.reshape(-1), sheet.patches._replace(edge=len(rows))))
+            out.append(_selected(surface, rows.reshape(-1), surface.patches._replace(edge=len(rows))))
             continue
-        step = max(-(-len(sheet.positions) // most), 1)
-        rows = np.arange(len(sheet.positions))[step // 2 :: step]
-        blend = sheet.patches.blends[0]
+        step = max(-(-len(surface.positions) // most), 1)
+        rows = np.arange(len(surface.positions))[step // 2 :: step]
+        blend = surface.patches.blends[0]
         patch_of = np.minimum(blend.patch_of // step, len(rows) - 1)
         none = np.full((len(rows), NEAR), -1, np.int32)
-        patches = sheet.patches._replace(near=none, blends=[blend._replace(patch_of=patch_of)])
-        out.append(_selected(sheet, rows, patches))
+        patches = surface.patches._replace(near=none, blends=[blend._replace(patch_of=patch_of)])
+        out.append(_selected(surface, rows, patches))
     return out
 
 
-def _selected(sheet: Sheet, rows: NDArray[np.int64], patches: PatchSet | Grid) -> Sheet:
-    """Return a sheet with some of its patches."""
-    arrays = [getattr(sheet, name)[rows] for name in ("positions", "normals", "albedo", "emitted", "lost", "margins")]
-    return Sheet(sheet.instance, patches, *arrays)
+def _selected(surface: BakeSurface, rows: NDArray[np.int64], patches: PatchSet | Grid) -> BakeSurface:
+    """Return a surface with some of its patches."""
+    arrays = [getattr(surface, name)[rows] for name in ("positions", "normals", "albedo", "emitted", "lost", "margins")]
+    return BakeSurface(surface.instance, patches, *arrays)
 
 
 def around(scene: Snapshot) -> Floats:
@@ -231,7 +233,7 @@ def _all_on_surface(
 def _on_surface(
     world: World, row: int, patches: PatchSet
 ) -> tuple[Floats, NDArray[np.float32], Floats, NDArray[np.bool_]]:
-    """Find patches of an instance on its surface: positions, normals and colours there; and where there is none."""
+    """Project an instance's patches onto its surface: positions, normals, colours, and which found no surface."""
     to_model = world.instances[row * INSTANCE + TO_MODEL :][:12].reshape(3, 4)
     to_world = np.linalg.inv(to_model[:, :3])
     splats = (patches.positions - to_model[:, 3]) @ to_world.T
@@ -251,20 +253,20 @@ def _on_surface(
     return positions, normals, colors, lost
 
 
-def find_targets(scene: Snapshot, sheets: list[Sheet], firsts: dict[tuple[int, int], int]) -> Targets:
-    """Return the tables that map a hit to a patch. firsts : first patch by (row of instance, sign); others are dark"""
-    rows = np.zeros((len(sheets), TARGET), np.int64)
-    frames = np.zeros((len(sheets), BAKED_FRAME))
+def find_targets(scene: Snapshot, surfaces: list[BakeSurface], firsts: dict[tuple[int, int], int]) -> Targets:
+    """Return the tables that map a hit to a patch. firsts : first patch by (instance row, sign), else dark"""
+    rows = np.zeros((len(surfaces), TARGET), np.int64)
+    frames = np.zeros((len(surfaces), BAKED_FRAME))
     tables: list[NDArray[np.int32]] = []
     begins: dict[int, int] = {}
     end = 0
-    for sheet in sheets:
-        k = sheet.instance
+    for surface in surfaces:
+        k = surface.instance
         rows[k, :2] = firsts.get((k, 1), -1), firsts.get((k, -1), -1)
-        if isinstance(sheet.patches, Grid):
-            frames[k, :4] = *sheet.patches.middle, sheet.patches.half, sheet.patches.edge
+        if isinstance(surface.patches, Grid):
+            frames[k, :4] = *surface.patches.middle, surface.patches.half, surface.patches.edge
             continue
-        patch_of, model = sheet.patches.blends[0].patch_of, id(sheet.patches.blends[0].around)
+        patch_of, model = surface.patches.blends[0].patch_of, id(surface.patches.blends[0].around)
         if model not in begins:
             begins[model] = end
             tables.append(patch_of)

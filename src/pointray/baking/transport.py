@@ -28,7 +28,7 @@ from .directions import strata
 from .gather import FIND_DIRECT, FIND_LINKS, FIND_SUNS, INSIDE, ONE_TILE, Found, Patches, Rays, send_rays
 from .patches import NEAR, PIECE
 from .planes import Grid, grid_neighbors
-from .surfaces import Sheet, find_targets
+from .surfaces import BakeSurface, find_targets
 from .tile_ranges import cut, send_ranges, share_patches
 
 NO_FLOATS, NO_INTS, NO_BITS = np.zeros(0, np.float32), np.zeros(0, np.int32), np.zeros(0, np.uint8)
@@ -41,12 +41,12 @@ Floats = NDArray[np.float32]
 
 
 class Side(NamedTuple):
-    """One side of a sheet: the patches first to first + size.
+    """One side of a surface, with the patches first to first + size.
 
     sign : 1 for the side of the normals, or -1; near : (size, NEAR) int32, neighbours within the side, padded with -1
     """
 
-    sheet: Sheet
+    surface: BakeSurface
     sign: int
     first: int
     size: int
@@ -64,7 +64,7 @@ class Transport:
     Parameters
     ----------
     lit : list of (int, int)
-        Index of a sheet, and sign, for each side.
+        Index of a surface, and sign, for each side.
     seed, threads : see `BakeSettings`
     executor : sends the rays; None for this process
 
@@ -83,7 +83,7 @@ class Transport:
     def __init__(
         self,
         scene: Snapshot,
-        sheets: list[Sheet],
+        surfaces: list[BakeSurface],
         lit: list[tuple[int, int]],
         seed: int,
         threads: int | None,
@@ -92,8 +92,8 @@ class Transport:
         self.sides: list[Side] = []
         first = 0
         for k, sign in lit:
-            near = _neighbors_of(scene.world, sheets[k])
-            self.sides.append(Side(sheets[k], sign, first, len(near), near))
+            near = _neighbors_of(scene.world, surfaces[k])
+            self.sides.append(Side(surfaces[k], sign, first, len(near), near))
             first += len(near)
         self.positions: NDArray[np.float64] = self._concatenate_column("positions", np.float64)
         self.albedo: Floats = self._concatenate_column("albedo", np.float32)
@@ -102,7 +102,7 @@ class Transport:
         self._margins: Floats = self._concatenate_column("margins", np.float32)
         signs = np.repeat([side.sign for side in self.sides], [side.size for side in self.sides])
         self.normals: Floats = self._concatenate_column("normals", np.float32) * signs[:, None].astype(np.float32)
-        self._targets = find_targets(scene, sheets, {(s.sheet.instance, s.sign): s.first for s in self.sides})
+        self._targets = find_targets(scene, surfaces, {(s.surface.instance, s.sign): s.first for s in self.sides})
         self._world, self._seed, self._threads, self._executor = scene.world, seed, threads, executor
         self._shared_patches: SharedValue | None = None  # of the executor
         self.links: list[Links] = []
@@ -117,26 +117,26 @@ class Transport:
         self._executor = self._shared_patches = None
 
     def _concatenate_column(self, name: str, dtype: type) -> NDArray[Any]:
-        """Concatenate a column of all sheets."""
-        parts = [getattr(side.sheet, name) for side in self.sides]
+        """Concatenate a column of all surfaces."""
+        parts = [getattr(side.surface, name) for side in self.sides]
         return np.concatenate(parts).astype(dtype, copy=False)
 
-    def shared_sheets(self) -> list[Sheet]:
-        """Return the sheets as views of these arrays, which avoids a second copy. All fronts must be lit."""
+    def shared_surfaces(self) -> list[BakeSurface]:
+        """Return the surfaces as views of these arrays, which avoids a second copy. All fronts must be lit."""
         out = []
         for k, side in enumerate(self.sides):
             arrays = {name: getattr(self, name)[side.span] for name in ("positions", "albedo", "emitted")}
-            sheet = side.sheet._replace(**arrays, lost=self._lost[side.span])
+            surface = side.surface._replace(**arrays, lost=self._lost[side.span])
             if side.sign > 0:
-                sheet = sheet._replace(normals=self.normals[side.span])
-                out.append(sheet)
-            self.sides[k] = side._replace(sheet=sheet)
+                surface = surface._replace(normals=self.normals[side.span])
+                out.append(surface)
+            self.sides[k] = side._replace(surface=surface)
         return out
 
-    def recolor(self, sheets: list[Sheet]) -> None:
-        """Take albedo and emission from the same sheets with other materials."""
-        of = {sheet.instance: sheet for sheet in sheets}
-        self.sides = [side._replace(sheet=of[side.sheet.instance]) for side in self.sides]
+    def recolor(self, surfaces: list[BakeSurface]) -> None:
+        """Take albedo and emission from the same surfaces with other materials."""
+        of = {surface.instance: surface for surface in surfaces}
+        self.sides = [side._replace(surface=of[side.surface.instance]) for side in self.sides]
         self.albedo, self.emitted = (
             self._concatenate_column("albedo", np.float32),
             self._concatenate_column("emitted", np.float32),
@@ -251,11 +251,11 @@ def _count_inside(links: NDArray[np.int32], each: int) -> NDArray[np.int32]:
     return out
 
 
-def _neighbors_of(world: World, sheet: Sheet) -> NDArray[np.int32]:
-    """Return the neighbours of a sheet's patches, (count, NEAR)."""
-    if not isinstance(sheet.patches, Grid):
-        return sheet.patches.near
+def _neighbors_of(world: World, surface: BakeSurface) -> NDArray[np.int32]:
+    """Return the neighbours of a surface's patches, (count, NEAR)."""
+    if not isinstance(surface.patches, Grid):
+        return surface.patches.near
     planes = world.planes.reshape(-1, PLANE_SIZE)
-    own = int(world.instances[sheet.instance * INSTANCE + SHAPE_ROW])
+    own = int(world.instances[surface.instance * INSTANCE + SHAPE_ROW])
     walls = [plane for k, plane in enumerate(planes) if k != own] if len(planes) <= MOST_WALLS else []
-    return grid_neighbors(sheet.patches, NEAR, sheet.positions, walls)
+    return grid_neighbors(surface.patches, NEAR, surface.positions, walls)

@@ -2,6 +2,7 @@
 
 arguments : checks of parameters
 choices : the words that options, scene files and the viewer share
+deprecation : warnings for renamed names
 dependencies : hashes of the sources that a module imports, directly or not
 extras : optional packages
 progress, warning_log : progress callbacks; warnings that a thread may collect

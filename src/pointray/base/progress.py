@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 Progress = Callable[[float], None]  # receives the share that is done, 0 to 1, from any thread
+StageProgress = Callable[[str, float], None]  # receives the name of the stage and its share, 0 to 1
 
 
 def part_of(progress: Progress | None, begin: float, end: float) -> Progress | None:

@@ -1,16 +1,16 @@
-"""Executors over Dask's workers. Everything that knows Dask is here; it is imported when a client is given.
+"""Execution on Dask's workers. Only this folder depends on Dask; it is imported when a client is given.
 
-backend : what other rooms ask of a cluster, see `base/executor.py`
-client : validation of clients; clients for the command line: a LocalCluster or a scheduler's address
-worker_pool : the workers at work on one scene; task_pool : workers that call functions with numbers
-shared_folder : workers who see a folder of this machine
-dispatch : which worker does which job; jobs of lost or slow workers are done again
-worker : what runs on a worker
-recipe : a scene without its models as bytes, and back
-scattered_objects : what is sent to workers once: models, baked light, recipes
-serialized_scene : a scene as the graph of a Dask array carries it
-dask_arrays, dask_casting : Dask arrays whose chunks are made of a scene; the rays in them
+backend : the interface to other folders, see `base/executor.py`
+client : validation of clients; clients for the command line, from a LocalCluster or a scheduler's address
+worker_pool : the workers of a client for jobs on one scene; task_pool : workers that call functions with numbers
+shared_folder : workers that share a folder with this machine
+dispatch : assignment of jobs to workers, and retries after lost or slow workers
+worker : code that runs on a worker
+recipe : serialization of a scene without its models
+scattered_objects : objects sent to workers once: models, baked light, recipes
+serialized_scene : a scene in the graph of a Dask array
+dask_arrays, dask_casting : Dask arrays computed from a scene; rays in Dask arrays
 
-What jobs do is not known here: `rendering/pieces.py`, `rendering/sequence.py` and `baking/tile_ranges.py` make jobs,
-`model/out_of_core/work.py` makes tasks. Begin with worker_pool.
+Jobs are defined in `rendering/pieces.py`, `rendering/sequence.py` and `baking/tile_ranges.py`, tasks in
+`model/out_of_core/work.py`. Begin with worker_pool.
 """

@@ -1,4 +1,4 @@
-"""What other rooms ask of a cluster: the functions of `base.executor.Backend`, for clients of Dask."""
+"""The functions of `base.executor.Backend`, for Dask clients."""
 
 from .client import is_spread_preferred, machines_of
 from .dask_casting import intersect_chunks, occluded_chunks

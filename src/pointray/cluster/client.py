@@ -1,4 +1,4 @@
-"""Clients of Dask: whether one is fit, and how the command line gets one."""
+"""Dask clients: their validation, and those of the command line."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from ..base.memory import available_memory
 from ..engine.jit import thread_count
 from .worker import version_here
 
-PATIENCE = 4  # seconds for a scheduler to answer
-_FIT: WeakKeyDictionary[Any, set[str]] = WeakKeyDictionary()  # by client: workers of our version
-_SPREAD: WeakKeyDictionary[Any, bool] = WeakKeyDictionary()  # by client: whether models are spread over its workers
+PATIENCE = 4  # timeout in seconds for a scheduler's answer
+_FIT: WeakKeyDictionary[Any, set[str]] = WeakKeyDictionary()  # by client: workers with this version of pointray
+_SPREAD: WeakKeyDictionary[Any, bool] = WeakKeyDictionary()  # by client: whether models are spread by default
 # Dask's profiler calls sys._current_frames, which can deadlock while other threads start or end in Python 3.11:
 # https://github.com/python/cpython/issues/106883.
 UNPROFILED = {"distributed.worker.profile.enabled": False}
@@ -28,12 +28,12 @@ WANTED = "a dask.distributed.Client, not asynchronous, or None"
 
 
 def check_client(client: Any, name: str = "client") -> Any:
-    """A client of Dask with workers of our version, or None. Messages call it `name`.
+    """Return a Dask client whose workers have this version of pointray, or None. name : used in messages
 
     Raises
     ------
     ValueError
-        If it is something else, Dask is not installed, there are no workers, or one has another version of pointray.
+        If it is not a client, Dask is not installed, there are no workers, or one has another version of pointray.
     """
     if client is None:
         return None
@@ -41,11 +41,11 @@ def check_client(client: Any, name: str = "client") -> Any:
     if not isinstance(client, distributed.Client) or client.asynchronous:
         raise wrong(name, WANTED, client)
     if client.status != "running":
-        raise ValueError(f"{name} must be one that is connected, not {client!r}")
+        raise ValueError(f"{name} must be a connected client, got {client!r}")
     workers = list(client.nthreads())
     if not workers:
         start = f"dask worker {client.scheduler.address}"
-        raise ValueError(f"{name}: the scheduler has no workers: start some with `{start}`")
+        raise ValueError(f"{name}: the scheduler has no workers; start some with `{start}`")
     others = unfit(client, workers)
     if others:
         raise ValueError(f"{name}: {next(iter(others.values()))}")
@@ -53,15 +53,15 @@ def check_client(client: Any, name: str = "client") -> Any:
 
 
 def dask_for(what: str) -> Any:
-    """The package `distributed`; ValueError, which begins with `what`, if it is not installed."""
+    """Return the package `distributed`; ValueError if it is not installed. what : start of the message"""
     return require("distributed", "cluster", what)
 
 
 def unfit(client: Any, workers: list[str]) -> dict[str, str]:
-    """Return why each of some workers cannot be used: it has another version of pointray than this process, or none.
+    """Return the reason for each worker that cannot be used: another version of pointray, or none.
 
-    Each worker is asked once: one that has stopped would not answer. Workers that are lost meanwhile are not reported,
-    and are not fit either, see `is_fit`.
+    Each worker is asked once, as a stopped one would not answer. Workers lost meanwhile are neither reported nor fit,
+    see `is_fit`.
     """
     fit = _FIT.setdefault(client, set())
     new = [worker for worker in workers if worker not in fit]
@@ -73,71 +73,71 @@ def unfit(client: Any, workers: list[str]) -> dict[str, str]:
         if isinstance(version, BaseException):
             wrongs[worker] = f"worker {worker} has no pointray {here}: {type(version).__name__}: {version}"
         elif version != here:
-            wrongs[worker] = f"worker {worker} has pointray {version}, here is {here}"
+            wrongs[worker] = f"worker {worker} has pointray {version}, expected {here}"
         else:
             fit.add(worker)
     return wrongs
 
 
 def is_fit(client: Any, worker: str) -> bool:
-    """Whether a worker has answered that it has the version of this process."""
+    """Return whether a worker has reported the version of this process."""
     return worker in _FIT.get(client, ())
 
 
 def prefer_spread(client: Any) -> None:
-    """From now on models in parts are spread over the workers of a client, unless a call says something else."""
+    """Spread models in parts over the workers of a client by default."""
     _SPREAD[client] = True
 
 
 def is_spread_preferred(client: Any) -> bool:
-    """See `prefer_spread`."""
+    """Return whether models in parts are spread by default, see `prefer_spread`."""
     return check_client(client) is not None and _SPREAD.get(client, False)
 
 
 def memory_of(client: Any) -> float:
-    """Bytes of memory that are available to the worker with the least of it, if those of a machine share it evenly."""
+    """Return the bytes of memory available to the worker with the least, if workers of a machine share it evenly."""
     return min((free / sharing for free, sharing in machines_of(client) if free is not None), default=inf)
 
 
 def machines_of(client: Any) -> list[tuple[int | None, int]]:
-    """For each worker the bytes of memory that its machine has left, None if unknown, and how many workers share it."""
+    """Return for each worker its machine's free bytes of memory, None if unknown, and number of workers."""
     found = client.run(available_memory, on_error="ignore")
     hosts = Counter(map(_host, found))
     return [(free, hosts[_host(worker)]) for worker, free in found.items()]
 
 
 def _host(worker: str) -> str:
-    """The machine in the address of a worker."""
+    """Return the host in the address of a worker."""
     return worker.rpartition("://")[2].rpartition(":")[0]
 
 
 @contextmanager
 def connected(address: str) -> Iterator[Any]:
-    """A client of a scheduler; ValueError if none answers there."""
+    """Connect to a scheduler; ValueError if none answers."""
     distributed = dask_for("--cluster")
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong is told by errors
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are raised as errors
     clients: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def connect() -> None:
         try:
             clients.put(distributed.Client(address, timeout=PATIENCE, set_as_default=False))
-        except Exception:  # whatever another server answers
+        except Exception:  # the server is not a Dask scheduler
             clients.put(None)
 
-    # In a thread: a server that says nothing is waited for without end.
+    # In a thread: the client waits forever for a server that does not answer.
     threading.Thread(target=connect, daemon=True).start()
     client = None
     with suppress(queue.Empty):
         client = clients.get(timeout=PATIENCE + 1)
     if client is None:
-        raise ValueError(f"--cluster {address}: no scheduler of Dask answers there")
+        raise ValueError(f"--cluster {address}: no Dask scheduler found there")
     with client:
         yield check_client(client, f"--cluster {address}")
 
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Any]:
-    """A client of so many processes of this machine, which share its cores evenly."""
+    """Start `count` worker processes on this machine, which share its cores evenly."""
     distributed = dask_for("--workers")
     import dask
 

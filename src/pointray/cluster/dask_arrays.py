@@ -1,7 +1,7 @@
-"""Arrays of Dask whose chunks are made of a scene and of the chunks of other arrays, when they are computed.
+"""Dask arrays whose chunks are computed from a scene and the chunks of other arrays.
 
-Any scheduler of Dask computes them: threads of this process, which take the scene as it is, or workers, which get its
-recipe. Nothing of Dask is imported here before somebody brings an array of it.
+Any Dask scheduler computes them: threads of this process, which use the scene itself, or workers, which get its recipe.
+Dask is imported only when a Dask array is passed.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ import numpy as np
 from ..base.arguments import check_real, real_numbers
 from ..base.executor import is_chunked
 from ..base.extras import require
-from .recipe import Stage
+from .recipe import SceneLike
 from .serialized_scene import SerializedScene
 from .worker import worker_here
 
 
-class Form(NamedTuple):
-    """What an array holds for each ray. dtype; columns : the axes that follow those of the rays"""
+class ArrayForm(NamedTuple):
+    """Type of a result. columns : shape of the value of a ray"""
 
     dtype: np.dtype[Any]
     columns: tuple[int, ...]
 
 
 def check_chunks(values: Mapping[str, Any]) -> list[Any]:
-    """Arrays of real numbers, by the names of parameters: those of Dask, of which nothing is computed, and others.
+    """Return arrays of real numbers, by the names of parameters. Dask arrays are not computed.
 
     Raises
     ------
     ValueError
-        If a dtype is no number, or chunks are of unknown size.
+        If a dtype is not numeric, or chunks are of unknown size.
     """
     arrays = []
     for name, value in values.items():
@@ -45,16 +45,16 @@ def check_chunks(values: Mapping[str, Any]) -> list[Any]:
             continue
         check_real(value.dtype, name)
         if np.isnan(value.shape).any():
-            raise ValueError(f"{name} has chunks of unknown size: call its compute_chunk_sizes() before")
+            raise ValueError(f"{name} has chunks of unknown size: call its compute_chunk_sizes() first")
         arrays.append(value)
     return arrays
 
 
-class Shared(NamedTuple):
-    """Work of several workers on each chunk.
+class Distribution(NamedTuple):
+    """Distribution of the work on each chunk over several workers.
 
-    homes : by the address of a worker, an argument of the work, the last one; another one does it where that is gone
-    join : the function of a module, which makes one of what they return: a dict of arrays in the same forms
+    homes : the last argument of the work, by the address of the preferred worker
+    join : function of a module that merges the results of all workers
     """
 
     homes: Mapping[str, Any]
@@ -62,23 +62,23 @@ class Shared(NamedTuple):
 
 
 def chunked_like(
-    scene: Stage,
+    scene: SceneLike,
     work: tuple[Any, ...],
     arrays: Sequence[Any],
-    forms: Mapping[str, Form],
-    shared: Shared | None = None,
+    forms: Mapping[str, ArrayForm],
+    shared: Distribution | None = None,
 ) -> dict[str, Any]:
-    """Arrays of Dask that are made of rays.
+    """Return Dask arrays computed from rays, by name.
 
     Parameters
     ----------
     work : function and arguments
-        The function of a module takes a snapshot of the scene, these arguments, the chunks of `arrays`, a number of
-        threads and a `Progress` (both may be None), and returns a dict of arrays in these forms.
+        The function, of a module, takes a snapshot of the scene, these arguments, the chunks of `arrays`, a number of
+        threads and a `Progress` (both may be None). It returns a dict of arrays as described by `forms`.
     arrays : sequence
-        Origins and directions, (..., 3), and limits, (...), which broadcast.
-    shared : Shared, optional
-        Those who do the work together. None: whoever is free does it.
+        Origins and directions, (..., 3), and limits, (...); broadcast.
+    shared : Distribution, optional
+        Distribution over several workers. None: one worker, any, computes a chunk.
     """
     dask, da = (require(name, "cluster", "an array of Dask") for name in ("dask", "dask.array"))
     axes = max(array.ndim - (k < 2) for k, array in enumerate(arrays))
@@ -86,7 +86,7 @@ def chunked_like(
     pairs: list[Any] = []
     for k, array in enumerate(arrays):
         own = array.ndim - (k < 2)
-        # Axes that arrays have in common are the last ones of the rays; along x, y, z chunks are put together.
+        # Arrays with fewer axes broadcast along the first axes of the rays. Chunks are concatenated along x, y, z.
         pairs.append(array if is_chunked(array) else da.from_array(array, chunks=-1))
         pairs.append(rays[axes - own :] + ((axes,) if k < 2 else ()))
     serialized = SerializedScene(scene)
@@ -111,15 +111,15 @@ def chunked_like(
 
 
 def _make(*chunks: Any, work: tuple[Any, ...], scene: SerializedScene) -> Any:
-    """The task of a chunk."""
+    """Compute a chunk."""
     function, *args = work
     return scene.use(function, (*args, chunks))
 
 
-def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Shared, scene: SerializedScene) -> Any:
-    """The task of a chunk of which each worker makes its share.
+def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Distribution, scene: SerializedScene) -> Any:
+    """Compute a chunk with tasks on several workers.
 
-    It sends tasks to them: where the graph says which worker does what, Dask loses that when it optimizes arrays.
+    The tasks are submitted here, as Dask's optimization of arrays drops the assignment to workers from a graph.
     """
     function, *args = work
     if worker_here() is None:
@@ -129,12 +129,12 @@ def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Shared, scene: Ser
         sent = client.scatter(list(chunks), hash=False)
         found = []
         for home, held in shared.homes.items():
-            told: dict[str, Any] = {"workers": [home], "allow_other_workers": True, "pure": False}
+            placement: dict[str, Any] = {"workers": [home], "allow_other_workers": True, "pure": False}
             key = f"pointray-held-{uuid.uuid4().hex}"
-            found.append(client.submit(_use, scene, function, (*args, held), *sent, key=key, **told))
+            found.append(client.submit(_use, scene, function, (*args, held), *sent, key=key, **placement))
         return shared.join(client.gather(found))
 
 
 def _use(scene: SerializedScene, function: Callable[..., Any], args: tuple[Any, ...], *chunks: Any) -> Any:
-    """The task of one worker."""
+    """Compute one worker's part of a chunk."""
     return scene.use(function, (*args, chunks))

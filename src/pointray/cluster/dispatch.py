@@ -1,8 +1,8 @@
-"""Which worker does which job: each has two, one that it does and one that waits there.
+"""Assignment of jobs to workers. Each worker has two jobs: one in progress and one queued.
 
-A job whose worker has died is done again elsewhere. When all jobs are handed out, workers without any take over those
-that wait elsewhere, and those that take much longer than usual, in the work or on the way back: what is ready first
-counts, and both give the same.
+The jobs of a lost worker are retried elsewhere. When all jobs are assigned, idle workers take over jobs that are queued
+elsewhere, and duplicate jobs that take much longer than the median to compute or to send back. The first result is
+used; both are identical.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from ..model.model_file import Place
 from .worker import UnseenFileError
 
 TICK = 0.1  # seconds between two reports of progress
-AT_ONCE = 2  # jobs of a worker: one more than it does, so that it need not wait for the next one
-SLOW, LEAST_SLOW = 3.0, 2.0  # a job is slow that takes so many times the median, and so many seconds
-SLOW_AT_HOME = 60.0  # seconds, of a job that only one worker is prepared for
-ATTEMPTS = 4  # of a job whose workers die: it may be what kills them
+JOBS_PER_WORKER = 2  # jobs per worker: one is queued, so that the worker does not wait
+SLOW, LEAST_SLOW = 3.0, 2.0  # a job is slow if it takes this multiple of the median, and at least these seconds
+SLOW_AT_HOME = 60.0  # the same seconds for a job with a home, as other workers are not prepared for it
+ATTEMPTS = 4  # attempts of a job whose workers die, as it may be the cause
 
 
 @dataclass(eq=False)
-class _Flight:
-    """A job on a worker, until its result is here.
+class _Assignment:
+    """A job on a worker, until its result has been received.
 
-    begun : when the worker took it up, or began to send the result, as far as is known
-    result : the future of what is being sent; None while the worker is at it
+    begun : estimated time at which the worker began the job, or to send the result
+    result : future of the transfer of the result; None while the job is not finished
     """
 
     job: Job
@@ -44,82 +44,82 @@ class _Flight:
 
 
 class WorkerBackend(Protocol):
-    """Those who do jobs, see `worker_pool.WorkerPool`."""
+    """Interface of workers that do jobs, see `worker_pool.WorkerPool`."""
 
     workers: dict[str, int]
 
     def submit(self, job: Job, worker: str) -> Any:
-        """Have a worker do a job; returns the future, None if that failed."""
+        """Submit a job to a worker. Returns its future, or None if that failed."""
 
     def fetch(self, future: Any) -> Any:
-        """Begin to fetch what a future holds; returns the `concurrent.futures.Future` of that."""
+        """Start the transfer of a future's result. Returns a `concurrent.futures.Future`."""
 
-    def unsee(self, place: Place) -> None:
-        """A worker does not see a file."""
+    def mark_unseen(self, place: Place) -> None:
+        """Record that a worker does not see a file."""
 
 
 class Dispatch:
-    """Jobs, where they are being done, and what is ready."""
+    """Assignment of jobs to the workers of a pool, and collection of the results."""
 
     def __init__(self, pool: WorkerBackend, jobs: deque[Job]) -> None:
         self._pool, self._jobs = pool, jobs
-        self._again: deque[tuple[Job, int]] = deque()  # jobs of workers that have died, and the number of attempts
-        self.flights: list[_Flight] = []  # in the order in which they were handed out
-        self._ready: queue.SimpleQueue[Any] = queue.SimpleQueue()  # waits in C: see `engine.jit.threads.run`
-        self._times: deque[float] = deque(maxlen=64)  # seconds that jobs took
+        self._retries: deque[tuple[Job, int]] = deque()  # jobs to retry, and the number of the attempt
+        self.assignments: list[_Assignment] = []  # in the order of assignment
+        self._ready: queue.SimpleQueue[Any] = queue.SimpleQueue()  # waits in C, see `engine.jit.threads.run`
+        self._times: deque[float] = deque(maxlen=64)  # duration of the last jobs in seconds
 
     @property
     def is_done(self) -> bool:
-        """Whether nothing is left to do."""
-        return not (self._jobs or self._again or self.flights)
+        """Whether all jobs are done."""
+        return not (self._jobs or self._retries or self.assignments)
 
     def drop_lost(self) -> None:
-        """Do again what workers did that are gone."""
-        for flight in [one for one in self.flights if one.worker not in self._pool.workers]:
-            self._drop(flight)
-            self._retry(flight, flight.attempt + 1)
+        """Retry the jobs of lost workers."""
+        for assignment in [one for one in self.assignments if one.worker not in self._pool.workers]:
+            self._release(assignment)
+            self._retry(assignment, assignment.attempt + 1)
 
-    def hand_out(self) -> None:
-        """Give each worker as many jobs as it should have."""
-        for round in range(AT_ONCE):
+    def assign_jobs(self) -> None:
+        """Assign jobs until each worker has JOBS_PER_WORKER of them."""
+        for round in range(JOBS_PER_WORKER):
             for worker in self._pool.workers:
-                if len(self._flights_of(worker)) <= round and not self._give(worker):
+                if len(self._assignments_of(worker)) <= round and not self._assign_next(worker):
                     return
 
-    def _give(self, worker: str) -> bool:
-        """Give a worker a job, if there is one for it; returns whether jobs can be sent."""
-        again = next((one for one in self._again if self._is_for(one[0], worker)), None)
-        if again is not None:
-            self._again.remove(again)
-            return self._launch(*again, worker)
+    def _assign_next(self, worker: str) -> bool:
+        """Assign a job to a worker, if there is one for it. Returns False if jobs cannot be sent."""
+        retry = next((one for one in self._retries if self._is_for(one[0], worker)), None)
+        if retry is not None:
+            self._retries.remove(retry)
+            return self._submit(*retry, worker)
         job = next((one for one in self._jobs if self._is_for(one, worker)), None)
         if job is not None:
             self._jobs.remove(job)
-            return self._launch(job, 1, worker)
-        return bool(self._flights_of(worker)) or self._take_over(worker)
+            return self._submit(job, 1, worker)
+        return bool(self._assignments_of(worker)) or self._take_over(worker)
 
     def _is_for(self, job: Job, worker: str) -> bool:
-        """Whether a worker may do a job at once."""
+        """Return whether a job may be assigned to a worker: it has no other home that is present."""
         return not job.home or job.home == worker or job.home not in self._pool.workers
 
     def _take_over(self, worker: str) -> bool:
-        """Have an idle worker do what waits at another one, or what another one takes too long for."""
-        for flight in [one for one in self.flights if one.worker != worker]:
-            alone = len(self._flights_for(flight.job)) == 1
-            waits = flight in self._flights_of(flight.worker)[1:] and self._is_for(flight.job, worker)
-            if alone and waits:
-                self._drop(flight)
-            if alone and (waits or self._is_slow(flight)):
-                return self._launch(flight.job, flight.attempt, worker)
+        """Assign a job that is queued at another worker, or slow there, to an idle worker."""
+        for assignment in [one for one in self.assignments if one.worker != worker]:
+            is_single = len(self._assignments_for(assignment.job)) == 1
+            waits = assignment in self._assignments_of(assignment.worker)[1:] and self._is_for(assignment.job, worker)
+            if is_single and waits:
+                self._release(assignment)
+            if is_single and (waits or self._is_slow(assignment)):
+                return self._submit(assignment.job, assignment.attempt, worker)
         return True
 
-    def _is_slow(self, flight: _Flight) -> bool:
-        spent = time.monotonic() - flight.begun
-        least = SLOW_AT_HOME if flight.job.home else LEAST_SLOW
+    def _is_slow(self, assignment: _Assignment) -> bool:
+        spent = time.monotonic() - assignment.begun
+        least = SLOW_AT_HOME if assignment.job.home else LEAST_SLOW
         return bool(self._times) and spent > max(SLOW * float(np.median(self._times)), least)
 
-    def take_in(self) -> Iterator[tuple[Job, Any]]:
-        """Wait a moment for results; yields those that are ready."""
+    def collect_results(self) -> Iterator[tuple[Job, Any]]:
+        """Wait for results for TICK seconds at most, and yield those that are ready."""
         try:
             futures = [self._ready.get(timeout=TICK)]
         except queue.Empty:
@@ -127,80 +127,80 @@ class Dispatch:
         while not self._ready.empty():
             futures.append(self._ready.get())
         for future in futures:
-            flight = next((one for one in self.flights if future in (one.future, one.result)), None)
-            if flight is None:  # it is no longer wanted
+            assignment = next((one for one in self.assignments if future in (one.future, one.result)), None)
+            if assignment is None:  # released
                 continue
-            if flight.result is None:
-                self._land(flight)
+            if assignment.result is None:
+                self._start_transfer(assignment)
             else:
-                yield from self._unload(flight)
+                yield from self._finish_transfer(assignment)
 
-    def _land(self, flight: _Flight) -> None:
-        """A worker is through with a job: fetch the result, which takes for ever where the worker stands still now."""
+    def _start_transfer(self, assignment: _Assignment) -> None:
+        """Start the transfer of the result of a finished job, which never ends if the worker hangs."""
         now = time.monotonic()
-        for waiting in self._flights_of(flight.worker)[1:]:
+        for waiting in self._assignments_of(assignment.worker)[1:]:
             waiting.begun = now
-        if flight.future.status != "finished":
-            self._fail(flight, flight.future.exception() if flight.future.status == "error" else None)
+        if assignment.future.status != "finished":
+            self._fail(assignment, assignment.future.exception() if assignment.future.status == "error" else None)
             return
-        self._times.append(now - flight.begun)
-        flight.begun, flight.result = now, self._pool.fetch(flight.future)
-        flight.result.add_done_callback(self._ready.put)
+        self._times.append(now - assignment.begun)
+        assignment.begun, assignment.result = now, self._pool.fetch(assignment.future)
+        assignment.result.add_done_callback(self._ready.put)
 
-    def _unload(self, flight: _Flight) -> Iterator[tuple[Job, Any]]:
-        """A result is here, or was lost on its way."""
-        if flight.result.cancelled() or flight.result.exception() is not None:
-            self._fail(flight, None)
+    def _finish_transfer(self, assignment: _Assignment) -> Iterator[tuple[Job, Any]]:
+        """Yield a result that was received, or retry its job if the transfer failed."""
+        if assignment.result.cancelled() or assignment.result.exception() is not None:
+            self._fail(assignment, None)
             return
-        for one in self._flights_for(flight.job):
-            self._drop(one)
-        self._again = deque(other for other in self._again if other[0] is not flight.job)
-        yield flight.job, flight.result.result()
+        for one in self._assignments_for(assignment.job):
+            self._release(one)
+        self._retries = deque(other for other in self._retries if other[0] is not assignment.job)
+        yield assignment.job, assignment.result.result()
 
-    def _fail(self, flight: _Flight, error: BaseException | None) -> None:
-        """A job gave an error; None: it, or its result, was lost with its worker."""
-        self._drop(flight)
+    def _fail(self, assignment: _Assignment, error: BaseException | None) -> None:
+        """Retry a failed job, or raise its error. error : None if the job or its result was lost with its worker"""
+        self._release(assignment)
         if isinstance(error, UnseenFileError):
-            if flight.job.home and error.args[0].index:  # a model in parts is not sent to one who holds some of them
+            if assignment.job.home and error.args[0].index:  # workers hold only some of its parts
                 raise ValueError(str(error))
-            self._pool.unsee(error.args[0])
-            self._retry(flight, flight.attempt)
+            self._pool.mark_unseen(error.args[0])
+            self._retry(assignment, assignment.attempt)
         elif error is None or type(error).__name__ == "KilledWorker":
-            self._retry(flight, flight.attempt + 1)
+            self._retry(assignment, assignment.attempt + 1)
         else:
             raise error
 
-    def _retry(self, flight: _Flight, attempt: int) -> None:
-        """Do a job again, unless it is being done elsewhere too."""
-        if self._flights_for(flight.job):
+    def _retry(self, assignment: _Assignment, attempt: int) -> None:
+        """Retry a job, unless another worker does it too."""
+        if self._assignments_for(assignment.job):
             return
         if attempt > ATTEMPTS:
-            raise RuntimeError(f"{flight.job.name}: given up, as {ATTEMPTS} workers of Dask were lost with it")
-        self._again.append((flight.job, attempt))
+            raise RuntimeError(f"{assignment.job.name}: failed, {ATTEMPTS} Dask workers were lost while running it")
+        self._retries.append((assignment.job, attempt))
 
-    def _launch(self, job: Job, attempt: int, worker: str) -> bool:
-        """Have a worker do a job; returns whether that could be sent."""
+    def _submit(self, job: Job, attempt: int, worker: str) -> bool:
+        """Submit a job to a worker. Returns whether it could be sent."""
         future = self._pool.submit(job, worker)
         if future is None:
-            self._again.appendleft((job, attempt))
+            self._retries.appendleft((job, attempt))
             return False
-        self.flights.append(_Flight(job, attempt, worker, future, time.monotonic()))
+        self.assignments.append(_Assignment(job, attempt, worker, future, time.monotonic()))
         future.add_done_callback(self._ready.put)
         return True
 
-    def _drop(self, flight: _Flight) -> None:
-        """Nobody wants this any more: the worker stops."""
-        self.flights.remove(flight)
-        flight.future.release()
+    def _release(self, assignment: _Assignment) -> None:
+        """Release a job: its worker stops it."""
+        self.assignments.remove(assignment)
+        assignment.future.release()
 
-    def _flights_of(self, worker: str) -> list[_Flight]:
-        """What a worker has to do: the first is what it is at."""
-        return [one for one in self.flights if one.worker == worker and one.result is None]
+    def _assignments_of(self, worker: str) -> list[_Assignment]:
+        """Return the unfinished jobs of a worker; the first is in progress."""
+        return [one for one in self.assignments if one.worker == worker and one.result is None]
 
-    def _flights_for(self, job: Job) -> list[_Flight]:
-        return [one for one in self.flights if one.job is job]
+    def _assignments_for(self, job: Job) -> list[_Assignment]:
+        return [one for one in self.assignments if one.job is job]
 
     def end(self) -> None:
-        """Stop all that is still being done."""
-        for flight in self.flights[:]:
-            self._drop(flight)
+        """Release all jobs."""
+        for assignment in self.assignments[:]:
+            self._release(assignment)

@@ -1,8 +1,6 @@
-"""A scene without its models and baked light, as bytes for a worker, which has these already; and a scene again.
+"""Serialization of a scene without its models and baked light, which workers already have; and of other objects.
 
-Other things as bytes too, such as functions with arguments: their arrays can be read and written by kernels again.
-
-A snapshot cannot be sent: it holds addresses of arrays. A scene can, and makes its snapshot anew.
+A snapshot cannot be serialized, as it holds addresses of arrays. A worker takes its own snapshot of the scene.
 """
 
 from __future__ import annotations
@@ -15,64 +13,64 @@ from typing import Any, Protocol
 from ..model.model import Model
 
 
-class Stage(Protocol):
-    """What is asked of a scene here, see `scene.scene.Scene`."""
+class SceneLike(Protocol):
+    """Interface of a scene, see `scene.scene.Scene`."""
 
     baked: Any
 
     @property
     def models(self) -> list[Model]:
-        """All models, each once."""
+        """The distinct models."""
 
-    def copy(self) -> Stage:
-        """An independent scene of the same models."""
+    def copy(self) -> SceneLike:
+        """Return an independent scene of the same models."""
 
     def snapshot(self) -> Any:
-        """What jobs take: the scene as it is now."""
+        """Return the current scene, as jobs take it."""
 
 
 class _Writer(pickle.Pickler):
-    """Writes the number of each model in place of the model."""
+    """Pickler that writes numbers in place of models."""
 
     def __init__(self, file: io.BytesIO, models: Sequence[Model]) -> None:
         super().__init__(file, protocol=5)
         self._numbers = {id(model): number for number, model in enumerate(models)}
 
-    def persistent_id(self, thing: Any) -> int | None:
-        """The number of a model; None: it is something else, which is written."""
-        return self._numbers.get(id(thing)) if isinstance(thing, Model) else None
+    def persistent_id(self, value: Any) -> int | None:
+        """Return the number of a model, or None for any other object."""
+        return self._numbers.get(id(value)) if isinstance(value, Model) else None
 
 
 class _Reader(pickle.Unpickler):
-    """Puts models in the places of their numbers."""
+    """Unpickler that replaces numbers by models."""
 
     def __init__(self, file: io.BytesIO, models: Sequence[Model]) -> None:
         super().__init__(file)
         self._models = models
 
     def persistent_load(self, number: Any) -> Model:
-        """The model with a number."""
+        """Return the model with a number."""
         return self._models[number]
 
 
-def write_recipe(scene: Stage, models: Sequence[Model]) -> bytes:
-    """Everything of a scene but its models and its baked light. models : `scene.models`"""
+def write_recipe(scene: SceneLike, models: Sequence[Model]) -> bytes:
+    """Serialize a scene without its models. models : `scene.models`"""
     file = io.BytesIO()
     _Writer(file, models).dump(scene)
     return file.getvalue()
 
 
-def read_recipe(recipe: bytes, models: Sequence[Model]) -> Stage:
-    """The scene, with these models. The bytes come from our own client by Dask, which itself uses pickle."""
-    scene: Stage = _Reader(io.BytesIO(recipe), models).load()
+def read_recipe(recipe: bytes, models: Sequence[Model]) -> SceneLike:
+    """Return the scene with these models. The bytes come from this package's client through Dask, which uses pickle."""
+    scene: SceneLike = _Reader(io.BytesIO(recipe), models).load()
     return scene
 
 
-def pack(thing: Any) -> bytes:
-    """A thing that can be pickled, as bytes."""
-    return pickle.dumps(thing, protocol=5)
+def pack(value: Any) -> bytes:
+    """Pickle an object."""
+    return pickle.dumps(value, protocol=5)
 
 
 def unpack(packed: bytes) -> Any:
-    """The thing again. The bytes come from our own client or its workers by Dask, which itself uses pickle."""
+    """Unpickle an object. The bytes come from this package's client or workers through Dask, which uses pickle."""
     return pickle.loads(packed)

@@ -1,4 +1,4 @@
-"""Workers who see a folder of this machine, and may write there."""
+"""Workers that share a folder with this machine and can write there."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .task_pool import TaskPool
 
 
 def tasks_beside(client: Any, file: Path) -> TaskPool:
-    """Return the workers of a client, who must see a file and may write beside it.
+    """Return the workers of a client, all of which must see a file and be able to write beside it.
 
     Raises
     ------
     ValueError
-        If the client is unfit, or a worker does not see the file; the message names the worker. Those that come later
-        and do not see it are left out, with a warning.
+        If the client is invalid, or a worker does not see the file; the message names the worker. Workers that join
+        later and do not see it are ignored, with a warning.
     """
     check_client(client)
     ask = partial(_unseen, place_of(file))
@@ -29,19 +29,19 @@ def tasks_beside(client: Any, file: Path) -> TaskPool:
 
 
 def _unseen(place: Place, client: Any, workers: list[str]) -> dict[str, str]:
-    """What is wrong with workers who do not see a file."""
+    """Return the reason for each worker that does not see a file."""
     folder = Path(place.path).parent.parent
-    share = "all must share its file system"
+    share = "all workers must share its file system"
     answers = client.run(_is_seen, place, workers=workers, on_error="return") if workers else {}
     return {
-        worker: f"worker {worker} does not see the folder {folder}, or must not write there: {share}"
+        worker: f"worker {worker} cannot read and write the folder {folder}: {share}"
         for worker, answer in answers.items()
         if answer is not True
     }
 
 
 def _is_seen(place: Place) -> bool:
-    """Whether this process sees a file, and may write beside it, and in the folder above."""
+    """Return whether this process sees a file and can write into its folder and the parent folder."""
     folder = Path(place.path).parent
     try:
         for one in (folder.parent, folder):

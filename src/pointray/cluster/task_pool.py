@@ -1,7 +1,7 @@
-"""Chores: functions that workers call with numbers, such as those of parts, without a scene.
+"""Tasks: calls of a function with numbers, such as those of parts, on workers. They use no scene.
 
-A task does not ask whether anybody still wants it. So it runs in a thread of its own, which is ended from outside
-while it waits for a kernel: elsewhere it may hold a lock, which would stay locked.
+Tasks do not poll for cancellation. A task runs in a thread of its own, which is ended from outside while it waits for a
+kernel. Elsewhere it may hold a lock, which would stay locked.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from ..base.disk_columns import look_again
 from ..base.executor import Job, SharedValue
 from ..base.progress import Progress
 from ..engine.jit import run
-from .recipe import Stage, pack, unpack
+from .recipe import SceneLike, pack, unpack
 from .worker import DroppedError
-from .worker_pool import Ask, WorkerPool
+from .worker_pool import WorkerCheck, WorkerPool
 
-POLL = 0.1  # seconds between two looks whether a task is still wanted
-AGAIN = 2.0  # seconds that a task which was told to end has for it
+POLL = 0.1  # seconds between two checks for cancellation
+INTERRUPT_AGAIN = 2.0  # seconds until a cancelled task is interrupted again
 THREADS = "POINTRAY_THREADS"
 
 T = TypeVar("T")
 
 
-class _Nothing:
-    """A scene without anything."""
+class _EmptyScene:
+    """A scene without contents."""
 
     def __init__(self) -> None:
         self.baked, self.models = None, list[Any]()
 
-    def copy(self) -> Stage:
+    def copy(self) -> SceneLike:
         return self
 
     def snapshot(self) -> None:
@@ -46,28 +46,28 @@ class _Nothing:
 
 
 class TaskPool:
-    """The workers of a client, for tasks.
+    """Workers of a client that do tasks.
 
     Parameters
     ----------
     client : distributed.Client
-        As `check_client` takes it.
+        See `check_client`.
     ask : callable, optional
-        What is wrong with workers, see `WorkerPool`.
+        See `WorkerPool`.
     """
 
-    def __init__(self, client: Any, ask: Ask | None = None) -> None:
-        self._pool = WorkerPool(client, _Nothing(), ask)
+    def __init__(self, client: Any, ask: WorkerCheck | None = None) -> None:
+        self._pool = WorkerPool(client, _EmptyScene(), ask)
 
     def share(
         self, name: str, do: Callable[[int], T], numbers: Sequence[int], tick: Callable[[], None]
     ) -> Iterator[tuple[int, T]]:
-        """Call a function with each of some numbers; yields each with what it gives, in the order in which it is ready.
+        """Call a function with each number; yield numbers and results in the order of completion.
 
-        The function goes to each worker once, so that what is bound to it may be large. It may be called twice with
-        the same number, at the same time too.
+        The function is sent to each worker once, so data bound to it may be large. It may be called twice with the same
+        number, even at the same time.
 
-        name : what the dashboard shows; tick : called ten times a second, an error in it ends all
+        name : shown on the dashboard; tick : called ten times a second; an exception in it stops all tasks
         """
         todo = SharedValue(name, pack(do))
         jobs = deque(Job(f"{name} {k}/{len(numbers)}", do_task, (n,), (todo,)) for k, n in enumerate(numbers, 1))
@@ -75,20 +75,20 @@ class TaskPool:
             yield job.args[0], unpack(result)
 
     def refresh(self, folder: Path) -> None:
-        """See what workers have written into a folder."""
+        """Make files that workers have written into a folder visible here."""
         look_again(folder)
 
 
 def do_task(scene: None, number: int, todo: bytes, threads: int | None, check: Progress | None) -> bytes:
-    """Call a function on a worker; returns what it gives."""
+    """Call a function on a worker and return its packed result."""
     do = unpack(todo)
-    with _on(threads):
+    with _thread_limit(threads):
         return pack(do(number) if check is None else stoppable(lambda: do(number), check))
 
 
 def stoppable(work: Callable[[], T], check: Progress) -> T:
-    """Do work in a thread. When `check` raises DroppedError it ends, as by `sys.exit`, while it waits for a kernel."""
-    task, is_dropped, told = _Task(work), False, -AGAIN
+    """Do work in a thread. If `check` raises DroppedError, end it by SystemExit while it waits for a kernel."""
+    task, is_dropped, interrupted_at = _Task(work), False, -INTERRUPT_AGAIN
     task.start()
     while task.is_alive():
         task.join(POLL)
@@ -96,20 +96,20 @@ def stoppable(work: Callable[[], T], check: Progress) -> T:
             check(0.0)
         except DroppedError:
             is_dropped = True
-            if time.monotonic() - told > AGAIN and task.end():
-                told = time.monotonic()
+            if time.monotonic() - interrupted_at > INTERRUPT_AGAIN and task.end():
+                interrupted_at = time.monotonic()
     if is_dropped:
         raise DroppedError
     if isinstance(task.error, Exception):
         raise task.error
-    if task.error is not None:  # it would end the worker
+    if task.error is not None:  # SystemExit would end the worker
         raise RuntimeError("a task was ended") from task.error
     result: T = task.result
     return result
 
 
 class _Task(threading.Thread):
-    """Work in a thread. result, error : what came of it"""
+    """Thread that keeps the result or the exception of its work."""
 
     def __init__(self, work: Callable[[], Any]) -> None:
         super().__init__(daemon=True)
@@ -119,15 +119,15 @@ class _Task(threading.Thread):
         self._ending = threading.Lock()
 
     def run(self) -> None:
-        """See `Thread`."""
+        """Do the work, see `Thread`."""
         try:
             self.result = self._work()
         except BaseException as error:
             self.error = error
-        self._ending.acquire()  # when this thread has ended another one may get its number, which `end` uses
+        self._ending.acquire()  # never released: `end` must not use the ident of this thread after it was reused
 
     def end(self) -> bool:
-        """Raise SystemExit in this thread, if it waits for kernels; whether it does."""
+        """Raise SystemExit in this thread if it waits for kernels; return whether it does."""
         if not self._ending.acquire(blocking=False):
             return False
         try:
@@ -140,7 +140,7 @@ class _Task(threading.Thread):
             self._ending.release()
 
     def _waits_for_kernels(self) -> bool:
-        """Whether this thread does nothing but wait for the kernels that it runs."""
+        """Return whether this thread only waits for kernels."""
         frame = sys._current_frames().get(self.ident or 0)
         while frame is not None and frame.f_code.co_filename == threading.__file__:
             frame = frame.f_back
@@ -151,24 +151,24 @@ class _Task(threading.Thread):
         return frame is not None and frame.f_locals["self"] is self
 
 
-_LOCK, _BEFORE = threading.Lock(), list[str | None]()  # of the tasks in this process
+_LOCK, _SAVED_LIMITS = threading.Lock(), list[str | None]()  # settings before each task in this process
 
 
 @contextmanager
-def _on(threads: int | None) -> Iterator[None]:
-    """Have kernels use so many threads. Workers in one process have as many each, which the last of them sets back."""
+def _thread_limit(threads: int | None) -> Iterator[None]:
+    """Limit the threads of kernels. Workers in one process use the same limit; the last one restores the setting."""
     if threads is None:
         yield
         return
     with _LOCK:
-        _BEFORE.append(os.environ.get(THREADS))
+        _SAVED_LIMITS.append(os.environ.get(THREADS))
         os.environ[THREADS] = str(threads)
     try:
         yield
     finally:
         with _LOCK:
-            before = _BEFORE.pop()
-            if not _BEFORE:
+            before = _SAVED_LIMITS.pop()
+            if not _SAVED_LIMITS:
                 os.environ.pop(THREADS)
                 if before is not None:
                     os.environ[THREADS] = before

@@ -1,6 +1,6 @@
-"""What runs on a worker: it makes the scene once, then does jobs for it, one at a time, each on all of its threads.
+"""Code that runs on a worker: it builds a scene once, then does jobs on it, one at a time, with all of its threads.
 
-Chunks of arrays are made in the same way where there is no worker, by threads of this process or by other processes.
+Chunks of arrays are computed in the same way in threads and processes that are not workers.
 """
 
 from __future__ import annotations
@@ -13,50 +13,47 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary, WeakValueDictionary
 
-import numpy as np
-
 from ..base.version import __version__
-from ..engine.kernels.tree import Tree
 from ..model.model import Model
 from ..model.model_file import Place
 from .recipe import read_recipe
 
-SCENES, FILES = 2, 8  # scenes that a worker keeps, and files of models; the least recently used ones go
+SCENES, FILES = 2, 8  # scenes and files of models that a worker caches; the least recently used are dropped
 
 K = TypeVar("K")
 T = TypeVar("T")
 
 
 class UnseenFileError(Exception):
-    """The worker does not see the file of a model. args : its place"""
+    """Raised if the worker does not see the file of a model. args : its place"""
 
     def __str__(self) -> str:
-        return f"a worker does not see {self.args[0].path}, or sees another file: save it where all see it"
+        return f"a worker does not see {self.args[0].path} or sees another file: save it where all workers see it"
 
 
 class DroppedError(Exception):
-    """Nobody wants the result any more."""
+    """Raised if the result of a task is no longer needed."""
 
 
 @dataclass(frozen=True)
 class JobSpec:
-    """What is wanted.
+    """Specification of a job.
 
-    scene : the name of the scene
-    work : a function of a module, which takes the scene's snapshot, `args`, things that were sent before, a number of
-    threads and a `Progress`
-    things : how many there are of these
+    scene : name of the scene
+    work : function of a module that takes the scene's snapshot, `args`, shared values, a number of threads and a
+        `Progress`
+    value_count : number of shared values
     """
 
     scene: str
     work: Callable[..., Any]
     args: tuple[Any, ...]
-    things: int = 0
+    value_count: int = 0
 
 
 @dataclass(frozen=True)
-class Sent:
-    """A model that workers have. key : by which Dask knows it; scheduler : whose workers these are"""
+class ScatteredModel:
+    """A model that workers have. key : Dask's key; scheduler : id of their scheduler"""
 
     key: str
     scheduler: str
@@ -64,30 +61,30 @@ class Sent:
 
 @dataclass
 class WorkerCache:
-    """What a worker keeps. A lock is held by the job that is at work.
+    """Cache of a worker.
 
-    scenes : their snapshots; files, sent : models
+    lock : held by the running job; scenes : snapshots; files, sent : models
     """
 
     lock: threading.Lock = field(default_factory=threading.Lock)
     scenes: OrderedDict[str, Any] = field(default_factory=OrderedDict)
     files: OrderedDict[Place, Model] = field(default_factory=OrderedDict)
-    sent: WeakValueDictionary[Sent, Model] = field(default_factory=WeakValueDictionary)
+    sent: WeakValueDictionary[ScatteredModel, Model] = field(default_factory=WeakValueDictionary)
 
-    def scene(self, name: str, recipe: bytes, baked: Any, models: Sequence[Model | Place | Sent]) -> Any:
-        """The snapshot of a scene, which is kept."""
-        return _kept(self.scenes, name, SCENES, lambda: self._snapshot(recipe, baked, models))
+    def scene(self, name: str, recipe: bytes, baked: Any, models: Sequence[Model | Place | ScatteredModel]) -> Any:
+        """Return the snapshot of a scene, which is cached."""
+        return _get_or_make(self.scenes, name, SCENES, lambda: self._snapshot(recipe, baked, models))
 
-    def _snapshot(self, recipe: bytes, baked: Any, models: Sequence[Model | Place | Sent]) -> Any:
+    def _snapshot(self, recipe: bytes, baked: Any, models: Sequence[Model | Place | ScatteredModel]) -> Any:
         scene = read_recipe(recipe, [self._model(model) for model in models])
         scene.baked = baked
         return scene.snapshot()
 
-    def _model(self, model: Model | Place | Sent) -> Model:
-        """A model that Dask has brought, that it can fetch, or that is in a file."""
+    def _model(self, model: Model | Place | ScatteredModel) -> Model:
+        """Return a model: passed along, fetched from a worker, or loaded from a file."""
         if isinstance(model, Place):
-            return _kept(self.files, model, FILES, lambda: _load(model))
-        if isinstance(model, Sent):
+            return _get_or_make(self.files, model, FILES, lambda: _load(model))
+        if isinstance(model, ScatteredModel):
             found = self.sent.get(model)
             if found is None:
                 found = self.sent[model] = _aligned(_fetch(model))
@@ -96,35 +93,37 @@ class WorkerCache:
 
 
 _CACHES: WeakKeyDictionary[Any, WorkerCache] = WeakKeyDictionary()  # by worker: several may share a process
-_HERE = WorkerCache()  # where there is no worker
+_LOCAL_CACHE = WorkerCache()  # for threads that are not Dask workers
 
 
 def version_here() -> str:
-    """The version of pointray in this process."""
+    """Return the version of pointray in this process."""
     return __version__
 
 
 def do_job(spec: JobSpec, recipe: bytes, baked: Any, *sent: Any) -> Any:
-    """Do a job on a worker of Dask; returns what its work returns. sent : models, then other things
+    """Do a job on a Dask worker and return its result. sent : models, then shared values
 
     Raises
     ------
     UnseenFileError
-        If a model is to be read from a file that is not here.
+        If the file of a model is missing here.
     """
-    models, things = sent[: len(sent) - spec.things], sent[len(sent) - spec.things :]
-    return at_work(lambda cache: cache.scene(spec.scene, recipe, baked, models), spec.work, (*spec.args, *things))
+    models, values = sent[: len(sent) - spec.value_count], sent[len(sent) - spec.value_count :]
+    return run_exclusively(
+        lambda cache: cache.scene(spec.scene, recipe, baked, models), spec.work, (*spec.args, *values)
+    )
 
 
-def at_work(scene_of: Callable[[WorkerCache], Any], work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-    """Do work of which there is one at a time: on a worker, as one of its tasks, or in any other thread.
+def run_exclusively(scene_of: Callable[[WorkerCache], Any], work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
+    """Do work with exclusive use of the cache, in a task of a worker or in any other thread.
 
-    scene_of : makes the scene, given what is kept here; work : see `JobSpec`
+    scene_of : returns the scene from the cache; work : see `JobSpec`
     """
     worker = worker_here()
     if worker is None:
-        with _HERE.lock:
-            return work(scene_of(_HERE), *args, None, None)
+        with _LOCAL_CACHE.lock:
+            return work(scene_of(_LOCAL_CACHE), *args, None, None)
     key, cache = worker.get_current_task(), _CACHES.setdefault(worker, WorkerCache())
 
     def check(share: float = 0.0) -> None:
@@ -141,7 +140,7 @@ def at_work(scene_of: Callable[[WorkerCache], Any], work: Callable[..., Any], ar
 
 
 def worker_here() -> Any:
-    """The worker of Dask that this thread works for; None: it does not."""
+    """Return the Dask worker of this thread, or None."""
     distributed: Any = sys.modules.get("distributed")
     try:
         return None if distributed is None else distributed.get_worker()
@@ -149,22 +148,22 @@ def worker_here() -> Any:
         return None
 
 
-def _fetch(sent: Sent) -> Model:
-    """A model from the workers that have it."""
+def _fetch(sent: ScatteredModel) -> Model:
+    """Fetch a model from the workers that have it."""
     distributed: Any = sys.modules["distributed"]
     client = distributed.get_client()
     if client.scheduler_info()["id"] != sent.scheduler:
-        raise ValueError("a model was sent to the workers of another client: ask the scene again, with this one")
-    future = distributed.Future(sent.key, client, state="memory")  # as a client knows one that another client made
+        raise ValueError("a model was sent to the workers of another client: query the scene again with this one")
+    future = distributed.Future(sent.key, client, state="memory")  # of a key that another client has made
     if not client.who_has([future])[sent.key]:
-        raise RuntimeError("the workers that had a model are lost: ask the scene again")
+        raise RuntimeError("the workers that had a model are lost: query the scene again")
     model = future.result()
     assert isinstance(model, Model)
     return model
 
 
 def _load(place: Place) -> Model:
-    """The model in a file."""
+    """Load the model in a file."""
     if not place.is_there:
         raise UnseenFileError(place)
     model = Model.load(place.path)
@@ -173,28 +172,20 @@ def _load(place: Place) -> Model:
     return model
 
 
-def _kept(things: OrderedDict[K, T], key: K, most: int, make: Callable[[], T]) -> T:
-    """A thing that is kept, or made and kept now."""
-    if key not in things:
+def _get_or_make(cache: OrderedDict[K, T], key: K, most: int, make: Callable[[], T]) -> T:
+    """Return an object from a cache, or make it and drop the least recently used one."""
+    if key not in cache:
         made = make()
-        while len(things) >= most:
-            things.popitem(last=False)
-        things[key] = made
-    things.move_to_end(key)
-    return things[key]
+        while len(cache) >= most:
+            cache.popitem(last=False)
+        cache[key] = made
+    cache.move_to_end(key)
+    return cache[key]
 
 
 def _aligned(model: Model) -> Model:
-    """A model whose arrays kernels can read."""
+    """Align the arrays of a model for kernels, and return it."""
     for one in (model, *model.levels, *model.parts):
-        _align(one)
+        if one.source is None:
+            one.align_tree()
     return model
-
-
-def _align(model: Model) -> None:
-    """Copy the arrays that kernels read of a model if they lie at odd addresses, as parts of a message.
-
-    What is read from a file does not.
-    """
-    if model.source is None and not all(array.flags.aligned for array in model.tree):
-        model.tree = Tree(*(np.require(array, requirements=["A", "C", "W"]) for array in model.tree))

@@ -1,4 +1,4 @@
-"""The workers of a client at work on one scene."""
+"""Executor of jobs on a scene by the workers of a client."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from ..model.model import Model
 from ..model.model_file import Place
 from .client import check_client, is_fit, memory_of, unfit
 from .dispatch import Dispatch
-from .recipe import Stage, write_recipe
+from .recipe import SceneLike, write_recipe
 from .scattered_objects import ScatteredObject, check_spreadable, scattered_objects_of
 from .worker import JobSpec, do_job
 
-REFRESH = 1.0  # seconds between two looks at who is there
-LOST = "the scheduler of Dask is lost"
-ALONE = 60.0  # seconds without any worker after which a pool gives up
+REFRESH = 1.0  # seconds between two updates of the list of workers
+LOST = "connection to the Dask scheduler lost"
+NO_WORKERS_TIMEOUT = 60.0  # timeout in seconds without any worker
 
-Ask = Callable[[Any, list[str]], dict[str, str]]
+WorkerCheck = Callable[[Any, list[str]], dict[str, str]]
 
 
 class WorkerPool:
-    """The workers of a client, and a scene.
+    """Executor over the workers of a client, for one scene.
 
     Parameters
     ----------
     client : distributed.Client
-        As `check_client` takes it.
+        See `check_client`.
     scene : Scene
-        As it is now; later changes of the scene change nothing here.
+        It is copied.
     ask : callable, optional
-        Given the client and some workers, it tells what is wrong with those that must not be used, as `unfit` does.
+        Given the client and addresses of workers, return the reason for each one that must not be used, like `unfit`.
     spread : bool
-        Whether each worker opens only some parts of models in parts: whoever makes jobs sees to that.
+        Whether each worker opens only some parts of models in parts. Jobs must provide for that.
 
     Attributes
     ----------
@@ -47,114 +47,114 @@ class WorkerPool:
         The threads of each, by its address.
     """
 
-    def __init__(self, client: Any, scene: Stage, ask: Ask | None = None, spread: bool = False) -> None:
+    def __init__(self, client: Any, scene: SceneLike, ask: WorkerCheck | None = None, spread: bool = False) -> None:
         self._client, self._objects, self._ask, self.spread = client, scattered_objects_of(client), ask, spread
         scene = scene.copy()
         self._baked = None if spread else scene.baked
         self._models: list[Model] = scene.models
         recipe = write_recipe(scene, self._models)
-        self._name = hashlib.sha256(recipe).hexdigest()[:16]
+        self._unique_name = hashlib.sha256(recipe).hexdigest()[:16]
         self._recipe = ScatteredObject("scene", recipe)
         self.workers: dict[str, int] = {}
         self._unfit: set[str] = set()
-        self._called, self._seen = -REFRESH, time.monotonic()
+        self._refreshed, self._had_workers = -REFRESH, time.monotonic()
         self._refresh_workers()
 
     def run(self, jobs: deque[Job], tick: Callable[[], None]) -> Iterator[tuple[Job, Any]]:
-        """Do jobs; yields each with its result, in the order in which they are ready.
+        """Do jobs; yield each with its result, in the order of completion.
 
-        jobs : the caller may add others between two results
-        tick : called ten times a second; an error in it ends all
+        jobs : the caller may add jobs between two results
+        tick : called ten times a second; an exception in it stops all jobs
 
         Raises
         ------
         RuntimeError
-            If the scheduler, or all workers, are lost, or several workers died of the same job.
+            If the scheduler or all workers are lost, or several workers died while running the same job.
         """
         work = Dispatch(self, jobs)
         try:
             while not work.is_done:
                 self._refresh_workers()
                 work.drop_lost()
-                work.hand_out()
+                work.assign_jobs()
                 tick()
-                yield from work.take_in()
+                yield from work.collect_results()
         finally:
             work.end()
 
     def submit(self, job: Job, worker: str) -> Any:
-        """Have a worker do a job; returns the future, None if that failed: no worker takes what has to be sent.
+        """Submit a job to a worker. Returns its future, or None if its data cannot be sent to any worker.
 
-        If the worker dies, Dask may have another one do it.
+        If the worker dies, Dask may give it to another one.
         """
         client = self._client
         try:
             baked, recipe = self._send_baked(), self._recipe.send(client)
             models = [self._objects.of_model(model) for model in self._models]
             sent = [model if isinstance(model, Place) else model.send(client) for model in models]
-            things = [self._objects.of(one, one.name, one.value).send(client) for one in job.shared]
-        except OSError:  # of Dask, which found no worker in time, or lost the scheduler
+            values = [self._objects.of(one, one.name, one.value).send(client) for one in job.shared]
+        except OSError:  # from Dask: no worker in time, or the scheduler is lost
             return None
         except AttributeError:
-            if self._client.scheduler is None:  # Dask asks it for its methods all the same
+            if self._client.scheduler is None:  # Dask uses it without a check
                 raise RuntimeError(LOST) from None
             raise
-        scene = " ".join([self._name, *(_name(one) for one in (baked, *sent))])
-        todo = do_job, JobSpec(scene, job.work, job.args, len(things)), recipe, baked, *sent, *things
+        scene = " ".join([self._unique_name, *(_unique_name(one) for one in (baked, *sent))])
+        todo = do_job, JobSpec(scene, job.work, job.args, len(values)), recipe, baked, *sent, *values
         key = f"{job.name}-{uuid.uuid4().hex}"
         return client.submit(*todo, key=key, workers=[worker], allow_other_workers=True, pure=False)
 
     def fetch(self, future: Any) -> Any:
-        """Begin to fetch what a future holds; returns the `concurrent.futures.Future` of that."""
+        """Start the transfer of a future's result. Returns a `concurrent.futures.Future`."""
         import asyncio
 
         gathered = self._client.gather(future, asynchronous=True)
         return asyncio.run_coroutine_threadsafe(gathered, self._client.loop.asyncio_loop)
 
-    def unsee(self, place: Place) -> None:
-        """From now on the model in a file is sent, as not all workers see it."""
+    def mark_unseen(self, place: Place) -> None:
+        """Record that a worker does not see a file: its model is sent from now on."""
         self._objects.unseen.add(place)
 
     def _send_baked(self) -> Any:
-        """The future of the baked light; None: there is none."""
+        """Return the future of the baked light, or None without one."""
         if self._baked is None:
             return None
         return self._objects.of(self._baked, "baked light", self._baked.portable()).send(self._client)
 
     def _refresh_workers(self) -> None:
-        """See which workers are there, once a second."""
+        """Update the list of workers, at most once a second."""
         now = time.monotonic()
-        if now - self._called < REFRESH:
+        if now - self._refreshed < REFRESH:
             return
-        self._called = now
+        self._refreshed = now
         if self._client.status != "running":
             raise RuntimeError(LOST)
-        with suppress(OSError):  # the connection is lost: its status will tell
-            self._call(self._client.nthreads())
-        if now - self._seen > ALONE:
-            raise RuntimeError(f"all workers of Dask are gone, for {ALONE:.0f} seconds")
+        with suppress(OSError):  # connection lost: the next check of its status raises
+            self._update_workers(self._client.nthreads())
+        if now - self._had_workers > NO_WORKERS_TIMEOUT:
+            raise RuntimeError(f"no Dask worker available for {NO_WORKERS_TIMEOUT:.0f} seconds")
 
-    def _call(self, there: dict[str, int]) -> None:
-        """Take note of the workers that are there."""
+    def _update_workers(self, there: dict[str, int]) -> None:
+        """Update `workers` from the threads of the present workers, by address."""
         new = [worker for worker in there if worker not in self.workers and worker not in self._unfit]
-        for worker, reason in (self._wrongs_of(new) if new else {}).items():
+        for worker, reason in (self._find_unusable(new) if new else {}).items():
             self._unfit.add(worker)
-            warn(f"it is not used: {reason}", stacklevel=2)
+            warn(f"worker ignored: {reason}", stacklevel=2)
         usable = (worker for worker in there if worker not in self._unfit and is_fit(self._client, worker))
         self.workers = {worker: there[worker] for worker in usable}
         if self.workers:
-            self._seen = time.monotonic()
+            self._had_workers = time.monotonic()
 
-    def _wrongs_of(self, workers: list[str]) -> dict[str, str]:
-        """What is wrong with each of some workers that cannot be used."""
+    def _find_unusable(self, workers: list[str]) -> dict[str, str]:
+        """Return the reason for each worker that cannot be used."""
         wrongs = unfit(self._client, workers)
         if self._ask is not None:
             wrongs |= self._ask(self._client, [worker for worker in workers if worker not in wrongs])
         return wrongs
 
 
-def snapshot_and_executor(scene: Stage, client: Any, spread: bool | None = False) -> tuple[Any, WorkerPool]:
-    """Return a scene's snapshot as it is now, and the workers of a client for it.
+def snapshot_and_executor(scene: SceneLike, client: Any, spread: bool | None = False) -> tuple[Any, WorkerPool]:
+    """Return a snapshot of a scene, and an executor over the workers of a client for it.
 
     spread : whether models in parts are spread over the workers; None: if one does not fit into a worker's memory
     """
@@ -169,6 +169,6 @@ def snapshot_and_executor(scene: Stage, client: Any, spread: bool | None = False
     return scene.snapshot(), WorkerPool(client, scene, spread=spread)
 
 
-def _name(sent: Any) -> str:
-    """What tells a thing that was sent from others."""
+def _unique_name(sent: Any) -> str:
+    """Return the unique name of a sent object."""
     return str(getattr(sent, "key", sent))

@@ -1,6 +1,7 @@
 """`Model`: what rays hit of a cloud, in memory or in parts on disk.
 
-model : splats with radii, their tree, levels of detail
+model : `Model`, and its classes for saved models and models in parts; traceable: what a scene reads of a model
+building, levels_of_detail : points to splats to a tree; coarser versions; model_data: their result
 array_file, model_file, model_folder : a model on disk, checked when it is read
 model_cache : models that were built before
 residency : which parts of a model on disk are open, within a memory budget

@@ -1,12 +1,13 @@
-"""Models in parts, as folders: an index in JSON, the points of all parts, and for each part a file with its tree.
+"""Folders of models in parts: an index in JSON, the points of all parts, and a file with the tree of each part.
 
-    city.pointray/index.json             what is in the folder
+    city.pointray/index.json             contents of the folder
     city.pointray/points.pointray        positions, normals, colours, attributes and radii, part after part
     city.pointray/part-0000.pointray     the tree over the splats of a part and those of others that reach into it
     city.pointray/part-0000-1.pointray   a level of detail of the part, a saved model: 1 is the finest
 
-A part is an aligned stretch of the kd order of the surface's points, or of the scattered points, which follow those of
-the surface. Rows are those of all points, in a level's file those of its own. Nothing is trusted, see `model_file`.
+A part is an aligned range of the kd order of the surface's points, or of the scattered points, which follow those of
+the surface. Rows refer to all points; in the file of a level of detail, to its own points. All files are validated, see
+`model_file`.
 """
 
 from __future__ import annotations
@@ -42,23 +43,23 @@ from .model_file import (
 )
 
 INDEX, POINTS = "index.json", "points.pointray"
-UNFINISHED = "unfinished"  # the folder in it that holds what is found until all is done
+UNFINISHED = "unfinished"  # subfolder with intermediate results until preparation is complete
 # Version 3 has scattered points; a folder without any is written as version 2, which earlier releases read.
 FORMAT, VERSION, SURFACE_ONLY = "pointray parts", 3, 2
 MOST = 2**31  # rows are int32 in trees
-OUTDATED = "written by another version of pointray: prepare it anew"
+OUTDATED = "written by another version of pointray: run `pointray prepare` again"
 POINTS_KIND = Kind("pointray points", SURFACE_ONLY, [], "the points of a model in parts", OUTDATED)
 PART_KIND = Kind("pointray part", VERSION, LAYOUT, "a part of a model", OUTDATED, (SURFACE_ONLY,))
 
-Say = Callable[[float], None]
+Report = Callable[[float], None]
 
 
 class LevelFile(NamedTuple):
-    """What the index says of a level of detail of a part.
+    """Entry of a part's level of detail in the index.
 
-    name : of the file; points : how many it has
+    name : of the file; points : their number
     spacing : median of their radii
-    longest : the number of blocks in the longest leaf
+    longest : number of blocks in the longest leaf
     nbytes, sha256 : of the file
     """
 
@@ -71,12 +72,12 @@ class LevelFile(NamedTuple):
 
 
 class PartFile(NamedTuple):
-    """What the index says of a part.
+    """Entry of a part in the index.
 
-    name : of the file; points : how many are its own; bounds : (2, 3) of these, world
-    reach : (2, 3) about the origin, bounds of all that rays can hit; None: nothing
+    name : of the file; points : number of its own points; bounds : (2, 3) of these, world
+    reach : (2, 3) bounds of all that rays can hit, relative to the origin; None: nothing
     spacing : median of the radii of all splats in the file
-    longest : the number of blocks in the longest leaf
+    longest : number of blocks in the longest leaf
     nbytes, sha256 : of the file
     levels : its levels of detail, from fine to coarse
     """
@@ -93,26 +94,26 @@ class PartFile(NamedTuple):
 
     @classmethod
     def of(cls, facts: dict[str, Any]) -> PartFile:
-        """What `facts` told."""
+        """Return the entry that `facts` describe."""
         return cls(**{**facts, "levels": [LevelFile(**level) for level in facts["levels"]]})
 
     @property
     def facts(self) -> dict[str, Any]:
-        """All of it, in a form that JSON can hold."""
+        """The entry in a form that JSON can store."""
         return {**self._asdict(), "levels": [level._asdict() for level in self.levels]}
 
 
 class Index(NamedTuple):
-    """What the index says.
+    """Contents of the index.
 
-    id : that all files of the folder name
-    settings : of the model, in a form that JSON can hold
-    survey : facts of the coordinates
+    id : stored in all files of the folder
+    settings : of the model, in a form that JSON can store
+    survey : georeference of the coordinates
     bounds : (2, 3), of all points, world
-    supports : (6,), of all supports, about the origin: where a ray enters them its lattice of samples begins
+    supports : (6,) bounds of all supports, relative to the origin: a ray's samples start where it enters them
     longest : longest step of the samples in any part
     nbytes, sha256 : of the points' file
-    scattered : how many points are scattered: the last ones
+    scattered : number of scattered points, which are the last ones
     """
 
     id: str
@@ -133,15 +134,15 @@ class Index(NamedTuple):
 
 
 def digest_of(path: Path) -> tuple[int, str]:
-    """The bytes of a file, and their SHA-256."""
+    """Return the size of a file in bytes and its SHA-256."""
     with path.open("rb") as file:
         return os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def write_points(folder: Path, id: str, points: Points, radii: NDArray[np.float32], say: Say) -> tuple[int, str]:
-    """Write the points' file; returns its `digest_of`."""
+def write_points(folder: Path, id: str, points: Points, radii: NDArray[np.float32], report: Report) -> tuple[int, str]:
+    """Write the file of the points; return its `digest_of`."""
     named: dict[str, Any] = {name: getattr(points, name) for name in ("positions", "normals", "colors")}
-    return write_columns(folder, id, points.origin, named, points.attributes, radii, say)
+    return write_columns(folder, id, points.origin, named, points.attributes, radii, report)
 
 
 def write_columns(
@@ -151,17 +152,17 @@ def write_columns(
     named: Mapping[str, Pieces | None],
     attributes: Mapping[str, Pieces],
     radii: Pieces,
-    say: Say,
+    report: Report,
 ) -> tuple[int, str]:
-    """`write_points`, of columns: "positions", "normals" and "colors", the last two perhaps None, and attributes."""
+    """Write the file of the points from columns: "positions", "normals" and "colors" (may be None), and attributes."""
     known = {f"points.{name}": column for name, column in named.items() if column is not None}
     known |= {"points.origin": origin, **{f"attribute.{name}": values for name, values in attributes.items()}}
-    write_arrays(folder / POINTS, POINTS_KIND, {"folder": id}, {**known, "radii": radii}, say)
+    write_arrays(folder / POINTS, POINTS_KIND, {"folder": id}, {**known, "radii": radii}, report)
     return digest_of(folder / POINTS)
 
 
 def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[np.float64], tree: Tree) -> PartFile:
-    """Write the file of a part; returns what the index says of it, the spacing as if all were surface."""
+    """Write the file of a part; return its entry, with the spacing as if no points were scattered."""
     path = folder / f"part-{number:04d}.pointray"
     named = {f"tree.{name}": array for name, array in zip(Tree._fields, tree, strict=True)}
     kind = PART_KIND if tree.head[SCATTER] else PART_KIND._replace(version=SURFACE_ONLY)
@@ -173,7 +174,7 @@ def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[
 
 
 def write_level(folder: Path, id: str, part: int, number: int, level: Level) -> LevelFile:
-    """Write the file of a part's level of detail; returns what the index says of it. number : 1 is the finest"""
+    """Write the file of a part's level of detail; return its entry. number : 1 is the finest"""
     path = folder / f"part-{part:04d}-{number}.pointray"
     write_model(path, [level], lambda share: None, {"folder": id, "part": part, "level": number})
     spacing = float(np.median(level.radii))
@@ -181,7 +182,7 @@ def write_level(folder: Path, id: str, part: int, number: int, level: Level) -> 
 
 
 def write_index(folder: Path, index: Index) -> None:
-    """Write the index, last: without it there is no model."""
+    """Write the index. It is written last: a folder without an index is no model."""
     facts = {**index._asdict(), "parts": [part.facts for part in index.parts]}
     if not index.scattered:
         del facts["scattered"]
@@ -192,17 +193,17 @@ def write_index(folder: Path, index: Index) -> None:
 
 
 def read_folder(path: str | os.PathLike[str]) -> tuple[Index, Level]:
-    """The index of a model in parts, and the whole, whose points are mapped and whose tree is empty.
+    """Return the index of a model in parts, and the whole: its points, memory-mapped, and an empty tree.
 
-    Sizes are compared; parts and levels of detail are not opened.
+    File sizes are compared with the index. Parts and levels of detail are not opened.
 
     Raises
     ------
     OSError
         If a file cannot be opened; the error names it.
     ValueError
-        If there is no index, or it or another file is damaged, of another version or of another folder; the message
-        names the file.
+        If there is no index, or a file is damaged, has another version or belongs to another folder; the message names
+        the file.
     """
     folder = Path(path)
     index = _read_index(folder)
@@ -215,27 +216,27 @@ def read_folder(path: str | os.PathLike[str]) -> tuple[Index, Level]:
 
 
 def check_folder(path: str | os.PathLike[str]) -> None:
-    """ValueError if a folder has no index of a model in parts, or a damaged one."""
+    """Raise a ValueError if a folder has no valid index of a model in parts."""
     _read_index(Path(path))
 
 
 def verify_folder(path: str | os.PathLike[str]) -> None:
-    """ValueError if a file of a folder is not the one that its index describes, to the last byte."""
+    """Raise a ValueError if a file of a folder differs from the one that its index describes."""
     folder = Path(path)
     index = _read_index(folder)
-    told = {file.name: (file.nbytes, file.sha256) for file in index.files} | {POINTS: (index.nbytes, index.sha256)}
-    for name, facts in told.items():
+    expected = {file.name: (file.nbytes, file.sha256) for file in index.files} | {POINTS: (index.nbytes, index.sha256)}
+    for name, facts in expected.items():
         with _named(folder / name):
             if digest_of(folder / name) != facts:
-                raise ValueError("it is not the file that the index describes: its SHA-256 is another")
+                raise ValueError("SHA-256 differs from the index: the file is damaged or belongs to another folder")
 
 
 def _read_index(folder: Path) -> Index:
     path = folder / INDEX
     if not path.is_file() and (folder / UNFINISHED).is_dir():
-        raise ValueError(f"{folder}: is unfinished: run the same `pointray prepare` again, it goes on")
+        raise ValueError(f"{folder}: preparation is unfinished: run the same `pointray prepare` again to resume")
     if not path.is_file():
-        raise ValueError(f"{folder}: no model in parts: it has no {INDEX}")
+        raise ValueError(f"{folder}: not a model in parts: {INDEX} is missing")
     try:
         found = json.loads(path.read_bytes())
         if not isinstance(found, dict) or found.pop("format", None) != FORMAT:
@@ -251,33 +252,33 @@ def _read_index(folder: Path) -> Index:
 
 
 def _check_index(index: Index) -> None:
-    """ValueError if a value of the index has another type or is out of range."""
+    """Raise a ValueError if a value of the index has the wrong type or is out of range."""
     files = index.files
     names = {file.name for file in files if isinstance(file.name, str) and file.name.endswith(SAVED)}
     if not files or len(names) != len(files) or any(Path(name).name != name for name in names):
-        raise ValueError("it names no parts, or not by files of the folder")
+        raise ValueError("its parts are missing or are not files of the folder")
     if not isinstance(index.settings, dict) or not isinstance(index.survey, dict) or not isinstance(index.id, str):
-        raise ValueError("its settings, survey or id are none")
+        raise ValueError("invalid settings, survey or id")
     whole = [
         index.nbytes,
         index.scattered,
         *(number for file in files for number in (file.points, file.longest, file.nbytes)),
     ]
     if not all(isinstance(number, int) and 0 <= number < 2**63 for number in whole):
-        raise ValueError("a number of points, blocks or bytes is none")
+        raise ValueError("invalid number of points, blocks or bytes")
     if index.scattered > sum(part.points for part in index.parts):
-        raise ValueError("more points are scattered than there are")
+        raise ValueError("more scattered points than points")
     boxes = [index.bounds, *(part.bounds for part in index.parts)]
     boxes += [part.reach for part in index.parts if part.reach is not None]
     if not all(_is_box(np.array(box, np.float64)) for box in boxes):
-        raise ValueError("bounds are none")
+        raise ValueError("invalid bounds")
     supports = np.array(index.supports, np.float64)
     if supports.shape != (6,) or not np.isfinite(supports).all() or not 0 <= float(index.longest) < math.inf:
-        raise ValueError("bounds of supports or the longest step are no numbers")
+        raise ValueError("invalid bounds of supports or longest step")
     for part in index.parts:
         spacings = [float(level.spacing) for level in part.levels]
         if not 0 <= float(part.spacing) < math.inf or not all(0 < spacing < math.inf for spacing in spacings):
-            raise ValueError("a spacing is none")
+            raise ValueError("invalid spacing")
         if spacings != sorted(spacings):
             raise ValueError("levels of detail are not from fine to coarse")
 
@@ -292,18 +293,18 @@ def _read_points(folder: Path, index: Index) -> tuple[Points, NDArray[np.float32
         _check_size(path, index.nbytes)
         about, found = read_arrays(path, POINTS_KIND)
         if about.get("folder") != index.id:
-            raise ValueError("it is of another folder")
+            raise ValueError("file belongs to another folder")
         points = points_of(found, survey_of({"survey": index.survey}))
         radii = take_array(found, "radii", np.float32, (len(points),))
         if sum(part.points for part in index.parts) != len(points):
-            raise ValueError(f"it holds {len(points):,} points, the parts others")
+            raise ValueError(f"it has {len(points):,} points; the parts have another number")
     return points, radii
 
 
-def read_part(folder: Path, index: Index, key: tuple[int, int], whole: Level, is_sound: bool = False) -> Level:
-    """A part with the points of the whole, mapped and checked, see `read_folder`.
+def read_part(folder: Path, index: Index, key: tuple[int, int], whole: Level, is_valid: bool = False) -> Level:
+    """Return a part with the points of the whole, memory-mapped and validated, see `read_folder`.
 
-    key : the part's number, and 0; is_sound : whether the file has been checked before, and is the same
+    key : the part's number, and 0; is_valid : whether the file was validated before and is unchanged
     """
     part = index.parts[key[0]]
     path = folder / part.name
@@ -311,40 +312,40 @@ def read_part(folder: Path, index: Index, key: tuple[int, int], whole: Level, is
         _check_size(path, part.nbytes)
         about, found = read_arrays(path, PART_KIND)
         if about.get("folder") != index.id or about.get("part") != key[0]:
-            raise ValueError("it is another part, or of another folder")
+            raise ValueError("part does not belong to this folder, or has another number")
         tree = take_tree(found)
         if len(tree.head) == HEAD:
             tree.head[BOUNDS : BOUNDS + 6], tree.head[LONGEST] = index.supports, index.longest
-        if not is_sound:
+        if not is_valid:
             check_level(tree, len(whole.points))
-        _check_told(tree, part)
+        _check_leaves(tree, part)
     return Level(index.settings, whole.points, whole.radii, np.array(part.bounds), tree)
 
 
-def read_level(folder: Path, index: Index, key: tuple[int, int], whole: Level, is_sound: bool = False) -> Level:
-    """A level of detail of a part, likewise. key : the part's number, and the level's: 1 is the finest"""
+def read_level(folder: Path, index: Index, key: tuple[int, int], whole: Level, is_valid: bool = False) -> Level:
+    """Return a level of detail of a part, likewise. key : number of the part, and of the level; 1 is the finest"""
     file = index.parts[key[0]].levels[key[1] - 1]
     path = folder / file.name
     with _named(path):
         _check_size(path, file.nbytes)
-    level, *others = read_model(path, {"folder": index.id, "part": key[0], "level": key[1]}, is_sound)
+    level, *others = read_model(path, {"folder": index.id, "part": key[0], "level": key[1]}, is_valid)
     with _named(path):
         if others or len(level.points) != file.points:
-            raise ValueError(f"it has {len(level.points):,} points, not {file.points:,}, or levels of detail itself")
+            raise ValueError(f"expected {file.points:,} points without levels of detail, got {len(level.points):,}")
         check_columns(level, whole)
-        _check_told(level.tree, file)
+        _check_leaves(level.tree, file)
     return level
 
 
-def _check_told(tree: Tree, file: PartFile | LevelFile) -> None:
-    """ValueError if the index says less of a tree than what kernels get memory for."""
+def _check_leaves(tree: Tree, file: PartFile | LevelFile) -> None:
+    """Raise a ValueError if a longest leaf differs from the index, by which kernels allocate memory."""
     if longest_leaf(tree) != file.longest:
-        raise ValueError(f"its longest leaf has {longest_leaf(tree)} blocks, not {file.longest}")
+        raise ValueError(f"expected a longest leaf of {file.longest} blocks, got {longest_leaf(tree)}")
 
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Add a file's name to errors."""
+    """Prefix errors with a file's name."""
     try:
         yield
     except ValueError as error:
@@ -352,7 +353,7 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def _check_size(path: Path, nbytes: int) -> None:
-    """ValueError if a file has another size than the index says."""
+    """Raise a ValueError if the size of a file differs from the index."""
     size = path.stat().st_size
     if size != nbytes:
-        raise ValueError(f"it has {size:,} bytes, not {nbytes:,}: it is cut off, or of another folder")
+        raise ValueError(f"expected {nbytes:,} bytes, got {size:,}: the file is truncated or belongs to another folder")

@@ -1,7 +1,7 @@
-"""What is open of a model in parts: opened when it is first needed, within a budget of memory, and let go again.
+"""Cache of open model parts and levels of detail, within a memory budget; the least recently used are closed first.
 
-The least recently used parts and levels of detail go first. What a picture still reads stays as long as it is read:
-only its pages are given back to the system, which fetches them from the file again where they are touched.
+Arrays that an image still reads stay mapped. Only their pages are returned to the system, which reads them again from
+the file when they are touched.
 """
 
 from __future__ import annotations
@@ -9,227 +9,182 @@ from __future__ import annotations
 import os
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 from ..base.memory import available_memory
 from ..engine.kernels.tree import Tree
 from .array_file import drop_pages
+from .model_data import ModelData
 from .model_file import Level
 from .model_folder import Index, LevelFile, PartFile, read_level, read_part
 
-SHARE = 0.5  # of the memory that is available when a model is loaded: its budget, if none is given
-UNKNOWN = 1 << 32  # bytes: the budget where that memory is unknown
-MOST_OPEN = 400  # files: each that is mapped takes one of the descriptors of the process, often 1,024
-
-T = TypeVar("T")
+SHARE = 0.5  # default budget as a share of the available memory when a model is loaded
+UNKNOWN = 1 << 32  # default budget in bytes where the available memory is unknown
+MOST_OPEN = 400  # open files: each mapped file takes one of the descriptors of the process, often 1,024
 
 
 class Key(NamedTuple):
-    """A file. level : 0 is all points of the part, 1 its finest level of detail"""
+    """Key of a file. level : 0 for the part itself, 1 for its finest level of detail"""
 
     part: int
     level: int
 
 
-class Opened(NamedTuple, Generic[T]):
-    """What is open. tree : the mapped arrays; nbytes : of the file"""
+class Opened(NamedTuple):
+    """An open file. data : its mapped arrays; nbytes : its size"""
 
-    thing: T
-    tree: Tree
+    data: ModelData
     nbytes: int
 
 
-class ResidencyCache(Generic[T]):
-    """The parts of a model and their levels of detail, on disk and in memory. Threads may use it at once.
+class ResidencyCache:
+    """Cache of the open parts and levels of detail of a model in a folder. Thread-safe.
 
     Parameters
     ----------
     folder : Path
     index : Index
     whole : Level
-        The whole, with all points and without splats.
-    make : callable
-        Makes of what a file holds what `open` returns.
+        The whole: all points, and a tree without splats.
     budget : int, optional
-        Bytes of files that are open at once. None: half of the memory that is available now.
+        Bytes of files that are open at once. Default: half of the available memory.
 
     Attributes
     ----------
     budget : int
     """
 
-    def __init__(
-        self, folder: Path, index: Index, whole: Level, make: Callable[[Level], T], budget: int | None = None
-    ) -> None:
-        self._folder, self._index, self._whole, self._make = folder, index, whole, make
+    def __init__(self, folder: Path, index: Index, whole: Level, budget: int | None = None) -> None:
+        self._folder, self._index, self._whole = folder, index, whole
         if budget is None:
             free = available_memory()
             budget = UNKNOWN if free is None else int(SHARE * free)
         self.budget = budget
-        self._open: OrderedDict[Key, Opened[T]] = OrderedDict()  # the least recently used first
-        self._sound: dict[Key, tuple[int, ...]] = {}  # files that were found sound, as they were then
-        self._lock = threading.Lock()  # guards all of these
+        self._open: OrderedDict[Key, Opened] = OrderedDict()  # least recently used first
+        self._validated: dict[Key, tuple[int, ...]] = {}  # validated files: inode, size and time of change then
+        self._lock = threading.Lock()  # guards the dictionaries
         self._reading: dict[Key, threading.Lock] = {}
 
     @property
     def step(self) -> float:
-        """The longest step of a ray's samples in any part, in the points' unit."""
+        """Longest step of a ray's samples in any part, in the points' unit."""
         return self._index.longest
 
     def file(self, key: Key) -> PartFile | LevelFile:
-        """What the index says of a file."""
+        """Return the entry of a file in the index."""
         part = self._index.parts[key.part]
         return part.levels[key.level - 1] if key.level else part
 
-    def find(self, key: Key) -> T | None:
-        """What a file holds if it is open, which counts as use; else None."""
+    def find(self, key: Key) -> ModelData | None:
+        """Return the data of a file if it is open, which counts as a use; else None."""
         with self._lock:
             found = self._open.get(key)
             if found is None:
                 return None
             self._open.move_to_end(key)
-            return found.thing
+            return found.data
 
-    def open(self, key: Key) -> T:
-        """What a file holds; it is opened and checked if it is not open.
+    def open(self, key: Key) -> ModelData:
+        """Return the data of a file; open and validate it if necessary.
 
         Raises
         ------
         OSError
             If the file cannot be opened; the error names it.
         ValueError
-            If it is damaged, or not what the index says; the message names it.
+            If it is damaged or does not match the index; the message names it.
         """
         found = self.find(key)
         if found is not None:
             return found
         with self._lock:
             reading = self._reading.setdefault(key, threading.Lock())
-        with reading:  # of two threads that need a file one reads it
+        with reading:  # one of the threads that need a file reads it
             found = self.find(key)
             if found is not None:
                 return found
             opened = self._read(key)
             with self._lock:
                 self._open[key] = opened
-                gone = self._surplus(key)
-        for tree in gone:
+                closed = self._close_surplus(key)
+        for tree in closed:
             drop_pages(tree)
-        return opened.thing
+        return opened.data
 
     @property
     def room(self) -> int:
-        """Bytes of the budget for what can be let go again: without the coarsest levels, which stay."""
+        """Bytes of the budget for files that can be closed: all but the coarsest levels, which stay open."""
         with self._lock:
             return self.budget - sum(opened.nbytes for key, opened in self._open.items() if self.is_kept(key))
 
     def is_kept(self, key: Key) -> bool:
-        """Whether a file stays open: the coarsest level of a part, which is small, and stands for all others."""
+        """Return whether a file stays open: the coarsest level of a part, which can stand in for all others."""
         return key.level > 0 and key.level == len(self._index.parts[key.part].levels)
 
     def is_open(self, key: Key) -> bool:
-        """Whether a file is open; that does not count as use."""
+        """Return whether a file is open; does not count as a use."""
         return key in self._open
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all files that are open."""
+        """Total size of the open files in bytes."""
         with self._lock:
             return sum(opened.nbytes for opened in self._open.values())
 
-    def _read(self, key: Key) -> Opened[T]:
+    def _read(self, key: Key) -> Opened:
         file, path = self.file(key), self._folder / self.file(key).name
         facts = os.stat(path)
         now = facts.st_ino, facts.st_size, facts.st_mtime_ns
-        is_sound = self._sound.get(key) == now
+        is_valid = self._validated.get(key) == now
         read = read_level if key.level else read_part
-        level = read(self._folder, self._index, key, self._whole, is_sound)
+        level = read(self._folder, self._index, key, self._whole, is_valid)
         try:
-            thing = self._make(level)
+            data = ModelData.from_stored(level)
         except (ValueError, TypeError) as error:
             raise ValueError(f"{path}: the model is damaged: {error}") from error
-        self._sound[key] = now
-        return Opened(thing, level.tree, file.nbytes)
+        self._validated[key] = now
+        return Opened(data, file.nbytes)
 
-    def _surplus(self, newest: Key) -> list[Tree]:
-        """Let what is beyond the budget go; returns its trees."""
-        gone: list[Tree] = []
+    def _close_surplus(self, newest: Key) -> list[Tree]:
+        """Remove files beyond the budget from the cache; return their trees."""
+        closed: list[Tree] = []
         total = sum(opened.nbytes for opened in self._open.values())
-        loose = [key for key in self._open if key != newest and not self.is_kept(key)]
-        for key in loose:
-            if total <= self.budget and len(loose) - len(gone) < MOST_OPEN:
+        closable = [key for key in self._open if key != newest and not self.is_kept(key)]
+        for key in closable:
+            if total <= self.budget and len(closable) - len(closed) < MOST_OPEN:
                 break
             opened = self._open.pop(key)
             total -= opened.nbytes
-            gone.append(opened.tree)
-        return gone
+            closed.append(opened.data.tree)
+        return closed
 
 
 class Source(NamedTuple):
-    """Where a part, or a level of detail of one, comes from."""
+    """The file of a part or level of detail, and the cache through which it is opened."""
 
-    residence: ResidencyCache[Any]
+    cache: ResidencyCache
     key: Key
 
-    def open(self) -> Any:
+    def open(self) -> ModelData:
         """See `ResidencyCache.open`."""
-        return self.residence.open(self.key)
+        return self.cache.open(self.key)
 
-    def find(self) -> Any:
+    def find(self) -> ModelData | None:
         """See `ResidencyCache.find`."""
-        return self.residence.find(self.key)
+        return self.cache.find(self.key)
 
     @property
     def is_open(self) -> bool:
         """See `ResidencyCache.is_open`."""
-        return self.residence.is_open(self.key)
+        return self.cache.is_open(self.key)
 
     @property
     def is_kept(self) -> bool:
         """See `ResidencyCache.is_kept`."""
-        return self.residence.is_kept(self.key)
+        return self.cache.is_kept(self.key)
 
     @property
     def file(self) -> PartFile | LevelFile:
-        """What the index says of it."""
-        return self.residence.file(self.key)
-
-
-# Attributes of a model on disk that are read from its file, each time they are needed.
-ABSENT = frozenset({"tree", "points", "radii", "settings", "surface", "smooth", "drawing", "_bounds"})
-
-
-class OnDisk:
-    """What a model is as long as it lies on disk: what is not here is asked of its file, each time it is needed."""
-
-    _source: Source | None = None
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:  # asked for what is not here
-            source = self.__dict__.get("_source")
-            if source is None or name not in ABSENT:
-                raise AttributeError(f"a {type(self).__name__} has no attribute {name!r}")
-            return getattr(source.open(), name)
-
-    @property
-    def source(self) -> Source | None:
-        """Of a part of a model, or a level of detail of one: its file, as long as it lies on disk."""
-        return self._source
-
-    @property
-    def told_reach(self) -> list[list[float]] | None:
-        """Of a part on disk: what the index says that rays can reach; None: nothing, or it is no part."""
-        file = None if self._source is None else self._source.file
-        return file.reach if isinstance(file, PartFile) else None
-
-    def _state(self) -> dict[str, Any]:
-        """All attributes, with those that lie on disk, and without the file."""
-        state = self.__dict__.copy()
-        source = state.pop("_source", None)
-        if source is not None:
-            opened = source.open()
-            state |= {name: getattr(opened, name) for name in ABSENT}
-        return state
+        """Entry of the file in the index."""
+        return self.cache.file(self.key)

@@ -1,13 +1,13 @@
-"""Models made by formula: a sculpted bust, a sphere, a torus and a lattice, with their exact distance.
+"""Procedural models: a sculpted bust, a sphere, a torus and a lattice, with exact signed distances.
 
-They need no file and no network, and a picture of their points can be compared with the truth:
+They need no file and no network, and hits of rays with their points can be compared with the exact surface:
 
     points = pr.procedural("statue", 1_000_000)
     error = pr.procedural_distance("statue", hits.position)
 
-clay, strokes, cells : solids made of strokes; sculpture : the statue, of head, bust and reliefs
-solids : the field and distance of every solid; smooth : minimum and step without corners
-meshing, creases, scatter : a mesh, finer in creases, and points spread over it; paint : their colours
+clay, strokes, cells : solids made of strokes; sculpture : the statue, from head, bust and reliefs
+solids : field and signed distance of every solid; smooth : smooth minimum and step
+meshing, creases, scatter : a mesh, its refinement in creases, and points spread over it; paint : their colours
 
 Begin with `sample` below, then solids.
 """
@@ -59,7 +59,7 @@ def _check_name(name: str) -> None:
 
 @cache
 def solid(name: str) -> Solid:
-    """The solid with a name, in the form that kernels take."""
+    """Return the solid with a name, in the form that kernels take."""
     if name == "statue":
         return statue()
     kind = {"sphere": SPHERE, "torus": TORUS, "lattice": LATTICE}[name]
@@ -68,7 +68,7 @@ def solid(name: str) -> Solid:
 
 
 def _bounds(name: str) -> NDArray[np.float64]:
-    """A box that holds the surface, (2, 3)."""
+    """Return a box that contains the surface, (2, 3)."""
     if name == "statue":
         body = solid(name)
         return np.stack([body.origin, body.origin + np.array(body.lists.shape) * body.cell])
@@ -80,17 +80,17 @@ def _bounds(name: str) -> NDArray[np.float64]:
 
 @cache
 def mesh(name: str) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Vertices and faces of a closed mesh near the surface."""
+    """Return vertices and faces of a closed mesh near the surface."""
     low, high = _bounds(name)
     return mesh_solid(solid(name), low, high, _MESH_CELL[name])
 
 
 @cache
 def area(name: str) -> float:
-    """Area of a model's surface, to about a thousandth.
+    """Return the area of a model's surface, to about a thousandth.
 
-    The mesh is halved once, its new vertices moved onto the surface, and the error, which goes with the square of the
-    edge, extrapolated away.
+    The mesh is refined once, its new vertices are moved onto the surface, and the error, proportional to the square of
+    the edge length, is removed by extrapolation.
     """
     _check_name(name)
     vertices, faces = mesh(name)
@@ -123,7 +123,7 @@ def _finish(work: Array, solid: Solid, positions: Array, normals: Array, colors:
 
 
 def sample(name: str, n: int, seed: int = 0) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint8]]:
-    """Points of a model as arrays; see `procedural`.
+    """Return points of a model as arrays; see `procedural`.
 
     Returns
     -------
@@ -141,7 +141,7 @@ def sample(name: str, n: int, seed: int = 0) -> tuple[NDArray[np.float32], NDArr
 
 
 def procedural(name: str, n: int, seed: int = 0) -> Points:
-    """Points of a model made by formula: blue noise on the exact surface, with exact normals, and colours.
+    """Sample a procedural model: blue noise on the exact surface, with exact normals, and colours.
 
     Parameters
     ----------
@@ -151,12 +151,16 @@ def procedural(name: str, n: int, seed: int = 0) -> Points:
     n : int
         Number of points, exactly; 1 to 100 million.
     seed : int
-        Another seed gives other points of the same surface.
+        Seed of the random numbers; other seeds give other points of the same surface.
+
+    Returns
+    -------
+    Points
 
     Raises
     ------
     ValueError
-        The name is unknown, or n is no whole number in its range.
+        If the name is unknown, or n is not an integer in its range.
     """
     from ..cloud.points import Points
 
@@ -165,12 +169,7 @@ def procedural(name: str, n: int, seed: int = 0) -> Points:
 
 
 def procedural_distance(name: str, x: ArrayLike) -> Any:
-    """Signed distance to the exact surface of a procedural model, negative inside.
-
-    The sphere and the torus have closed formulas. The lattice and the statue are blended; their distance is found by
-    following the nearest point on the surface: f / |grad f| at the surface, the Euclidean distance to 1% within 0.03
-    of it, and to 2% within 0.1, measured (a relief has many points that are nearest among their own neighbours).
-    It is never less than the distance.
+    """Return the signed distance to the exact surface of a procedural model, negative inside.
 
     Parameters
     ----------
@@ -184,7 +183,13 @@ def procedural_distance(name: str, x: ArrayLike) -> Any:
     Raises
     ------
     ValueError
-        The name is unknown, or the last axis of x has not 3 numbers.
+        If the name is unknown, or the last axis of x does not have length 3.
+
+    Notes
+    -----
+    The sphere and the torus have closed formulas. The lattice and the statue are blends, whose nearest surface point is
+    found iteratively: the result is f / |grad f| close to the surface, the Euclidean distance to 1% within 0.03 of it,
+    and to 2% within 0.1, as measured (a relief has many locally nearest points). It is never less than the distance.
     """
     _check_name(name)
     x = check_numbers(x, "x").astype(np.float64)

@@ -1,4 +1,4 @@
-"""The statue's neck and draped shoulders, and the turned plinth below: units of the world, standing on z = 0."""
+"""The statue's neck and draped shoulders, and the turned plinth below, in world units, standing on z = 0."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def sculpt_plinth(clay: Clay) -> None:
 
 
 def _torso(clay: Clay, grow: float, **stroke: Any) -> None:
-    """Chest, shoulders and the stumps of the arms, grown by a little for the cloth that lies on them."""
+    """Add chest, shoulders and the stumps of the arms, enlarged for the cloth that covers them."""
     g = grow
     clay.ellipsoid((0, 0.03, 0.80), (0.35 + g, 0.19 + g, 0.40 + g), width=0.05, **stroke)
     clay.tube(
@@ -57,7 +57,7 @@ def _torso(clay: Clay, grow: float, **stroke: Any) -> None:
 
 
 def sculpt_bust(clay: Clay) -> None:
-    """Cloth first, then its folds, then the neckline, then the skin below, and the neck when the foot is cut round."""
+    """Model the cloth, then its folds, then the neckline, then the skin below, and the neck after rounding the foot."""
     _torso(clay, 0.040, color=GOLD)
     clay.ellipsoid((0.42, 0.05, 0.72), (0.36, 0.60, 0.75), (0, -38, 0), op=CUT, width=0.02)
     clay.ellipsoid((0.42, 0.05, 0.72), (0.34, 0.585, 0.73), (0, -38, 0), op=PAINT, width=0.003, color=MANTLE)

@@ -1,4 +1,4 @@
-"""The strokes that matter in each part of space: it is cut into cells that list the strokes that can change them."""
+"""Lists of the strokes that can change the surface in each cell of space."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ _CHUNK = 64
 
 @kernel
 def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: float, out: Array, near: Array) -> None:
-    """Strokes of each cell, from its parent's list, by interval arithmetic over the ball around the cell.
+    """Select the strokes of each cell from its parent's list, by interval arithmetic over the ball around the cell.
 
-    out[i, 0] is their number, out[i, 1:] their numbers; near[i] tells whether the surface may pass through the cell.
+    out[i, 0] is their number, out[i, 1:] their indices; near[i] is 1 if the surface may pass through the cell.
     """
     solid = borrow(solid)
     table = solid.table
@@ -82,19 +82,19 @@ def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: flo
 
 
 def _subdivide(centers: NDArray[np.float64], edge: float) -> NDArray[np.float64]:
-    """The centres of the eight halves of each cell."""
+    """Return the centres of the eight octants of each cell."""
     corners = np.array([(i, j, k) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)], np.float64)
     return np.asarray((centers[:, None] + corners * (edge / 4)).reshape(-1, 3))
 
 
 def clay_solid(table: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], cell: float) -> Solid:
-    """The strokes with their cells, refined in three halvings where the surface passes.
+    """Return the strokes with their cells, refined in three halvings where the surface passes.
 
     Parameters
     ----------
     table : (strokes, clay.COLUMNS) float64
     low, high : (3,) float64
-        A box that holds the surface with room to spare.
+        A box that contains the surface, with a margin.
     cell : float
         Edge of the finest cells.
     """

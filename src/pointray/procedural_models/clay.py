@@ -1,4 +1,4 @@
-"""Clay: a solid made of strokes that add, carve away, cut off or give relief to material, always with rounded edges.
+"""Clay: a solid made of strokes that add, carve, cut or emboss material, always with rounded edges.
 
 A stroke is a row of a table. All strokes blend over a finite width, so that the strokes that matter within a small
 cell can be listed exactly (`cells`), and hundreds of strokes cost no more than the ten that are near.
@@ -17,8 +17,8 @@ from ..engine.kernels.vec import Vec3
 from .reliefs import relief
 from .smooth import blend, step
 
-# Columns of a stroke. Tubes keep their three control points and radii where the others keep centre, axes and size;
-# reliefs keep the number of repeats in VEIN, their region in SIZE and their amplitude in ROUND.
+# Columns of a stroke. Tubes store their three control points and radii in place of centre, axes and size; reliefs store
+# the number of repeats in VEIN, their region in SIZE and their amplitude in ROUND.
 KIND, OP, WIDTH, COLOR, VEIN, CENTER, AXES, SIZE, ROUND, SCALE, COLUMNS = 0, 1, 2, 3, 6, 7, 10, 19, 22, 23, 24
 POINTS, RADII = 7, 16
 
@@ -29,9 +29,9 @@ FAR = 10.0  # the field before the first stroke
 
 
 class Solid(NamedTuple):
-    """One solid, in the form that kernels take. `table` and the cells that follow are used by clay only.
+    """A solid, in the form that kernels take. Only clay uses `table` and the cells that follow.
 
-    A cell names the list of the strokes that can change the surface inside it: `items[starts[l] : starts[l + 1]]`
+    Each cell has a list of the strokes that can change the surface inside it: `items[starts[l] : starts[l + 1]]`
     with `l = lists[cell]`. List 0 holds every stroke and is used outside the cells.
     """
 
@@ -46,7 +46,7 @@ class Solid(NamedTuple):
 
 @inline
 def local(table: Array, i: int, x: float, y: float, z: float) -> Vec3:
-    """The point in the axes of stroke i."""
+    """Transform a point to the axes of stroke i."""
     x, y, z = x - table[i, CENTER], y - table[i, CENTER + 1], z - table[i, CENTER + 2]
     u = table[i, AXES] * x + table[i, AXES + 1] * y + table[i, AXES + 2] * z
     v = table[i, AXES + 3] * x + table[i, AXES + 4] * y + table[i, AXES + 5] * z
@@ -56,7 +56,7 @@ def local(table: Array, i: int, x: float, y: float, z: float) -> Vec3:
 
 @inline
 def ellipsoid(u: float, v: float, w: float, a: float, b: float, c: float) -> float:
-    """First-order distance to an ellipsoid: exact slope on its surface (Quilez, "Ellipsoid SDF")."""
+    """Return the first-order distance to an ellipsoid, with exact slope on its surface (Quilez, "Ellipsoid SDF")."""
     p, q, r = u / a, v / b, w / c
     k0 = sqrt(p * p + q * q + r * r)
     p, q, r = p / a, q / b, r / c
@@ -80,7 +80,7 @@ def _drum(u: float, v: float, w: float, radius: float, height: float, rounding: 
 
 @inline
 def _cosine_of_third(cosine: float) -> float:
-    """cos(acos(x) / 3) to 3e-5: a step of Newton's method on 4 y^3 - 3 y = x, from a parabola in sqrt(1 + x)."""
+    """Return cos(acos(x) / 3) to 3e-5: a Newton step on 4 y^3 - 3 y = x, from a parabola in sqrt(1 + x)."""
     w = sqrt(1.0 + cosine)
     y = 0.5 + w * (0.40824829 - 0.03872338 * w)
     return y - (4.0 * y * y * y - 3.0 * y - cosine) / max(12.0 * y * y - 3.0, 1e-6)
@@ -88,9 +88,9 @@ def _cosine_of_third(cosine: float) -> float:
 
 @inline
 def _foot(a2: float, ab: float, b2: float, da: float, db: float) -> float:
-    """Parameter of the point of a quadratic Bezier curve that is nearest to a point (Quilez, "Quadratic Bezier SDF").
+    """Return the parameter of the nearest point of a quadratic Bezier curve (Quilez, "Quadratic Bezier SDF").
 
-    With p(t) = A + 2 a t + b t^2 and d = A - x, arguments are the products a.a, a.b, b.b, d.a and d.b.
+    With p(t) = A + 2 a t + b t^2 and d = A - x, the arguments are the products a.a, a.b, b.b, d.a and d.b.
     """
     k = 1.0 / b2
     kx, ky, kz = k * ab, k * (2.0 * a2 + db) / 3.0, k * da
@@ -98,7 +98,7 @@ def _foot(a2: float, ab: float, b2: float, da: float, db: float) -> float:
     q = kx * (2.0 * kx * kx - 3.0 * ky) + kz
     h = q * q + 4.0 * p * p * p
     if h >= 0.0:
-        m = (max(0.5 * (abs(q) + sqrt(h)), 1e-300)) ** (1.0 / 3.0)  # of two cube roots, whose product is -p
+        m = (max(0.5 * (abs(q) + sqrt(h)), 1e-300)) ** (1.0 / 3.0)  # one of two cube roots, whose product is -p
         root = p / m - m if q > 0.0 else m - p / m
         t = min(max(root - kx, 0.0), 1.0)
     else:
@@ -107,7 +107,7 @@ def _foot(a2: float, ab: float, b2: float, da: float, db: float) -> float:
         n = sqrt(max(1.0 - m * m, 0.0)) * 1.7320508075688772
         t = min(max((m + m) * z - kx, 0.0), 1.0)
         s = min(max((-n - m) * z - kx, 0.0), 1.0)
-        # |p(t) - d|^2 / 2 without its constant: which of the two is nearer
+        # |p(t) - d|^2 / 2 without its constant, to choose the nearer of two
         ft = t * (2.0 * da + t * (2.0 * a2 + db + t * (2.0 * ab + 0.5 * b2 * t)))
         fs = s * (2.0 * da + s * (2.0 * a2 + db + s * (2.0 * ab + 0.5 * b2 * s)))
         t = s if fs < ft else t
@@ -121,7 +121,7 @@ def _foot(a2: float, ab: float, b2: float, da: float, db: float) -> float:
 
 @inline
 def _tube(table: Array, i: int, x: float, y: float, z: float) -> float:
-    """A bent tube; its radius starts and ends level, so that the round caps join without a crease."""
+    """Return the distance to a bent tube; its radius has zero slope at both ends, so the caps join without a crease."""
     px, py, pz = table[i, POINTS], table[i, POINTS + 1], table[i, POINTS + 2]
     ax, ay, az = table[i, POINTS + 3] - px, table[i, POINTS + 4] - py, table[i, POINTS + 5] - pz
     bx, by, bz = table[i, POINTS + 6] - px - 2.0 * ax, table[i, POINTS + 7] - py - 2.0 * ay, 0.0
@@ -142,7 +142,7 @@ def _tube(table: Array, i: int, x: float, y: float, z: float) -> float:
 
 @routine
 def shape(table: Array, i: int, x: float, y: float, z: float) -> float:
-    """Signed distance to the bare shape of stroke i."""
+    """Return the signed distance to the shape of stroke i, without blending."""
     kind = int(table[i, KIND])
     if kind == TUBE:
         return _tube(table, i, x, y, z)
@@ -160,13 +160,13 @@ def shape(table: Array, i: int, x: float, y: float, z: float) -> float:
 
 @inline
 def fade(d: float, width: float) -> float:
-    """1 inside of a region, 0 beyond the width outside of it, smooth between."""
+    """Return 1 inside a region, 0 farther than `width` outside, and a smooth transition between."""
     return step(1.0 - d / width)
 
 
 @routine
 def height(table: Array, i: int, x: float, y: float, z: float) -> float:
-    """How far the relief of stroke i raises the surface at a point."""
+    """Return the height that the relief of stroke i adds at a point."""
     u, v, w = local(table, i, x, y, z)
     region = fade(ellipsoid(u, v, w, table[i, SIZE], table[i, SIZE + 1], table[i, SIZE + 2]), table[i, WIDTH])
     if region == 0.0:
@@ -177,7 +177,7 @@ def height(table: Array, i: int, x: float, y: float, z: float) -> float:
 
 @inline
 def list_of(solid: Solid, x: float, y: float, z: float) -> int:
-    """Number of the list of strokes for a point."""
+    """Return the index of the list of strokes for a point."""
     lists = solid.lists
     u, v, w = (x - solid.origin[0]) / solid.cell, (y - solid.origin[1]) / solid.cell, (z - solid.origin[2]) / solid.cell
     if u >= 0.0 and v >= 0.0 and w >= 0.0 and u < lists.shape[0] and v < lists.shape[1] and w < lists.shape[2]:
@@ -187,7 +187,7 @@ def list_of(solid: Solid, x: float, y: float, z: float) -> int:
 
 @routine
 def work_clay(solid: Solid, x: float, y: float, z: float) -> float:
-    """The field of the clay at a point: all strokes in their order."""
+    """Evaluate the field of the clay at a point: all strokes in their order."""
     table = solid.table
     which = list_of(solid, x, y, z)
     f = FAR

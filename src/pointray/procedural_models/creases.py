@@ -1,4 +1,4 @@
-"""Finer triangles where the surface bends sharply, so that darts find the bottom of every crease."""
+"""Refinement of triangles where the surface bends sharply, so that darts reach the bottom of every crease."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from ..engine.jit import Array, borrow, kernel, next_tile, run
 from .clay import Solid
 from .solids import NEARLY, settle
 
-BEND = np.cos(np.radians(20.0))  # between a face and the mean of the faces at its corner
-SAG = 0.2  # how far the surface may be from the middle of an edge, in units of the spacing
+BEND = np.cos(np.radians(20.0))  # cosine between a face and the mean of the faces at its corner
+SAG = 0.2  # distance of the surface from the middle of an edge, in units of the spacing
 LEVELS = 5
 _CHUNK = 1024
 
@@ -28,13 +28,13 @@ def settle_all(work: Array, solid: Solid, points: Array) -> None:
 
 
 def settled(solid: Solid, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The points (n, 3), in place, moved onto the surface."""
+    """Move points (n, 3) onto the surface, in place, and return them."""
     run(settle_all, -(-len(points) // _CHUNK), solid, points)
     return points
 
 
 def _bent(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Faces at a corner where faces of different directions meet, (t,) bool."""
+    """Return the faces at corners where faces of different directions meet, (t,) bool."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     means = np.stack([np.bincount(faces.ravel(), np.repeat(normals[:, k], 3), len(vertices)) for k in range(3)], axis=1)
@@ -47,7 +47,7 @@ def _bent(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np
 
 
 def areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Areas of triangles (t, 3, 3)."""
+    """Return the areas of triangles (t, 3, 3)."""
     edges = corners[:, 1:] - corners[:, :1]
     return np.asarray(0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 
@@ -55,7 +55,7 @@ def areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 def refine_creases(
     solid: Solid, vertices: NDArray[np.float64], faces: NDArray[np.int32], n: int
 ) -> NDArray[np.float64]:
-    """The triangles of a mesh near the surface, cut into four where it bends, as often as n points can resolve.
+    """Cut the triangles of a mesh into four where the surface bends, repeatedly, down to the resolution of n points.
 
     Returns
     -------
@@ -82,14 +82,14 @@ def refine_creases(
 
 
 def edges_of(faces: NDArray[np.int32], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The distinct edges of faces over `count` vertices, (e, 2), and the three edges of each face, (t, 3)."""
+    """Return the distinct edges of faces over `count` vertices, (e, 2), and the three edges of each face, (t, 3)."""
     pairs = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64), axis=1)
     keys, sides = np.unique(pairs[:, 0] * count + pairs[:, 1], return_inverse=True)
     return np.stack([keys // count, keys % count], axis=1), sides.reshape(-1, 3)
 
 
 def quarter(faces: NDArray[np.int32], middles: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Each face cut into four at the middles of its sides, (t, 3) vertex numbers."""
+    """Cut each face into four at the midpoints of its sides; return (t, 3) vertex indices."""
     (a, b, c), (ab, bc, ca) = faces.T, middles.T
     return np.concatenate([np.stack(f, axis=1) for f in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]).astype(
         np.int32

@@ -1,4 +1,4 @@
-"""A triangle mesh of a solid, fine enough to spread points over: surface nets (Gibson 1998), moved onto the surface."""
+"""Triangle mesh of a solid, fine enough to spread points over: surface nets (Gibson 1998), moved onto the surface."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from .clay import Solid
 from .solids import NEARLY, field, settle
 
 BLOCK_EDGE = 8  # cells along a block's edge; blocks far from the surface are skipped whole
-PART_EDGE = 2  # cells along the edge of a block's parts; in those far from the surface only the sign is noted
+PART_EDGE = 2  # cells along the edge of a block's parts; in parts far from the surface only the sign is stored
 FAR_INSIDE, FAR_OUTSIDE = -1.0, 1.0  # the field where it is not evaluated
 
-Cell: TypeAlias = tuple[int, int, int]  # its position in the grid
+Cell: TypeAlias = tuple[int, int, int]  # position in the grid
 
 
 class Grid(NamedTuple):
-    """A grid of cells: lower corner, edge of a cell, and the field at the corners, its sign where it is far."""
+    """Grid of cells: low corner, edge of a cell, and the field at the corners, only its sign far from the surface."""
 
     low: NDArray[np.float64]  # (3,)
     cell: float
@@ -29,7 +29,7 @@ class Grid(NamedTuple):
 
 @kernel
 def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
-    """Note whether the surface may pass through each block."""
+    """Mark the blocks that the surface may pass through."""
     solid, half = borrow(solid), 0.5 * BLOCK_EDGE * grid.cell
     i = next_tile(work)
     while i >= 0:
@@ -43,7 +43,7 @@ def _near(work: Array, solid: Solid, grid: Grid, near: Array) -> None:
 
 @kernel
 def _find_parts(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Array) -> None:
-    """Note which parts of each block the surface may pass through, and at the corners of the others the sign."""
+    """Mark the parts of each block that the surface may pass through; store the sign at the corners of the others."""
     solid, grid, half = borrow(solid), borrow(grid), 0.5 * PART_EDGE * grid.cell
     t = next_tile(work)
     while t >= 0:
@@ -59,7 +59,7 @@ def _find_parts(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Arra
 
 @inline
 def _corner_of(blocks: Array, t: int, part: int) -> Cell:
-    """The lower corner of a part of a block."""
+    """Return the low corner of a part of a block."""
     parts = BLOCK_EDGE // PART_EDGE
     i, j, k = part // (parts * parts), part // parts % parts, part % parts
     return (
@@ -92,7 +92,7 @@ def _fill(work: Array, solid: Solid, grid: Grid, blocks: Array, near: Array) -> 
 
 @inline
 def _crossings(values: Array, i: int, j: int, k: int) -> tuple[int, float, float, float]:
-    """Number of edges of a cell that the surface crosses, and the sum of the crossings in cells."""
+    """Return the number of a cell's edges that the surface crosses, and the sum of the crossings in cells."""
     count, x, y, z = 0, 0.0, 0.0, 0.0
     for axis in range(3):
         for a in range(2):
@@ -115,7 +115,7 @@ def _crossings(values: Array, i: int, j: int, k: int) -> tuple[int, float, float
 def _vertices(
     work: Array, solid: Solid, grid: Grid, blocks: Array, first: Array, vertices: Array, numbers: Array
 ) -> None:
-    """One vertex for each cell that the surface passes; with an empty `vertices`, count them only (into `first`)."""
+    """Make one vertex for each cell that the surface crosses; with empty `vertices`, only count them (into `first`)."""
     solid, grid = borrow(solid), borrow(grid)
     t = next_tile(work)
     while t >= 0:
@@ -140,7 +140,7 @@ def _vertices(
 
 @inline
 def _quad(numbers: Array, a: Cell, b: Cell, c: Cell, d: Cell, flip: bool, faces: Array, count: int) -> int:
-    """Two triangles between the vertices of four cells around an edge."""
+    """Make two triangles between the vertices of four cells around an edge."""
     p, q = numbers[a[0], a[1], a[2]], numbers[b[0], b[1], b[2]]
     r, s = numbers[c[0], c[1], c[2]], numbers[d[0], d[1], d[2]]
     if min(min(p, q), min(r, s)) < 0:
@@ -155,7 +155,7 @@ def _quad(numbers: Array, a: Cell, b: Cell, c: Cell, d: Cell, flip: bool, faces:
 
 @kernel
 def _faces(grid: Grid, blocks: Array, numbers: Array, faces: Array) -> int:
-    """Faces around every edge of the grid that the surface crosses; returns how many there are."""
+    """Make faces around every edge of the grid that the surface crosses; return their number."""
     count = 0
     v = grid.values
     for t in range(blocks.shape[0]):
@@ -179,14 +179,14 @@ def _faces(grid: Grid, blocks: Array, numbers: Array, faces: Array) -> int:
 def mesh_solid(
     solid: Solid, low: NDArray[np.float64], high: NDArray[np.float64], cell: float
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """A closed mesh of the solid's surface.
+    """Return a closed mesh of the solid's surface.
 
     Parameters
     ----------
     low, high : (3,) float64
-        A box that holds the surface, with a cell to spare.
+        A box that contains the surface, with a margin of a cell.
     cell : float
-        Edge of the grid's cells; parts thinner than this are lost.
+        Edge of the grid's cells; thinner parts of the solid are lost.
 
     Returns
     -------

@@ -27,7 +27,7 @@ from .clay import (
 from .smooth import blend
 from .solids import CLAY, LATTICE, LATTICE_PITCH, TORUS
 
-EDGE = 0.004  # width over which one colour changes into the next
+EDGE = 0.004  # width of the transition between two colours
 
 
 @inline
@@ -39,7 +39,7 @@ def _lattice_noise(i: int, j: int, k: int) -> float:
 
 @routine
 def noise(x: float, y: float, z: float) -> float:
-    """Value noise between -1 and 1, one feature per unit."""
+    """Return value noise between -1 and 1, one feature per unit."""
     i, j, k = int(floor(x)), int(floor(y)), int(floor(z))
     u, v, w = x - i, y - j, z - k
     u, v, w = u * u * (3.0 - 2.0 * u), v * v * (3.0 - 2.0 * v), w * w * (3.0 - 2.0 * w)
@@ -53,7 +53,7 @@ def noise(x: float, y: float, z: float) -> float:
 
 @inline
 def _cloud(x: float, y: float, z: float, scale: float) -> float:
-    """Three octaves of noise."""
+    """Return three octaves of noise."""
     n = noise(x * scale, y * scale, z * scale)
     n += 0.5 * noise(2.03 * x * scale + 7.0, 2.03 * y * scale, 2.03 * z * scale)
     return n + 0.25 * noise(4.1 * x * scale, 4.1 * y * scale + 3.0, 4.1 * z * scale)
@@ -61,7 +61,7 @@ def _cloud(x: float, y: float, z: float, scale: float) -> float:
 
 @inline
 def _veins(x: float, y: float, z: float) -> float:
-    """Thin winding lines: 1 on a vein, 0 away from it."""
+    """Return thin winding lines: 1 on a vein, 0 away from it."""
     bend = _cloud(x, y, z, 3.0) + 0.30 * _cloud(x, y, z, 14.0)
     line = abs(sin(5.0 * x + 3.0 * y + 9.0 * z + 4.2 * bend))
     strong = 0.5 + 0.5 * noise(4.0 * x + 9.0, 4.0 * y, 4.0 * z)
@@ -70,7 +70,7 @@ def _veins(x: float, y: float, z: float) -> float:
 
 @inline
 def _over(red: float, green: float, blue: float, table: Array, i: int, share: float) -> Vec3:
-    """One colour laid over another."""
+    """Blend the colour of stroke i over a colour."""
     red += share * (table[i, COLOR] - red)
     green += share * (table[i, COLOR + 1] - green)
     blue += share * (table[i, COLOR + 2] - blue)
@@ -79,7 +79,7 @@ def _over(red: float, green: float, blue: float, table: Array, i: int, share: fl
 
 @routine
 def _clay_color(solid: Solid, x: float, y: float, z: float) -> Vec3:
-    """The colour of the stroke that reaches out furthest, then the coats of paint, shades of relief and veins."""
+    """Return the colour of the outermost stroke, modified by coats of paint, shades of relief and veins."""
     table = solid.table
     which = list_of(solid, x, y, z)
     f, red, green, blue, vein, shade = FAR, 0.5, 0.5, 0.5, 0.0, 0.0
@@ -104,7 +104,7 @@ def _clay_color(solid: Solid, x: float, y: float, z: float) -> Vec3:
         elif op == RELIEF:
             h = height(table, i, x, y, z)
             f -= h
-            # gold, dirt or light that catches on raised places
+            # gold, or dirt and light, on raised places
             share = min(max(h / table[i, ROUND], -1.0), 1.0)
             if table[i, COLOR] >= 0.0:
                 red, green, blue = _over(red, green, blue, table, i, max(share, 0.0) ** 2)
@@ -120,7 +120,7 @@ def _clay_color(solid: Solid, x: float, y: float, z: float) -> Vec3:
 
 @routine
 def color(solid: Solid, x: float, y: float, z: float) -> Vec3:
-    """sRGB colour at a surface point, 0 to 1."""
+    """Return the sRGB colour at a surface point, 0 to 1."""
     if solid.kind == CLAY:
         return _clay_color(solid, x, y, z)
     tint = _cloud(x, y, z, 2.5)

@@ -1,4 +1,4 @@
-"""Fine relief: periodic patterns of height about -1 to 1 that the statue's clay is displaced by."""
+"""Fine reliefs: periodic patterns of height about -1 to 1 that displace the statue's clay."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ HAIR, FOLDS, MEANDER, FLUTES, SPIRAL = 10, 11, 12, 13, 14
 
 @inline
 def _hair(u: float, v: float, w: float, count: float) -> float:
-    """Locks combed from the forehead to the pole +v, wavy, each of several strands (a Hellenistic melon coiffure)."""
+    """Return wavy locks of several strands, combed from the forehead to the pole +v (a Hellenistic melon coiffure)."""
     around = atan2(u, w)
     along = atan2(sqrt(u * u + w * w), v)
     # ripples shrink towards the pole and have the same sign on both sides of the parting
@@ -27,7 +27,7 @@ def _hair(u: float, v: float, w: float, count: float) -> float:
 
 @inline
 def _folds(u: float, v: float, w: float) -> float:
-    """Cloth hanging in bows between two shoulders: depth of the bow through a point, folded."""
+    """Return cloth hanging in folds between two shoulders, from the depth of the bow through a point."""
     spread = 0.30 + 0.70 * exp(-(u * u) / 0.11)
     lean = 0.06 * sin(3.1 * u + 0.6) + 0.035 * sin(7.0 * u - 5.0 * v)
     depth = (lean - w) / spread
@@ -40,7 +40,7 @@ def _folds(u: float, v: float, w: float) -> float:
 
 @inline
 def _segment(u: float, w: float, ax: float, az: float, bx: float, bz: float) -> float:
-    """Distance to an axis-parallel segment of the plane, given by its lower and upper corner."""
+    """Return the distance to an axis-parallel segment of the plane, given by its low and high corner."""
     du = max(max(ax - u, u - bx), 0.0)
     dw = max(max(az - w, w - bz), 0.0)
     return sqrt(du * du + dw * dw)
@@ -48,7 +48,7 @@ def _segment(u: float, w: float, ax: float, az: float, bx: float, bz: float) -> 
 
 @inline
 def _meander(u: float, v: float, w: float, count: float) -> float:
-    """A Greek key around the axis w, `count` times, between w = -1 and 1; its lines are raised."""
+    """Return a Greek key around the axis w, `count` times, between w = -1 and 1; its lines are raised."""
     turn = atan2(v, u) * count / (2.0 * pi)
     s = (turn - floor(turn)) * 8.0
     t = (w + 1.0) * 3.0
@@ -66,14 +66,14 @@ def _meander(u: float, v: float, w: float, count: float) -> float:
 
 @inline
 def _flutes(u: float, v: float, w: float, count: float) -> float:
-    """Ribs around the axis w that lean along it: gadroons, beads, flutes."""
+    """Return ribs around the axis w that lean along it: gadroons, beads, flutes."""
     wave = cos(count * atan2(v, u) + 2.2 * w)
     return 0.8 * wave - 0.2 * wave * wave
 
 
 @inline
 def _spiral(u: float, v: float, w: float, count: float) -> float:
-    """Hair wound into a knot about the axis v."""
+    """Return hair wound into a knot about the axis v."""
     radius = sqrt(u * u + w * w + 0.0004)
     angle = atan2(u, w) * count + 24.0 * radius
     strands = cos(3.0 * angle + 1.0) + 0.5 * cos(5.0 * angle)
@@ -84,7 +84,7 @@ def _spiral(u: float, v: float, w: float, count: float) -> float:
 
 @routine
 def relief(kind: int, u: float, v: float, w: float, count: float) -> float:
-    """Height of a pattern at a point given in the pattern's own axes and scale."""
+    """Return the height of a pattern at a point given in the pattern's own axes and scale."""
     if kind == HAIR:
         return _hair(u, v, w, count)
     if kind == FOLDS:

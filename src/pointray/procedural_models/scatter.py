@@ -1,8 +1,8 @@
-"""Blue noise on a mesh: dart throwing until almost nothing fits, in bricks of space that all cores fill in turn.
+"""Blue noise on a mesh: dart throwing almost to saturation, in bricks of space that all cores fill in turn.
 
-Bricks of one colour (of eight, like a chessboard in 3D) do not touch, so that their order and the number of threads
-change nothing. Random sequential addition saturates at n d^2 / A = 0.6966, d = 0.835 sqrt(A / n) (Feder 1980); a
-finite number of darts gets to d = 0.79. The last points fill the room that is left, at a slowly shrinking distance.
+Bricks of one colour (of eight, like a chessboard in 3D) do not touch, so that neither their order nor the number of
+threads changes the result. Random sequential addition saturates at n d^2 / A = 0.6966, d = 0.835 sqrt(A / n) (Feder
+1980); a finite number of darts reaches d = 0.79. The last points fill the remaining gaps, as d slowly shrinks.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ FIRST_ROUNDS, LATER_ROUNDS = 16, 6  # darts per d^2 of the surface
 SHRINK = 0.95
 ROOM = 1.3  # slots of a brick per expected point
 
-LocalGrid: TypeAlias = tuple[float, float, float, float]  # lower corner, 1 / distance
+LocalGrid: TypeAlias = tuple[float, float, float, float]  # low corner, 1 / distance
 
 
 class Bricks(NamedTuple):
-    """Triangles sorted by the brick that holds their centre, and each brick's slots for points."""
+    """Triangles sorted by the brick that contains their centre, and each brick's slots for points."""
 
     corners: NDArray[np.float64]  # (t, 3, 3) triangles, sorted
     first: NDArray[np.int64]  # (bricks + 1,) first triangle of each brick
@@ -37,12 +37,12 @@ class Bricks(NamedTuple):
     points: NDArray[np.float32]  # (slots, 3)
     low: NDArray[np.float64]  # (3,)
     edge: float
-    margin: float  # how far a triangle may stick out of its brick
+    margin: float  # how far a triangle may extend out of its brick
 
 
 @inline
 def mix(a: int, b: int) -> int:
-    """Hash of two 64-bit numbers (the finalizer of splitmix64)."""
+    """Hash two 64-bit numbers (the finalizer of splitmix64)."""
     z = u64(a) + u64(0x9E3779B97F4A7C15) * (u64(b) + u64(1))
     z = (z ^ (z >> u64(30))) * u64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> u64(27))) * u64(0x94D049BB133111EB)
@@ -51,13 +51,13 @@ def mix(a: int, b: int) -> int:
 
 @inline
 def _unit(word: int, part: int) -> float:
-    """A number in [0, 1) of one half (0 or 1) of a hash."""
+    """Convert one half (0 or 1) of a hash to a number in [0, 1)."""
     return float((word >> u64(32 * part)) & u64(0xFFFFFFFF)) * (1.0 / 4294967296.0)
 
 
 @inline
 def _is_close(x: float, y: float, z: float, p: int, following: Array, local: Array, square: float) -> bool:
-    """Whether a point of a cell, of which p is the first, lies within the distance."""
+    """Return whether a point of a cell, whose first point is p, lies within the distance."""
     while p >= 0:
         u, v, w = local[p, 0] - x, local[p, 1] - y, local[p, 2] - z
         if u * u + v * v + w * w < square:
@@ -78,10 +78,10 @@ def _fits(
     local: Array,
     square: float,
 ) -> bool:
-    """Whether no point lies within the distance; `grid` is (lower corner, 1 / distance)."""
+    """Return whether no point lies within the distance; `grid` is (low corner, 1 / distance)."""
     i, j = int((x - grid[0]) * grid[3]), int((y - grid[1]) * grid[3])
     k = int((z - grid[2]) * grid[3])
-    if _is_close(x, y, z, heads[(i * dims + j) * dims + k], following, local, square):  # where most darts fail
+    if _is_close(x, y, z, heads[(i * dims + j) * dims + k], following, local, square):  # most darts fail here
         return False
     for a in range(-1, 2):
         for b in range(-1, 2):
@@ -94,7 +94,7 @@ def _fits(
 
 @inline
 def _neighbor(bricks: Bricks, brick: int, number: int) -> int:
-    """One of the 27 bricks at and around a brick, -1 where there is none."""
+    """Return one of the 27 bricks at and around a brick, -1 if there is none."""
     i = bricks.cells[brick, 0] + number // 9 - 1
     j = bricks.cells[brick, 1] + number // 3 % 3 - 1
     k = bricks.cells[brick, 2] + number % 3 - 1
@@ -105,8 +105,8 @@ def _neighbor(bricks: Bricks, brick: int, number: int) -> int:
 
 
 @inline
-def _crowd(bricks: Bricks, brick: int) -> int:
-    """The most points that a brick and its neighbours may hold."""
+def _capacity(bricks: Bricks, brick: int) -> int:
+    """Return the capacity in points of a brick and its neighbours."""
     total = 0
     for number in range(27):
         other = _neighbor(bricks, brick, number)
@@ -119,7 +119,7 @@ def _crowd(bricks: Bricks, brick: int) -> int:
 def _gather(
     bricks: Bricks, brick: int, grid: LocalGrid, dims: int, heads: Array, following: Array, local: Array
 ) -> int:
-    """The points of a brick and of its neighbours that lie in its local grid, put into the grid's cells."""
+    """Put those points of a brick and its neighbours that lie in the local grid into its cells; return their number."""
     held = 0
     for number in range(27):
         other = _neighbor(bricks, brick, number)
@@ -143,7 +143,7 @@ def _insert(x: float, y: float, z: float, cell: int, heads: Array, following: Ar
 
 @inline
 def _dart(corners: Array, t: int, word: int) -> Vec3:
-    """A uniform random point of triangle t, rounded to the float32 in which it is kept."""
+    """Return a uniform random point of triangle t, rounded to float32 as it is stored."""
     a, b = sqrt(_unit(word, 0)), _unit(word, 1)
     p, q, r = 1.0 - a, a * (1.0 - b), a * b
     x = p * corners[t, 0, 0] + q * corners[t, 1, 0] + r * corners[t, 2, 0]
@@ -170,7 +170,7 @@ def _throw(work: Array, bricks: Bricks, turn: Array, areas: Array, distance: flo
             1.0 / distance,
         )
         heads[:] = -1
-        size = _crowd(bricks, brick)
+        size = _capacity(bricks, brick)
         local, following = np.empty((size, 3)), np.empty(size, np.int32)
         held = _gather(bricks, brick, grid, dims, heads, following, local)
         free = bricks.slot[brick] + bricks.filled[brick]
@@ -191,7 +191,7 @@ def _throw(work: Array, bricks: Bricks, turn: Array, areas: Array, distance: flo
 
 
 def _lay_bricks(corners: NDArray[np.float64], areas: NDArray[np.float64], n: int) -> tuple[Bricks, NDArray[np.float64]]:
-    """Sort the triangles into bricks of about a thousand points; also returns the areas in the sorted order."""
+    """Sort the triangles into bricks of about a thousand points; also return the areas in the sorted order."""
     spacing = float(np.sqrt(areas.sum() / n))
     centers = corners.mean(axis=1)
     margin = float(np.abs(corners - centers[:, None]).max())
@@ -221,14 +221,14 @@ def _lay_bricks(corners: NDArray[np.float64], areas: NDArray[np.float64], n: int
 
 
 def _hash(numbers: NDArray[np.int64], key: int) -> NDArray[np.uint64]:
-    """A random but fixed order of numbers."""
+    """Hash numbers, for a random but reproducible order."""
     z = numbers.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(key)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     return np.asarray(z ^ (z >> np.uint64(27)))
 
 
 def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float32]:
-    """Exactly n points spread evenly over triangles, brick by brick.
+    """Spread exactly n points evenly over triangles, brick by brick.
 
     Parameters
     ----------

@@ -18,9 +18,9 @@ CELL = 0.014
 
 
 def statue() -> Solid:
-    """All strokes of the statue, with the cells that make it fast."""
+    """Return all strokes of the statue, with their cells for fast evaluation."""
     clay = Clay()
-    sculpt_bust(clay)  # first: its foot is cut off, and so would be the plinth
+    sculpt_bust(clay)  # first, because its foot is cut off, which would also cut the plinth
     sculpt_plinth(clay)
     with clay.part(**HEAD):
         sculpt_head(clay)

@@ -1,4 +1,4 @@
-"""The field of a solid and its signed distance: closed formulas, or clay that `sculpture` shapes."""
+"""Field and signed distance of the solids: closed formulas, or clay modelled by `sculpture`."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ TORUS_MAJOR, TORUS_MINOR = 1.0, 0.4
 LATTICE_PITCH, LATTICE_END, LATTICE_RADIUS, LATTICE_BLEND = 0.5, 0.75, 0.035, 0.04
 LATTICE_KNOB = 0.06  # radius of the balls where struts meet
 
-SETTLED = 1e-10  # a field this small is on the surface
-SINGLE, NEARLY = 1e-8, 1e-6  # what rounding to float32 hides, and what meshes need
-LOOKS = 400  # directions
-CLOSE = 0.004  # below this the surface, nowhere rounder than 0.005, has one nearest point
-STENCIL = 3e-6  # step of central differences: truncation and rounding both stay below 1e-7
-SHORT = 1e-8  # step of differences from where the field is known: 5e-8 where it is not bent, 1e-6 where it is roundest
+SETTLED = 1e-10  # |field| of points on the surface
+SINGLE, NEARLY = 1e-8, 1e-6  # bounds of |field| below float32 resolution, and sufficient for meshes
+SEARCH_DIRECTIONS = 400  # number of directions
+CLOSE = 0.004  # distance below which the surface, with radii of curvature of at least 0.005, has one nearest point
+STENCIL = 3e-6  # step of central differences: truncation and rounding errors are both below 1e-7
+SHORT = 1e-8  # step of one-sided differences: errors of 5e-8 where the field is linear, 1e-6 at the highest curvature
 
 
 @inline
 def _strut(along: float, across: float, other: float) -> float:
-    """Squared distance to the nearest of the lattice's parallel lines."""
+    """Return the squared distance to the nearest of the lattice's parallel lines."""
     beyond = max(abs(along) - LATTICE_END, 0.0)
     across -= _nearest_line(across)
     other -= _nearest_line(other)
@@ -40,7 +40,7 @@ def _nearest_line(x: float) -> float:
 
 @inline
 def _lattice(x: float, y: float, z: float) -> float:
-    """A cube of 4 x 4 x 4 balls joined by round struts, every joint filleted."""
+    """Return the field of a cube of 4 x 4 x 4 balls joined by round struts, with filleted joints."""
     a = sqrt(_strut(x, y, z)) - LATTICE_RADIUS
     b = sqrt(_strut(y, z, x)) - LATTICE_RADIUS
     c = sqrt(_strut(z, x, y)) - LATTICE_RADIUS
@@ -52,7 +52,7 @@ def _lattice(x: float, y: float, z: float) -> float:
 
 @routine
 def field(solid: Solid, x: float, y: float, z: float) -> float:
-    """A smooth function of space: zero on the surface, negative inside, its slope there near 1."""
+    """Return a smooth function of space: zero on the surface, negative inside, with slope near 1 at the surface."""
     if solid.kind == SPHERE:
         return sqrt(x * x + y * y + z * z) - 1.0
     if solid.kind == TORUS:
@@ -65,7 +65,7 @@ def field(solid: Solid, x: float, y: float, z: float) -> float:
 
 @routine
 def slope(solid: Solid, x: float, y: float, z: float, e: float) -> Vec3:
-    """Gradient of the field by central differences over 2 e."""
+    """Return the gradient of the field by central differences over 2 e."""
     s = 0.5 / e
     gx = (field(solid, x + e, y, z) - field(solid, x - e, y, z)) * s
     gy = (field(solid, x, y + e, z) - field(solid, x, y - e, z)) * s
@@ -75,7 +75,7 @@ def slope(solid: Solid, x: float, y: float, z: float, e: float) -> Vec3:
 
 @inline
 def slope_from(solid: Solid, x: float, y: float, z: float, f: float, e: float) -> Vec3:
-    """Gradient of the field, which is f here, by differences over e."""
+    """Return the gradient of the field, whose value here is f, by one-sided differences over e."""
     gx = (field(solid, x + e, y, z) - f) / e
     gy = (field(solid, x, y + e, z) - f) / e
     gz = (field(solid, x, y, z + e) - f) / e
@@ -84,7 +84,7 @@ def slope_from(solid: Solid, x: float, y: float, z: float, f: float, e: float) -
 
 @inline
 def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
-    """A surface point near one where Newton's method is stuck: search along 26 directions, farther each time."""
+    """Find a surface point near one where Newton's method stalls: search along 26 directions, farther each time."""
     distance = max(abs(f), 1e-5)
     while distance < 0.1:
         for number in range(27):
@@ -105,10 +105,10 @@ def _bracket(solid: Solid, x: float, y: float, z: float, f: float) -> Vec3:
 
 @routine
 def settle(solid: Solid, x: float, y: float, z: float, steps: int, enough: float) -> tuple[float, float, float, float]:
-    """A point near the surface moved onto it, with the field there: below `enough` if the steps suffice.
+    """Move a point near the surface onto it; return it with the field there: below `enough` if the steps suffice.
 
-    Newton's method along the gradient, which is one-sided and is used for a second step (a chord step): that saves
-    evaluations. If `steps` is over 2 and the field stays above 10 times `enough`, the surface is found by bisection.
+    Newton's method uses a one-sided gradient, and uses it for a second step (a chord step), which saves evaluations. If
+    `steps` is over 2 and the field stays above 10 times `enough`, the surface is found by bisection.
     """
     f = field(solid, x, y, z)
     for _ in range(steps):
@@ -132,9 +132,9 @@ def settle(solid: Solid, x: float, y: float, z: float, steps: int, enough: float
 def _slide(
     solid: Solid, x: float, y: float, z: float, p: float, q: float, r: float
 ) -> tuple[float, float, float, float]:
-    """The surface point (p, q, r) moved along the surface to where x - p is normal to it: a nearest point of x.
+    """Slide the surface point (p, q, r) along the surface to where x - p is normal to it: a locally nearest point of x.
 
-    The tangential part of x - p is walked and settled again, which converges with distance / radius of curvature.
+    Each step follows the tangential part of x - p and settles again; it converges with distance / radius of curvature.
     """
     best = sqrt((x - p) ** 2 + (y - q) ** 2 + (z - r) ** 2)
     share = 1.0
@@ -154,9 +154,9 @@ def _slide(
 
 
 @inline
-def _look(number: int, a: float, b: float, c: float) -> Vec3:
-    """One of `LOOKS` directions on a spiral (Fibonacci) about the unit axis (a, b, c), denser towards the axis."""
-    share = (number + 0.5) / LOOKS
+def _spiral_direction(number: int, a: float, b: float, c: float) -> Vec3:
+    """Return one of `SEARCH_DIRECTIONS` on a spiral (Fibonacci) about the unit axis (a, b, c), denser near it."""
+    share = (number + 0.5) / SEARCH_DIRECTIONS
     along = 1.0 - 2.0 * share * share
     across = sqrt(1.0 - along * along)
     s, t = across * cos(2.399963229728653 * number), across * sin(2.399963229728653 * number)
@@ -173,10 +173,10 @@ def _look(number: int, a: float, b: float, c: float) -> Vec3:
 def _nearer(
     solid: Solid, x: float, y: float, z: float, f: float, p: float, q: float, r: float, best: float
 ) -> tuple[float, float, float, float]:
-    """A surface point nearer to x than the one at (p, q, r), at distance `best`; with its distance, or -1."""
+    """Return a surface point nearer to x than (p, q, r), whose distance is `best`; with its distance, or -1."""
     distance = 0.992 * best
-    for number in range(LOOKS):
-        u, v, w = _look(number, (p - x) / best, (q - y) / best, (r - z) / best)
+    for number in range(SEARCH_DIRECTIONS):
+        u, v, w = _spiral_direction(number, (p - x) / best, (q - y) / best, (r - z) / best)
         if (field(solid, x + distance * u, y + distance * v, z + distance * w) < 0.0) != (f < 0.0):
             low, high = 0.0, distance
             while high - low > 1e-9:
@@ -191,10 +191,10 @@ def _nearer(
 
 @routine
 def distance(solid: Solid, x: float, y: float, z: float) -> float:
-    """Signed Euclidean distance.
+    """Return the signed Euclidean distance.
 
-    Blended solids: f / |grad f| below 1e-6; further off the point below x on the surface slides to where it is
-    nearest; and beyond `CLOSE`, where a relief has many such points, the ball up to it is searched for a nearer one.
+    For blended solids it is f / |grad f| below 1e-6. Farther away, the projection of x onto the surface slides to the
+    nearest point; beyond `CLOSE`, where a relief has many such points, the ball up to it is searched for a nearer one.
     """
     f = field(solid, x, y, z)
     if solid.kind == SPHERE or solid.kind == TORUS or f == 0.0:
@@ -217,7 +217,7 @@ def distance(solid: Solid, x: float, y: float, z: float) -> float:
 
 @kernel
 def distances(work: Array, solid: Solid, x: Array, out: Array, tile: int) -> None:
-    """out[i] = distance at x[i]."""
+    """Set out[i] to the distance at x[i]."""
     t = next_tile(work)
     while t >= 0:
         for i in range(t * tile, min((t + 1) * tile, out.size)):

@@ -1,4 +1,4 @@
-"""Strokes of clay: given in the axes of a part, then turned and scaled into the table of `clay`."""
+"""Strokes of clay, given in the axes of a part, then rotated and scaled into the table of `clay`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ UNPAINTED = (-1.0, -1.0, -1.0)  # a relief that only shades the colour below it
 
 
 def rotation(turn: Vector) -> NDArray[np.float64]:
-    """Matrix of turns about x, then y, then z, in degrees."""
+    """Return the matrix of rotations about x, then y, then z, in degrees."""
     (a, b, c), (d, e, f) = np.cos(np.radians(turn)), np.sin(np.radians(turn))
     x = np.array([[1, 0, 0], [0, a, -d], [0, d, a]])
     y = np.array([[b, 0, e], [0, 1, 0], [-e, 0, b]])
@@ -48,10 +48,10 @@ def rotation(turn: Vector) -> NDArray[np.float64]:
 
 
 class Clay:
-    """Collects strokes. Lengths are in units of the current part (`part`), which has its own position, turn and scale.
+    """Collector of strokes. Lengths are in units of the current part (`part`), which has its own place, turn and scale.
 
     Every stroke takes `op` (ADD, CARVE, CUT, PAINT), the `width` over which it blends, a `color` (sRGB, 0 to 1),
-    `vein` (how strong the veins of the stone are) and `both` (a second one mirrored at the part's plane x = 0).
+    `vein` (strength of the stone's veins) and `both` (adds a copy mirrored at the part's plane x = 0).
     """
 
     def __init__(self) -> None:
@@ -59,12 +59,12 @@ class Clay:
         self._scale, self._turn, self._place = 1.0, np.eye(3), np.zeros(3)
 
     def table(self) -> NDArray[np.float64]:
-        """(strokes, COLUMNS) float64"""
+        """Return the strokes, (strokes, COLUMNS) float64."""
         return np.array(self._rows)
 
     @contextmanager
     def part(self, place: Vector, turn: Vector = (0, 0, 0), scale: float = 1.0) -> Iterator[None]:
-        """Strokes within the `with` are in axes turned, scaled and moved to `place`."""
+        """Set the axes of strokes within the `with`: rotated, scaled and moved to `place`."""
         before = self._scale, self._turn, self._place
         self._place = self._place + self._scale * self._turn @ np.asarray(place, np.float64)
         self._turn, self._scale = self._turn @ rotation(turn), self._scale * scale
@@ -99,19 +99,19 @@ class Clay:
         share: float = 1.0,
         **stroke: Any,
     ) -> None:
-        """An ellipsoid; `share` is how opaque it is when it is painted."""
+        """Add an ellipsoid; `share` is its opacity as paint."""
         self._solid(ELLIPSOID, center, radii, turn, share, both, **stroke)
 
     def box(self, center: Vector, half: Vector, rounding: float, **stroke: Any) -> None:
-        """A box with rounded edges, given by its half edges."""
+        """Add a box with rounded edges, given by its half edges."""
         self._solid(BOX, center, half, (0, 0, 0), rounding * self._scale, False, **stroke)
 
     def drum(self, center: Vector, radius: float, half: float, rounding: float, **stroke: Any) -> None:
-        """A round slab of radius and half height, its rims rounded."""
+        """Add a cylinder of given radius and half height with rounded rims."""
         self._solid(DRUM, center, (radius, radius, half), (0, 0, 0), rounding * self._scale, False, **stroke)
 
     def ring(self, center: Vector, radius: float, thickness: float, turn: Vector = (0, 0, 0), **stroke: Any) -> None:
-        """A torus."""
+        """Add a torus."""
         self._solid(RING, center, (radius, radius, thickness), turn, 1.0, False, **stroke)
 
     def tube(
@@ -124,7 +124,7 @@ class Clay:
         share: float = 1.0,
         **stroke: Any,
     ) -> None:
-        """A bent tube from a to c through a point half way; radii at a, at c, and the middle's excess."""
+        """Add a bent tube from a to c through a point half way; radii at a, at c, and the excess at the middle."""
         p, m, q = (np.asarray(v, np.float64) for v in (a, through, c))
         control = 2.0 * m - 0.5 * (p + q)
         # a straight line has no second derivative: bend it by a hundredth
@@ -142,7 +142,7 @@ class Clay:
     def relief(
         self, pattern: int, center: Vector, region: Vector, amplitude: float, turn: Vector = (0, 0, 0), **stroke: Any
     ) -> None:
-        """Displace what is there by a pattern within an ellipsoid; `count` repeats; a `color` for its raised parts."""
+        """Displace the surface by a pattern within an ellipsoid; `count` repeats; a `color` for its raised parts."""
         count = stroke.pop("count", 0)
         stroke.setdefault("color", UNPAINTED)
         self._solid(pattern, center, region, turn, amplitude * self._scale, False, op=RELIEF, vein=count, **stroke)

@@ -21,7 +21,8 @@ from ..engine.kernels.records import (
     TO_MODEL,
     World,
 )
-from ..model.model import COARSER, Model
+from ..model.levels_of_detail import COARSER
+from ..model.model import Model
 from ..scene.visible_trees import instances_of, world_showing
 from ..scene.world import Snapshot
 from ..surface.splats.levels import SUPPORT

@@ -1,8 +1,9 @@
-"""Models, planes and lights, placed in a scene -> what kernels read of it.
+"""Scenes of models, planes and lights, and the tables that kernels read.
 
-scene : `Scene`, which a caller builds and casts rays at; rays: the rays and their hits
-instances, transforms, clips, paints : the parts, as the caller gives them and as records
-world : all parts become a `Snapshot`, which never changes
+scene : `Scene`; rays : validation of rays, `Hits`; casting, paged_rays, blend : hits of rays and their attributes
+instances, transforms, clips, paints : validation of the parts of a scene, and their records
+world, visible_trees : `Snapshot`, an immutable scene with its tables
+ownership : distribution of the instances over several processes
 
 Begin with scene, then world.
 """

@@ -1,4 +1,4 @@
-"""Attributes at hits: blended with the surface's weights, or those of the splat of greatest weight."""
+"""Attributes at hits: blended with the surface's weights, or taken from the splat of greatest weight."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from .paints import categories_in
 from .world import Snapshot
 
 
-class Blended(NamedTuple):
-    """An attribute as hits have it.
+class HitAttribute(NamedTuple):
+    """An attribute at hits.
 
-    dtype, columns : of a hit's value; columns is empty where it is a number
-    values : of the points, by the rows of models
-    whole : the rows of models whose values are not blended
+    dtype, columns : dtype and shape of the value of a hit; the shape of a number is ()
+    values : by the row of a model, the values of its points
+    categorical : rows of the models whose values are categories, which are not blended
     """
 
     dtype: np.dtype[Any]
     columns: tuple[int, ...]
     values: dict[int, NDArray[Any]]
-    whole: set[int]
+    categorical: set[int]
 
 
-def blended_form(scene: Snapshot, name: str) -> Blended:
-    """What hits will have of an attribute; ValueError if no model has it, or one has other columns than another."""
+def hit_attribute(scene: Snapshot, name: str) -> HitAttribute:
+    """Return the form of an attribute at hits; ValueError if no model has it, or the numbers of columns differ."""
     having = {k: model for k, model in enumerate(scene.models) if name in model.points.attributes}
     if not having:
         known = sorted({a for m in scene.models for a in m.points.attributes})
@@ -37,28 +37,28 @@ def blended_form(scene: Snapshot, name: str) -> Blended:
     values = {k: model.points.attributes[name] for k, model in having.items()}
     widths = {array.shape[1:] for array in values.values()}
     if len(widths) > 1:
-        raise ValueError(f"attribute {name!r} has not the same number of columns in all models")
-    # Values between categories 2 and 6 would be no categories.
-    whole = {k for k, model in having.items() if _is_whole(model, name)}
-    dtype = np.result_type(*(v.dtype if k in whole else _blended_dtype(v) for k, v in values.items()))
-    return Blended(dtype, widths.pop(), values, whole)
+        raise ValueError(f"attribute {name!r} must have the same number of columns in all models")
+    # A blend of categories 2 and 6 would be another category.
+    categorical = {k for k, model in having.items() if _is_categorical(model, name)}
+    dtype = np.result_type(*(v.dtype if k in categorical else _blended_dtype(v) for k, v in values.items()))
+    return HitAttribute(dtype, widths.pop(), values, categorical)
 
 
 def blend(
-    scene: Snapshot, form: Blended, found: dict[str, Any], shape: tuple[int, ...], pace: Pace = PLAIN
+    scene: Snapshot, form: HitAttribute, found: dict[str, Any], shape: tuple[int, ...], pace: Pace = PLAIN
 ) -> NDArray[Any]:
-    """An attribute at hits, blended unless it has categories; see `Hits` for what is where there is none."""
+    """Return an attribute at hits, blended unless it has categories. See `Hits` for the values of misses."""
     dtype = form.dtype
     out = np.full((len(found["t"]), *form.columns), np.nan if dtype.kind == "f" else 0, dtype)
     records = scene.world.instances.reshape(-1, INSTANCE)
     shapes = np.append(np.where(records[:, KIND] == MODEL, records[:, SHAPE_ROW], -1), -1)
     of_model = shapes[found["instance"]]
-    floats: dict[int, NDArray[np.float64]] = {}  # parts share their columns, each of which is converted once
+    floats: dict[int, NDArray[np.float64]] = {}  # by id: parts share their columns
     for k, values in form.values.items():
         rows = np.flatnonzero(of_model == k)
         if not len(rows):
             continue
-        if k in form.whole:
+        if k in form.categorical:
             out[rows] = values[found["point"][rows]]
             continue
         if id(values) not in floats:
@@ -67,12 +67,12 @@ def blend(
     return out.reshape(shape + out.shape[1:])
 
 
-def _is_whole(model: Model, name: str) -> bool:
-    """Whether an attribute is never blended."""
+def _is_categorical(model: Model, name: str) -> bool:
+    """Return whether an attribute of a model has categories, which are never blended."""
     values = model.points.attributes[name]
     return values.dtype == np.bool_ or (values.ndim == 1 and categories_in(model, name) is not None)
 
 
 def _blended_dtype(values: NDArray[Any]) -> np.dtype[Any]:
-    """float32, or float64 where float32 does not hold all values of the dtype."""
+    """Return float32, or float64 if float32 does not represent all values of the dtype."""
     return np.result_type(values.dtype, np.float32)

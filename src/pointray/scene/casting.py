@@ -1,4 +1,4 @@
-"""Rays cast at a scene as it was at one moment."""
+"""Intersection of rays with a snapshot of a scene."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..surface.trace.cast import PLAIN, Pace
-from .blend import blend, blended_form
-from .paged_rays import closest_reached, occluded_reached
+from .blend import blend, hit_attribute
+from .paged_rays import closest_hits_paged, occlusions_paged
 from .rays import Hits, Rays
 from .world import Snapshot
 
-Given = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]  # origins, directions, t_min and t_max, as callers give them
+# origins, directions, t_min and t_max, not yet checked
+RayArguments = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 
 
 def intersect_snapshot(
     scene: Snapshot, shape: tuple[int, ...], rays: Rays, attributes: Sequence[str] = (), pace: Pace = PLAIN
 ) -> Hits:
-    """The closest hits of checked rays, see `Scene.intersect`. shape : the leading shape"""
-    forms = {name: blended_form(scene, name) for name in attributes}
-    scene, found = closest_reached(scene, shape, rays, pace)
+    """Return the closest hits of checked rays, see `Scene.intersect`. shape : leading shape of the rays"""
+    forms = {name: hit_attribute(scene, name) for name in attributes}
+    scene, found = closest_hits_paged(scene, shape, rays, pace)
     return Hits(
         found["t"].reshape(shape),
         found["position"].reshape(*shape, 3),
@@ -34,5 +35,5 @@ def intersect_snapshot(
 
 
 def occluded_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace = PLAIN) -> NDArray[np.bool_]:
-    """Whether checked rays meet anything, see `Scene.occluded`."""
-    return occluded_reached(scene, shape, rays, pace).reshape(shape)
+    """Return whether checked rays hit anything, see `Scene.occluded`."""
+    return occlusions_paged(scene, shape, rays, pace).reshape(shape)

@@ -1,4 +1,4 @@
-"""Clip planes, which cut a scene open: as callers give them and as kernels read them."""
+"""Clip planes: their validation, and the records that kernels read."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ MOST = 16
 
 
 def check_clip(point: ArrayLike, normal: ArrayLike) -> NDArray[np.float64]:
-    """A point of a plane and its normal, as (2, 3). The normal points to the side that is cut away."""
+    """Return a point of a plane and its normal, (2, 3). The normal points to the side that is cut away."""
     unit_vector(normal, "normal")
     return np.stack([vector(point, "point"), vector(normal, "normal")])
 
 
 def check_clips(clips: Any) -> NDArray[np.float64]:
-    """Planes as (k, 2, 3), read-only; ValueError tells what is wrong."""
+    """Return planes as a read-only array, (k, 2, 3); ValueError if they are invalid."""
     shapes = "pairs (point, normal) or rows of six numbers"
     try:
         rows = np.asarray(clips)
@@ -29,10 +29,10 @@ def check_clips(clips: Any) -> NDArray[np.float64]:
     if rows.size == 0 and rows.shape[:1] == (0,):
         rows = np.zeros((0, 2, 3))
     if rows.dtype.kind not in "iuf" or rows.shape[1:] not in ((2, 3), (6,)):
-        one = ": of one plane too" if rows.shape in ((2, 3), (6,)) else ""
-        raise ValueError(f"clips must be a list of {shapes}{one}, not {rows.dtype} of the shape {rows.shape}")
+        one = ", even for one plane" if rows.shape in ((2, 3), (6,)) else ""
+        raise ValueError(f"clips must be a list of {shapes}{one}, got {rows.dtype} of shape {rows.shape}")
     if len(rows) > MOST:
-        raise ValueError(f"clips must be at most {MOST} planes, not {len(rows)}")
+        raise ValueError(f"clips must be at most {MOST} planes, got {len(rows)}")
     out = np.zeros((len(rows), 2, 3))
     for k, (point, normal) in enumerate(rows.reshape(-1, 2, 3)):
         try:
@@ -44,7 +44,7 @@ def check_clips(clips: Any) -> NDArray[np.float64]:
 
 
 def clip_records(clips: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The planes as kernels read them, see `records.CLIP`: flat."""
+    """Return the flat array of the planes' records, see `records.CLIP`."""
     out = np.zeros((len(clips), CLIP))
     for record, (point, normal) in zip(out, clips, strict=True):
         record[:CLIP_OFFSET] = unit_vector(normal, "normal")

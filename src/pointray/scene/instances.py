@@ -1,4 +1,4 @@
-"""Instances: models and planes with transforms and materials; and the records that kernels read of them."""
+"""Instances: models and planes with transforms and materials, and the records that kernels read."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from ..model.model import Model
 from ..shade.materials.base import Material
 from ..shade.materials.diffuse import Diffuse
 from ..surface.tree.instance_bvh import boxes_around
-from .paints import Coat, Paints, PaintTables, check_attribute
+from .paints import ColoredInstance, Paints, PaintTables, check_attribute
 
 
 @dataclass(frozen=True)
@@ -47,23 +47,23 @@ class Plane:
     point, normal : (3,) float, world
     color : float or (3,) float, linear
     checker : float, optional
-        Edge of the squares of a checker; every other square has half the colour. A material without a colour (None)
-        shows the checker, one with a colour covers it.
+        Edge length of the squares of a checkerboard; every other square has half the colour. A material shows it only
+        if its own colour is None.
     shadow_catcher : bool
-        Show only the shadows on the plane: black, premultiplied, with as much alpha as light is missing.
+        Show only the shadows on the plane: premultiplied black, whose alpha is the blocked fraction of light.
 
     Notes
     -----
-    The alpha of a shadow catcher is the share of the light, as luminance, that objects block. "phong": the light of all
-    lights, each from its middle; the sky's light is unshadowed. "ao": the occlusion. "path": all light, soft and
-    ambient, as a quotient of sums over a pixel's samples, right on average from some 4 samples on. Light that other
-    surfaces reflect onto the plane does not count, nor does its material. The other integrators show the plane itself.
+    The alpha of a shadow catcher is the fraction of the light's luminance that objects block. The integrator "phong"
+    counts each light from its centre, and the sky as unshadowed; "ao" counts the occlusion; "path" counts all direct
+    light and the sky, as a quotient of sums over a pixel's samples, nearly unbiased from about 4 samples on. Light
+    reflected by other surfaces and the plane's material do not count. Other integrators show the plane itself.
 
-    Only the camera's first hit is different: in mirrors, behind glass and as a source of light a shadow catcher is an
-    ordinary plane in its own colour, and hides what lies behind it.
+    Only the camera's first hit is treated this way: in mirrors, behind glass and for reflected light a shadow catcher
+    is an opaque plane of its own colour.
 
-    Alpha is a share of linear light. Programs that blend the sRGB values of a PNG show half of the light as half of the
-    sRGB value, a darker shadow; an EXR is blended as light.
+    Alpha is a fraction of linear light. Programs that blend the sRGB values of a PNG show darker shadows; an EXR is
+    blended linearly.
     """
 
     point: ArrayLike
@@ -82,18 +82,18 @@ class Plane:
 
 
 class Instances:
-    """Everything in a scene, one row each: arrays that grow, some 200 bytes for each instance of a model.
+    """Table of all instances of a scene, one row each. An instance of a model takes about 200 bytes.
 
     Attributes
     ----------
     records : (n, 16) float64
-        As kernels read them, see `records.INSTANCE`.
+        Read by kernels, see `records.INSTANCE`.
     boxes : (n, 6) float64
-        World bounds of models, lo x y z, hi x y z; zero for planes.
+        World bounds of models, min x y z, max x y z; zero for planes.
     numbers : (n,) int64
-        What `Scene.add` returned, increasing.
+        The numbers that `Scene.add` returned, increasing.
     shapes, materials : list
-        For each row.
+        One item per row.
     """
 
     def __init__(self) -> None:
@@ -103,7 +103,7 @@ class Instances:
         self.materials: list[Material] = []
         self._next = 0
         self.paints = Paints()
-        # One of several equal materials, as long as an instance has it.
+        # by record and attribute; equal materials are stored once, as long as an instance uses them
         self._equal_materials: WeakValueDictionary[Any, Material] = WeakValueDictionary()
 
     def __len__(self) -> int:
@@ -122,7 +122,7 @@ class Instances:
         return self._numbers[: len(self)]
 
     def add(self, shape: Model | Plane, matrix: NDArray[np.float64], material: Material) -> int:
-        """Add a row; returns its number."""
+        """Add a row and return its number."""
         row = len(self)
         if row == len(self._numbers):
             self._records, self._boxes = _grown(self._records), _grown(self._boxes)
@@ -136,26 +136,26 @@ class Instances:
         return int(self._numbers[row])
 
     def row_of(self, number: int) -> int:
-        """The row of a number that `add` returned; ValueError if there is none."""
+        """Return the row of a number that `add` returned; ValueError if there is none."""
         whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
         row = int(np.searchsorted(self.numbers, min(number, self._next))) if whole else len(self)
         if row == len(self) or self.numbers[row] != number:
-            raise ValueError(f"the scene has no instance {number!r}: id is what `add` returned")
+            raise ValueError(f"the scene has no instance {number!r}: expected an id that `add` returned")
         return row
 
     def paint(self, row: int, material: Material) -> None:
-        """Give a row a material; equal materials are kept once."""
+        """Set the material of a row."""
         self.materials[row] = self._equal_materials.setdefault(
             (material.record().tobytes(), material.attribute), material
         )
 
     def move(self, row: int, matrix: NDArray[np.float64]) -> None:
-        """Move a row to where a transform puts it."""
+        """Set the transform of a row."""
         shape = self.shapes[row]
         self._records[row, :TO_MODEL] = 0.0
         if isinstance(shape, Plane):
             self._records[row, KIND] = CATCHER if shape.shadow_catcher else PLANE
-            self._records[row, TO_MODEL:] = matrix[:3].reshape(-1)  # of a plane, from its own space to the world
+            self._records[row, TO_MODEL:] = matrix[:3].reshape(-1)  # a plane stores the transform to world space
             return
         to_model = np.linalg.inv(matrix)[:3]
         to_model[:, 3] -= shape.points.origin
@@ -166,8 +166,8 @@ class Instances:
         world = corners @ matrix[:3, :3].T + matrix[:3, 3]
         self._boxes[row, :3], self._boxes[row, 3:] = world.min(axis=0), world.max(axis=0)
 
-    def in_parts(self) -> Instances:
-        """The same with a row for each part of a model in parts; itself, if there is none."""
+    def expand_parts(self) -> Instances:
+        """Return a copy with a row for each part of models in parts; self if no model has parts."""
         parts = [_with_surface(shape.parts) if isinstance(shape, Model) else () for shape in self.shapes]
         if not any(parts):
             return self
@@ -183,11 +183,11 @@ class Instances:
         return twin
 
     def detach(self) -> None:
-        """Leave the arrays to their other holders: later changes are made in a copy."""
+        """Copy the arrays before a change, as snapshots share them."""
         self._records, self._boxes, self._numbers = self._records.copy(), self._boxes.copy(), self._numbers.copy()
 
     def copy(self) -> Instances:
-        """A copy whose rows change independently from now on; shapes and materials are shared."""
+        """Return a copy with independent rows, which shares shapes and materials."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
         twin.detach()
@@ -196,7 +196,7 @@ class Instances:
         return twin
 
     def __getstate__(self) -> dict[str, Any]:
-        """The state without what is kept for speed only."""
+        """Return the state without caches."""
         return {name: value for name, value in self.__dict__.items() if name not in ("paints", "_equal_materials")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -206,7 +206,7 @@ class Instances:
             self.paint(row, material)
 
     def exchange(self, models: Mapping[Model, Model]) -> None:
-        """Replace some models by others of the same points."""
+        """Replace models by others of the same points."""
         self.shapes = [models.get(shape, shape) if isinstance(shape, Model) else shape for shape in self.shapes]
 
     def remove(self, row: int) -> None:
@@ -216,9 +216,9 @@ class Instances:
         del self.shapes[row], self.materials[row]
 
     def finish(self) -> tuple[list[Model], NDArray[np.float64], NDArray[np.float64], PaintTables]:
-        """Write into the records which model or plane, material and paint each has; returns all of these tables.
+        """Store the rows of models, planes, materials and paints in the records, and return these tables.
 
-        What lies on disk is not opened.
+        Models on disk are not opened.
 
         Returns
         -------
@@ -238,38 +238,38 @@ class Instances:
         return models, np.concatenate([*planes, []]), material_records, self._finish_paints()
 
     def _finish_paints(self) -> PaintTables:
-        """Write into the records which paint each has."""
+        """Store the row of each instance's paint in the records, and return the tables of paints."""
         self.records[:, PAINT] = -1
         rows = [row for row, material in enumerate(self.materials) if material.attribute is not None]
-        coats = [self._coat(row) for row in rows]
-        self.records[rows, PAINT], tables = self.paints.finish(coats)
+        colored = [self._colored_instance(row) for row in rows]
+        self.records[rows, PAINT], tables = self.paints.finish(colored)
         return tables
 
-    def _coat(self, row: int) -> Coat:
+    def _colored_instance(self, row: int) -> ColoredInstance:
         shape, attribute = self.shapes[row], self.materials[row].attribute
         assert isinstance(shape, Model) and attribute is not None
-        return Coat(attribute, shape, self.records[row, TO_MODEL:].reshape(3, 4))
+        return ColoredInstance(attribute, shape, self.records[row, TO_MODEL:].reshape(3, 4))
 
 
 def _with_surface(parts: tuple[Model, ...]) -> tuple[Model, ...]:
-    """The parts that a ray can hit."""
+    """Return the parts that a ray can hit."""
     return tuple(part for part in parts if part.has_surface)
 
 
 def _grown(array: NDArray[Any]) -> NDArray[Any]:
-    """The array with twice the room."""
+    """Return the array with twice as many rows."""
     return np.concatenate([array, np.zeros_like(array)])
 
 
 def _distinct(things: list[Any]) -> tuple[list[Any], list[int]]:
-    """The things without repetition, and the index of each in that list."""
+    """Return the distinct objects, by identity, and the index of each object among them."""
     row_of: dict[int, int] = {}
     rows = [row_of.setdefault(id(thing), len(row_of)) for thing in things]
     return list({id(thing): thing for thing in things}.values()), rows
 
 
 def _plane_record(shape: Any, transform: NDArray[np.float64], row: int) -> NDArray[np.float64]:
-    """A plane in the world, see `records.PLANE_SIZE`."""
+    """Return the record of a plane in world space, see `records.PLANE_SIZE`."""
     matrix = transform.reshape(3, 4)
     normal = np.linalg.inv(matrix[:, :3]).T @ vector(shape.normal, "normal")
     normal /= np.linalg.norm(normal)
@@ -286,28 +286,28 @@ def _plane_record(shape: Any, transform: NDArray[np.float64], row: int) -> NDArr
 
 
 def check_transform(transform: ArrayLike | None) -> NDArray[np.float64]:
-    """A transform as (4, 4) float64; None gives the identity."""
+    """Return a transform as (4, 4) float64; the identity for None."""
     if transform is None:
         return np.eye(4)
     matrix = check_numbers(transform, "transform", "a (4, 4) array of numbers").astype(np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-        raise ValueError(f"transform must be a (4, 4) array of finite numbers; its shape is {matrix.shape}")
+        raise ValueError(f"transform must be a (4, 4) array of finite numbers, got shape {matrix.shape}")
     if not np.allclose(matrix[3], [0, 0, 0, 1]):
-        raise ValueError(f"transform must have the last row 0 0 0 1, not {matrix[3]}")
+        raise ValueError(f"transform must have the last row 0 0 0 1, got {matrix[3]}")
     if not np.linalg.cond(matrix[:3, :3]) < 1e7:
         raise ValueError("transform is singular: it flattens the model")
     return matrix
 
 
 def check_material(material: Material | None, shape: Model | Plane) -> Material:
-    """A material with a valid record, whose colour exists on the shape; None gives a diffuse one."""
+    """Return a material after a check of its values and of its attribute on the shape; `Diffuse` for None."""
     material = Diffuse() if material is None else material
     if not isinstance(material, Material):
         kinds = ", ".join(sorted(kind.__name__ for kind in Material.__subclasses__()))
-        raise ValueError(f"material must be one of {kinds}, or None, not {type(material).__name__}")
+        raise ValueError(f"material must be one of {kinds}, or None, got {type(material).__name__}")
     material.record()
     if material.attribute is not None:
         if isinstance(shape, Plane):
-            raise ValueError(f"a plane has no attributes: it cannot be coloured by {material.attribute.name!r}")
+            raise ValueError(f"material: planes have no attributes and cannot show {material.attribute.name!r}")
         check_attribute(shape.points, material.attribute)
     return material

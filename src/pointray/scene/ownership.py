@@ -1,4 +1,4 @@
-"""Who holds which instances of a scene whose models are spread over several processes."""
+"""Distribution of a scene's instances over several processes, each of which opens only its own."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ from numpy.typing import NDArray
 
 from ..engine.kernels.records import KIND, MODEL, PLANE, SHAPE_ROW
 from .visible_trees import instances_of
-from .world import Snapshot, reach_boxes
+from .world import Snapshot, surface_boxes
 
 Rows = NDArray[np.int64]
 
 
 class Shares:
-    """The instances of models, each of which one of several holders holds: stretches of about as many bytes.
+    """Assignment of the instances of models to holders, in contiguous ranges of about equal size in bytes.
 
-    A stretch of a model's parts lies together in space, so that few rays meet those of several holders.
+    The parts in a range are close together in space, so few rays hit parts of several holders.
 
     Attributes
     ----------
     rows : (n,) int64
-        The rows of the instances.
+        Rows of the instances.
     owners : (n,) int64
-        Who holds each: a number of `holders`.
+        Holder of each instance, an index of `holders`.
     holders : list of str
+        Names of the holders, such as addresses of workers.
     """
 
     def __init__(self, scene: Snapshot, holders: Iterable[str]) -> None:
@@ -39,13 +40,13 @@ class Shares:
         self.owners = np.searchsorted(cuts, middles)
 
     def of(self, holder: str) -> Rows:
-        """The rows that somebody holds."""
+        """Return the rows of a holder's instances."""
         return self.rows[self.owners == self.holders.index(holder)]
 
     def pass_on(self, there: Iterable[str]) -> bool:
-        """Give what those held who are not there any more to others, and to those who are new; whether there were any.
+        """Reassign the instances of lost holders to the present ones; return whether any holder was lost.
 
-        Whoever holds the least gets the next one.
+        Each instance goes to the holder with the fewest bytes.
         """
         now = list(there)
         if not now or set(self.holders) <= set(now):
@@ -60,18 +61,18 @@ class Shares:
 
 
 def held_scene(scene: Snapshot, rows: Rows) -> Snapshot:
-    """A scene in which rays hit nothing of the parts that lie on disk, but of those of some rows, which are opened."""
+    """Return a scene in which rays miss the parts on disk that are not in the given rows. Opens nothing."""
     away = np.setdiff1d(scene.on_disk, rows)
     records = instances_of(scene.world).copy()
-    records[away, KIND] = PLANE  # nobody looks what it is
+    records[away, KIND] = PLANE  # any kind but MODEL: the table of planes does not list it
     return scene._replace(world=scene.world._replace(instances=records.reshape(-1)))
 
 
 def boxes_of(scene: Snapshot, rows: Rows) -> NDArray[np.float64]:
-    """World boxes around all that rays can hit of instances, (n, 6).
+    """Return world boxes around the surfaces of instances, (n, 6).
 
-    They have no end where levels of detail may reach beyond them and no tree over the instances cuts these off.
+    They are infinite if levels of detail may extend beyond them and there is no tree over the instances to clip these.
     """
     if scene.world.top_children.size == 0 and any(model.levels for model in scene.models):
         return np.tile([-np.inf] * 3 + [np.inf] * 3, (len(rows), 1))
-    return reach_boxes(scene.world.instances, scene.models, rows)
+    return surface_boxes(scene.world.instances, scene.models, rows)

@@ -1,4 +1,4 @@
-"""Paints: attributes of models and colour maps become the tables in which kernels look up colours."""
+"""Paints: tables in which kernels look up the colours of attributes."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ from ..model.model import Model
 from ..shade.attributes import COORDINATES, Attribute, category_colors
 from ..shade.colormaps import colormap, shows_classes
 
-LOW, HIGH = 2, 98  # percentiles between which a range lies if none is given
-SAMPLE = 100_000  # rows whose coordinates determine the range
-NEUTRAL = (128, 128, 128)  # sRGB, for what has no value
+LOW, HIGH = 2, 98  # percentiles of the default range
+SAMPLE = 100_000  # number of points whose coordinates determine the range
+NEUTRAL = (128, 128, 128)  # sRGB, for missing values
 
 EVERY, NOTHING = slice(None), slice(0)
 
@@ -41,7 +41,7 @@ Rows = slice | NDArray[np.integer[Any]]
 
 
 def column_of(points: Points, name: str, rows: Rows = EVERY) -> NDArray[Any]:
-    """The values that `Attribute` calls by this name, (n,), lengths as float64; ValueError if there are none."""
+    """Return the values of an attribute, (n,); of vectors the lengths, as float64. ValueError if there is none."""
     column = None if name in points.attributes else re.fullmatch(r"(.+)\[(\d+)\]", name)
     found = points.attributes.get(column[1] if column else name)
     if found is None or (column and (found.ndim == 1 or int(column[2]) >= found.shape[1])):
@@ -53,25 +53,25 @@ def column_of(points: Points, name: str, rows: Rows = EVERY) -> NDArray[Any]:
 
 
 def check_attribute(points: Points, attribute: Attribute) -> None:
-    """ValueError if the attribute cannot colour the points."""
+    """Raise ValueError if the points do not have the attribute."""
     if attribute.name not in COORDINATES:
         column_of(points, attribute.name, NOTHING)
 
 
-# It reads all values. The parts of a model share it.
+# Finding categories reads all values. The parts of a model share the result.
 _CATEGORIES: WeakKeyDictionary[Any, dict[str, tuple[int, ...] | None]] = WeakKeyDictionary()
 
 
 def categories_in(model: Model, name: str) -> tuple[int, ...] | None:
-    """The categories of an attribute of a model's points; None if it has none."""
-    known = _CATEGORIES.setdefault(model if model.source is None else model.source.residence, {})
+    """Return the categories of an attribute of a model's points, or None if it has none."""
+    known = _CATEGORIES.setdefault(model if model.source is None else model.source.cache, {})
     if name not in known:
         known[name] = categories_of(column_of(model.points, name), name)
     return known[name]
 
 
-class Coat(NamedTuple):
-    """An instance coloured by an attribute: its transform as in `records.TO_MODEL`, (3, 4) float64."""
+class ColoredInstance(NamedTuple):
+    """An instance coloured by an attribute. to_model : (3, 4) float64, see `records.TO_MODEL`"""
 
     attribute: Attribute
     model: Model
@@ -79,7 +79,7 @@ class Coat(NamedTuple):
 
 
 class PaintTables(NamedTuple):
-    """See `records.World`."""
+    """Tables of paints, see `records.World`."""
 
     paints: NDArray[np.float64]
     map_positions: NDArray[np.float32]
@@ -89,8 +89,8 @@ class PaintTables(NamedTuple):
 Painted = tuple[Attribute, Model]
 
 
-class Joined(NamedTuple):
-    """The map positions of the splats of some models, one after the other; and those of models on disk once more."""
+class JoinedPositions(NamedTuple):
+    """Map positions of the splats of models, concatenated. on_disk : those of models on disk, for reuse"""
 
     painted: list[Painted]
     positions: NDArray[np.float32]
@@ -98,27 +98,27 @@ class Joined(NamedTuple):
 
 
 class Paints:
-    """The paints of a scene. Results that take long are kept for the next time and never changed, so copies share them.
+    """The paints of a scene. Ranges and map positions are cached and never modified, so copies share them.
 
     Attributes
     ----------
     shown : list of Attribute
-        The attributes of the last `finish`, each once, with the ranges that are shown.
-    coats : list of (Attribute, Model or None)
-        What each of its paints shows; None: a coordinate.
+        The distinct attributes of the last `finish`, with the ranges that are shown.
+    paint_sources : list of (Attribute, Model or None)
+        The attribute that each paint shows, and the model; None for a coordinate.
     """
 
     def __init__(self) -> None:
         self.shown: list[Attribute] = []
-        self.coats: list[tuple[Attribute, Model | None]] = []
+        self.paint_sources: list[tuple[Attribute, Model | None]] = []
         self._ranges: dict[tuple[Any, ...], Range | None] = {}
-        self._joined = Joined([], np.zeros(0, np.float32), {})
+        self._joined = JoinedPositions([], np.zeros(0, np.float32), {})
 
-    def finish(self, coats: list[Coat]) -> tuple[list[int], PaintTables]:
-        """The number of each instance's paint, and the tables."""
-        shown = self._find_ranges(coats)
+    def finish(self, colored: list[ColoredInstance]) -> tuple[list[int], PaintTables]:
+        """Return the row of each instance's paint, and the tables."""
+        shown = self._find_ranges(colored)
         self.shown = list(shown.values())
-        wanted = [(shown[c.attribute], None if c.attribute.name in COORDINATES else c.model) for c in coats]
+        wanted = [(shown[c.attribute], None if c.attribute.name in COORDINATES else c.model) for c in colored]
         paints: list[tuple[Attribute, Model | None]] = []
         row_of: dict[tuple[Attribute, Model | None], int] = {}
         for paint in dict.fromkeys(wanted):
@@ -136,63 +136,66 @@ class Paints:
             record[PAINT_KIND] = CLASSES if _has_classes(attribute) else BLENDED
             record[PAINT_COARSER] = len(_coarser(attribute, model))
         linear = srgb_to_linear(np.concatenate([*colors, np.zeros((0, 3), np.uint8)]))
-        self.coats = paints
+        self.paint_sources = paints
         tables = PaintTables(*self.place(records.reshape(-1), paints, here), linear.reshape(-1))
         return [row_of[paint] for paint in wanted], tables
 
     def place(
-        self, paints: NDArray[np.float64], coats: Sequence[tuple[Attribute, Model | None]], painted: list[Painted]
+        self,
+        paints: NDArray[np.float64],
+        paint_sources: Sequence[tuple[Attribute, Model | None]],
+        painted: list[Painted],
     ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Paints, and the map positions of some of the models that they are of, which are opened; others have none.
+        """Return the records of paints and the map positions of some models, which are opened.
 
-        coats : what each paint shows, see `coats`; painted : those whose map positions are wanted
+        paint_sources : the attribute and model of each paint; painted : those to compute map positions of
         """
         found = self._join(painted)
         lengths = [len(model.tree.order) for _, model in painted]
         starts = dict(zip(painted, np.cumsum([0, *lengths]).tolist(), strict=False))
         records = paints.reshape(-1, PAINT_SIZE).copy()
-        for record, (attribute, model) in zip(records, coats, strict=True):
+        for record, (attribute, model) in zip(records, paint_sources, strict=True):
             if model is not None:
                 record[PAINT_POSITIONS] = starts.get((attribute, model), 0)
         return records.reshape(-1), found
 
-    def _find_ranges(self, coats: list[Coat]) -> dict[Attribute, Attribute]:
-        """The attributes, each with the range or the categories that are shown."""
+    def _find_ranges(self, colored: list[ColoredInstance]) -> dict[Attribute, Attribute]:
+        """Return the attributes with the range or the categories that are shown."""
         known, self._ranges = self._ranges, {}
-        spans: dict[Attribute, list[Range]] = {coat.attribute: [] for coat in coats}
-        sorts = {attribute: _categories(attribute, coats) for attribute in spans}
-        for coat in coats:
-            attribute = coat.attribute
-            if attribute.range is None and sorts[attribute] is None:
-                where = coat.to_model.tobytes() if attribute.name in COORDINATES else b""
-                key = (coat.model.points, attribute.name, shows_classes(attribute.colormap), where)
-                self._ranges[key] = known[key] if key in known else _range_of(coat)
+        spans: dict[Attribute, list[Range]] = {instance.attribute: [] for instance in colored}
+        categories = {attribute: _categories(attribute, colored) for attribute in spans}
+        for instance in colored:
+            attribute = instance.attribute
+            if attribute.range is None and categories[attribute] is None:
+                where = instance.to_model.tobytes() if attribute.name in COORDINATES else b""
+                key = (instance.model.points, attribute.name, shows_classes(attribute.colormap), where)
+                self._ranges[key] = known[key] if key in known else _range_of(instance)
                 span = self._ranges[key]
                 spans[attribute] += [] if span is None else [span]
         shown = {}
         for a, found in spans.items():
-            if sorts[a] is not None:
-                shown[a] = replace(a, categories=sorts[a])
+            if categories[a] is not None:
+                shown[a] = replace(a, categories=categories[a])
             else:
                 shown[a] = a if a.range is not None else replace(a, range=_widest(found))
         return shown
 
     def _join(self, painted: list[Painted]) -> NDArray[np.float32]:
-        """The map positions of all splats; earlier ones are used again where the same attribute is painted."""
+        """Return the map positions of all splats. Those of models on disk are reused."""
         known = self._joined
         if painted == known.painted:
             return known.positions
         found = [known.on_disk[one] if one in known.on_disk else _map_positions(*one) for one in painted]
         joined = found[0] if len(found) == 1 else np.concatenate([*found, np.zeros(0, np.float32)])
         on_disk = {one: array for one, array in zip(painted, found, strict=True) if one[1].source is not None}
-        self._joined = Joined(painted, joined, on_disk)
+        self._joined = JoinedPositions(painted, joined, on_disk)
         return joined
 
 
 def _coarser(attribute: Attribute, model: Model | None) -> list[tuple[Attribute, Model | None]]:
-    """The paints of a model's levels of detail: none for classes, as a mean of classes is no class.
+    """Return the paints of a model's levels of detail: none for classes, as a mean of classes is meaningless.
 
-    Of models on disk, whose parts do not all fit into memory, levels show the commonest class.
+    Levels of models on disk, whose parts may not fit into memory, show the most frequent class.
     """
     if model is None or (_has_classes(attribute) and model.source is None):
         return []
@@ -200,56 +203,56 @@ def _coarser(attribute: Attribute, model: Model | None) -> list[tuple[Attribute,
 
 
 def _has_classes(attribute: Attribute) -> bool:
-    """Whether an attribute that is shown has classes or categories, which are never blended."""
+    """Return whether an attribute that is shown has classes or categories, which are never blended."""
     return bool(attribute.values) or shows_classes(attribute.colormap)
 
 
 def _table(attribute: Attribute) -> NDArray[np.uint8]:
-    """The colours of an attribute that is shown."""
+    """Return the colours of an attribute that is shown."""
     return category_colors(attribute) if attribute.values else colormap(attribute.colormap)
 
 
-def _categories(attribute: Attribute, coats: list[Coat]) -> tuple[int, ...] | None:
-    """The given categories, or those of all models that share the attribute; None if one of these has none."""
+def _categories(attribute: Attribute, colored: list[ColoredInstance]) -> tuple[int, ...] | None:
+    """Return the given categories, or those of all models with the attribute; None if one of them has no categories."""
     if not attribute.may_have_categories:
         return attribute.values or None
-    found = [categories_in(coat.model, attribute.name) for coat in coats if coat.attribute == attribute]
+    found = [categories_in(instance.model, attribute.name) for instance in colored if instance.attribute == attribute]
     known = [values for values in found if values is not None]
     return tuple(sorted(set().union(*known))) if len(known) == len(found) else None
 
 
-def _range_of(coat: Coat) -> Range | None:
-    """The range for one instance; None if no value is finite."""
-    if coat.attribute.name in COORDINATES:
-        rows = coat.model.points.positions
+def _range_of(instance: ColoredInstance) -> Range | None:
+    """Return the range for one instance, or None if no value is finite."""
+    if instance.attribute.name in COORDINATES:
+        rows = instance.model.points.positions
         step = -(-len(rows) // SAMPLE)
-        rows = rows[::step] if coat.model.source is None else rows[spread_rows(len(rows), SAMPLE)]
-        to_world = np.linalg.inv(coat.to_model[:, :3])[COORDINATES.index(coat.attribute.name)]
-        values = (rows - coat.to_model[:, 3]) @ to_world
+        rows = rows[::step] if instance.model.source is None else rows[spread_rows(len(rows), SAMPLE)]
+        to_world = np.linalg.inv(instance.to_model[:, :3])[COORDINATES.index(instance.attribute.name)]
+        values = (rows - instance.to_model[:, 3]) @ to_world
     else:
-        points = coat.model.points
-        some = EVERY if coat.model.source is None else spread_rows(len(points))
-        values = column_of(points, coat.attribute.name, some).astype(np.float64)
+        points = instance.model.points
+        some = EVERY if instance.model.source is None else spread_rows(len(points))
+        values = column_of(points, instance.attribute.name, some).astype(np.float64)
     values = values[np.isfinite(values)]
     if len(values) == 0:
         return None
-    if shows_classes(coat.attribute.colormap):
+    if shows_classes(instance.attribute.colormap):
         return 0.0, float(max(np.rint(values.max()), 1.0))
     low, high = np.percentile(values, [LOW, HIGH])
-    if low == high:  # nearly all values are equal: the others are what one looks for
+    if low == high:  # nearly all values are equal: the range must show the few others
         low, high = values.min(), values.max()
     return float(low), float(high)
 
 
 def _widest(ranges: list[Range]) -> Range:
-    """The range from the least to the greatest value; it is widened if that is one value."""
+    """Return the union of ranges, widened if it is a single value."""
     low, high = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else (0.0, 1.0)
     room = max(0.5, 1e-6 * abs(low)) if low == high else 0.0
     return low - room, high + room
 
 
 def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
-    """Positions in the colour map for the values of a model's splats, in the tree's order."""
+    """Return positions in the colour map for the values of a model's splats, in the tree's order."""
     order = model.tree.order
     used = np.flatnonzero(order >= 0)
     values = column_of(model.points, attribute.name, order[used])
@@ -271,7 +274,7 @@ def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
 
 
 def _record_coordinate(record: NDArray[np.float64], attribute: Attribute) -> None:
-    """Store in a record how map positions follow from a coordinate."""
+    """Store the linear function from a coordinate to map positions in a record."""
     assert attribute.range is not None
     low, high = attribute.range
     scale = len(colormap(attribute.colormap)) / (high - low)

@@ -1,4 +1,4 @@
-"""Scene: models and planes with transforms, lights and a background; and rays cast at all of it."""
+"""Scene: models and planes with transforms, lights and a background, and ray queries on it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights
 from ..shade.lights import Light
 from ..shade.materials.base import Material
-from .casting import Given, intersect_snapshot, occluded_snapshot
+from .casting import RayArguments, intersect_snapshot, occluded_snapshot
 from .clips import check_clips, clip_records
 from .instances import Instances, Plane, check_material, check_transform
 from .rays import Hits, check_rays
@@ -24,10 +24,10 @@ from .world import BakedLight, Snapshot, bounds_of, take_snapshot
 
 
 class Scene:
-    """Models and planes under lights.
+    """Scene of models and planes, lights, clip planes and a background.
 
-    Threads may use a scene at once: each call sees it as it was when the call began. Copies (`copy`, `copy.copy`)
-    share the models; `copy.deepcopy` and `pickle` take these along.
+    A scene is thread-safe: each call uses the scene as it was when the call began. Copies by `copy` and `copy.copy`
+    share the models; `copy.deepcopy` and `pickle` copy them.
 
     Examples
     --------
@@ -46,33 +46,33 @@ class Scene:
         self.shows_sky = False
         self._baked: BakedLight | None = None
         self._built: Snapshot | None = None
-        self._lock = threading.RLock()  # held for every change, and while several fields are read
+        self._lock = threading.RLock()  # held during changes, and while several fields are read
 
     def add(self, shape: Model | Plane, transform: ArrayLike | None = None, material: Material | None = None) -> int:
-        """Put a model or a plane into the scene.
+        """Add an instance of a model or a plane to the scene.
 
         Parameters
         ----------
         transform : (4, 4) array_like, optional
-            To world space, for column vectors: rigid, scaled, mirrored or sheared, not singular.
+            From model to world space, for column vectors: any affine transform that is not singular.
         material : Material, optional
-            `Diffuse`, `Phong`, `Principled`, `Mirror`, `Dielectric` or `Emissive`; None: diffuse in the points' own
-            colours. If an `Attribute` colours it, the model must have that attribute.
+            `Diffuse`, `Phong`, `Principled`, `Mirror`, `Dielectric` or `Emissive`; None: `Diffuse` in the points'
+            colours. If it shows an `Attribute`, the model must have that attribute.
 
         Returns
         -------
         int
-            The number of this instance.
+            Number of the instance, for `update` and `remove`.
         """
         if not isinstance(shape, Model | Plane):
-            raise ValueError(f"a scene holds Model and Plane: shape must not be {type(shape).__name__}")
+            raise ValueError(f"shape must be a Model or a Plane, got {type(shape).__name__}")
         matrix, checked = check_transform(transform), check_material(material, shape)
         with self._lock:
             self._change()
             return self._instances.add(shape, matrix, checked)
 
     def update(self, id: int, transform: ArrayLike | None = None, material: Material | None = None) -> None:
-        """Move an instance, or give it another material; None leaves either as it is."""
+        """Set the transform or the material of an instance. None leaves it unchanged."""
         matrix = None if transform is None else check_transform(transform)
         with self._lock:
             row = self._instances.row_of(id)
@@ -84,14 +84,14 @@ class Scene:
                 self._instances.move(row, matrix)
 
     def remove(self, id: int) -> None:
-        """Take an instance out."""
+        """Remove an instance."""
         with self._lock:
             row = self._instances.row_of(id)
             self._change()
             self._instances.remove(row)
 
     def add_light(self, light: Light | EnvironmentLight) -> int:
-        """Put a light into the scene, at most one `EnvironmentLight`; without any the camera has a headlight."""
+        """Add a light and return its index; at most one `EnvironmentLight`. Without any, the camera has a headlight."""
         with self._lock:
             lights = self._lights.plus(light)
             self._change()
@@ -100,13 +100,13 @@ class Scene:
 
     @property
     def lights(self) -> tuple[Light | EnvironmentLight, ...]:
-        """All lights, in the order of addition; setting it replaces them by others, as `add_light` takes them."""
+        """All lights in the order of addition. Assignment replaces them."""
         return tuple(self._lights)
 
     @lights.setter
     def lights(self, lights: Iterable[Light | EnvironmentLight]) -> None:
         if not isinstance(lights, Iterable):
-            raise ValueError(f"lights must be a sequence of lights, not {type(lights).__name__}")
+            raise ValueError(f"lights must be a sequence of lights, got {type(lights).__name__}")
         checked = Lights(lights)
         with self._lock:
             self._change()
@@ -114,7 +114,7 @@ class Scene:
 
     @property
     def background(self) -> NDArray[np.float64] | None:
-        """Linear RGB behind everything, or None: transparent. Setting "environment" shows the environment light."""
+        """Linear RGB of the background, or None if transparent. Set to "environment" to show the environment light."""
         return self._background
 
     @background.setter
@@ -129,30 +129,29 @@ class Scene:
 
     @property
     def clips(self) -> NDArray[np.float64]:
-        """Planes that cut the scene open: no ray meets anything on the side that a normal points to.
+        """Clip planes: rays hit nothing on the side that a plane's normal points to.
 
-        What is cut away neither shows nor casts a shadow, in pictures and for `intersect` and `occluded`. Surfaces are
-        not closed where they are cut: one looks inside. Lights are not cut, and `bounds` is that of whole models.
+        Clipped geometry is invisible and casts no shadow, in pictures and for `intersect` and `occluded`. Cuts are not
+        capped. Lights are not clipped, and `bounds` ignores clip planes.
 
         Parameters
         ----------
         clips : sequence of (point, normal), or (k, 6) array_like
-            At most 16 planes, in the world: a point of each and its normal, of any length. Without any, (), nothing is
-            cut.
+            At most 16 planes in world space, each a point and a normal of any length. () clips nothing.
 
         Returns
         -------
         (k, 2, 3) float64
-            The point and the normal of each plane; read-only, it is set as a whole.
+            Point and normal of each plane, read-only.
 
         Raises
         ------
         ValueError
-            If there are too many, the shape is wrong, a number is not finite or a normal is zero.
+            If there are too many planes, the shape is wrong, a number is not finite or a normal is zero.
 
         Examples
         --------
-        >>> scene.clips = [((0, 0, 1.5), (0, 0, 1))]  # cuts all above z = 1.5 away
+        >>> scene.clips = [((0, 0, 1.5), (0, 0, 1))]  # removes everything above z = 1.5
         """
         return self._clips
 
@@ -162,12 +161,12 @@ class Scene:
         with self._lock:
             self._clips = checked
             self._version += 1
-            if self._built is not None:  # all else stays as it is: a viewer moves planes while it draws
+            if self._built is not None:  # only the clip planes are replaced: a viewer moves them every frame
                 self._built = self._built._replace(world=self._built.world._replace(clips=clip_records(checked)))
 
     @property
     def baked(self) -> BakedLight | None:
-        """The light that the integrator "baked" shows, what `bake` returned; None: that integrator bakes it first."""
+        """Light returned by `bake`, which the integrator "baked" shows; None: that integrator bakes first."""
         return self._baked
 
     @baked.setter
@@ -182,18 +181,18 @@ class Scene:
 
     @property
     def shapes(self) -> dict[int, Model | Plane]:
-        """The shapes that `add` has put into the scene, by the numbers that it returned."""
+        """The shape of each instance, by the number that `add` returned."""
         with self._lock:
             return dict(zip(self._instances.numbers.tolist(), self._instances.shapes, strict=True))
 
     @property
     def models(self) -> list[Model]:
-        """All models, each once, in the order of addition."""
+        """The distinct models, in the order of addition."""
         with self._lock:
             return list(dict.fromkeys(shape for shape in self._instances.shapes if isinstance(shape, Model)))
 
     def exchange(self, models: Mapping[Model, Model]) -> Scene:
-        """A copy in which some models are replaced by others of the same points."""
+        """Return a copy in which models are replaced by others of the same points."""
         twin = self.copy()
         for pair in check_mapping(models, "models").items():
             if not all(isinstance(model, Model) for model in pair):
@@ -203,10 +202,7 @@ class Scene:
         return twin
 
     def copy(self) -> Scene:
-        """An independent scene that shares models, materials, lights and numbers of instances.
-
-        Changes in one of the two do not affect the other.
-        """
+        """Return an independent scene that shares models, materials, lights and the numbers of instances."""
         twin = object.__new__(type(self))
         with self._lock:
             twin.__dict__.update(self.__dict__)
@@ -217,7 +213,7 @@ class Scene:
     __copy__ = copy
 
     def __getstate__(self) -> dict[str, Any]:
-        """State for `pickle` and `copy.deepcopy`: without baked light, and the tables of addresses, made anew."""
+        """Return the state for `pickle` and `copy.deepcopy`, without baked light and tables of addresses."""
         twin = self.copy()
         twin._baked = None
         return {name: value for name, value in twin.__dict__.items() if name not in ("_built", "_lock")}
@@ -228,13 +224,13 @@ class Scene:
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """Least and greatest world coordinates of all models, (2, 3) float64; ValueError if there is none."""
+        """World bounds of all models, minimum and maximum, (2, 3) float64; ValueError without models."""
         with self._lock:
             return bounds_of(self._instances.records, self._instances.boxes)
 
     @property
     def shown_attributes(self) -> list[Attribute]:
-        """The attributes that colour instances, each once, with the ranges that are shown: for a legend."""
+        """The distinct attributes that colour instances, with the ranges that are shown, for a legend."""
         return list(self.snapshot().shown)
 
     def intersect(
@@ -247,41 +243,40 @@ class Scene:
         attributes: str | tuple[str, ...] | list[str] = (),
         spread: bool = False,
     ) -> Hits:
-        """The closest hit of each ray.
+        """Return the closest hit of each ray.
 
-        A ray that starts on a surface (within 1% of a support radius, 5% where `refine` is 0; at t_min) starts outside
-        it: the points around its origin do not block it when it leaves to where the normal points, and do when it goes
-        inside. Otherwise t_min and t_max only choose among the hits of a ray: a shorter ray hits what the whole one
-        does, or nothing.
+        A ray that starts on a surface (at t_min, within 1% of a support radius, 5% if `refine` is 0) starts outside of
+        it: the surface around its origin blocks it only if it goes inwards, against the normal. Otherwise t_min and
+        t_max only select among the hits of a ray: a shorter ray hits what the whole ray hits, or nothing.
 
-        Rays in arrays of Dask are cast when the hits are computed, by whatever computes them, one chunk a task; the
-        scene is that of the call. `dask.compute(hits)` computes all fields at once. See docs/scale.md.
+        Rays in Dask arrays are intersected when the hits are computed, one task per chunk, with the scene as it was at
+        the call. `dask.compute(hits)` computes all fields at once. See docs/scale.md.
 
         Parameters
         ----------
         origins, directions : (..., 3) array_like
-            World; they and t_min, t_max are broadcast. A direction may have any length; one that is zero or not finite
-            misses.
+            In world space; broadcast with t_min and t_max. A direction may have any length; rays with a direction that
+            is zero or not finite miss.
         t_min, t_max : (...) array_like
-            The part of the ray that counts, in lengths of the direction.
+            Range of valid hits, in lengths of the direction.
         attributes : str or sequence of str
-            Which of the points' attributes to blend at the hits; a string is one name. Categories (bools, at most 32
-            different whole numbers, classes) are not blended: a hit has the value of the splat of greatest weight. See
-            `Hits.attributes` for the dtypes.
+            Names of the points' attributes to blend at the hits. Categories (bools, at most 32 different integers,
+            classes) are not blended: a hit has the value of the splat of greatest weight. See `Hits.attributes` for the
+            dtypes.
         spread : bool
-            Only for arrays of Dask, with a client: whether each worker opens only some parts of models in parts; each
-            chunk goes to all of them, and the nearest hits are joined.
+            Only for Dask arrays with a client: whether each worker opens only some parts of models in parts. Each
+            chunk is sent to all workers, and the nearest hits are merged.
 
         Returns
         -------
         Hits
-            Of arrays of Dask, if any of the arrays is one: with the same chunks, but along the last axis.
+            Dask arrays if any argument is one, with the same chunks except along the last axis.
 
         Raises
         ------
         ValueError
-            If shapes do not broadcast, a dtype is no number, no model has an attribute of that name, an array of
-            Dask has chunks of unknown size, or parts cannot be spread.
+            If shapes do not broadcast, a dtype is not numeric, no model has an attribute of that name, a Dask array
+            has chunks of unknown size, or parts cannot be spread.
         """
         given = origins, directions, t_min, t_max
         names = (attributes,) if isinstance(attributes, str) else attributes
@@ -300,21 +295,21 @@ class Scene:
         *,
         spread: bool = False,
     ) -> NDArray[np.bool_]:
-        """Whether each ray meets anything between t_min and t_max: (...) bool; parameters as for `intersect`."""
+        """Return whether each ray hits anything between t_min and t_max, (...) bool. Parameters as for `intersect`."""
         given = origins, directions, t_min, t_max
         if _is_chunked(given, spread):
             return backend().occluded_chunks(self, given, spread)
         return occluded_snapshot(self.snapshot(), *check_rays(*given))
 
     def _change(self) -> None:
-        """Prepare a change: a picture in progress goes on with the old state."""
+        """Prepare for a change. Snapshots keep the old state."""
         self._version += 1
         if self._built is not None:
             self._instances.detach()
         self._built = None
 
     def snapshot(self) -> Snapshot:
-        """The scene as it is now; the same object until it changes."""
+        """Return the current scene as a snapshot, the same object until the scene changes."""
         with self._lock:
             if self._built is None:
                 self._built = take_snapshot(
@@ -323,9 +318,9 @@ class Scene:
             return self._built
 
 
-def _is_chunked(given: Given, spread: bool) -> bool:
-    """Whether rays come in arrays of Dask; ValueError if they do not, and models shall be spread."""
+def _is_chunked(given: RayArguments, spread: bool) -> bool:
+    """Return whether rays are Dask arrays; ValueError if they are not although `spread` is set."""
     chunked = is_chunked(*given)
     if check_flag(spread, "spread") and not chunked:
-        raise ValueError("spread: it takes rays in arrays of Dask")
+        raise ValueError("spread: requires rays in Dask arrays")
     return chunked

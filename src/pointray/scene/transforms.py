@@ -11,22 +11,22 @@ from ..base.arguments import check_number, check_numbers, unit_vector, vector
 def transform(
     translate: ArrayLike = (0, 0, 0), rotate: float = 0.0, axis: ArrayLike = (0, 0, 1), scale: ArrayLike = 1.0
 ) -> NDArray[np.float64]:
-    """A transform for `Scene.add`: first scaled, then turned, then moved.
+    """Return a transform for `Scene.add` that scales, then rotates, then translates.
 
     Parameters
     ----------
     translate : (3,) float
-        Where the model's origin goes, in the world.
+        World position of the model's origin.
     rotate : float
-        Degrees about an axis through the origin, counter-clockwise if the axis points at the viewer.
+        Angle in degrees about an axis through the origin, counter-clockwise if the axis points at the viewer.
     axis : (3,) float
     scale : float or (3,) float
-        Not zero; a negative scale mirrors.
+        Nonzero; negative values mirror.
 
     Returns
     -------
     (4, 4) float64
-        For column vectors.
+        Transforms column vectors.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def transform(
     sizes = check_numbers(scale, "scale")
     sizes = vector(np.full(3, sizes) if sizes.ndim == 0 else scale, "scale")
     if (sizes == 0).any():
-        raise ValueError(f"scale must not be zero: it would flatten the model, not {scale!r}")
+        raise ValueError(f"scale must not be zero, got {scale!r}")
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     out = np.eye(4)
     turned = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross  # Rodrigues

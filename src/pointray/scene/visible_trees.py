@@ -1,4 +1,4 @@
-"""Which trees kernels read: of models, of their levels of detail, of parts; what lies on disk is opened for them."""
+"""Table of the trees that kernels read, of models, levels of detail and parts. Models on disk are opened for it."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from ..model.model import Model
 from ..shade.attributes import Attribute
 from .paints import Paints
 
-SHORTEST = 16  # blocks of the longest leaf where there is none
-NOTHING = no_tree(np.zeros(6, np.float32))  # in place of what is not open
+DEFAULT_LONGEST = 16  # blocks in the longest leaf, for a scene without trees
+EMPTY_TREE = no_tree(np.zeros(6, np.float32))  # in place of a model that is not open
 
-Coats = Sequence[tuple[Attribute, Model | None]]
+PaintSources = Sequence[tuple[Attribute, Model | None]]
 
 
 def table_of(models: Sequence[Model], used: Collection[int] = ()) -> tuple[NDArray[np.int64], int]:
-    """The table of models' trees, which keeps them alive, and the number of blocks in the longest leaf.
+    """Return the table of models' trees, which keeps them alive, and the number of blocks in the longest leaf.
 
-    used : the rows of models that are opened if they lie on disk; of others on disk rays hit nothing
+    used : rows of the models on disk to open; rays miss other models on disk
     """
     there = [model.source is None or k in used for k, model in enumerate(models)]
-    trees: list[Tree] = [model.tree if is_there else NOTHING for model, is_there in zip(models, there, strict=True)]
+    trees: list[Tree] = [model.tree if is_there else EMPTY_TREE for model, is_there in zip(models, there, strict=True)]
     longest = [model.longest for model, is_there in zip(models, there, strict=True) if is_there]
-    return model_table(trees), max(longest, default=SHORTEST)
+    return model_table(trees), max(longest, default=DEFAULT_LONGEST)
 
 
 def world_showing(
@@ -35,36 +35,36 @@ def world_showing(
     records: NDArray[np.float64],
     models: Sequence[Model],
     used: Collection[int],
-    painting: tuple[Paints, Coats],
+    painting: tuple[Paints, PaintSources],
 ) -> World:
-    """A world with other models.
+    """Return a world with other models.
 
     Parameters
     ----------
     records : (n, INSTANCE) float64
-        Its instances, which name rows of `models`.
+        Its instances, which refer to rows of `models`.
     used : collection of int
         See `table_of`.
     painting : (Paints, sequence)
-        The paints of the world, and what each shows.
+        The paints of the world, and the attribute and model of each.
     """
     table, longest = table_of(models, used)
     world = world._replace(table=table, longest=longest, instances=np.ascontiguousarray(records).reshape(-1))
-    paints, coats = painting
+    paints, paint_sources = painting
     kinds = world.paints[PAINT_KIND::PAINT_SIZE]
-    if all(model is None or model.source is None for _, model in coats):
+    if all(model is None or model.source is None for _, model in paint_sources):
         return world
     rows = [row for row in np.flatnonzero(records[:, PAINT] >= 0) if kinds[int(records[row, PAINT])] != BY_COORDINATE]
     shown = {int(records[row, PAINT]) for row in rows if int(records[row, SHAPE_ROW]) in used}
     painted = [
         (attribute, model)
-        for k, (attribute, model) in enumerate(coats)
+        for k, (attribute, model) in enumerate(paint_sources)
         if model is not None and (model.source is None or k in shown)
     ]
-    placed, positions = paints.place(world.paints, coats, painted)
+    placed, positions = paints.place(world.paints, paint_sources, painted)
     return world._replace(paints=placed, map_positions=positions)
 
 
 def instances_of(world: World) -> NDArray[np.float64]:
-    """The records of a world's instances, (n, INSTANCE)."""
+    """Return the records of a world's instances, (n, INSTANCE)."""
     return world.instances.reshape(-1, INSTANCE)

@@ -1,4 +1,4 @@
-"""The parts of a scene become what kernels read of it."""
+"""Snapshots: immutable scenes with the tables that kernels read."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from ..surface.tree.instance_bvh import boxes_around, build_top
 from .clips import clip_records
 from .instances import Instances
 from .paints import Paints
-from .visible_trees import Coats, instances_of, table_of, world_showing
+from .visible_trees import PaintSources, instances_of, table_of, world_showing
 
-PARTS = 1 << 30  # numbers from which keys of parts are counted
+FIRST_PART_KEY = 1 << 30  # first key of parts
 
 
 class LightTables(NamedTuple):
@@ -47,40 +47,40 @@ class LightTables(NamedTuple):
 
 
 class BakedLight(Protocol):
-    """The light that is kept for a scene: `baking.baked.Baked`."""
+    """Interface of baked light, see `baking.baked.Baked`."""
 
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """What kernels read of it: `World.baked` and `World.baked_frames`, for instances in these levels of detail."""
+        """Return `World.baked` and `World.baked_frames` for instances at these levels of detail."""
 
     def portable(self) -> BakedLight:
-        """The light alone, which can be pickled: the same object until the light changes."""
+        """Return the light is_single, which can be pickled; the same object until the light changes."""
 
 
 class Snapshot(NamedTuple):
-    """A scene as it was at one moment: all that a picture or a batch of rays needs of it. Nothing in it changes.
+    """An immutable scene: all data that a picture or a batch of rays needs.
 
-    Parts of models that lie on disk are not open in it: rays hit nothing of them, see `opened`.
+    Parts of models on disk are not open: rays miss them, see `opened`.
 
     Attributes
     ----------
     world : World
-        What kernels read.
+        Tables that kernels read.
     models : tuple of Model
         In the order of the world's table.
     lamps : tuple of Light
         All lights but the environment light.
     numbers : (n + 1,) int32
-        What `Scene.add` returned for each instance; -1 behind the last one, so that row -1 (a miss) is -1.
+        The number of each instance, from `Scene.add`, then -1, so that row -1 (a miss) gives -1.
     keys : (n + 1,) int32
-        The same, but each part of a model in parts has one of its own.
+        The same, but unique: each part of a model in parts has its own key.
     boxes : (n, 6) float64
         World bounds of instances, see `Instances.boxes`.
     shown : tuple of Attribute
-        The attributes that colour instances, each once, with the ranges that are shown.
+        The distinct attributes that colour instances, with the ranges that are shown.
     painting : (Paints, sequence of (Attribute, Model or None))
-        The paints of the world, and what each shows.
+        The paints of the world, and the attribute and model of each.
     background : (3,) float64 or None
-        Linear RGB; None: transparent.
+        Linear RGB, or None if transparent.
     shows_sky : bool
         Whether the environment light is the background.
     baked : BakedLight or None
@@ -93,19 +93,19 @@ class Snapshot(NamedTuple):
     keys: NDArray[np.int32]
     boxes: NDArray[np.float64]
     shown: tuple[Attribute, ...]
-    painting: tuple[Paints, Coats]
+    painting: tuple[Paints, PaintSources]
     background: NDArray[np.float64] | None
     shows_sky: bool
     baked: BakedLight | None
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """See `Scene.bounds`."""
+        """Bounds of all models, see `Scene.bounds`."""
         return bounds_of(self.world.instances.reshape(-1, INSTANCE), self.boxes)
 
     @property
     def on_disk(self) -> NDArray[np.int64]:
-        """The rows of instances whose models are parts that lie on disk."""
+        """Rows of the instances whose models are parts on disk."""
         shapes = {k for k, model in enumerate(self.models) if model.source is not None}
         if not shapes:
             return np.zeros(0, np.int64)
@@ -113,12 +113,12 @@ class Snapshot(NamedTuple):
         return np.flatnonzero((records[:, KIND] == MODEL) & np.isin(records[:, SHAPE_ROW], list(shapes)))
 
     def opened(self, rows: NDArray[np.int64] | None = None) -> Snapshot:
-        """The scene with parts that lie on disk: those of some rows of instances, or all; they are opened.
+        """Return the scene with parts on disk opened: all, or those of some rows of instances.
 
         Raises
         ------
         OSError, ValueError
-            If a file cannot be opened, or is damaged; the message names it.
+            If a file cannot be opened or is damaged; the message names it.
         """
         rows = self.on_disk if rows is None else rows
         if not len(rows):
@@ -128,41 +128,41 @@ class Snapshot(NamedTuple):
         return self._replace(world=world_showing(self.world, records, self.models, used, self.painting))
 
     def for_camera(self, record: NDArray[np.float64]) -> Snapshot:
-        """The scene in front of a camera, given its record: lights that follow the camera are placed by it.
+        """Return the scene with the lights that follow the camera placed by a camera's record.
 
-        `lamps` are as they were, so that it is known which of them follow.
+        `lamps` stays unchanged: it shows which lights follow the camera.
         """
         if not any(goes_along(light) for light in self.lamps):
             return self
         right, up, ahead = (record[k : k + 3] / np.linalg.norm(record[k : k + 3]) for k in (ACROSS, UPWARD, FORWARD))
         axes = np.stack([right, up, -ahead])
-        placed = self._lit_by(tuple(fixed(light, record[EYE : EYE + 3], axes) for light in self.lamps))
+        placed = self._with_lamps(tuple(fixed(light, record[EYE : EYE + 3], axes) for light in self.lamps))
         return placed._replace(lamps=self.lamps)
 
     def without_camera_lights(self) -> Snapshot:
-        """The scene without the lights that follow the camera."""
+        """Return the scene without the lights that follow the camera."""
         if not any(goes_along(light) for light in self.lamps):
             return self
-        return self._lit_by(tuple(light for light in self.lamps if not goes_along(light)))
+        return self._with_lamps(tuple(light for light in self.lamps if not goes_along(light)))
 
-    def _lit_by(self, lamps: tuple[Light, ...]) -> Snapshot:
-        """The scene with other lamps."""
+    def _with_lamps(self, lamps: tuple[Light, ...]) -> Snapshot:
+        """Return the scene with other lamps."""
         world = self.world
-        bounds = _around(world.instances.reshape(-1, INSTANCE), self.boxes)
+        bounds = _model_bounds(world.instances.reshape(-1, INSTANCE), self.boxes)
         lights = _light_tables(lamps, world.sky, world.sky_mean, bounds)
         return self._replace(world=world._replace(**lights._asdict()), lamps=lamps)
 
 
 def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least and greatest world coordinates of all models among instances, (2, 3) float64; ValueError without models."""
-    bounds = _around(records, boxes)
+    """Return the world bounds of all models among instances, (2, 3) float64; ValueError without models."""
+    bounds = _model_bounds(records, boxes)
     if not np.isfinite(bounds).all():
-        raise ValueError("the scene holds no model")
+        raise ValueError("the scene contains no model")
     return bounds
 
 
-def _around(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same as `bounds_of`, but without models the least is inf."""
+def _model_bounds(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the same as `bounds_of`, but an infinite, inverted box without models."""
     boxes = boxes[records[:, KIND] == MODEL]
     return np.stack([boxes[:, :3].min(axis=0, initial=np.inf), boxes[:, 3:].max(axis=0, initial=-np.inf)])
 
@@ -175,13 +175,13 @@ def take_snapshot(
     shows_sky: bool,
     baked: BakedLight | None,
 ) -> Snapshot:
-    """The current scene of instances and lights. `instances` detaches from it before it changes."""
-    instances = instances.in_parts()
+    """Return a snapshot of instances and lights. `instances` must be detached before its next change."""
+    instances = instances.expand_parts()
     models, planes, materials, paints = instances.finish()
     lamps = [light for light in lights if not isinstance(light, EnvironmentLight)]
     skies = [light.tables() for light in lights if isinstance(light, EnvironmentLight)]
     sky, sky_colors, sky_rows, sky_columns, sky_mean = skies[0] if skies else no_sky()
-    bounds = _around(instances.records, instances.boxes)
+    bounds = _model_bounds(instances.records, instances.boxes)
     top, top_boxes, top_children = _top(instances, models)
     table, longest = table_of(models)
     world = World(
@@ -207,9 +207,9 @@ def take_snapshot(
         np.zeros(0),
     )
     numbers = np.append(instances.numbers, -1).astype(np.int32)
-    alone = np.append(np.bincount(instances.numbers)[instances.numbers] == 1, True)
-    keys = np.where(alone, numbers, PARTS + np.arange(len(numbers))).astype(np.int32)
-    shown, painting = tuple(instances.paints.shown), (instances.paints, instances.paints.coats)
+    is_single = np.append(np.bincount(instances.numbers)[instances.numbers] == 1, True)
+    keys = np.where(is_single, numbers, FIRST_PART_KEY + np.arange(len(numbers))).astype(np.int32)
+    shown, painting = tuple(instances.paints.shown), (instances.paints, instances.paints.paint_sources)
     boxes = instances.boxes
     return Snapshot(
         world, tuple(models), tuple(lamps), numbers, keys, boxes, shown, painting, background, shows_sky, baked
@@ -219,7 +219,7 @@ def take_snapshot(
 def _light_tables(
     lamps: Sequence[Light], sky: NDArray[np.float64], sky_mean: NDArray[np.float64], bounds: NDArray[np.float64]
 ) -> LightTables:
-    """The light tables that kernels read."""
+    """Return the tables of lights that kernels read."""
     records = np.concatenate([*(light.record() for light in lamps), []])
     with_size, suns = light_trees(records)
     shares = light_shares(records, sky, sky_mean, bounds)
@@ -227,21 +227,23 @@ def _light_tables(
 
 
 def _top(instances: Instances, models: list[Model]) -> tuple[NDArray[np.float64], ...]:
-    """The tree over the instances of models, around all that rays can hit of them.
+    """Return the tree over the instances of models.
 
-    Bounds come from the full models; a coarser level that extends beyond them is clipped. With bounds around the levels
-    too, whose supports are large, 10,000 statues took 1.12 times as long, and the picture was the same.
+    Its boxes bound the surfaces of the full models; coarser levels that extend beyond them are clipped. Boxes around
+    the levels too, whose supports are large, made 10,000 statues 12% slower, with the same picture.
     """
     rows = np.flatnonzero(instances.records[:, KIND] == MODEL)
-    return build_top(reach_boxes(instances.records, models, rows), rows)
+    return build_top(surface_boxes(instances.records, models, rows), rows)
 
 
-def reach_boxes(records: NDArray[np.float64], models: Sequence[Model], rows: NDArray[np.int64]) -> NDArray[np.float64]:
-    """World boxes around all that rays can hit of some instances, (n, 6). rows : theirs
+def surface_boxes(
+    records: NDArray[np.float64], models: Sequence[Model], rows: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return world boxes around the surfaces of the instances in some rows, (n, 6).
 
-    A ray enters the box before any of its hits. So the nearest hit does not depend on which instance comes first.
+    They have a margin, so that a ray enters a box before its hits and the order of instances does not matter.
     """
     records = records.reshape(-1, INSTANCE)[rows]
-    reaches = [model.reach + [[-model.step], [model.step]] for model in models]
+    reaches = [model.surface_bounds + [[-model.step], [model.step]] for model in models]
     bounds = np.array(reaches).reshape(-1, 2, 3)[records[:, SHAPE_ROW].astype(int)]
     return boxes_around(records[:, TO_MODEL:].reshape(-1, 3, 4), bounds)

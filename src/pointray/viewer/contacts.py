@@ -1,4 +1,4 @@
-"""Contact shadows of the viewer's images: computed while an image is refined, used in all later ones."""
+"""Contact shadow of the viewer's images, computed during refinement and reused in later images."""
 
 from __future__ import annotations
 

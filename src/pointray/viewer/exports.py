@@ -1,4 +1,4 @@
-"""What users save from the viewer: images and films as files, the view as a command or as Python."""
+"""Exports from the viewer: images and films as files, the view as a command or as Python code."""
 
 from __future__ import annotations
 
@@ -139,10 +139,10 @@ class Exports:
         frames.begin()
         for k, camera in enumerate(turntable(replace(request.camera, up=request.up, size=size), count)):
 
-            def tell(share: float, k: int = k) -> None:
+            def report_share(share: float, k: int = k) -> None:
                 self._report_progress("film", (k + share) / count)
 
-            image = render(scene, camera, settings, tell)
+            image = render(scene, camera, settings, report_share)
             self._report_progress("film", (k + 1) / count)
             if k == 0:  # once for the whole film
                 stops, curve = request.view.tone(image)

@@ -116,8 +116,8 @@ def _within_budget(models: list[Model]) -> Iterator[Model]:
         source = model.source
         if source is None:
             continue
-        owner, (part, level) = id(source.residence), source.key
-        room = left.setdefault(owner, source.residence.room)
+        owner, (part, level) = id(source.cache), source.key
+        room = left.setdefault(owner, source.cache.room)
         size = 0 if source.is_kept else source.file.nbytes
         if size <= room and level <= finest.get((owner, part), level):
             left[owner], finest[owner, part] = room - size, level

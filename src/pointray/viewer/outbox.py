@@ -82,7 +82,7 @@ class Outbox:
     def toast(self, level: str, text: str, stay: bool = False) -> None:
         """Show a text for a while, or permanently; drop repetitions within 2 s. level : info, warning or error"""
         now = time.monotonic()
-        self._toasts = {said: at for said, at in self._toasts.items() if now - at < REPEAT_INTERVAL}
+        self._toasts = {recent: at for recent, at in self._toasts.items() if now - at < REPEAT_INTERVAL}
         if not stay and text in self._toasts:
             return
         self._toasts[text] = now
@@ -95,8 +95,13 @@ class Outbox:
         if first is not None:
             difference = found.position - first
             parts = [f"d{axis} {part:.6g}" for axis, part in zip("xyz", difference.tolist(), strict=True)]
-            said = {"from": first.tolist(), "to": position, "text": f"{np.linalg.norm(difference):.6g}", "parts": parts}
-            self.send_message(**{"type": "measured", **said})
+            measured = {
+                "from": first.tolist(),
+                "to": position,
+                "text": f"{np.linalg.norm(difference):.6g}",
+                "parts": parts,
+            }
+            self.send_message(**{"type": "measured", **measured})
 
     def legend(self, image: str | None) -> None:
         """Send the legend of the colours, see `legend_of`; None removes it."""

@@ -28,7 +28,7 @@ class Found:
 
 
 def prepare(scene: Scene) -> None:
-    """Load or compile what a click needs by tracing a ray that misses, so that the first click is not slow."""
+    """Trace a ray that misses, so that what a click needs is loaded or compiled before the first click."""
     scene.intersect(np.zeros(3), np.full(3, np.nan))
 
 

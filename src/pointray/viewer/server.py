@@ -1,4 +1,4 @@
-"""Transport: the page over HTTP and a WebSocket for each browser. It knows nothing of images.
+"""Transport: the page over HTTP, and a WebSocket for each browser.
 
 All connections are served by one thread with its own event loop, so that the server also works in notebooks. The
 messages of each browser are processed in a thread of their own. The address contains a random token; requests without
@@ -186,7 +186,7 @@ class Server:
         return _response(http.HTTPStatus.OK, file.read_bytes(), KINDS[file.suffix])
 
     def _is_own(self, headers: Headers) -> bool:
-        """Return whether our page, or no page, opens a socket: pages of other sites must not control the viewer."""
+        """Return whether the viewer's page, or no page, opens a socket: other sites must not control the viewer."""
         origin = headers.get("Origin")
         own = origin is None or urlsplit(origin).netloc == headers.get("Host")
         if not own:
@@ -215,17 +215,17 @@ class Server:
             link.is_local = False  # only the proxy is on this machine
         thread = ThreadPoolExecutor(1, "pointray-visitor")
         try:
-            visitor = await self._loop.run_in_executor(thread, self._try_make_handler, link)
+            handler = await self._loop.run_in_executor(thread, self._try_make_handler, link)
             try:
                 async for message in connection:
-                    spent = await self._loop.run_in_executor(thread, _cpu_seconds_of, visitor.receive, str(message))
+                    spent = await self._loop.run_in_executor(thread, _cpu_seconds_of, handler.receive, str(message))
                     if rest := share.rest(spent):
                         await asyncio.sleep(rest)
             except ConnectionClosed:
                 pass
             finally:
                 link.close()
-                await self._loop.run_in_executor(thread, visitor.leave)
+                await self._loop.run_in_executor(thread, handler.leave)
         finally:
             link.close()
             thread.shutdown(wait=False)

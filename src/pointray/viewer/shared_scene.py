@@ -256,7 +256,7 @@ class SharedScene:
         first = build_of(self._scene.models[0]) if self._scene else build
         if (build.measured, build.noise) == (first.measured, first.noise):  # the command's value, unrounded
             smooth = model.smooth
-        return model.remade(smooth, **options, progress=report)
+        return model.rebuild(smooth, **options, progress=report)
 
     def _start(self, work: Callable[[], None]) -> threading.Thread:
         thread = threading.Thread(target=self._run, args=(work,), name="pointray-builder", daemon=True)

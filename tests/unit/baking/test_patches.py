@@ -71,7 +71,7 @@ def test_the_floor_below_a_body_has_the_light_beside_it():
     scene.add_light(pr.EnvironmentLight())
     baked = Baked(scene, FEW, None)
     transport = baked._exchange.transport
-    (floor,) = (side for side in transport.sides if isinstance(side.sheet.patches, Grid) and side.sign > 0)
+    (floor,) = (side for side in transport.sides if isinstance(side.surface.patches, Grid) and side.sign > 0)
     away = np.linalg.norm(transport.positions[floor.span], axis=1)
     trusted = transport.trusted[floor.span]
     assert trusted[away > 1.05].all() and not trusted[away < 0.95].any()

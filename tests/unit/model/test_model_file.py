@@ -11,6 +11,7 @@ from helpers.places import TESTS, shared_model
 from pointray.cli import execute
 from pointray.engine.kernels.tree import BORDERED, LEAF, LONGEST, REFINE, SHEETED, STEP, SURFACE, Tree
 from pointray.model.array_file import ALIGN
+from pointray.model.model import PrebuiltModel
 
 
 def cloud(rng, n):
@@ -241,8 +242,8 @@ def test_random_damage_is_an_error_or_leads_no_ray_astray(tmp_path, saved, rng):
 
 def test_bits_above_a_color_lead_no_ray_astray(tmp_path, saved):
     model = pr.Model.load(saved[1])
-    model.tree = model.tree._replace(colors=model.tree.colors | (1 << 30))
-    model.save(tmp_path / "m")
+    tree = model.tree._replace(colors=model.tree.colors | (1 << 30))
+    PrebuiltModel(model.data._replace(tree=tree)).save(tmp_path / "m")
     assert np.array_equal(hits_of(pr.Model.load(tmp_path / "m")).color, hits_of(saved[0]).color)
 
 
@@ -251,8 +252,8 @@ def test_wrong_lengths_are_an_error(tmp_path, saved):
         model = pr.Model.load(saved[1])
         array = getattr(model.tree, name)
         if array.size:
-            model.tree = model.tree._replace(**{name: array[:-1]})
-            model.save(tmp_path / "m")
+            tree = model.tree._replace(**{name: array[:-1]})
+            PrebuiltModel(model.data._replace(tree=tree)).save(tmp_path / "m")
             with pytest.raises(ValueError, match="damaged"):
                 pr.Model.load(tmp_path / "m")
 
@@ -315,7 +316,7 @@ def test_a_model_saved_without_the_longest_step_is_the_same(tmp_path, saved):
 def test_bounds_far_from_the_points_are_an_error(tmp_path, saved):
     """No camera could frame such bounds."""
     model = pr.Model.load(saved[1])
-    model._bounds[1, 2] = 1e206
+    model.data.bounds[1, 2] = 1e206
     model.save(tmp_path / "m")
     with pytest.raises(ValueError, match="bounds"):
         pr.Model.load(tmp_path / "m")

@@ -60,7 +60,7 @@ def test_the_trees_of_the_parts_are_the_tree_of_the_whole(both: tuple[pr.Model, 
     assert sum(part.tree.leaves.size for part in parted.parts) == whole.tree.leaves.size
     assert all(np.array_equal(part.tree.head, whole.tree.head) for part in parted.parts)
     assert np.array_equal(parted.bounds, whole.bounds)
-    np.testing.assert_allclose(parted.reach, whole.reach)
+    np.testing.assert_allclose(parted.surface_bounds, whole.surface_bounds)
     assert parted.longest == whole.longest
     assert parted.spacing == pytest.approx(whole.spacing, rel=0.01)
 
@@ -138,7 +138,7 @@ def test_what_needs_the_whole_is_refused(both: tuple[pr.Model, pr.Model], tmp_pa
     parted = both[1]
     for work in (
         lambda: parted.save(tmp_path / "a.pointray"),
-        lambda: parted.remade(0, surface="imls"),
+        lambda: parted.rebuild(0, surface="imls"),
         parted.make_levels,
         lambda: parted.splats,
     ):
@@ -197,12 +197,12 @@ def described(name: str, spacing: float) -> dict[str, object]:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda f: (f / INDEX).unlink(), "no index.json"),
+        (lambda f: (f / INDEX).unlink(), "index.json is missing"),
         (lambda f: (f / INDEX).write_text("{"), "index.json"),
         (lambda f: (f / INDEX).write_text("[]"), "not the index"),
         (lambda f: damaged(f, format="other"), "not the index"),
         (lambda f: damaged(f, version=99), "another version"),
-        (lambda f: damaged(f, parts=[]), "no parts"),
+        (lambda f: damaged(f, parts=[]), "parts are missing"),
         (lambda f: damaged(f, supports=[0, 1]), "supports"),
         (lambda f: damaged(f, bounds=[[0, 0, 0], [1, 1, "a"]]), "index.json"),
         (lambda f: damaged(f, settings={"surface": "other"}), "damaged"),
@@ -215,9 +215,9 @@ def described(name: str, spacing: float) -> dict[str, object]:
         (lambda f: damaged_part(f, name="part-0001.pointray"), "files of the folder"),
         (lambda f: damaged_part(f, levels=[{"name": "a.pointray"}]), "index.json"),
         (lambda f: damaged_part(f, levels=[described("a", 2.0), described("b", 1.0)]), "fine to coarse"),
-        (lambda f: (f / "part-0001.pointray").write_bytes(b""), "part-0001.pointray.*cut off"),
+        (lambda f: (f / "part-0001.pointray").write_bytes(b""), "part-0001.pointray.*truncated"),
         (lambda f: shutil.copy(f / "part-0000.pointray", f / "part-0001.pointray"), "part-0001.pointray"),
-        (lambda f: (f / POINTS).write_bytes((f / POINTS).read_bytes()[:-64]), "points.pointray.*cut off"),
+        (lambda f: (f / POINTS).write_bytes((f / POINTS).read_bytes()[:-64]), "points.pointray.*truncated"),
     ],
     ids=range(21),
 )
@@ -234,7 +234,7 @@ def test_the_index_tells_what_a_part_is_without_its_file(both: tuple[pr.Model, p
         assert (told.reach is not None) == part.has_surface and told.longest == part.longest
         if told.reach is None:
             continue
-        assert told.reach == part.reach.tolist()
+        assert told.reach == part.surface_bounds.tolist()
         assert told.spacing == pytest.approx(np.median(part.radii[part.tree.order[part.tree.order >= 0]]), rel=1e-6)
 
 
@@ -242,7 +242,7 @@ def test_levels_of_detail_are_saved_models_that_name_their_folder(tmp_path: Path
     model = pr.Model(pr.procedural("sphere", 5000))
     model.make_levels()
     level = model.levels[0]
-    told = write_level(tmp_path, "12", 3, 1, level._kept())
+    told = write_level(tmp_path, "12", 3, 1, level.data.to_stored())
     assert (told.name, told.points, told.longest) == ("part-0003-1.pointray", len(level.points), level.longest)
     assert told.nbytes == (tmp_path / told.name).stat().st_size
     assert told.spacing == level.spacing

@@ -23,6 +23,7 @@ from pointray.cli.scan_scene import PLAIN
 from pointray.cli.serve import shared_scene_of
 from pointray.model import residency as residence
 from pointray.model.array_file import drop_pages
+from pointray.model.model import PrebuiltModel
 from pointray.model.model_file import check_level
 from pointray.model.model_folder import INDEX, read_folder, read_part, write_index, write_level, write_part
 from pointray.model.out_of_core.split import split
@@ -51,7 +52,7 @@ def terrain() -> pr.Points:
 
 def give_levels(folder: Path, patch: pytest.MonkeyPatch) -> None:
     """Give each large part levels of detail, made of its own points."""
-    patch.setattr("pointray.model.model.LEAST_POINTS", 100)
+    patch.setattr("pointray.model.levels_of_detail.LEAST_POINTS", 100)
     index, whole = read_folder(folder)
     parts, start = [], 0
     for number, file in enumerate(index.parts):
@@ -62,7 +63,9 @@ def give_levels(folder: Path, patch: pytest.MonkeyPatch) -> None:
             continue
         part = pr.Model(whole.points.select(rows), whole.radii[rows])
         part.make_levels()
-        files = [write_level(folder, index.id, number, k + 1, level._kept()) for k, level in enumerate(part.levels)]
+        files = [
+            write_level(folder, index.id, number, k + 1, level.data.to_stored()) for k, level in enumerate(part.levels)
+        ]
         parts.append(file._replace(levels=files))
     write_index(folder, index._replace(parts=parts))
 
@@ -105,7 +108,7 @@ def scene_of(model: pr.Model, **material: Any) -> pr.Scene:
 
 
 def open_files(model: pr.Model) -> set[tuple[int, int]]:
-    held = model._residence
+    held = model._cache
     assert held is not None
     return {key for part in model.parts for level in (part, *part.levels) if held.is_open(key := level.source.key)}
 
@@ -158,7 +161,7 @@ def test_pictures_open_what_they_show(made: Path) -> None:
     assert (order[0], 0) in found
     assert (order[-1], 0) not in found
     assert len(found) == len(model.parts)  # one level of each
-    assert model.resident_bytes == sum(model._residence.file(key).nbytes for key in found)
+    assert model.resident_bytes == sum(model._cache.file(key).nbytes for key in found)
 
 
 def test_garbage_matters_where_it_is_needed(folder: Path) -> None:
@@ -190,7 +193,7 @@ def test_the_command_line_names_a_damaged_level(folder: Path, capsys: pytest.Cap
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda f: (f / "part-0001-1.pointray").write_bytes(b"abc"), r"part-0001-1\.pointray.*cut off"),
+        (lambda f: (f / "part-0001-1.pointray").write_bytes(b"abc"), r"part-0001-1\.pointray.*truncated"),
         (lambda f: (f / "part-0001-1.pointray").unlink(), r"part-0001-1\.pointray"),
         (lambda f: (f / "part-0001-2.pointray").rename(f / "part-0001.pointray"), "part-0001"),
     ],
@@ -215,7 +218,7 @@ def test_levels_are_not_trusted(folder: Path) -> None:
 
     def written(of: pr.Model, id: str = index.id, part: int = 0, number: int = 1) -> str:
         """The message that an opened level gives, after it has been written like that."""
-        told = write_level(folder.parent, id, part, number, of._kept())
+        told = write_level(folder.parent, id, part, number, of.data.to_stored())
         (folder.parent / told.name).rename(folder / file.name)
         told_otherwise(folder, points=told.points, longest=told.longest, nbytes=told.nbytes)
         try:
@@ -236,15 +239,15 @@ def test_levels_are_not_trusted(folder: Path) -> None:
         )
     )
     assert "another origin" in written(moved)
-    damaged = copy.copy(level)
-    damaged.tree = damaged.tree._replace(refs=damaged.tree.refs + 1_000_000)
+    tree = level.tree._replace(refs=level.tree.refs + 1_000_000)
+    damaged = PrebuiltModel(level.data._replace(tree=tree))
     assert "a reference is not a block" in written(damaged)
     assert written(level) == ""
     told_otherwise(folder, longest=16 * 1000)
     with pytest.raises(ValueError, match="longest leaf"):
         _ = pr.Model.load(folder).parts[0].levels[0].tree
     told_otherwise(folder, longest=file.longest, points=file.points + 1)
-    with pytest.raises(ValueError, match="points, not"):
+    with pytest.raises(ValueError, match="points without levels of detail, got"):
         _ = pr.Model.load(folder).parts[0].levels[0].tree
 
 
@@ -655,7 +658,7 @@ def test_a_folder_is_viewed_with_direct_light_and_a_budget(made: Path, monkeypat
     assert shared.problem == ""
     assert shared.settings.integrator == "phong"
     model = shared.scene.models[0]
-    assert model._residence.budget == 1 << 20
+    assert model._cache.budget == 1 << 20
     assert open_files(model) == {(number, 3) for number in range(6)}
     assert shared.build is not None
     assert shared.scan("front").camera().size

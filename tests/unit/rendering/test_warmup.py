@@ -38,17 +38,17 @@ def test_the_backlog_tells_which_kernel_and_how_long(clock):
     work = Backlog()
     assert work.state is None
     work.expect({"a": 4.0, "b": 6.0})
-    work.expect({"c": 20.0}, beside=True)
+    work.expect({"c": 20.0}, in_second_process=True)
     assert work.state is None
     work.begin("a")
-    work.begin("c", beside=True)
+    work.begin("c", in_second_process=True)
     assert work.state == (1, 3, 0.0, 20.0)
     clock.now += 8.0
     assert work.state == (1, 3, pytest.approx(8 / (8 + 12)), 12.0)
     work.end("a")  # twice as slow as expected
     number, total, _, seconds = work.state
     assert (number, total) == (2, 3) and seconds == pytest.approx(2 * 20 - 8)
-    work.end("c", beside=True)
+    work.end("c", in_second_process=True)
     assert work.state is None  # nothing is compiled at this moment
     work.begin("b")
     work.begin("unknown")
@@ -179,7 +179,7 @@ def test_where_the_process_beside_fails_nobody_waits(tmp_path, monkeypatch, unco
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
     jit.compile_in_background("sad_module", {uncompiled: 1.0})
     assert scene.intersect((0, 0, 2), (0, 0, -1)).t == 2.0
-    assert uncompiled not in beside._coming and jit.BACKLOG.state is None
+    assert uncompiled not in beside._pending and jit.BACKLOG.state is None
 
 
 def test_who_waits_is_told_when_it_is_there_and_may_give_up(tmp_path, monkeypatch, uncompiled):

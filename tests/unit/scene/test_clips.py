@@ -237,15 +237,15 @@ BAD = {
     "number": (3, "list of pairs"),
     "text": ("abc", "list of pairs"),
     "texts": ([("a", "b")], "list of pairs"),
-    "one pair": ((np.zeros(3), UP), "of one plane too"),
-    "one row": ([0, 0, 0, 0, 0, 1], "of one plane too"),
+    "one pair": ((np.zeros(3), UP), "even for one plane"),
+    "one row": ([0, 0, 0, 0, 0, 1], "even for one plane"),
     "five": ([[0, 0, 0, 0, 1]], r"shape \(1, 5\)"),
     "ragged": ([((0, 0), (0, 0, 1))], "same length"),
     "nan": ([((0, np.nan, 0), (0, 0, 1))], r"clips\[0\]: point must be three finite"),
     "inf": ([((0, 0, 0), (0, 0, 1)), ((0, 0, 0), (0, np.inf, 1))], r"clips\[1\]: normal must be three finite"),
     "zero": ([((0, 0, 0), (0, 0, 0))], r"clips\[0\]: normal must not be zero"),
-    "complex": ([((0, 0, 0), (0, 0, 1j))], "not complex128"),
-    "many": (np.ones((17, 6)), "at most 16 planes, not 17"),
+    "complex": ([((0, 0, 0), (0, 0, 1j))], "got complex128"),
+    "many": (np.ones((17, 6)), "at most 16 planes, got 17"),
 }
 
 

@@ -306,8 +306,8 @@ def test_a_rebuilt_model_goes_on_following_its_scene(browser, scene, model):
 
 def test_of_many_choices_of_a_surface_the_newest_counts(scene, monkeypatch):
     built = []
-    whole = pr.Model.remade
-    monkeypatch.setattr(pr.Model, "remade", lambda self, *a, **k: (built.append(k), whole(self, *a, **k))[1])
+    whole = pr.Model.rebuild
+    monkeypatch.setattr(pr.Model, "rebuild", lambda self, *a, **k: (built.append(k), whole(self, *a, **k))[1])
     shared = SharedScene("x", scene)
     scales = [1.0 + k / 20 for k in range(1, 9)]
     threads = [shared.rebuild(surface="imls"), *(shared.rebuild(radius_scale=scale) for scale in scales)]
@@ -623,7 +623,7 @@ def test_what_the_user_did_to_the_lights_outlives_the_coarse_version(model, scen
 
 
 def test_a_surface_that_cannot_be_built_is_said_and_forgotten(browser, monkeypatch):
-    whole = pr.Model.remade
+    whole = pr.Model.rebuild
 
     def refuse(self, *arguments, **options):
         if options["surface"] == "paper":
@@ -631,7 +631,7 @@ def test_a_surface_that_cannot_be_built_is_said_and_forgotten(browser, monkeypat
         return whole(self, *arguments, **options)
 
     browser.arrive()
-    monkeypatch.setattr(pr.Model, "remade", refuse)
+    monkeypatch.setattr(pr.Model, "rebuild", refuse)
     for _ in range(2):
         told = len(browser.told)
         browser.set("build.surface", "paper")

@@ -35,57 +35,59 @@ class Backlog:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._rows: dict[bool, dict[str, float]] = {False: {}, True: {}}  # second process? -> kernel -> seconds
-        self._begun: dict[str, float] = {}  # kernel -> start of its compilation
-        self._done, self._should, self._took = 0, 0.0, 0.0  # compiled kernels; their expected and actual seconds
+        self._queues: dict[bool, dict[str, float]] = {False: {}, True: {}}  # second process? -> kernel -> seconds
+        self._started: dict[str, float] = {}  # kernel -> start of its compilation
+        self._done, self._expected_seconds, self._actual_seconds = 0, 0.0, 0.0  # of compiled kernels
         self._since: float | None = None
 
-    def expect(self, kernels: dict[str, float], beside: bool = False) -> None:
+    def expect(self, kernels: dict[str, float], in_second_process: bool = False) -> None:
         """Add kernels to a queue, with their compile times in seconds on a typical machine."""
         with self._lock:
-            self._rows[beside].update(kernels)
+            self._queues[in_second_process].update(kernels)
 
-    def begin(self, name: str, beside: bool = False) -> None:
+    def begin(self, name: str, in_second_process: bool = False) -> None:
         """Mark a kernel as being compiled."""
         with self._lock:
-            self._rows[beside].setdefault(name, UNKNOWN)
-            self._begun[name] = time.perf_counter()
+            self._queues[in_second_process].setdefault(name, UNKNOWN)
+            self._started[name] = time.perf_counter()
             if self._since is None:
-                self._since = self._begun[name]
+                self._since = self._started[name]
 
-    def end(self, name: str, beside: bool = False) -> None:
+    def end(self, name: str, in_second_process: bool = False) -> None:
         """Mark a kernel as compiled."""
         with self._lock:
-            should, begun = self._rows[beside].pop(name, None), self._begun.pop(name, None)
-            if should is not None and begun is not None:
-                self._done, self._should = self._done + 1, self._should + should
-                self._took += time.perf_counter() - begun
+            expected, started = self._queues[in_second_process].pop(name, None), self._started.pop(name, None)
+            if expected is not None and started is not None:
+                self._done, self._expected_seconds = self._done + 1, self._expected_seconds + expected
+                self._actual_seconds += time.perf_counter() - started
 
-    def drop(self, kernels: Iterable[str], beside: bool = False) -> None:
+    def drop(self, kernels: Iterable[str], in_second_process: bool = False) -> None:
         """Remove kernels that will not be compiled in that process."""
         with self._lock:
             for name in kernels:
-                self._rows[beside].pop(name, None)
-                self._begun.pop(name, None)
+                self._queues[in_second_process].pop(name, None)
+                self._started.pop(name, None)
 
     @property
     def state(self) -> Compiling | None:
         """The progress, or None if no kernel is being compiled."""
         now = time.perf_counter()
         with self._lock:
-            if not self._begun or self._since is None:
+            if not self._started or self._since is None:
                 return None
-            pace = self._took / self._should if self._should > ENOUGH else 1.0
-            rows = [{k: self._left(k, pace * cost, now) for k, cost in row.items()} for row in self._rows.values()]
-            left = max(sum(row.values()) for row in rows)
+            pace = self._actual_seconds / self._expected_seconds if self._expected_seconds > ENOUGH else 1.0
+            queues = [
+                {k: self._left(k, pace * cost, now) for k, cost in queue.items()} for queue in self._queues.values()
+            ]
+            left = max(sum(queue.values()) for queue in queues)
             spent = now - self._since
-            total = self._done + sum(map(len, self._rows.values()))
+            total = self._done + sum(map(len, self._queues.values()))
             return Compiling(self._done + 1, total, spent / (spent + left), left)
 
     def _left(self, name: str, cost: float, now: float) -> float:
         """Return the remaining compile time of a kernel, in seconds."""
-        begun = self._begun.get(name)
-        return cost if begun is None else max(cost - (now - begun), 0.1 * cost)
+        started = self._started.get(name)
+        return cost if started is None else max(cost - (now - started), 0.1 * cost)
 
 
 class Counts:

@@ -7,7 +7,7 @@ import weakref
 from collections.abc import Callable
 
 
-class _Life:
+class _AliveToken:
     """Object kept alive by the thread it was passed to."""
 
 
@@ -22,7 +22,7 @@ def start(work: Callable[[], None]) -> Callable[[], bool]:
     RuntimeError
         If there is no memory for the thread's stack.
     """
-    life = _Life()
-    _thread.start_new_thread(lambda _life: work(), (life,))
-    told = weakref.ref(life)
-    return lambda: told() is not None
+    token = _AliveToken()
+    _thread.start_new_thread(lambda _token: work(), (token,))
+    token_ref = weakref.ref(token)
+    return lambda: token_ref() is not None

@@ -12,7 +12,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from .library import choice, wanted
+from .library import choice, kernel_choice
 
 LATER = ("compile",)
 _LOCK = threading.RLock()
@@ -70,7 +70,7 @@ class Kernel(Piece):
         """The kernel in the library for this CPU, else None, or ValueError if POINTRAY_KERNELS=compiled."""
         found, why = choice()
         function = None if found is None else found.find(self.name, Path(self.py_func.__code__.co_filename))
-        if function is None and wanted() == "compiled":
+        if function is None and kernel_choice() == "compiled":
             if found is not None:
                 why = f"it is missing in the library for {found.level}, or the library was built from other sources"
             raise ValueError(f"POINTRAY_KERNELS=compiled, but {self.name} is not available: {why}")

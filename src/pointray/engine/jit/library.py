@@ -27,7 +27,7 @@ CHECK = os.environ.get("POINTRAY_CHECK", "") not in ("", "0")
 CHOICES = "auto", "compiled", "jit"
 
 
-def wanted() -> str:
+def kernel_choice() -> str:
     """Return the value of `POINTRAY_KERNELS`."""
     text = os.environ.get("POINTRAY_KERNELS", "") or "auto"
     if text not in CHOICES:
@@ -56,12 +56,12 @@ class Library:
         file : the source file of the kernel
         """
         about = self._kernels.get(kernel)
-        if about is None or not (self._is_of_today or about["key"] == key_of([file])):
+        if about is None or not (self._is_current or about["key"] == key_of([file])):
             return None
         return self._callable(kernel, about)
 
     @cached_property
-    def _is_of_today(self) -> bool:
+    def _is_current(self) -> bool:
         """Whether all sources are those that the library was built from. Faster than a check of each kernel."""
         try:
             return all(digest_of(ROOT / name) == digest for name, digest in self._sources.items())
@@ -96,7 +96,7 @@ def choice() -> tuple[Library | None, str]:
     """Return the library in use, or None, and the reason as a sentence without its full stop."""
     if CHECK:
         return None, "POINTRAY_CHECK is set: kernels are compiled with bounds checks"
-    if wanted() == "jit":
+    if kernel_choice() == "jit":
         return None, "POINTRAY_KERNELS=jit"
     try:
         manifest = json.loads((FOLDER / MANIFEST).read_text())

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 STEP = 0.02  # seconds between two checks for cancellation
 
 _lock = threading.Lock()
-_coming: dict[str, threading.Event] = {}  # kernels of the second process; the event is set when compiled
+_pending: dict[str, threading.Event] = {}  # kernels of the second process; the event is set when compiled
 
 
 def compile_in_background(module: str, kernels: dict[str, float]) -> None:
@@ -33,8 +33,8 @@ def compile_in_background(module: str, kernels: dict[str, float]) -> None:
         Names in `KERNELS`, in the order of use, and their expected compile times in seconds.
     """
     with _lock:
-        wanted = {k: cost for k, cost in kernels.items() if k not in _coming and not KERNELS[k].is_compiled}
-        if not wanted or not _can_be_kept():
+        wanted = {k: cost for k, cost in kernels.items() if k not in _pending and not KERNELS[k].is_compiled}
+        if not wanted or not _has_cache_folder():
             return
         import subprocess  # takes 10 ms, which are saved if kernels are compiled
 
@@ -43,50 +43,50 @@ def compile_in_background(module: str, kernels: dict[str, float]) -> None:
             process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True)
         except OSError:
             return
-        _coming.update({name: threading.Event() for name in wanted})
-    BACKLOG.expect(wanted, beside=True)
+        _pending.update({name: threading.Event() for name in wanted})
+    BACKLOG.expect(wanted, in_second_process=True)
     threading.Thread(target=_follow, args=(process, list(wanted)), name="pointray-compiling", daemon=True).start()
 
 
-def _can_be_kept() -> bool:
+def _has_cache_folder() -> bool:
     """Return whether there is a cache folder, through which the process passes kernels on."""
     from .disk_cache import cache_folder
 
     return cache_folder() is not None
 
 
-def wait_for(kernel: Any, unwanted: Callable[[], bool]) -> bool:
-    """Wait for a kernel that the second process compiles. Returns False if `unwanted` becomes true first."""
-    event = next((event for name, event in list(_coming.items()) if KERNELS[name] is kernel), None)
+def wait_for(kernel: Any, is_cancelled: Callable[[], bool]) -> bool:
+    """Wait for a kernel that the second process compiles. Returns False if `is_cancelled` becomes true first."""
+    event = next((event for name, event in list(_pending.items()) if KERNELS[name] is kernel), None)
     if event is None:
         return True
-    begun = time.perf_counter()
+    started = time.perf_counter()
     # Event.wait is avoided: a Ctrl-C within it may leave its lock held, and the thread that sets the event would hang.
-    while not event.is_set() and not unwanted():
+    while not event.is_set() and not is_cancelled():
         time.sleep(STEP)
-    COUNTS.seconds += time.perf_counter() - begun
+    COUNTS.seconds += time.perf_counter() - started
     return event.is_set()
 
 
 def _follow(process: subprocess.Popen[str], names: list[str]) -> None:
     """Wake the threads waiting for a kernel when it is compiled, and all of them when the process ends."""
     left = list(names)
-    BACKLOG.begin(left[0], beside=True)
+    BACKLOG.begin(left[0], in_second_process=True)
     with process, suppress(OSError, ValueError):
         for line in process.stdout or ():
             if line.strip() not in left:
                 continue
             left.remove(line.strip())
-            BACKLOG.end(line.strip(), beside=True)
+            BACKLOG.end(line.strip(), in_second_process=True)
             COUNTS.kernels += 1
             if left:
-                BACKLOG.begin(left[0], beside=True)
-            _arrive([line.strip()])
-    BACKLOG.drop(left, beside=True)
-    _arrive(left)
+                BACKLOG.begin(left[0], in_second_process=True)
+            _mark_compiled([line.strip()])
+    BACKLOG.drop(left, in_second_process=True)
+    _mark_compiled(left)
 
 
-def _arrive(names: Iterable[str]) -> None:
+def _mark_compiled(names: Iterable[str]) -> None:
     with _lock:
         for name in names:
-            _coming.pop(name).set()
+            _pending.pop(name).set()

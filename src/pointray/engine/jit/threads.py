@@ -116,7 +116,7 @@ def run(
                 done.get(timeout=0.1)
             except queue.Empty:
                 # All threads have ended, one without a result: it ran out of memory.
-                if not any(is_there() for is_there in started) and len(results) + len(errors) < len(started):
+                if not any(is_alive() for is_alive in started) and len(results) + len(errors) < len(started):
                     raise MemoryError("out of memory in a worker thread") from None
                 if progress is not None:
                     progress(min((work[NEXT] - first) / max(tiles, 1), 1.0))

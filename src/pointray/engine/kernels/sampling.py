@@ -1,8 +1,8 @@
-"""Where samples lie: numbers in 0..1 that depend on pixel, sample, dimension and seed, and on nothing else.
+"""Stratified random numbers in 0..1, which depend only on pixel, sample, dimension and seed.
 
-Pairs of dimensions are each the first two of Sobol's sequence, in an order and with digits shuffled by a hash of their
-own (Owen scrambling by hashing: Burley 2020; permutation after Laine and Karras 2011). So every pair is stratified by
-itself at any number of samples, best at powers of two, and the picture is the same for any number of threads.
+Each pair of dimensions is the first two of Sobol's sequence, with order and digits scrambled by its own hash (Owen
+scrambling by hashing: Burley 2020; permutation after Laine and Karras 2011). So every pair is stratified by itself for
+any number of samples, best for powers of two, and the image does not depend on the number of threads.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import math
 
 from ..jit import Array, inline
 
-# The pairs of dimensions that are asked for; those of a path repeat for each scattering.
+# The pairs of dimensions in use; those of a path repeat for each scattering.
 IN_PIXEL, ON_LENS, ON_PATH = 0, 1, 2
-WHICH, ON_LIGHT, DIRECTION_OF, ROULETTE, PER_SCATTERING = range(5)  # the first: which light, which lobe
+WHICH, ON_LIGHT, DIRECTION_OF, ROULETTE, PER_SCATTERING = range(5)  # the first: choice of the light or the lobe
 
 _WORD = 0xFFFFFFFF
 _TO_ONE = 2.0**-32
@@ -21,7 +21,7 @@ _TO_ONE = 2.0**-32
 
 @inline
 def hash32(x: int) -> int:
-    """A well mixed word of 32 bits from another (the finaliser of MurmurHash3)."""
+    """Hash a 32-bit word (the finaliser of MurmurHash3)."""
     x = ((x ^ (x >> 16)) * 0x85EBCA6B) & _WORD
     x = ((x ^ (x >> 13)) * 0xC2B2AE35) & _WORD
     return x ^ (x >> 16)
@@ -29,13 +29,13 @@ def hash32(x: int) -> int:
 
 @inline
 def pixel_key(x: int, y: int, seed: int) -> int:
-    """The key of a pixel's samples."""
+    """Return the key of a pixel's samples."""
     return hash32((hash32((hash32(x + 0x9E3779B9 & _WORD) + y) & _WORD) + seed) & _WORD)
 
 
 @inline
 def _reverse(x: int) -> int:
-    """The 32 bits in the opposite order."""
+    """Reverse the order of 32 bits."""
     x = (x >> 16 | x << 16) & _WORD
     x = (x & 0x00FF00FF) << 8 | (x & 0xFF00FF00) >> 8
     x = (x & 0x0F0F0F0F) << 4 | (x & 0xF0F0F0F0) >> 4
@@ -45,7 +45,7 @@ def _reverse(x: int) -> int:
 
 @inline
 def _permute(x: int, key: int) -> int:
-    """Each bit is flipped or not by a hash of the bits below it: Owen scrambling of a word with its bits reversed."""
+    """Flip each bit by a hash of the bits below it: Owen scrambling of a word with its bits reversed."""
     x = (x + key) & _WORD
     x ^= (x * 0x6C50B47C) & _WORD
     x ^= (x * 0xB82F1E52) & _WORD
@@ -55,7 +55,7 @@ def _permute(x: int, key: int) -> int:
 
 @inline
 def _second(x: int) -> int:
-    """Sobol's second dimension from the number of the sample, bits reversed: Pascal's triangle modulo 2."""
+    """Return Sobol's second dimension for the bit-reversed index of the sample: Pascal's triangle modulo 2."""
     x ^= (x & 0xFFFF0000) >> 16
     x ^= (x & 0xFF00FF00) >> 8
     x ^= (x & 0xF0F0F0F0) >> 4
@@ -65,7 +65,7 @@ def _second(x: int) -> int:
 
 @inline
 def sample_pair(key: int, sample: int, pair: int) -> tuple[float, float]:
-    """Two numbers, 0 <= u, v < 1, for a sample of a pixel and a pair of dimensions."""
+    """Return two numbers, 0 <= u, v < 1, for a sample of a pixel and a pair of dimensions."""
     key = hash32((key + pair * 0x9E3779B9) & _WORD)
     index = _reverse(_permute(_reverse(sample), key))
     u = _reverse(_permute(index, hash32(key ^ 0x2C1B3C6D)))
@@ -75,7 +75,7 @@ def sample_pair(key: int, sample: int, pair: int) -> tuple[float, float]:
 
 @inline
 def on_disc(u: float, v: float) -> tuple[float, float]:
-    """The point of the unit disc for a point of the square: equal areas, rings to rings (Shirley and Chiu 1997)."""
+    """Map the unit square to the unit disc, preserving areas (concentric map, Shirley and Chiu 1997)."""
     a, b = 2.0 * u - 1.0, 2.0 * v - 1.0
     if abs(a) > abs(b):
         radius, angle = a, 0.25 * math.pi * b / a
@@ -86,7 +86,7 @@ def on_disc(u: float, v: float) -> tuple[float, float]:
 
 @inline
 def find_share(table: Array, first: int, count: int, share: float) -> int:
-    """The last k of a rising part of a table, of count + 1 numbers from first on, at which it is not above share."""
+    """Return the last k with table[first + k] <= share, by bisection of count + 1 ascending numbers; k < count."""
     low, high = 0, count
     while high - low > 1:
         middle = (low + high) // 2

@@ -1,16 +1,16 @@
-"""The records of one model, in its own space: what each array of its tree holds, and what stands for 'none'.
+"""The records of one model, in its own space: layout of the tree's arrays, and the values that mean "none".
 
-All arrays are flat and C-contiguous, so that a model can travel as a table of addresses (`model_table`) and every
-kernel has one signature whatever the number of models. Lengths are in model space, about the points' origin.
+All arrays are flat and C-contiguous, so that a model can be passed as a table of addresses (`model_table`) and every
+kernel has one signature for any number of models. Lengths are in model space, relative to the points' origin.
 
-What 'none' means
+What "none" means
 -----------------
 - A ray that misses has t = inf; a degenerate ray (a direction that is zero or not finite) misses.
-- An empty box is lo = +inf, hi = -inf: no ray enters it. Every box test must get this right without a special case.
-- A column of a leaf that no support reaches has PATCH_LOW = PATCH_HIGH = NO_SURFACE (1e30): no ray is in its slab.
+- An empty box is lo = +inf, hi = -inf: no ray enters it. Every box test must handle it without a special case.
+- A column of a leaf that no support reaches has PATCH_LOW = PATCH_HIGH = NO_SURFACE (1e30): no ray enters its slab.
 - An empty slot of a block is a splat at EMPTY (1e15) with radius 1: its weight is 0 everywhere. No other is beyond FAR.
-- An empty slot of a group of spheres has the radius NaN: no ray is near it.
-- The surface function is NaN where no support reaches; a comparison with it is false, so that no sign change counts.
+- An empty slot of a group of bounding spheres has the radius NaN: no ray comes near it.
+- The surface function is NaN where no support reaches; comparisons with NaN are false, so no sign change is found.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ..jit import Array, array_at, f32, i32, inline
 
 EMPTY, FAR = f32(1e15), f32(1e14)
 
-# A block: 4 splats in structure-of-arrays order, 7 rows of 4 float32 (28 bytes a splat).
+# A block: 4 splats as a structure of arrays, 7 rows of 4 float32 (28 bytes a splat).
 BLOCK = 28
 PX, PY, PZ, NX, NY, NZ, INV_R2 = 0, 4, 8, 12, 16, 20, 24
 
@@ -35,12 +35,13 @@ SLAB = 6  # 6..8: unit normal m of the slab; all surface in the voxel has SLAB_L
 SLAB_LO, SLAB_HI = 9, 10
 STEP = 11  # distance of the samples along a ray
 RADIUS = 12  # mean support radius of the splats over the voxel
-LEAST = 13  # least support radius over the voxel and around it, see `surface/tree/cells.py`
-BORDERED = 14  # 1 where one of them lies on an open border
-SHEETED = 15  # 1 where one of them belongs to two sheets that face away from each other
+LEAST = 13  # least support radius in and around the voxel, see `surface/tree/cells.py`
+BORDERED = 14  # 1 if one of these splats lies on an open border
+SHEETED = 15  # 1 if one of these splats belongs to one of two sheets that face away from each other
 
-# A leaf's patches: 4 rows of 16 float32, one of each of its 4 x 4 columns, see `tree/columns.py`. Relative to the least
-# corner of its voxel, u and v in columns, the surface is where PATCH_LOW <= w + PATCH_B u + PATCH_C v <= PATCH_HIGH.
+# A leaf's patches: 4 rows of 16 float32, one number for each of its 4 x 4 columns, see `tree/columns.py`. With u and v
+# in columns, relative to the low corner of the voxel, the surface is where PATCH_LOW <= w + PATCH_B u + PATCH_C v <=
+# PATCH_HIGH.
 COLUMNS = 4
 PATCH = 4 * COLUMNS * COLUMNS
 PATCH_B, PATCH_C, PATCH_LOW, PATCH_HIGH = 0, 16, 32, 48
@@ -49,14 +50,12 @@ NO_SURFACE = f32(1e30)
 # A wide node: the boxes of 8 children, 6 rows (lo x y z, hi x y z) of 8 float32.
 WIDTH = 8
 NODE = 6 * WIDTH
-NO_CHILD = -(2**31)  # else: a child >= 0 is a node, a child < 0 is leaf ~child
-# Leaves from this number on hold scattered points: leaf SCATTERED + b has blocks b and b + 1, whose splats are drawn as
-# spheres or as single discs of their radius, and whose normals are the mean directions of their neighbourhoods. As the
-# leaf of a hit, SCATTERED + s is slot s. These blocks follow those of the surface, and no group lists them.
+NO_CHILD = -(2**31)  # otherwise: a child >= 0 is a node, a child < 0 is leaf ~child
+# Leaves from this number on hold scattered points: leaf SCATTERED + b has blocks b and b + 1. Their splats are drawn as
+# spheres or single discs of their radius; their normals are the mean directions of their neighbourhoods. As the leaf of
+# a hit, SCATTERED + s is slot s. These blocks follow those of the surface, and no group lists them.
 SCATTERED = 1 << 30
-LEAF_BLOCKS = (
-    2  # of scattered points: with one, bounces among a million spheres take 1.7 times as long, shadow rays 1.2
-)
+LEAF_BLOCKS = 2  # with 1 block, bounces among a million spheres take 1.7 times as long, shadow rays 1.2
 
 # A group: 16 bounding spheres of blocks, 4 rows (centre x y z, radius) of 16 float32.
 GROUP = 64
@@ -64,15 +63,15 @@ GROUP = 64
 # The head of a model: 16 float32.
 HEAD = 16
 BOUNDS = 0  # 0..5: lo x y z, hi x y z of all supports
-SURFACE = 6  # which surface: one of the next four
+SURFACE = 6  # the kind of surface: one of the next four
 PAPER, IMLS, APSS, DISC = (number_of(SURFACES, name) for name in ("paper", "imls", "apss", "disc"))
-REFINE = 7  # secant steps after the bracket
+REFINE = 7  # secant steps after a sign change is found
 TRIM = 8  # largest |x - P(x)| of a hit, in local radii; inf: no limit
-OVERHANG = 9  # how far a hit may lie out of an open border, in local radii; inf: no limit
-LONGEST = 10  # longest step of the samples in any leaf
-SCATTER = 11  # how scattered points are drawn: one of the next two; 0: the tree has none
+OVERHANG = 9  # largest distance of a hit beyond an open border, in local radii; inf: no limit
+LONGEST = 10  # largest sample step of any leaf
+SCATTER = 11  # how scattered points are drawn: SPHERES or DISCS; 0: the tree has none
 SPHERES, DISCS = 1, 2
-SCATTER_LEAVES = 12  # the number of leaves of scattered points, rounded to float32
+SCATTER_LEAVES = 12  # number of leaves of scattered points, rounded to float32
 
 
 class Tree(NamedTuple):
@@ -84,17 +83,17 @@ class Tree(NamedTuple):
     leaves : (leaves * 16,) float32, see `LEAF`
     patches : (leaves * 64,) float32, see `PATCH`
     spans : (leaves * 2,) int32, first group and number of groups
-    spheres : (groups * 64,) float32, bounding spheres of the blocks that a leaf knows
-    refs : (groups * 16,) int32, their numbers; 0 in an empty slot
+    spheres : (groups * 64,) float32, bounding spheres of the blocks that a leaf lists
+    refs : (groups * 16,) int32, indices of these blocks; 0 in an empty slot
     blocks : (blocks * 28,) float32
     order : (blocks * 4,) int32, the caller's row of each splat; -1 in an empty slot
     borders : (blocks * 4 * 3,) int8, for a splat on an open border the direction out of the surface (unit, in 127ths),
-        else zero; or length 0: none is
-    facing : (blocks * 4 * 3,) int8, for a splat with another sheet close by its normal (unit, in 127ths),
-        else zero; or length 0: there is none
-    colors : (blocks * 4,) int32, sRGB as r + 256 g + 65536 b; or length 0: the points have none
-    noise : (blocks,) float32, standard deviation of the noise that was smoothed away, of the noisiest of its splats;
-        or length 0: none was
+        else zero; length 0 if no splat is
+    facing : (blocks * 4 * 3,) int8, for a splat with another sheet close by its normal (unit, in 127ths), else zero;
+        length 0 if no splat has one
+    colors : (blocks * 4,) int32, sRGB as r + 256 g + 65536 b; length 0 if the points have no colours
+    noise : (blocks,) float32, standard deviation of the noise that was removed, of the noisiest of a block's splats;
+        length 0 if the points were not denoised
     """
 
     head: Array
@@ -114,7 +113,7 @@ class Tree(NamedTuple):
 
 
 def no_tree(bounds: Array) -> Tree:
-    """A tree without splats, which no ray hits. bounds : (6,) as in its head."""
+    """Return a tree without splats, which no ray hits. bounds : (6,) as in its head."""
     head = np.zeros(HEAD, np.float32)
     head[BOUNDS : BOUNDS + 6], head[TRIM], head[OVERHANG] = bounds, np.inf, np.inf
     boxes = np.repeat(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), WIDTH)
@@ -124,24 +123,24 @@ def no_tree(bounds: Array) -> Tree:
 
 
 def first_scattered(tree: Tree) -> int:
-    """Return the number of the first block of scattered points, or of all blocks if there are none."""
+    """Return the index of the first block of scattered points, or the number of blocks without any."""
     leaf = ~tree.children[(tree.children < 0) & (tree.children != NO_CHILD)].astype(np.int64)
     scattered = leaf[leaf >= SCATTERED] - SCATTERED
     return int(scattered.min(initial=tree.blocks.size // BLOCK))
 
 
 _F32, _I32, _I8 = f32(0), i32(0), np.int8(0)
-ROW = 2 * len(Tree._fields)  # a model in the table: the address and the length of each array
+ROW = 2 * len(Tree._fields)  # a model in the table: address and length of each array
 
 
 class _Addresses(bytearray):
-    """The memory of a table of addresses, with what they point to: as long as the one is there, so is the other."""
+    """Memory of a table of addresses, which keeps the arrays it points to alive."""
 
     trees: list[Tree]
 
 
 def model_table(trees: list[Tree]) -> Array:
-    """(models * ROW,) int64: where each model's arrays lie. The table keeps the trees alive; a copy of it does not."""
+    """Return the addresses of the models' arrays, (models * ROW,) int64. It keeps the trees alive; a copy does not."""
     rows = [[value for array in tree for value in (array.ctypes.data, array.size)] for tree in trees]
     memory = _Addresses(np.array(rows, np.int64).tobytes())
     memory.trees = list(trees)
@@ -150,7 +149,7 @@ def model_table(trees: list[Tree]) -> Array:
 
 @inline
 def tree_at(table: Array, model: int) -> Tree:
-    """The tree of one model of the table."""
+    """Return the tree of one model of the table."""
     i = model * ROW
     return Tree(
         array_at(table[i + 0], table[i + 1], _F32),
@@ -171,10 +170,10 @@ def tree_at(table: Array, model: int) -> Tree:
 
 
 class Ray(NamedTuple):
-    """A ray in model space: origin, unit direction, the inverse of each component, the interval, the side it starts on.
+    """A ray in model space: origin, unit direction, the inverse of each component, interval and side.
 
     t_min : see `scratch.BEGIN`; t_max : see `scratch.END`
-    side : +1 where a ray that starts on the surface is outside (where normals point), -1 where it is inside
+    side : +1 if a ray that starts on the surface is outside (where normals point), -1 if it is inside
     """
 
     ox: float
@@ -192,7 +191,7 @@ class Ray(NamedTuple):
 
 
 class Hit(NamedTuple):
-    """Where a ray meets a model, in model space: t = inf and leaf = -1 for a miss; the normal has unit length."""
+    """A ray's hit with a model, in model space: t = inf and leaf = -1 for a miss; the normal has unit length."""
 
     t: float
     nx: float

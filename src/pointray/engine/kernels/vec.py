@@ -1,4 +1,4 @@
-"""Small vector maths on triples of numbers, for kernels."""
+"""Vector arithmetic on triples of numbers, for kernels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TypeAlias
 from ..jit import Array, inline
 
 Vec3: TypeAlias = tuple[float, float, float]
-Six: TypeAlias = tuple[float, float, float, float, float, float]  # of a symmetric matrix: xx xy xz yy yz zz
+Six: TypeAlias = tuple[float, float, float, float, float, float]  # a symmetric matrix: xx xy xz yy yz zz
 Matrix3: TypeAlias = tuple[Vec3, Vec3, Vec3]  # rows
 
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
@@ -17,80 +17,80 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear sRGB
 
 @inline
 def dot(a: Vec3, b: Vec3) -> float:
-    """Scalar product."""
+    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inline
 def add(a: Vec3, b: Vec3) -> Vec3:
-    """Sum."""
+    """Return the sum."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @inline
 def sub(a: Vec3, b: Vec3) -> Vec3:
-    """Difference."""
+    """Return the difference."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inline
 def scale(a: Vec3, s: float) -> Vec3:
-    """a times a number."""
+    """Return a scaled by s."""
     return a[0] * s, a[1] * s, a[2] * s
 
 
 @inline
 def multiply(a: Vec3, b: Vec3) -> Vec3:
-    """Product of each component: colours."""
+    """Multiply component by component, as for colours."""
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 @inline
 def luminance(a: Vec3) -> float:
-    """How bright a linear colour is."""
+    """Return the luminance of a linear colour."""
     return LUMINANCE[0] * a[0] + LUMINANCE[1] * a[1] + LUMINANCE[2] * a[2]
 
 
 @inline
 def cross(a: Vec3, b: Vec3) -> Vec3:
-    """Vector product."""
+    """Return the cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inline
 def length(a: Vec3) -> float:
-    """Euclidean length."""
+    """Return the Euclidean length."""
     return math.sqrt(dot(a, a))
 
 
 @inline
 def unit(a: Vec3) -> Vec3:
-    """The vector of length 1; a zero vector stays zero."""
+    """Normalize a vector; a zero vector stays zero."""
     n = length(a)
     return scale(a, 1.0 / n) if n > 0.0 else scale(a, 0.0)
 
 
 @inline
 def load3_flat(array: Array, i: int) -> Vec3:
-    """Three neighbours of a flat array."""
+    """Load three consecutive numbers of a flat array."""
     return array[i], array[i + 1], array[i + 2]
 
 
 @inline
 def either(first: bool, a: Vec3, b: Vec3) -> Vec3:
-    """a or b, component by component: no branch."""
+    """Select a or b component by component, without a branch."""
     return a[0] if first else b[0], a[1] if first else b[1], a[2] if first else b[2]
 
 
 @inline
 def transform(matrix: Matrix3, a: Vec3) -> Vec3:
-    """A vector by the 3x3 part of a matrix in rows."""
+    """Multiply a vector by a 3x3 matrix, given as rows."""
     return dot(matrix[0], a), dot(matrix[1], a), dot(matrix[2], a)
 
 
 @inline
 def transform_transposed(matrix: Matrix3, a: Vec3) -> Vec3:
-    """A vector by the transposed 3x3 part of a matrix in rows: normals."""
+    """Multiply a vector by the transpose of a 3x3 matrix, given as rows, as for normals."""
     return (
         matrix[0][0] * a[0] + matrix[1][0] * a[1] + matrix[2][0] * a[2],
         matrix[0][1] * a[0] + matrix[1][1] * a[1] + matrix[2][1] * a[2],
@@ -100,7 +100,7 @@ def transform_transposed(matrix: Matrix3, a: Vec3) -> Vec3:
 
 @inline
 def tangents(n: Vec3) -> tuple[Vec3, Vec3]:
-    """Two unit vectors across a unit vector and each other (Duff et al. 2017)."""
+    """Return two unit vectors perpendicular to a unit vector and to each other (Duff et al. 2017)."""
     sign = 1.0 if n[2] >= 0.0 else -1.0
     a = -1.0 / (sign + n[2])
     b = n[0] * n[1] * a
@@ -109,13 +109,13 @@ def tangents(n: Vec3) -> tuple[Vec3, Vec3]:
 
 @inline
 def turned(v: Vec3, frame: tuple[Vec3, Vec3, Vec3]) -> Vec3:
-    """A vector whose coordinates are along the axes of a frame."""
+    """Transform a vector from the coordinates of a frame, given as its axes."""
     return add(scale(frame[2], v[2]), add(scale(frame[0], v[0]), scale(frame[1], v[1])))
 
 
 @inline
 def _times(m: Six, v: Vec3) -> Vec3:
-    """A symmetric matrix, given as xx xy xz yy yz zz, times a vector."""
+    """Multiply a symmetric matrix, xx xy xz yy yz zz, by a vector."""
     return (
         m[0] * v[0] + m[1] * v[1] + m[2] * v[2],
         m[1] * v[0] + m[3] * v[1] + m[4] * v[2],
@@ -125,7 +125,7 @@ def _times(m: Six, v: Vec3) -> Vec3:
 
 @inline
 def turned_matrix(m: Six, frame: tuple[Vec3, Vec3, Vec3]) -> Six:
-    """A symmetric matrix, xx xy xz yy yz zz, whose coordinates are along the axes of a frame."""
+    """Transform a symmetric matrix, xx xy xz yy yz zz, from the coordinates of a frame."""
     a, b, c = frame
     x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
     first, second = _times(m, x), _times(m, y)
@@ -134,13 +134,13 @@ def turned_matrix(m: Six, frame: tuple[Vec3, Vec3, Vec3]) -> Six:
 
 @inline
 def mirrored(a: Vec3, n: Vec3) -> Vec3:
-    """A vector turned half around a unit vector: where light from a goes that a mirror with normal n reflects."""
+    """Reflect the direction a, which points away from the surface, about a unit normal n."""
     return sub(scale(n, 2.0 * dot(n, a)), a)
 
 
 @inline
 def around(axis: Vec3, cosine: float, turn: float) -> Vec3:
-    """The unit vector at an angle of that cosine from a unit vector; turn : 0..1, how far around it."""
+    """Return the unit vector at an angle, given by its cosine, from a unit axis; turn : 0..1, position around it."""
     s, t = tangents(axis)
     sine, angle = math.sqrt(max(1.0 - cosine * cosine, 0.0)), 2.0 * math.pi * turn
     return turned((sine * math.cos(angle), sine * math.sin(angle), cosine), (s, t, axis))
@@ -148,7 +148,7 @@ def around(axis: Vec3, cosine: float, turn: float) -> Vec3:
 
 @inline
 def along_curve(k: int) -> tuple[int, int]:
-    """(x, y) of point k on a Morton curve, 0..255: the even and the odd bits."""
+    """Return (x, y) of point k on a Morton curve, 0..255: its even and odd bits."""
     return _even_bits(k), _even_bits(k >> 1)
 
 

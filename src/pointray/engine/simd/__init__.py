@@ -1,10 +1,10 @@
-"""The vector type of the kernels: 4, 8 or 16 numbers, its lanes, that one instruction handles together.
+"""Vector types of the kernels: 4, 8 or 16 numbers (lanes) that one instruction processes together.
 
-Vectors are LLVM's own (<16 x float>, <8 x float>, <4 x float>, <8 x double>, <16 x i32>, <8 x i32>); LLVM splits them
-into what the processor has. A comparison gives a mask, `bits` turns a mask into an integer whose set bits are walked
-with `count_trailing_zeros`. Arithmetic with a scalar broadcasts it to all lanes.
+The types are LLVM vectors (<16 x float>, <8 x float>, <4 x float>, <8 x double>, <16 x i32>, <8 x i32>), which LLVM
+splits into registers of the processor. A comparison returns a mask; `bits` converts it to an integer, whose set bits
+are iterated with `count_trailing_zeros`. Arithmetic with a scalar broadcasts it to all lanes.
 
-vector : the type and its operators; lanes : operations lane by lane and across; doubles : float64;
+vector : types and operators; lanes : operations per lane and across lanes; doubles : float64;
 memory : loads and stores; gather : loads from 16 places
 
 Begin with vector.
@@ -88,7 +88,7 @@ __all__ = [
     "zeros8",
 ]
 
-_VALUES = "ZERO", "ONE", "INF", "Bits", "Mask", "Real"  # the last three stand in annotations alone, see `__init__.pyi`
+_VALUES = "ZERO", "ONE", "INF", "Bits", "Mask", "Real"  # the last three occur in annotations only, see `__init__.pyi`
 _NAMES = [name for name in __all__ if name not in _VALUES]
 globals().update(zip(_NAMES, later(__name__, LATER, *_NAMES), strict=True))
 Bits, Mask, Real = int, object, object

@@ -1,4 +1,4 @@
-# What mypy cannot infer about the vectors: how kernels use them.
+# Types of the vectors and functions as used by kernels, which mypy cannot infer.
 from typing import Any, TypeAlias, TypeVar, overload
 
 from ..jit.numbers import Array

@@ -1,4 +1,4 @@
-"""Vectors of float64: made from float32, squared without rounding twice, and counts of what is less."""
+"""Vectors of float64: conversion from and to float32, sums of squares without fused rounding, and counters."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def _widener(lanes: list[int], doc: str) -> Any:
     return intrinsic(widen)
 
 
-widen_low = _widener(list(range(8)), "Lanes 0 to 7 of 16 float32 as float64.")
-widen_high = _widener(list(range(8, 16)), "Lanes 8 to 15 of 16 float32 as float64.")
+widen_low = _widener(list(range(8)), "Convert lanes 0 to 7 of 16 float32 to float64.")
+widen_high = _widener(list(range(8, 16)), "Convert lanes 8 to 15 of 16 float32 to float64.")
 
 
 @intrinsic
 def narrow(typingctx: Any, low: Any, high: Any) -> Any:
-    """Two vectors of 8 float64, rounded to 16 float32."""
+    """Round two vectors of 8 float64 to 16 float32."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         a, b = (builder.fptrunc(value, F8.llvm) for value in args)
@@ -38,7 +38,7 @@ def narrow(typingctx: Any, low: Any, high: Any) -> Any:
 
 @intrinsic
 def square_sum(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
-    """x * x + y * y + z * z, each step rounded as NumPy does it: never fused, so that equal distances stay equal."""
+    """Return x * x + y * y + z * z, rounded at each step as in NumPy: without FMA, so equal distances stay equal."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         a, b, c = (builder.fmul(value, value) for value in args)
@@ -49,7 +49,7 @@ def square_sum(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
 
 @intrinsic
 def count_where(typingctx: Any, counts: Any, mask: Any) -> Any:
-    """Whole numbers, one more where the mask is set."""
+    """Add 1 to the int32 lanes where the mask is set."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.sub(args[0], builder.sext(args[1], sig.return_type.llvm))
@@ -68,5 +68,5 @@ def _zeros(vector: Any, doc: str) -> Any:
     return intrinsic(make)
 
 
-zeros16 = _zeros(I16, "16 whole numbers that are 0.")
-zeros8 = _zeros(I8, "8 whole numbers that are 0.")
+zeros16 = _zeros(I16, "Return 16 int32 zeros.")
+zeros8 = _zeros(I8, "Return 8 int32 zeros.")

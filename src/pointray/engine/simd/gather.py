@@ -1,4 +1,4 @@
-"""Vectors loaded from 16 places of an array at once. With POINTRAY_CHECK=1 each access is checked."""
+"""Loads of vectors from 16 places of an array. With POINTRAY_CHECK=1 each access is checked."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ..jit.intrinsics import intrinsic
 from ..jit.library import CHECK
 from .vector import F8, F16, INT, shuffle
 
-# The low and the high pairs of two vectors within each quarter, one by one and two by two: a transposition's steps.
+# Steps of a transposition: the low and high pairs of two vectors in each quarter, interleaved singly and in twos.
 _LOW, _HIGH = ([4 * (k // 4) + first + k % 4 // 2 + 16 * (k % 2) for k in range(16)] for first in (0, 2))
 _LOW2, _HIGH2 = ([4 * (k // 4) + first + k % 2 + 16 * (k % 4 // 2) for k in range(16)] for first in (0, 2))
 _EVEN, _ODD = ([4 * quarter + k for quarter in (p, p + 2, p + 4, p + 6) for k in range(4)] for p in (0, 1))
 
 
 def _pointers(context: Any, builder: Any, array_type: Any, array: Any, places: Any, size: int) -> list[Any]:
-    """Pointers to the items that the lanes read: item size * index[start + lane * stride] of a flat array."""
+    """Return pointers to the items that the lanes read: item size * index[start + lane * stride] of a flat array."""
     index_type, index, start, stride = places
     data = context.make_array(array_type)(context, builder, array).data
     rows = context.make_array(index_type)(context, builder, index).data
@@ -54,7 +54,7 @@ def _gather_rows8(typingctx: Any, table: Any, index: Any, start: Any, stride: An
         def pair(a: Any, b: Any, lanes: list[int]) -> Any:
             return shuffle(builder, a, b, lanes)
 
-        # Rows k and k + 4 side by side, k from 0 to 3 and from 8 to 11; then quarters of four rows and one column each.
+        # Pair rows k and k + 4, k from 0 to 3 and from 8 to 11; then transpose each quarter of four rows.
         halves: list[list[Any]] = []
         for first in (0, 8):
             a, b, c, d = (pair(rows[k], rows[k + 4], list(range(16))) for k in range(first, first + 4))
@@ -81,26 +81,26 @@ def _load_apart16(typingctx: Any, array: Any, start: Any, stride: Any) -> Any:
 
 @inline
 def load_apart16(array: Any, start: Any, stride: Any) -> Any:
-    """array[start + lane * stride] in each lane; array : flat float32."""
+    """Load array[start + lane * stride] into each lane; array : flat float32."""
     if CHECK and (start < 0 or stride < 0 or start + 15 * stride >= array.size):
-        raise IndexError("a lane would be read outside its array")
+        raise IndexError("vector access outside its array")
     return _load_apart16(array, start, stride)
 
 
 @inline
 def _check(array: Any, size: Any, index: Any, start: Any, stride: Any) -> None:
-    """Raise where a lane would read outside the array, or its index outside the indices."""
+    """Raise if a lane would read outside the array, or its index outside the indices."""
     for k in range(16):
         place = start + k * stride
         if place < 0 or place >= index.size:
-            raise IndexError("an index of a gather lies outside its array")
+            raise IndexError("position of a gather index is outside the index array")
         if index[place] < 0 or size * (index[place] + 1) > array.size:
-            raise IndexError("a gather reads outside its array")
+            raise IndexError("gather outside its array")
 
 
 @inline
 def gather16(array: Any, index: Any, start: Any, stride: Any) -> Any:
-    """array[index[start + lane * stride]] in each lane; array : flat float32, index : flat int32."""
+    """Load array[index[start + lane * stride]] into each lane; array : flat float32, index : flat int32."""
     if CHECK:
         _check(array, 1, index, start, stride)
     return _gather16(array, index, start, stride)
@@ -108,7 +108,7 @@ def gather16(array: Any, index: Any, start: Any, stride: Any) -> Any:
 
 @inline
 def gather_rows8(table: Any, index: Any, start: Any, stride: Any) -> Any:
-    """Eight vectors: in each lane the columns of row index[start + lane * stride] of a flat table of rows of eight."""
+    """Load rows index[start + lane * stride] of a flat table with eight columns, as one vector for each column."""
     if CHECK:
         _check(table, 8, index, start, stride)
     return _gather_rows8(table, index, start, stride)

@@ -1,4 +1,4 @@
-"""Vectors made from numbers, operations lane by lane, and operations across lanes."""
+"""Construction of vectors from numbers, and operations per lane and across lanes."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def _maker(vector: Vector, doc: str) -> Any:
     return intrinsic(make)
 
 
-broadcast8 = _maker(F8, "The number in all 8 lanes.")
-broadcast16 = _maker(F16, "The number in all 16 lanes.")
+broadcast8 = _maker(F8, "Repeat a number in all 8 lanes.")
+broadcast16 = _maker(F16, "Repeat a number in all 16 lanes.")
 
 
 @intrinsic
 def quarters(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Four numbers, each in the four lanes of one quarter."""
+    """Fill each quarter with one of four numbers."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         four = ir.Constant(F4.llvm, ir.Undefined)
@@ -41,7 +41,7 @@ def quarters(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
 
 @intrinsic
 def fours(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Four numbers in four lanes, the same in all quarters."""
+    """Repeat four numbers in every quarter."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         four = ir.Constant(F4.llvm, ir.Undefined)
@@ -54,13 +54,13 @@ def fours(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
 
 @intrinsic
 def vmin(typingctx: Any, a: Any, b: Any) -> Any:
-    """The lesser of each pair of lanes; where one is NaN, the second (one instruction on x86)."""
+    """Return the lesser of each pair of lanes; if one is NaN, the second (one instruction on x86)."""
     return _choose("<", a, b)
 
 
 @intrinsic
 def vmax(typingctx: Any, a: Any, b: Any) -> Any:
-    """The greater of each pair of lanes; where one is NaN, the second."""
+    """Return the greater of each pair of lanes; if one is NaN, the second."""
     return _choose(">", a, b)
 
 
@@ -87,13 +87,13 @@ def _llvm_unary(name: str, doc: str) -> Any:
     return intrinsic(make)
 
 
-vabs = _llvm_unary("fabs", "Absolute values.")
-vsqrt = _llvm_unary("sqrt", "Square roots; NaN of what is negative. Of a float32 too.")
+vabs = _llvm_unary("fabs", "Return absolute values.")
+vsqrt = _llvm_unary("sqrt", "Return square roots of a vector or a float32; NaN for negative numbers.")
 
 
 @intrinsic
 def trunc(typingctx: Any, a: Any) -> Any:
-    """Numbers without their fractions. They must be within int32, so that no processor needs a library call."""
+    """Truncate toward zero. Values must be within int32, so that no processor needs a library call."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         vector = sig.args[0]
@@ -104,7 +104,7 @@ def trunc(typingctx: Any, a: Any) -> Any:
 
 @intrinsic
 def bit_fields(typingctx: Any, words: Any, a: Any, b: Any, c: Any, d: Any, mask: Any) -> Any:
-    """Bits of int32 lanes as float32: (word >> a) & mask in the first quarter, >> b in the second, and so on."""
+    """Extract bits of int32 lanes as float32: (word >> a) & mask in the first quarter, >> b in the second, etc."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         four = ir.Constant(ir.VectorType(INT, 4), ir.Undefined)
@@ -119,7 +119,7 @@ def bit_fields(typingctx: Any, words: Any, a: Any, b: Any, c: Any, d: Any, mask:
 
 @intrinsic
 def power_of_two(typingctx: Any, exponents: Any) -> Any:
-    """2 to the power of each lane, a whole number from -126 to 127."""
+    """Return 2 to the power of each lane, which must be a whole number from -126 to 127."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         biased = builder.add(builder.fptosi(args[0], I16.llvm), broadcast(builder, INT(127), I16))
@@ -130,7 +130,7 @@ def power_of_two(typingctx: Any, exponents: Any) -> Any:
 
 @intrinsic
 def one_bit(typingctx: Any, places: Any) -> Any:
-    """int32 lanes in which one bit is set, at the place that each lane tells without its fraction, from 0 to 31."""
+    """Return int32 lanes with one bit set, at the index that each lane of `places` truncates to, from 0 to 31."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.shl(broadcast(builder, INT(1), I16), builder.fptosi(args[0], I16.llvm))
@@ -140,7 +140,7 @@ def one_bit(typingctx: Any, places: Any) -> Any:
 
 @intrinsic
 def select(typingctx: Any, mask: Any, a: Any, b: Any) -> Any:
-    """The lane of a where the mask is set, else the lane of b."""
+    """Select the lane of a where the mask is set, else the lane of b."""
     vector = a if isinstance(a, Vector) else b
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -151,7 +151,7 @@ def select(typingctx: Any, mask: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def bits(typingctx: Any, mask: Any) -> Any:
-    """The mask as an integer, lane 0 lowest."""
+    """Return the mask as an integer, lane 0 in the lowest bit."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         word = builder.bitcast(args[0], ir.IntType(sig.args[0].lanes))
@@ -162,7 +162,7 @@ def bits(typingctx: Any, mask: Any) -> Any:
 
 @intrinsic
 def mask16(typingctx: Any, word: Any) -> Any:
-    """The lowest 16 bits of an integer as a mask."""
+    """Return the lowest 16 bits of an integer as a mask."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         word = builder.trunc(args[0], ir.IntType(16))
@@ -173,7 +173,7 @@ def mask16(typingctx: Any, word: Any) -> Any:
 
 @intrinsic
 def float_bits(typingctx: Any, value: Any) -> Any:
-    """The bits of a float32 as an int32, of a float64 as an int64."""
+    """Return the bits of a float32 as an int32, of a float64 as an int64."""
     whole: Any = {types.float32: types.int32, types.float64: types.int64}.get(value)
     if whole is None:
         return None
@@ -186,7 +186,7 @@ def float_bits(typingctx: Any, value: Any) -> Any:
 
 @intrinsic
 def count_bits(typingctx: Any, word: Any) -> Any:
-    """How many bits of an integer are set."""
+    """Count the set bits of an integer."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.ctpop(args[0])
@@ -196,7 +196,7 @@ def count_bits(typingctx: Any, word: Any) -> Any:
 
 @intrinsic
 def count_trailing_zeros(typingctx: Any, word: Any) -> Any:
-    """Index of the lowest set bit; the word must not be 0."""
+    """Return the index of the lowest set bit; the word must not be 0."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
@@ -206,7 +206,7 @@ def count_trailing_zeros(typingctx: Any, word: Any) -> Any:
 
 @intrinsic
 def lane(typingctx: Any, vector: Any, index: Any) -> Any:
-    """One lane as a number."""
+    """Return one lane as a number."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.extract_element(args[0], args[1])
@@ -229,8 +229,8 @@ def _reducer(name: str, doc: str) -> Any:
     return intrinsic(reduce)
 
 
-reduce_min = _reducer("fmin", "The least lane; none may be NaN.")
-reduce_max = _reducer("fmax", "The greatest lane; none may be NaN.")
+reduce_min = _reducer("fmin", "Return the least lane; no lane may be NaN.")
+reduce_max = _reducer("fmax", "Return the greatest lane; no lane may be NaN.")
 
 
 def _folder(steps: tuple[int, ...], doc: str) -> Any:
@@ -248,8 +248,8 @@ def _folder(steps: tuple[int, ...], doc: str) -> Any:
     return intrinsic(fold)
 
 
-sum_over_quarters = _folder((4, 8), "The sum of the four quarters, lane by lane, in all of them.")
-sum_over_lanes = _folder((1, 2, 4, 8), "The sum of all lanes, in all of them.")
+sum_over_quarters = _folder((4, 8), "Add the four quarters lane by lane; repeat the sum in all of them.")
+sum_over_lanes = _folder((1, 2, 4, 8), "Add all lanes; repeat the sum in all of them.")
 
 
 def _picker(quarter: int, doc: str) -> Any:
@@ -263,14 +263,14 @@ def _picker(quarter: int, doc: str) -> Any:
     return intrinsic(pick)
 
 
-first_quarter = _picker(0, "The first quarter in all four.")
-third_quarter = _picker(2, "The third quarter in all four.")
-last_quarter = _picker(3, "The last quarter in all four.")
+first_quarter = _picker(0, "Repeat the first quarter in all four.")
+third_quarter = _picker(2, "Repeat the third quarter in all four.")
+last_quarter = _picker(3, "Repeat the last quarter in all four.")
 
 
 @intrinsic
 def shift_lane(typingctx: Any, before: Any, vector: Any) -> Any:
-    """The vector moved up by one lane; the last lane of `before` becomes the first."""
+    """Shift the vector up by one lane; the last lane of `before` becomes the first."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return shuffle(builder, args[0], args[1], list(range(15, 31)))
@@ -280,7 +280,7 @@ def shift_lane(typingctx: Any, before: Any, vector: Any) -> Any:
 
 @intrinsic
 def shift_quarter(typingctx: Any, before: Any, vector: Any) -> Any:
-    """The vector moved up by one quarter, after the last quarter of `before`: each sample's predecessor."""
+    """Shift the vector up by one quarter, after the last quarter of `before`: each sample gets its predecessor."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return shuffle(builder, args[0], args[1], list(range(12, 28)))
@@ -290,7 +290,7 @@ def shift_quarter(typingctx: Any, before: Any, vector: Any) -> Any:
 
 @intrinsic
 def columns(typingctx: Any, vector: Any) -> Any:
-    """Four vectors: lanes 0, 4, 8 and 12 in every quarter, then lanes 1, 5, 9 and 13, and so on."""
+    """Return four vectors: lanes 0, 4, 8 and 12 repeated in every quarter, then lanes 1, 5, 9 and 13, and so on."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         parts = [shuffle(builder, args[0], args[0], [lane % 4 * 4 + k for lane in range(16)]) for k in range(4)]
@@ -301,7 +301,7 @@ def columns(typingctx: Any, vector: Any) -> Any:
 
 @intrinsic
 def sums_of_fours(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """In each quarter four sums: of this quarter's lanes of a, of b, of c and of d."""
+    """Return four sums in each quarter: over this quarter's lanes of a, of b, of c and of d."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         def pairs(x: Any, y: Any) -> Any:

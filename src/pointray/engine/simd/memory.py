@@ -1,4 +1,4 @@
-"""Vectors loaded from arrays and stored in arrays. With POINTRAY_CHECK=1 each access is checked."""
+"""Loads of vectors from arrays, and stores. With POINTRAY_CHECK=1 each access is checked."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ def _loader(vector: Vector, doc: str) -> Any:
 
 @inline
 def _check(array: Any, index: Any, lanes: Any) -> None:
-    """Raise where a vector would be read or written outside the array."""
+    """Raise if a vector would be read or written outside the array."""
     if index < 0 or index + lanes > array.size:
-        raise IndexError("a vector reaches beyond its array")
+        raise IndexError("vector access outside its array")
 
 
 PACKS = "+avx512f" in cpu_features()  # one instruction packs lanes; other processors loop over the set bits
 
-load8 = _loader(F8, "Lanes 0..7: array[index + lane] of a flat float32 array.")
-load16 = _loader(F16, "Lanes 0..15: array[index + lane] of a flat float32 array.")
-load8_double = _loader(D8, "Lanes 0..7: array[index + lane] of a flat float64 array.")
-load16_int = _loader(I16, "Lanes 0..15: array[index + lane] of a flat int32 array.")
-load4 = _loader(F4, "Lanes 0..3: array[index + lane] of a flat float32 array.")
+load8 = _loader(F8, "Load array[index + lane] of a flat float32 array into lanes 0..7.")
+load16 = _loader(F16, "Load array[index + lane] of a flat float32 array into lanes 0..15.")
+load8_double = _loader(D8, "Load array[index + lane] of a flat float64 array into lanes 0..7.")
+load16_int = _loader(I16, "Load array[index + lane] of a flat int32 array into lanes 0..15.")
+load4 = _loader(F4, "Load array[index + lane] of a flat float32 array into lanes 0..3.")
 
 
 @intrinsic
@@ -67,7 +67,7 @@ def _store(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
 
 @intrinsic
 def prefetch(typingctx: Any, array: Any, index: Any) -> Any:
-    """Prefetch the cache line of array[index], which will be read soon; an index out of range does no harm."""
+    """Prefetch the cache line of array[index]; an index out of range does no harm."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
@@ -82,7 +82,7 @@ def prefetch(typingctx: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def _width(typingctx: Any, vector: Any) -> Any:
-    """Number of lanes, known when compiling."""
+    """Return the number of lanes, a constant when compiling."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return context.get_constant(types.intp, sig.args[0].lanes)
@@ -109,7 +109,7 @@ def _broadcast_from(typingctx: Any, array: Any, index: Any) -> Any:
 
 @inline
 def broadcast_from(array: Any, index: Any) -> Any:
-    """array[index] in all 16 lanes, as part of the instruction that uses it, without Numba's negative indices."""
+    """Load array[index] into all 16 lanes, as an operand of the instruction that uses it; no negative indices."""
     if CHECK:
         _check(array, index, 1)
     return _broadcast_from(array, index)
@@ -125,7 +125,7 @@ def _each_quarter(typingctx: Any, four: Any) -> Any:
 
 @inline
 def repeat4(array: Any, index: Any) -> Any:
-    """array[index : index + 4] in every quarter: one broadcasting load."""
+    """Load array[index : index + 4] into every quarter with one broadcasting load."""
     return _each_quarter(load4(array, index))
 
 
@@ -150,7 +150,7 @@ def _permute(typingctx: Any, array: Any, index: Any, indices: Any) -> Any:
 
 @inline
 def permute16(array: Any, index: Any, indices: Any) -> Any:
-    """array[index + i] for each lane i of `indices`, which are float32 from 0 to 15."""
+    """Load array[index + i] for each lane i of `indices`, which are float32 from 0 to 15."""
     if CHECK:
         _check(array, index, 16)
         _check_indices(indices)
@@ -162,7 +162,7 @@ def _check_indices(indices: Any) -> None:
     """Raise if an index is not from 0 to 15."""
     for k in range(16):
         if not 0 <= lane(indices, k) < 16:
-            raise IndexError("an index is not from 0 to 15")
+            raise IndexError("index of a permutation is not from 0 to 15")
 
 
 @intrinsic
@@ -176,7 +176,7 @@ def _join4(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
 
 @inline
 def join4(array: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """array[a : a + 4] in the first quarter, array[b : b + 4] in the second, and so on."""
+    """Load array[a : a + 4] into the first quarter, array[b : b + 4] into the second, and so on."""
     return _join4(load4(array, a), load4(array, b), load4(array, c), load4(array, d))
 
 
@@ -190,13 +190,13 @@ def _join2(typingctx: Any, a: Any, b: Any) -> Any:
 
 @inline
 def join2(array: Any, a: Any, b: Any) -> Any:
-    """array[a : a + 4] in the first half of 8 lanes, array[b : b + 4] in the second."""
+    """Load array[a : a + 4] into the first half of 8 lanes, array[b : b + 4] into the second."""
     return _join2(load4(array, a), load4(array, b))
 
 
 @inline
 def move4(source: Any, index: Any, target: Any, start: Any) -> None:
-    """target[at : at + 4] = source[index : index + 4]."""
+    """Copy source[index : index + 4] to target[start : start + 4]."""
     store(target, start, load4(source, index))
 
 
@@ -215,9 +215,9 @@ def _compress(typingctx: Any, mask: Any, vector: Any) -> Any:
 
 @inline
 def pack(mask: Any, source: Any, index: Any, target: Any, start: Any) -> int:
-    """Append source[index + lane] of each set lane of a 16-lane mask to target[at:], int32; returns how many.
+    """Append source[index + lane] of each set lane of a 16-lane mask to target[start:], int32; return their number.
 
-    All of target[at : at + 16] may be overwritten.
+    All of target[start : start + 16] may be overwritten.
     """
     if CHECK:
         _check(source, index, 16)
@@ -236,7 +236,7 @@ def pack(mask: Any, source: Any, index: Any, target: Any, start: Any) -> int:
 
 @inline
 def store_packed(target: Any, start: Any, mask: Any, vector: Any) -> None:
-    """Store the set lanes of a float32 vector one after the other; the rest of target[at : at + 16] is undefined."""
+    """Store the set lanes of a float32 vector consecutively; the rest of target[start : start + 16] is undefined."""
     if PACKS:
         store(target, start, _compress(mask, vector))
         return

@@ -1,4 +1,4 @@
-"""The vector type, and its operators."""
+"""The vector type and its operators."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Vector(types.Type):
 
     @property
     def scalar(self) -> Any:
-        """Numba's type of one lane."""
+        """Numba type of one lane."""
         return {"float": types.float32, "double": types.float64, "int": types.int32}[self.kind]
 
     @property
@@ -42,7 +42,7 @@ class _VectorModel(models.PrimitiveModel):
 
 
 def broadcast(builder: Any, value: Any, vector: Vector) -> Any:
-    """The scalar in every lane."""
+    """Repeat a scalar in every lane."""
     one = builder.insert_element(ir.Constant(vector.llvm, ir.Undefined), value, INT(0))
     zeros = ir.Constant(ir.VectorType(INT, vector.lanes), [0] * vector.lanes)
     return builder.shuffle_vector(one, one, zeros)
@@ -58,7 +58,7 @@ def _number_to_vector(context: Any, builder: Any, fromty: Any, toty: Any, value:
 
 
 def _binary(op: Any, kinds: tuple[str, ...], emit: Any, to_mask: bool = False) -> None:
-    """Register one operator for vectors, and for a vector with a number."""
+    """Register one operator for two vectors, or for a vector and a number."""
 
     class Template(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:

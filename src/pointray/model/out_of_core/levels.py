@@ -19,7 +19,7 @@ from ...cloud.statistics import quantize
 from ...surface.splats.averages import have_categories
 from ...surface.splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
 from ...surface.tree.settings import check_settings
-from ..model import COARSER, LEVEL_SAMPLES
+from ..levels_of_detail import COARSER, LEVEL_SAMPLES
 from ..model_folder import LevelFile, PartFile
 from .grid import Grid
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer

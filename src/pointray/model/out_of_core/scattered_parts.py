@@ -22,7 +22,7 @@ from ...surface.tree.build import Splats
 from ...surface.tree.scattered import with_scattered
 from ...surface.tree.settings import check_settings
 from ...surface.tree.stored import find_surface_bounds
-from ..model import LEVEL_SAMPLES
+from ..levels_of_detail import LEVEL_SAMPLES
 from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part
 from .grid import Grid, cells_of_part

@@ -1,15 +1,15 @@
-"""One leaf and a few rays -> where each ray first meets the surface (parts I and III of the paper).
+"""Intersection of a few rays with the surface in one leaf (parts I and III of the paper).
 
 surface, disc : f and its weights; flat splats
-columns : which part of each ray lies in the leaf's slabs
-gather : a list of the splats near a bundle of rays
-lattice : which samples along the rays are evaluated
-march : the search along them, where f changes its sign or might
-refine : from two samples to the root between them
-leaf : puts these together
+columns : the part of each ray in the slabs of the leaf's columns
+gather : lists of the splats near a bundle of rays
+lattice : the range of samples to evaluate along each ray
+march : search among these samples for intervals in which f changes its sign, or might
+refine : root finding between two samples
+leaf : the complete search of a leaf
 scattered : spheres and single discs, in leaves of their own
 
-Pairs that do the same for one ray and for several rays of a tile:
+Functions that exist for one ray and for several rays of a tile:
 
 | one ray | four rays, or all of a tile |
 |---|---|

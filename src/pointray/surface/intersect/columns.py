@@ -1,4 +1,4 @@
-"""Where rays can meet the surface in a voxel: they pass through its columns, each with a slab (`tree/columns.py`)."""
+"""Intervals of rays in the columns of a voxel, each of which has a slab of its own (`tree/columns.py`)."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from ...engine.simd import (
 )
 from ..tree.columns import across
 
-FLAT = f32(1e-6)  # the smallest rise that a slab test divides by
-THIN = f32(1e-20)  # the smallest column width that is divided by
+FLAT = f32(1e-6)  # smallest slope used as a divisor in a slab test
+THIN = f32(1e-20)  # smallest column width used as a divisor
 LAST = f32(COLUMNS - 1)
-MOST = 2 * COLUMNS - 1  # the largest number of columns that a ray can pass
+MOST = 2 * COLUMNS - 1  # largest number of columns that a ray can cross
 
 Axes: TypeAlias = tuple[int, int, int]
 _R = TypeVar("_R")
@@ -41,21 +41,21 @@ Along: TypeAlias = tuple[tuple[_R, _R, _R], tuple[_R, _R, _R], tuple[_R, _R]]
 
 @inline
 def axes_of(tree: Tree, leaf: int) -> Axes:
-    """The axes (u, v, w) of a leaf's columns."""
+    """Return the axes (u, v, w) of a leaf's columns."""
     offset = leaf * LEAF + SLAB
     return across(tree.leaves[offset], tree.leaves[offset + 1], tree.leaves[offset + 2])
 
 
 @inline
 def _edge(tree: Tree, leaf: int, axis: int) -> tuple[float, float]:
-    """Where a leaf's voxel begins along an axis, and the width of its columns."""
+    """Return the low edge of a leaf's voxel along an axis, and the width of its columns."""
     low, high = tree.leaves[leaf * LEAF + CELL + axis], tree.leaves[leaf * LEAF + CELL + 3 + axis]
     return low, (high - low) * f32(1.0 / COLUMNS) + THIN
 
 
 @inline
 def _begin(coordinate: F16, inverse: F16) -> tuple[F16, F16, F16, F16]:
-    """Across the columns: which one the rays are in, the side on which they leave it, the next one, and the last."""
+    """Return, along one axis, the rays' current columns, the sides on which they leave, the steps, the last columns."""
     ahead = inverse > ZERO
     column = trunc(vmin(vmax(coordinate, broadcast16(ZERO)), broadcast16(LAST)))
     side = select(ahead, broadcast16(ONE), broadcast16(ZERO))
@@ -64,7 +64,7 @@ def _begin(coordinate: F16, inverse: F16) -> tuple[F16, F16, F16, F16]:
 
 @inline
 def _in_columns(tree: Tree, leaf: int, axes: Axes, rays: Along[Real], enter: Real) -> Along[Real]:
-    """Rays in a leaf's columns: positions at `enter`, directions, and inverse directions along u and v."""
+    """Transform rays to column coordinates: positions at `enter`, directions, inverse directions along u and v."""
     (ou, ov, ow), (du, dv, dw), (iu, iv) = rays
     (low_u, wide_u), (low_v, wide_v) = _edge(tree, leaf, axes[0]), _edge(tree, leaf, axes[1])
     low_w = _edge(tree, leaf, axes[2])[0]
@@ -77,7 +77,7 @@ def _in_columns(tree: Tree, leaf: int, axes: Axes, rays: Along[Real], enter: Rea
 def _in_slab(
     slopes: tuple[F16, F16], borders: tuple[F16, F16], position: tuple[Real, Real, Real], d: tuple[Real, Real, Real]
 ) -> tuple[F16, F16]:
-    """Where rays enter and leave the slabs of columns: t, counted from where the rays enter the leaf."""
+    """Return t where rays enter and leave the slabs of columns, relative to `enter`."""
     height, rise = (
         position[2] + slopes[0] * position[0] + slopes[1] * position[1],
         d[2] + slopes[0] * d[0] + slopes[1] * d[1],
@@ -89,9 +89,9 @@ def _in_slab(
 
 @inline
 def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[F16, F16]) -> tuple[F16, F16]:
-    """The part (low, high) of 16 rays' intervals in which the surface can be; low > high where it cannot be at all.
+    """Return the part (low, high) of 16 rays' intervals in which the surface can be; low > high if there is none.
 
-    Either all columns of a leaf have limits or none has: without limits the intervals are returned unchanged.
+    Either all columns of a leaf have limits or none do: without limits the intervals are returned unchanged.
     axes : axes of the leaf's columns; rays : origins and directions along u, v, w, inverse directions along u and v
     """
     patch = leaf * PATCH
@@ -109,7 +109,7 @@ def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[
             permute16(tree.patches, patch + PATCH_LOW, column),
             permute16(tree.patches, patch + PATCH_HIGH, column),
         )
-        # The voxel ends with the outermost columns, but for rounding.
+        # The outermost columns end with the voxel, except for rounding.
         out_u = select((end_u - i) * next_u > ZERO, (i + side_u - u) * iu, broadcast16(INF))
         out_v = select((end_v - j) * next_v > ZERO, (j + side_v - v) * iv, broadcast16(INF))
         out = vmin(vmin(out_u, out_v), length)
@@ -128,7 +128,7 @@ def narrow(tree: Tree, leaf: int, axes: Axes, rays: Along[F16], interval: tuple[
 
 @inline
 def _across(coordinate: float, inverse: float, column: F16) -> tuple[F16, F16]:
-    """Where a ray enters and leaves columns across one axis; the voxel ends with the outermost columns."""
+    """Return t where a ray enters and leaves columns along one axis; the outermost columns are unbounded outward."""
     outside = broadcast16(INF if inverse > ZERO else -INF)
     low = select(column > ZERO, (column - coordinate) * inverse, ZERO - outside)
     high = select(column < broadcast16(LAST), (column + ONE - coordinate) * inverse, outside)
@@ -139,7 +139,7 @@ def _across(coordinate: float, inverse: float, column: F16) -> tuple[F16, F16]:
 def narrow_one(
     tree: Tree, leaf: int, axes: Axes, ray: Along[float], interval: tuple[float, float]
 ) -> tuple[float, float]:
-    """`narrow` for one ray, given as numbers: all columns are tested at once, one a lane.
+    """Return what `narrow` does for one ray, given as numbers: all columns are tested at once, one a lane.
 
     With 16 equal rays, column by column, bounces took 1.02 (a million points) to 1.05 times as long (32,000).
     """

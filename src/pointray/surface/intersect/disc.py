@@ -1,10 +1,10 @@
-"""Flat splats (the paper's figure 1a): each point is a disc of its radius, perpendicular to its normal. The baseline.
+"""Flat splats (the paper's figure 1a), the baseline: each point is a disc of its radius, perpendicular to its normal.
 
-Start rule: discs of one sheet overlap and cut each other, so a shadow ray that starts on one would be blocked by its
-neighbours. Where a ray starts on a surface NEAR radii or less from a disc's centre, and within FLAT radii of its plane,
-it starts on the sheet to which this disc belongs: the disc does not block it, unless the ray leaves steeply to the side
-on which it does not start, see `Frame.side`. A disc of another sheet is farther from the origin, or is met steeply.
-Rays of a camera or a caller start on no sheet: which part of them is searched changes nothing in what they hit.
+Start rule: the discs of one sheet overlap and intersect, so a shadow ray that starts on one would be blocked by its
+neighbours. A ray that starts on a surface within NEAR radii of a disc's centre and FLAT radii of its plane starts on
+the sheet of that disc. The disc does not block it, unless the ray leaves steeply through the side opposite to
+`Frame.side`. A disc of another sheet is farther from the origin, or is hit steeply. Rays of a camera or a caller start
+on no sheet: their hits do not depend on the part that is searched.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from ...engine.kernels.tree import BLOCK, INV_R2, NX, NY, NZ, PX, PY, PZ, Hit, R
 from ...engine.kernels.vec import Vec3
 from ...engine.simd import INF, ONE, ZERO, bits, count_trailing_zeros, lane, repeat4
 
-NEAR2 = f32(2.0**2)  # squared radii: beside a disc's rim a ray would meet its underside
-FLAT2 = f32(0.25**2)  # squared radii: on a sphere of radius R two discs are r / R apart, half of which belongs to each
-STEEP = f32(-0.35)  # cosine: neighbouring normals may differ by this much where a ray leaves almost along the sheet
+NEAR2 = f32(2.0**2)  # squared radii: close to a disc's rim a ray would hit its underside
+FLAT2 = f32(0.25**2)  # squared radii: on a sphere of radius R two discs are r / R apart, half of it for each
+STEEP = f32(-0.35)  # cosine: tolerance for the difference of neighbouring normals if a ray leaves along the sheet
 
 
 @inline
 def search_discs(
     tree: Tree, leaf: int, scratch: Scratch, frame: tuple[Vec3, float, Ray], enter: float, leave: float
 ) -> Hit:
-    """The nearest disc in the nearby blocks that the ray meets inside the voxel: four discs at once.
+    """Find the nearest disc in the listed blocks that the ray hits inside the voxel, testing four discs at once.
 
     frame : position of the first sample, t there, and the ray
     """

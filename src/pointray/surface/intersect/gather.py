@@ -1,4 +1,4 @@
-"""What the surface is evaluated from: the splats near a bundle of rays, listed once for each voxel.
+"""Lists of the splats near a bundle of rays, which are made once for each voxel and from which f is evaluated.
 
 A bundle is bounded by a capsule: all points within a distance of a segment. Blocks near the rays of a tile are
 gathered into working memory; the splats near four of these rays, or near one, are then listed from the copy.
@@ -55,8 +55,8 @@ from ...engine.simd import (
 from .refine import Frame
 from .surface import HALF
 
-SLACK = f32(1.01)  # factor of radii: rounding may change them and the rays' positions by this much
-SURE = f32(1.0 - 1e-6)  # factor of squared distances from a segment's middle, which cancel where radii are far smaller
+SLACK = f32(1.01)  # factor of radii: bound on the rounding errors of radii and of the rays' positions
+SURE = f32(1.0 - 1e-6)  # factor of squared distances from a segment's middle, which cancel if radii are far smaller
 NEAR = SLACK * SLACK  # factor of squared radii
 
 
@@ -75,7 +75,7 @@ class Capsule(NamedTuple):
 
 @inline
 def segment(o: Vec3, d: Vec3, t_low: float, t_high: float) -> Capsule:
-    """The capsule of a part of one ray."""
+    """Return the capsule of a part of one ray."""
     center = HALF * (t_low + t_high)
     x, y, z = o[0] + center * d[0], o[1] + center * d[1], o[2] + center * d[2]
     return Capsule(x, y, z, d[0], d[1], d[2], HALF * (t_high - t_low), ZERO)
@@ -83,17 +83,17 @@ def segment(o: Vec3, d: Vec3, t_low: float, t_high: float) -> Capsule:
 
 @inline
 def around(part: Array, ends: tuple[int, int], frame: Frame, half: F16 | float, active: Mask) -> Capsule:
-    """The capsule around parts of many rays. Its axis is the middle between two of them.
+    """Return the capsule around parts of many rays. Its axis is the mean of two of them.
 
     ends : indices of these two in `scratch.part`: along a Morton curve the first and the last are at opposite corners
-    frame, half : the parts, in vectors: the frame's positions are their middles here; active : mask of valid lanes
+    frame, half : the parts as vectors: here the frame's positions are their centres; active : mask of valid lanes
     """
     i, j = ends
     px, py, pz = part[AT_X + i] + part[AT_X + j], part[AT_Y + i] + part[AT_Y + j], part[AT_Z + i] + part[AT_Z + j]
     ax, ay, az = part[AT_DX + i] + part[AT_DX + j], part[AT_DY + i] + part[AT_DY + j], part[AT_DZ + i] + part[AT_DZ + j]
     scale = ONE / f32(math.sqrt(ax * ax + ay * ay + az * az))
     px, py, pz, ax, ay, az = HALF * px, HALF * py, HALF * pz, ax * scale, ay * scale, az * scale
-    # Middles and half lengths are split into components across the axis and along it.
+    # Centres and half lengths are split into components across the axis and along it.
     x, y, z = frame.x - px, frame.y - py, frame.z - pz
     turn = frame.dx * ax + frame.dy * ay + frame.dz * az
     ux, uy, uz = half * frame.dx, half * frame.dy, half * frame.dz
@@ -110,7 +110,7 @@ def around(part: Array, ends: tuple[int, int], frame: Frame, half: F16 | float, 
 
 @inline
 def _distances(capsule: Capsule, x: F16, y: F16, z: F16) -> F16:
-    """Squared distances of 16 points from a capsule's segment, or less: rounding may only make them smaller."""
+    """Return lower bounds of the squared distances of 16 points from a capsule's segment, tight except for rounding."""
     x, y, z = x - capsule.x, y - capsule.y, z - capsule.z
     along = x * capsule.dx + y * capsule.dy + z * capsule.dz
     beyond = vmax(vabs(along) - capsule.half, broadcast16(ZERO))
@@ -134,9 +134,9 @@ def list_blocks(tree: Tree, leaf: int, capsule: Capsule, scratch: Scratch) -> No
 
 @routine
 def nearest_slot(tree: Tree, leaf: int, x: float, y: float, z: float) -> int:
-    """The slot of the splat that is nearest to a point, in radii, among those that a leaf knows.
+    """Return the slot of the splat that is nearest to a point, in radii, among those that a leaf lists.
 
-    It replaces the splat of most weight where none has any: rounding can move a hit to the rim of all supports.
+    It replaces the splat of most weight if all weights are zero: rounding can move a hit to the rim of all supports.
     """
     best, nearest = i64(-1), np.inf
     first, count = tree.spans[2 * leaf], tree.spans[2 * leaf + 1]
@@ -156,7 +156,7 @@ def nearest_slot(tree: Tree, leaf: int, x: float, y: float, z: float) -> int:
 
 @inline
 def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
-    """Whether any of the listed splats belongs to a sheet with another one close by."""
+    """Return whether any of the listed splats belongs to a sheet with another one close by."""
     for k in range(scratch.counts[COUNT_SPLATS]):
         row = 3 * slot_of(scratch, i64(scratch.listed[k]))
         if (tree.facing[row] | tree.facing[row + 1] | tree.facing[row + 2]) != 0:
@@ -168,8 +168,8 @@ def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
 def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought_side: float, rays: Bits) -> Bits:
     """Drop the listed splats of sheets that the first of the given rays (4 bits) does not see.
 
-    Returns the rays that see the same sheets. Where two sheets are close together, a ray sees one at a time.
-    sought_side : 1 where splats that face a ray are seen, -1 where splats that face away are
+    Return the rays that see the same sheets. Where two sheets are close together, a ray sees one at a time.
+    sought_side : 1 to see splats that face a ray, -1 to see splats that face away
     """
     first, n = count_trailing_zeros(rays), 0
     for k in range(scratch.counts[COUNT_SPLATS]):
@@ -189,7 +189,7 @@ def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought_side: float, r
 
 @inline
 def gather(tree: Tree, scratch: Scratch) -> None:
-    """Copy the listed blocks' splats to where 16 of them can be tested at once; empty slots hold splats far away."""
+    """Copy the listed blocks' splats into groups of 16 that are tested at once; empty slots hold splats far away."""
     n = scratch.counts[COUNT_NEAR]
     for k in range(n):
         block, offset = i64(scratch.near[k]) * BLOCK, k // 4 * GATHERED + k % 4 * 4
@@ -204,7 +204,7 @@ def gather(tree: Tree, scratch: Scratch) -> None:
 
 @inline
 def list_splats(scratch: Scratch, capsule: Capsule) -> None:
-    """List the gathered splats whose support meets a capsule without spread, which is a part of a ray."""
+    """List the gathered splats whose support meets a part of a ray, given as a capsule without spread."""
     n, splats = 0, scratch.splats
     for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
         offset = group * GATHERED

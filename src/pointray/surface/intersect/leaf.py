@@ -1,4 +1,4 @@
-"""Rays in one voxel: which splats they are near, and their first hits, for one ray alone or for rays of a tile."""
+"""Search of one leaf for the first hits of one ray, or of rays of a tile, including the lists of splats near them."""
 
 from __future__ import annotations
 
@@ -63,17 +63,17 @@ from ...engine.simd import (
 from .columns import Along, Axes, axes_of, narrow, narrow_one
 from .disc import search_discs
 from .gather import around, gather, keep_sheet, list_blocks, list_splats, list_splats_of, lists_sheets, segment
-from .lattice import SampleRange, sample_range, span, stretch
+from .lattice import SampleRange, base_spacing, sample_range, span
 from .march import Found, search, search_one
 from .refine import Frame
 from .surface import HALF
 
-BEYOND = i64(-(2**63))  # a bit beyond those of all rays but the last one; it is read where no ray is left
+BEYOND = i64(-(2**63))  # a bit beyond those of all rays but the last one; read where no ray is left
 
 
 @inline
 def together(tree: Tree) -> bool:
-    """Whether a leaf is searched for several rays together: not if the surface is discs."""
+    """Return whether a leaf is searched for several rays together: not for surfaces of discs."""
     return int(tree.head[SURFACE]) != DISC
 
 
@@ -81,12 +81,12 @@ def together(tree: Tree) -> bool:
 def search_alone(
     tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float, float, float], lift: float, scratch: Scratch
 ) -> tuple[Hit, float]:
-    """The first hit of a ray in a leaf's voxel.
+    """Find the first hit of a ray in a leaf's voxel.
 
-    Where two sheets are close together their normals cancel, and a step may pass both. So the sheets that face the ray
-    are searched first, and then those that face away, each as if the others were not there.
+    Where two sheets are close together their normals cancel, and one step may cross both. So the sheets that face the
+    ray are searched first, and then those that face away, each as if the others did not exist.
     interval : where the ray enters and leaves the voxel, and the part in which the surface can be (tight box, slab)
-    lift : what the start rule has added to f so far, see `march.py`; the value after the search is returned
+    lift : lift of f by the start rule so far, see `march.py`; the value after the search is returned
     """
     enter, leave, low, high = interval
     hit, lifted = Hit(INF, ZERO, ZERO, ZERO, -1), ZERO
@@ -114,7 +114,7 @@ def search_alone(
         broadcast16(d[0]),
         broadcast16(d[1]),
         broadcast16(d[2]),
-        stretch(tree, leaf),
+        base_spacing(tree, leaf),
         broadcast16(ray.side),
     )
     lifts = broadcast16(lift)
@@ -124,7 +124,7 @@ def search_alone(
     while True:
         list_splats(scratch, capsule)
         if sought_side > ZERO and not lists_sheets(tree, scratch):
-            sought_side = ZERO  # the leaf has sheets, but not where this ray is
+            sought_side = ZERO  # the leaf has sheets, but not near this ray
         if sought_side != ZERO:
             keep_sheet(tree, scratch, frame, sought_side, 1)
         if scratch.counts[COUNT_SPLATS] > 0:
@@ -141,7 +141,7 @@ def search_alone(
 
 @inline
 def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
-    """16 rays of the tile, from index v on, along the axes of a leaf's columns: see `narrow`."""
+    """Load 16 rays of the tile, from index v on, along the axes of a leaf's columns: see `narrow`."""
     x, y, z = axes[0] * TILE + v, axes[1] * TILE + v, axes[2] * TILE + v
     return (
         (load16(rows, OX + x), load16(rows, OX + y), load16(rows, OX + z)),
@@ -152,9 +152,9 @@ def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
 
 @inline
 def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Copy the passing rays of the tile (bits) into `scratch.part`; returns the rays that were copied.
+    """Copy the passing rays of the tile (bits) into `scratch.part`; return the rays that were copied.
 
-    Rays that miss the surface in every column are left out, and so are those whose samples float32 cannot tell apart.
+    Rays that miss the surface in every column are left out, as are those whose samples are not distinct in float32.
     """
     rows, part, n, taken = scratch.model, scratch.part, 0, i64(0)
     axes = axes_of(tree, leaf)
@@ -214,7 +214,7 @@ def _gather_for(tree: Tree, leaf: int, first: int, count: int, scratch: Scratch)
 
 @inline
 def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, SampleRange]:
-    """The frame and the samples of the rays first to first + 3 in `scratch.part`."""
+    """Load the frame and the samples of the rays first to first + 3 in `scratch.part`."""
     sampled = SampleRange(
         repeat4(part, AT_FIRST + first), repeat4(part, AT_LAST + first), repeat4(part, AT_BEGIN + first)
     )
@@ -225,7 +225,7 @@ def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, Sample
         repeat4(part, AT_DX + first),
         repeat4(part, AT_DY + first),
         repeat4(part, AT_DZ + first),
-        stretch(tree, leaf),
+        base_spacing(tree, leaf),
         repeat4(part, AT_SIDE + first),
     )
     return frame, sampled
@@ -233,10 +233,10 @@ def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, Sample
 
 @inline
 def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch: Scratch) -> Bits:
-    """Store the hits of the asked rays among four (4 bits) where they are nearer; returns the rays that were lifted.
+    """Store nearer hits of the requested rays (`asked`, 4 bits) among four; return the rays that were lifted.
 
-    rays : the numbers of the four in the tile, as bits; where there are fewer, the others have found nothing. The loop
-        always takes four steps, so that lanes are known when it is compiled: 1 to 2% of the time
+    rays : indices of the four in the tile, as bits; where there are fewer, the others have no hit. The loop always
+        takes four steps, so that lanes are compile-time constants, which saves 1 to 2% of the time
     """
     rows, part, lifted = scratch.model, scratch.part, i64(0)
     hits, lifts = bits(found.t < repeat4(part, AT_T + first)) & asked, bits(found.lift > ZERO) & asked
@@ -254,7 +254,7 @@ def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch:
 
 @inline
 def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Search a leaf for the passing rays of a tile (bits), four by four; returns those that the start rule lifted.
+    """Search a leaf for the passing rays of a tile (bits), four by four; return those that the start rule lifted.
 
     Where two sheets are close together, each ray sees one at a time, see `search_alone`: rays that see the same sheet
     are searched together.

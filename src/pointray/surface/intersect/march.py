@@ -1,24 +1,23 @@
-"""The intersection of rays with the surface inside one voxel (paper, part III).
+"""Search for the surface along rays inside one voxel (paper, part III).
 
 Samples lie on the lattice of `lattice.py`. Four samples of four rays are evaluated at once (lane 4 s + r: sample s of
-ray r): neighbouring rays see the same splats, which are listed once for all four. A ray's hits do not depend on the
-other three rays: splats that do not cover its samples have no weight there.
+ray r): neighbouring rays are near the same splats, which are listed once for all four. A ray's hits do not depend on
+the other three rays, because splats that do not cover its samples have no weight there.
 
-Between two neighbouring samples that both have support there can be:
+Three cases are distinguished between two neighbouring samples that both have support:
 - a sign change: a crossing;
-- the same sign, but a minimum of |f| between them, as the slopes tell: a grazing ray, or one through a crevice, may
-  cross twice; or support that begins or ends close to the surface. Four more samples decide;
-- nothing else.
+- the same sign, but the slopes indicate a minimum of |f| between them, where a grazing ray, or one through a crevice,
+  may cross twice; or support begins or ends close to the surface. Four more samples decide;
+- no event.
 
-Start rule: a ray that starts within START radii of the surface starts *on* it, on the side that `Frame.side` tells.
-Until f has once been on that side it counts as lifted by this much: the splats around its origin do not block such a
-ray when it leaves, however flat, and do when it goes to the other side. A ray that a clip plane cuts starts on no
-surface.
+Start rule: a ray that starts within START radii of the surface starts *on* it, on the side `Frame.side`. Until f has
+once been on that side, f is lifted by this amount. So the splats around its origin do not block a ray that leaves the
+surface, at any angle, but block one that goes to the other side. A ray cut by a clip plane starts on no surface.
 
-The ends of a ray, t_min and t_max, do not decide what is found either, but for the start rule: the samples go on
-before and behind them, and a root there does not count. The traversal of the tree also goes on by a step, as the
-estimate of a root may lie before the slab in which the surface is. Where the first crossing between two samples lies
-before the ray begins, the rest of their interval is searched too.
+Apart from the start rule, the ends of a ray, t_min and t_max, do not decide which root is found: samples extend beyond
+both ends, and a root outside does not count. The tree is also traversed one step farther, because the estimate of a
+root may lie before the slab that contains the surface. Where the first crossing between two samples lies before the
+start of the ray, the rest of their interval is searched too.
 
 A hit has a unit normal: where the normals of the splats cancel, or numbers exceed float32, there is no surface
 (`accept`).
@@ -55,7 +54,7 @@ from ...engine.simd import (
     vmin,
     vsqrt,
 )
-from .lattice import SampleRange, start_of
+from .lattice import SampleRange, base_of
 from .refine import (
     Frame,
     Pair,
@@ -75,10 +74,10 @@ from .refine import (
 )
 from .surface import NAN, local_radius, overhang, value
 
-START, START_UNREFINED = f32(0.01), f32(0.05)  # radii; the second where refine is 0
-BORDER_SHARE = f32(0.4)  # share of the weight from which a hit counts as one on a border
-GRAZING = f32(0.02)  # radii: the interval is searched where two tangents meet within this distance of zero
-# f jumps where supports end; a crossing counts only where f comes this near to zero (radii).
+START, START_UNREFINED = f32(0.01), f32(0.05)  # radii; the second without refinement
+BORDER_SHARE = f32(0.4)  # a hit with at least this share of its weight on border splats is a border hit
+GRAZING = f32(0.02)  # radii: an interval is searched if two tangents meet within this distance of zero
+# f jumps where supports end; a crossing counts only if f comes this close to zero (radii).
 JUMP, JUMP_UNREFINED = f32(0.05), f32(0.25)
 CREVICE = f32(0.1)  # radii: |f| below which an interval is searched without an estimate
 
@@ -86,7 +85,7 @@ Samples: TypeAlias = tuple[F16, F16, F16]  # t, f, and its slope along the ray
 
 
 class Found(NamedTuple):
-    """First hits in a voxel: t (inf: none), unit normal, and what the start rule has added to f (0: nothing)."""
+    """First hits in a voxel: t (inf: none), unit normal, and the lift that the start rule has added to f (0: none)."""
 
     t: Real
     nx: Real
@@ -99,17 +98,17 @@ class Found(NamedTuple):
 def accept(
     tree: Tree, scratch: Scratch, frame: Frame, leaf: int, root: Root, limits: tuple[float, F16, F16]
 ) -> tuple[Bits, F16, F16, F16]:
-    """Which rays hit at their roots, and the normals there. f may jump from sign to sign, or P may exceed the trim.
+    """Return the rays that hit at their roots, and the normals there. Jumps of f and roots beyond the trim are no hits.
 
-    limits : sought_side, 1 or -1 where only a sheet that faces the rays or faces away is sought, else 0; what f is
-    lifted by; and where the rays begin, with any sign
+    limits : sought_side, 1 or -1 to accept only a sheet that faces the rays or faces away, else 0; the lift of f; and
+        the rays' starts, with any sign
     """
     sought_side, lift, begin = limits
     asked = bits(root.t < INF)
     joined, foot, gap = root.joined, root.foot, vabs(root.rise)
     good = asked
     if bits(joined) & asked != asked:
-        means = means_at(scratch, frame, root.t, start_of(root.t, frame.stretch))
+        means = means_at(scratch, frame, root.t, base_of(root.t, frame.base_spacing))
         f, u4 = value(int(tree.head[SURFACE]), means)
         foot, gap = choose(joined, foot, foot_of(means, u4)), select(joined, gap, vabs(f) - lift)
         good &= bits(joined | (means.weight > ZERO))
@@ -120,10 +119,10 @@ def accept(
     away = vsqrt(foot.away)
     jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
     trim = tree.head[TRIM]
-    x, y, z = place(frame, root.t, start_of(root.t, frame.stretch))
+    x, y, z = place(frame, root.t, base_of(root.t, frame.base_spacing))
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
     least = broadcast16(tree.leaves[leaf * LEAF + LEAST])
-    over = good & ~bits((away <= trim * least) & (gap <= jump * least))  # so also where they are NaN
+    over = good & ~bits((away <= trim * least) & (gap <= jump * least))  # also if they are NaN
     border = tree.leaves[leaf * LEAF + BORDERED] != ZERO
     if over != 0 or border:
         radius = local_radius(scratch, x, y, z)
@@ -136,21 +135,21 @@ def accept(
 
 @inline
 def _events(tree: Tree, leaf: int, a: Samples, b: Samples) -> tuple[Bits, Bits]:
-    """Where f crosses zero between samples (t, f, slope) and those before, and where something else may be."""
+    """Return bits of the samples (t, f, slope) with a zero crossing since the previous one, and of other events."""
     (t_a, f_a, slope_a), (t, f, slope) = a, b
     changes = bits(crossing(f_a, f))
-    # A minimum between them is rare, so the rest is computed only then. One slope suffices where |f| changes by less
-    # than 3/4 of what the slope predicts.
+    # A minimum between them is rare, so the rest is computed only then. One slope suffices if |f| changes by less than
+    # 3/4 of the slope's prediction.
     falls, rises = f_a * slope_a < ZERO, f * slope > ZERO
     gain, part = vabs(f) - vabs(f_a), f32(0.75) * (t - t_a)
     early, late = falls & (gain > vabs(slope_a) * (ZERO - part)), rises & (gain < vabs(slope) * part)
     # Support may also begin or end between them, close to the surface.
     begins, ends = rises & (vabs(f) < vabs(slope) * (t - t_a)), falls & (vabs(f_a) < vabs(slope_a) * (t - t_a))
-    # NaN has no square >= 0: what is left has no support at the other sample.
+    # f * f >= 0 is false for NaN: the remaining ones have no support at the other sample.
     rim = (begins ^ (begins & (f_a * f_a >= ZERO))) | (ends ^ (ends & (f * f >= ZERO)))
     sinks = ((f_a * f > ZERO) & ((falls & rises) | early | late)) | rim
     if bits(sinks) != 0:
-        # The margins are shares of the least radius, which does not depend on the size of the voxels.
+        # The margins are relative to the least radius, which does not depend on the size of the voxels.
         least = tree.leaves[leaf * LEAF + LEAST]
         # Both tangents meet below the margin: where f is convex, its minimum is above that point.
         meet = f_a + slope_a * ((f - f_a - slope * (t - t_a)) / (slope_a - slope))
@@ -162,7 +161,7 @@ def _events(tree: Tree, leaf: int, a: Samples, b: Samples) -> tuple[Bits, Bits]:
 
 @inline
 def _lift_of(tree: Tree, leaf: int, f: F16) -> F16:
-    """What the start rule lifts rays by, given f where they start."""
+    """Return the lift of rays by the start rule, given f at their starts."""
     share = START if tree.head[REFINE] > ZERO else START_UNREFINED
     lift = broadcast16(share * tree.leaves[leaf * LEAF + LEAST])
     return select(vabs(f) < lift, lift, broadcast16(ZERO))
@@ -170,7 +169,7 @@ def _lift_of(tree: Tree, leaf: int, f: F16) -> F16:
 
 @inline
 def _pair(before: Samples, after: Samples, one: Mask) -> Pair:
-    """The samples (t, f, slope) that a mask with one lane for each ray selects, and those before them."""
+    """Return the samples (t, f, slope) selected by a mask with one lane for each ray, and those before them."""
     (t_a, f_a, slope_a), (t, f, slope) = before, after
     return Pair(
         sample(t_a, one),
@@ -186,11 +185,11 @@ def _pair(before: Samples, after: Samples, one: Mask) -> Pair:
 def search(
     tree: Tree, leaf: int, frame: Frame, sampled: SampleRange, rays: Bits, limits: tuple[float, F16], scratch: Scratch
 ) -> Found:
-    """First hits of four rays in a leaf's voxel, from the listed splats.
+    """Find the first hits of four rays in a leaf's voxel, from the listed splats.
 
-    rays : 4 bits, the rays that are searched for
-    limits : 1 or -1 for the sheets that face the rays or face away, 0 for all; and what the start rule has lifted f by
-    A ray that begins between two samples is reported as lifted where that matters, so that it is traced alone.
+    rays : 4 bits, the rays to search for
+    limits : 1 or -1 for the sheets that face the rays or face away, 0 for all; and the lift of f by the start rule
+    A ray that begins between two samples is reported as lifted where that matters, so that it is traced singly.
     """
     sought_side, lift = limits
     none = broadcast16(ZERO)
@@ -206,7 +205,7 @@ def search(
         if starts != 0:
             lift = select(mask16(starts), _lift_of(tree, leaf, first_quarter(f)), lift)
             between = sampled.begin > ZERO
-            # ONE is a mark: reported as lifted, so that the caller traces the ray alone.
+            # ONE is a mark: reported as lifted, so that the caller traces the ray singly.
             lift = select(between, broadcast16(ONE), lift)
             left &= ~fold(bits(between))
             starts = 0
@@ -226,7 +225,7 @@ def search(
             if bits(root.t < INF) != 0:
                 early = root.t < vabs(sampled.begin)
                 if bits(early) != 0:
-                    # As above: a root before the ray's begin.
+                    # As above: a root before the ray's start.
                     lift = select(early, broadcast16(ONE), lift)
                     left &= ~fold(bits(early))
                     events &= ~bits(early)
@@ -247,7 +246,7 @@ def search(
 
 @inline
 def _rest(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, begin: F16) -> tuple[Pair, Mask]:
-    """The rest of the interval between two samples behind where a ray begins; and whether f changes sign in it."""
+    """Return the part of the interval between two samples behind the ray's start; and whether f changes sign in it."""
     f, slope = evaluate(tree, scratch, frame, begin)
     return Pair(begin, f, slope, pair.tb, pair.fb, pair.slope_b), crossing(f, pair.fb)
 
@@ -256,16 +255,16 @@ def _rest(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, begin: F16) ->
 def search_one(
     tree: Tree, leaf: int, frame: Frame, sampled: SampleRange, limits: tuple[float, F16], scratch: Scratch
 ) -> Found:
-    """`search` for one ray, which all lanes hold, given as numbers: lane s is sample s, sixteen at once.
+    """Find what `search` does for one ray, given as numbers: lane s is sample s, sixteen at once.
 
     With four samples at once, the ray in every quarter, bounces took 1.37 times as long at 32,000 points, and 1.1 to
-    1.3 times as long at scans.
+    1.3 times as long on scans.
     """
     sought_side, lift = limits
     none = broadcast16(ZERO)
     step = tree.leaves[leaf * LEAF + STEP]
     starts, last, begin = lane(sampled.begin, 0) >= ZERO, lane(sampled.last, 0), vabs(sampled.begin)
-    # Only a ray that the start rule lifts has its first sample where it begins.
+    # The first sample is at the ray's start only if the start rule lifts the ray.
     low, high = select(lift > ZERO, begin, none), sampled.last * step
     between = lane(sampled.begin, 0) > ZERO
     t_before = f_before = slope_before = broadcast16(NAN)

@@ -1,6 +1,6 @@
-"""From a bracket to the root of f along a ray (`look_into`): four samples a step, the last two joined by a line.
+"""Refinement of a bracket to the root of f along a ray (`look_into`): four samples a step, then linear interpolation.
 
-Four rays go together: lane 4 s + r holds sample s of ray r; values of a ray as a whole are repeated in all quarters.
+Four rays are processed together: lane 4 s + r holds sample s of ray r; values of a ray are repeated in all quarters.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ from ...engine.simd import (
     vmin,
     vsqrt,
 )
-from .lattice import start_of
+from .lattice import base_of
 from .surface import HALF, TWO, Means, sums, value
 
-# The four samples of a secant step lie about the estimate, in lengths of the bracket: two are so close that the next
-# linear interpolation is exact to a thousandth of the radius, and two lie farther out in case the estimate is off.
+# The four samples of a secant step lie around the estimate, at these distances in lengths of the bracket: two so close
+# that the next linear interpolation is exact to a thousandth of the radius, and two farther out for wrong estimates.
 CLOSE = f32(0.02), f32(0.12)
-MORE = f32(3.0)  # secant steps after an estimate that was off
-EVEN = f32(0.1), f32(0.3)  # about the middle of the bracket, where there is no estimate
-# The squared length of a mean of unit normals below which rounding decides where the mean points.
+MORE = f32(3.0)  # additional secant steps if an estimate was off
+EVEN = f32(0.1), f32(0.3)  # distances from the middle of the bracket, without an estimate
+# The squared length of a mean of unit normals below which rounding decides its direction.
 CANCELLED = f32(1e-12)
 FAINT = f32(0.1)  # weight (1 in the middle of a splat) below which a sample is at the rim of its supports
 
@@ -46,8 +46,8 @@ class Frame(NamedTuple):
     """Rays in a voxel, in vectors: four rays as lane 4 s + r, or sixteen rays.
 
     (x, y, z) : origin; (dx, dy, dz) : unit direction
-    stretch : see `lattice.start_of`
-    side : +1 where a ray that starts on the surface is outside, -1 where it is inside
+    base_spacing : see `lattice.base_of`
+    side : +1 if a ray that starts on the surface is outside, -1 if it is inside
     """
 
     x: F16
@@ -56,7 +56,7 @@ class Frame(NamedTuple):
     dx: F16
     dy: F16
     dz: F16
-    stretch: F16
+    base_spacing: F16
     side: F16
 
 
@@ -72,7 +72,7 @@ class Pair(NamedTuple):
 
 
 class Foot(NamedTuple):
-    """What is known of a point besides f: the direction in which f rises, and the squared distance |x - P(x)|^2."""
+    """Data for accepting a root: the direction in which f rises, and the squared distance |x - P(x)|^2."""
 
     nx: F16
     ny: F16
@@ -81,9 +81,9 @@ class Foot(NamedTuple):
 
 
 class Root(NamedTuple):
-    """What is found between two samples: t (inf: nothing), half of the rise of f over the last bracket, and the foot.
+    """A root between two samples: t (inf: none), half of the rise of f over the last bracket, and the foot.
 
-    joined : mask, the foot is interpolated between two close samples; elsewhere it is not known
+    joined : mask, the foot is interpolated between two close samples; elsewhere it is unknown
     """
 
     t: F16
@@ -94,19 +94,19 @@ class Root(NamedTuple):
 
 @inline
 def fold(word: Bits) -> Bits:
-    """Which rays have a bit in any of their samples: 4 bits."""
+    """Return the rays with a bit in any of their samples: 4 bits."""
     return (word | (word >> 4) | (word >> 8) | (word >> 12)) & 15
 
 
 @inline
 def all_samples(rays: Bits) -> Mask:
-    """The mask of all samples of the given rays (4 bits)."""
+    """Return the mask of all samples of the given rays (4 bits)."""
     return mask16(rays * 0x1111)
 
 
 @inline
 def first_samples(word: Bits) -> Bits:
-    """For each ray, the bit of its first sample whose bit is set."""
+    """Keep, for each ray, only the bit of its first sample."""
     seen = word | (word << 4)
     seen |= seen << 8
     return word & ~(seen << 4) & 0xFFFF
@@ -114,13 +114,13 @@ def first_samples(word: Bits) -> Bits:
 
 @inline
 def sample(vector: F16, one: Mask) -> F16:
-    """Each ray's lane that a mask with one lane for each ray selects, in all its samples; 0 where none is selected."""
+    """Repeat one selected lane of each ray in all its samples; 0 if none is. one : mask, a lane for each ray"""
     return sum_over_quarters(select(one, vector, broadcast16(ZERO)))
 
 
 @inline
 def place(frame: Frame, t: F16, start: F16) -> tuple[F16, F16, F16]:
-    """The points at t on the rays, counted from a place near them: differences between samples are exact."""
+    """Return the points at t on the rays, relative to a point near them: differences between samples are exact."""
     x, y, z = start * frame.dx + frame.x, start * frame.dy + frame.y, start * frame.dz + frame.z
     s = t - start
     return s * frame.dx + x, s * frame.dy + y, s * frame.dz + z
@@ -128,15 +128,15 @@ def place(frame: Frame, t: F16, start: F16) -> tuple[F16, F16, F16]:
 
 @inline
 def means_at(scratch: Scratch, frame: Frame, t: F16, start: F16) -> Means:
-    """The weighted means at each ray's samples t; start : see `place`."""
+    """Return the weighted means at each ray's samples t; start : see `place`."""
     x, y, z = place(frame, t, start)
     return sums(scratch, x, y, z)
 
 
 @inline
 def evaluate(tree: Tree, scratch: Scratch, frame: Frame, t: F16) -> tuple[F16, F16]:
-    """f, counted positive on the rays' own side, and its slope along the rays."""
-    means = means_at(scratch, frame, t, start_of(t, frame.stretch))
+    """Return f, positive on the rays' own side, and its slope along the rays."""
+    means = means_at(scratch, frame, t, base_of(t, frame.base_spacing))
     f, _ = value(int(tree.head[SURFACE]), means)
     slope = means.nx * frame.dx + means.ny * frame.dy + means.nz * frame.dz
     return f * frame.side, slope * frame.side
@@ -144,13 +144,13 @@ def evaluate(tree: Tree, scratch: Scratch, frame: Frame, t: F16) -> tuple[F16, F
 
 @inline
 def crossing(a: F16, b: F16) -> Mask:
-    """Whether the sign changes between two values that both exist (zero counts as positive)."""
+    """Return whether the sign changes between two values that both exist (zero counts as positive)."""
     return ((a < ZERO) & (b >= ZERO)) | ((a >= ZERO) & (b < ZERO))
 
 
 @inline
 def foot_of(means: Means, u4: F16) -> Foot:
-    """The mean normal (for apss the sphere's gradient), and the squared distance of x from the mean of its splats."""
+    """Return the mean normal (for apss the sphere's gradient), and the squared distance of x from the splats' mean."""
     bend = TWO * u4
     return Foot(
         means.nx - bend * means.qx,
@@ -162,7 +162,7 @@ def foot_of(means: Means, u4: F16) -> Foot:
 
 @inline
 def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
-    """Unit normals, and a mask of where they exist: not where normals cancel, and not where they are NaN."""
+    """Return unit normals, and a mask of where they exist: not where normals cancel, and not where they are NaN."""
     square = foot.nx * foot.nx + foot.ny * foot.ny + foot.nz * foot.nz
     scale = ONE / vsqrt(square)
     return (foot.nx * scale, foot.ny * scale, foot.nz * scale), (square > CANCELLED) & (square < INF)
@@ -170,7 +170,7 @@ def unit(foot: Foot) -> tuple[tuple[F16, F16, F16], Mask]:
 
 @inline
 def _between(foot: Foot, after: Any, share: F16) -> Foot:
-    """The foot between a sample (bits, one for each ray) and the one before it; 0 for rays without such a bit."""
+    """Interpolate the foot between a sample (bits, one for each ray) and the one before it; 0 without a bit."""
     before, after = mask16(after >> 4), mask16(after)
     nothing = broadcast16(ZERO)
     weight, both = select(after, share, ONE - share), before | after
@@ -184,7 +184,7 @@ def _between(foot: Foot, after: Any, share: F16) -> Foot:
 
 @inline
 def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
-    """Foot a in the lanes where the mask holds, foot b in the others."""
+    """Select foot a in the lanes where the mask is set, else foot b."""
     return Foot(
         select(mask, a.nx, b.nx), select(mask, a.ny, b.ny), select(mask, a.nz, b.nz), select(mask, a.away, b.away)
     )
@@ -192,7 +192,7 @@ def choose(mask: Mask, a: Foot, b: Foot) -> Foot:
 
 @inline
 def _four_t(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
-    """Four t in brackets, about `around` of their lengths: two at the inner distance, two at the outer."""
+    """Return four t in brackets around `around`: two at the inner and two at the outer distance, in bracket lengths."""
     near = mask16(0x0FF0)
     sign = quarters(-ONE, -ONE, ONE, ONE)
     share = vmin(vmax(around, broadcast16(ZERO)), broadcast16(ONE)) + sign * select(near, inner, outer)
@@ -201,14 +201,14 @@ def _four_t(ta: F16, tb: F16, around: F16, inner: F16, outer: F16) -> F16:
 
 @inline
 def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: Mask, todo: Bits, lift: F16) -> Root:
-    """The first crossing between two samples, after the model's number of secant steps.
+    """Find the first crossing between two samples, with the model's number of secant steps.
 
     crosses : mask, rays whose two samples have different signs; for the others four samples look for a crossing first
-    todo : 4 bits, the rays that are searched for; lift : what the start rule adds to f
+    todo : 4 bits, the rays to search for; lift : the lift of f by the start rule
 
-    A step evaluates four samples about the estimate; the first part with a crossing is the next bracket. Where an
+    A step evaluates four samples around the estimate; the first part with a crossing is the next bracket. Where an
     estimate was off (the crossing is not between the two close samples), up to MORE steps follow. With one of these, up
-    to 17 of 1.4 million rays at a scan ended more than 2% of the radius apart in different trees; with three, none did
+    to 17 of 1.4 million rays on a scan ended more than 2% of the radius apart in different trees; with three, none did
     on ten of twelve scans, and 7 did on the noisiest.
     """
     ta, fa, tb, fb = pair.ta, pair.fa, pair.tb, pair.fb
@@ -222,7 +222,7 @@ def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: M
         wide = mask16(bits(crosses | grazes) ^ 0xFFFF)
         inner, outer = select(wide, broadcast16(EVEN[0]), inner), select(wide, broadcast16(EVEN[1]), outer)
         step, share = select(crosses, step, broadcast16(-ONE)), select(crosses, share, estimate)
-    span, start = tb - ta, start_of(ta, frame.stretch)
+    span, start = tb - ta, base_of(ta, frame.base_spacing)
     none = broadcast16(ZERO)
     foot = Foot(none, none, none, none)
     joined = 0
@@ -252,8 +252,8 @@ def look_into(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, crosses: M
         span = select(go & (step < ZERO), tb - ta, span)
         todo &= ~(fold(doing) & ~found & ~fold(behind))
         share = fa / (fa - fb)
-        # Between two close samples the foot is interpolated too: 15% of the time. Where supports begin and end it is
-        # evaluated anew instead.
+        # The foot is interpolated between two close samples too, which saves 15% of the time. Where supports begin and
+        # end it is evaluated instead.
         firm = (fresh.weight > FAINT) & (shift_quarter(none, fresh.weight) > FAINT)
         line = one & bits(firm)
         joined = (joined & ~fold(doing)) | fold(line)

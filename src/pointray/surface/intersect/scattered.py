@@ -1,12 +1,12 @@
-"""Scattered points, drawn as spheres or as single flat discs: where rays meet those of one leaf.
+"""Intersection of rays with scattered points, drawn as spheres or as single flat discs, in one leaf.
 
-The discriminant comes from the vector between the ray and the centre, not from the difference of two large squares
-(Haines et al., Precision Improvements for Ray/Sphere Intersection, Ray Tracing Gems, 2019, chapter 7).
+The discriminant is computed from the vector between the ray and the centre, not from the difference of two large
+squares (Haines et al., Precision Improvements for Ray/Sphere Intersection, Ray Tracing Gems, 2019, chapter 7).
 
-Start rule, see `meet_sphere` and `meet_disc`: a ray that starts on a sphere or a disc does not meet it, whatever its
-direction, as shading normals are blended and may let a ray begin below the exact horizon. Only where the ray starts on
-the inner side (`Ray.side` is -1: light that enters glass) does it meet the far side of the sphere. A ray that starts
-deeper inside meets the far side. A ray that a clip plane cuts starts on nothing.
+Start rule, see `meet_sphere` and `meet_disc`: a ray that starts on a sphere or a disc does not hit it, in any
+direction, because shading normals are blended and a ray may begin below the exact horizon. Only a ray that starts on
+the inner side (`Ray.side` is -1: light that enters glass) hits the far side of the sphere. A ray that starts deeper
+inside also hits the far side. A ray cut by a clip plane starts on nothing.
 """
 
 from __future__ import annotations
@@ -72,18 +72,18 @@ from ...engine.simd import (
 
 Three: TypeAlias = tuple[Real, Real, Real]
 
-# A ray starts on a sphere from 1% of the radius below it to 0.2% above: above it, a ray of another surface that
-# touches the sphere must still meet it.
+# A ray starts on a sphere from 1% of the radius below it to 0.2% above. The latter is small, because a ray that starts
+# on another surface touching the sphere must still hit it.
 BELOW, ABOVE = f32(1.0 - 0.99**2), f32(1.002**2 - 1.0)  # squared radii
-FLAT2 = f32(0.01**2)  # squared radii: the distance from a disc's plane within which a ray starts on it
+FLAT2 = f32(0.01**2)  # squared radii: distance from a disc's plane within which a ray starts on it
 
 
 @inline
 def approach(to: Three, d: Three, square: Real) -> tuple[Real, Real]:
-    """Where a ray is nearest to a sphere's centre, and the squared half of the chord, below 0 where it misses.
+    """Return t of the point of a ray nearest to a sphere's centre, and the squared half chord, below 0 for a miss.
 
-    to : from the ray's origin to the centre; d : unit direction; square : of the radius
-    Of one ray and eight spheres, or of one sphere and sixteen rays.
+    to : from the ray's origin to the centre; d : unit direction; square : squared radius
+    It serves one ray and eight spheres, or one sphere and sixteen rays.
     """
     along = to[0] * d[0] + to[1] * d[1] + to[2] * d[2]
     x, y, z = to[0] - along * d[0], to[1] - along * d[1], to[2] - along * d[2]
@@ -92,9 +92,9 @@ def approach(to: Three, d: Three, square: Real) -> tuple[Real, Real]:
 
 @inline
 def meet_sphere(chord: tuple[Real, Real], start: tuple[Real, Real], square: Real) -> Real:
-    """t where a ray meets a sphere, inf where it does not.
+    """Return t where a ray hits a sphere, inf for a miss.
 
-    chord : see `approach`; start : `Ray.t_min` and `Ray.side`; square : of the radius
+    chord : see `approach`; start : `Ray.t_min` and `Ray.side`; square : squared radius
     """
     (along, rest), (begin, side) = chord, start
     half = vsqrt(rest)
@@ -114,7 +114,7 @@ def meet_disc(
     begin: Real,
     disc: tuple[Real, Real, Real, Real],
 ) -> Real:
-    """t where a ray meets a flat disc, inf where it does not, as `meet_sphere`. disc : normal and squared radius"""
+    """Return t where a ray hits a flat disc, inf for a miss, as `meet_sphere`. disc : normal and squared radius"""
     mx, my, mz, square = disc
     rise = mx * d[0] + my * d[1] + mz * d[2]
     height = mx * to[0] + my * to[1] + mz * to[2]
@@ -127,15 +127,15 @@ def meet_disc(
 
 @inline
 def _row(tree: Tree, at: int) -> F8:
-    """A row of two blocks."""
+    """Load a row of two blocks."""
     return join2(tree.blocks, at, at + BLOCK)
 
 
 @inline
 def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int) -> tuple[float, int]:
-    """(t, slot) of the nearest scattered point that the ray meets, of a leaf and what was found before.
+    """Return (t, slot) of the nearest scattered point of a leaf that the ray hits, or the earlier one if it is nearer.
 
-    nearest, slot : what was found before, or how far to search and -1. Of points at the same t the first slot counts.
+    nearest, slot : the earlier hit, or the end of the search and -1. Of points at the same t the first slot wins.
     """
     at = block * BLOCK
     to = _row(tree, at + PX) - ray.ox, _row(tree, at + PY) - ray.oy, _row(tree, at + PZ) - ray.oz
@@ -155,7 +155,7 @@ def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int)
 
 @inline
 def begin_scattered(rows: Array, numbers: Array, length: int, span: tuple[int, int]) -> None:
-    """Nothing is hit yet in a model by a span of the tile's rays. length : the row of how far they are followed"""
+    """Reset the hits of a span of the tile's rays in a model. length : the row of how far they are followed"""
     for k in range(span[0], span[1]):
         rows[SCATTER_T + k] = rows[HIT_T + k] = INF
         rows[SCATTER_END + k] = rows[length + k]
@@ -164,9 +164,9 @@ def begin_scattered(rows: Array, numbers: Array, length: int, span: tuple[int, i
 
 @inline
 def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch) -> Bits:
-    """Nearest hits of 16 rays of the tile, from v on, with the scattered points of a leaf.
+    """Find the nearest hits of 16 rays of the tile, from v on, with the scattered points of a leaf.
 
-    passing : which rays, as bits; those that have hit one are returned, and perhaps some at the same t
+    passing : the rays, as bits; return those with a new hit, and perhaps some with one at the same t
     """
     rows, numbers = scratch.model, scratch.numbers
     ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
@@ -180,7 +180,7 @@ def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch)
         square = ONE / tree.blocks[at + INV_R2]
         if tree.head[SCATTER] == SPHERES:
             chord = approach(to, d, square)
-            if bits(chord[1] >= ZERO) & passing == 0:  # 6% of the time from afar; for one ray there is no gain
+            if bits(chord[1] >= ZERO) & passing == 0:  # saves 6% of the time in distant views; no gain for one ray
                 continue
             t = meet_sphere(chord, (begin, side), square)
         else:
@@ -200,10 +200,10 @@ def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch)
 
 @inline
 def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
-    """The hit of a ray with a scattered point. Its normal is exact, that of a sphere points outwards."""
+    """Return a ray's hit with a scattered point. Its normal is exact; that of a sphere points outwards."""
     at = slot // 4 * BLOCK + slot % 4
     if tree.head[SCATTER] == SPHERES:
-        # From the nearest point of the ray to the centre: differences of small vectors, however far the ray has come.
+        # From the ray's nearest point to the centre: differences of small vectors, at any distance from the origin.
         x, y, z = tree.blocks[at + PX] - o[0], tree.blocks[at + PY] - o[1], tree.blocks[at + PZ] - o[2]
         along = x * d[0] + y * d[1] + z * d[2]
         x, y, z = x - along * d[0], y - along * d[1], z - along * d[2]
@@ -217,7 +217,7 @@ def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
 
 @inline
 def finish_scattered(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
-    """Make the nearest scattered points the hits of a span of rays, where no surface is as near."""
+    """Make the nearest scattered points the hits of a span of rays, except where the surface is at least as near."""
     rows, numbers = scratch.model, scratch.numbers
     for k in range(span[0], span[1]):
         slot, t = numbers[SCATTER_SLOT + k], rows[SCATTER_T + k]

@@ -1,6 +1,6 @@
 """The implicit surfaces (paper, part I): weighted sums over the splats around a point, and f from these sums.
 
-All sums run over q = p_i - x, never over absolute coordinates, which would cancel in float32. With the weighted means
+All sums are of q = p_i - x, never of absolute coordinates, which would cancel in float32. With the weighted means
 P - x = E[q], N = E[n]:
 
     paper   f = (x - P).N                         = -E[q].E[n]                   (Adamson and Alexa 2003)
@@ -8,9 +8,9 @@ P - x = E[q], N = E[n]:
     apss    f = the sphere fitted with normals at x: -E[q].E[n] - u4 (E[q.q] - 2 E[q].E[q])
             u4 = (E[q.n] - E[q].E[n]) / 2 var(q)                               (Guennebaud and Gross 2007)
 
-`apss` is thus the mean of the other two, whose biases are opposite, and a curvature term. var(q) is taken as at least
-E[q.q] / 4, which changes nothing inside the cloud and keeps the fit tame where two splats are seen from afar. At a
-splat's own point, where no other support covers it, q is 0 and so is u4.
+`apss` is thus the mean of the other two, whose biases are opposite, plus a curvature term. var(q) is at least
+E[q.q] / 4, which changes nothing inside the cloud and keeps the fit stable where x is far from its only two splats. At
+a splat's own point, where no other support covers it, q is 0 and so is u4.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from ...engine.simd import F16, ONE, ZERO, Real, broadcast16, broadcast_from, re
 HALF, TWO = f32(0.5), f32(2.0)
 QUARTER = f32(0.25)
 NAN = f32(np.nan)
-TINIEST = f32(1e-35)  # the smallest squared length that is divided by
+TINIEST = f32(1e-35)  # smallest squared length used as a divisor
 
 FourPoints: TypeAlias = tuple[F16, F16, F16]  # x, y, z, a quarter of the lanes for each point
-Sheet: TypeAlias = tuple[bool, Vec3]  # whether sheets are close together, and the normal on the side that is seen
+Sheet: TypeAlias = tuple[bool, Vec3]  # whether sheets are close together, and the normal on the visible side
 
 
 class Means(NamedTuple):
@@ -50,9 +50,9 @@ class Means(NamedTuple):
 
 @inline
 def sums(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
-    """Weighted means over the listed splats at sixteen points: q (3), n (3), q.n, q.q, and the weight.
+    """Compute the weighted means over the listed splats at sixteen points.
 
-    It takes 21 vector instructions a splat. A point that no support covers has weight 0 and means NaN.
+    It takes 21 vector instructions a splat. At a point outside all supports the weight is 0 and the means are NaN.
     """
     w_sum = broadcast16(ZERO)
     qx_sum = qy_sum = qz_sum = nx_sum = ny_sum = nz_sum = qn_sum = qq_sum = w_sum
@@ -97,7 +97,7 @@ def sums(scratch: Scratch, x: F16, y: F16, z: F16) -> Means:
 
 @inline
 def value(surface: int, means: Means) -> tuple[F16, F16]:
-    """f (NaN without support) and u4, the curvature term of the fitted sphere (0 except for apss)."""
+    """Return f (NaN without support) and u4, the curvature term of the fitted sphere (0 except for apss)."""
     qx, qy, qz, nx, ny, nz, qn, qq, weight = means
     plane = qx * nx + qy * ny + qz * nz
     u4 = weight * ZERO
@@ -114,7 +114,7 @@ def value(surface: int, means: Means) -> tuple[F16, F16]:
 
 @inline
 def _weight(scratch: Scratch, offset: int, x: F16, y: F16, z: F16) -> F16:
-    """Weights of one listed splat at sixteen points."""
+    """Return the weights of one listed splat at sixteen points."""
     splats = scratch.splats
     qx, qy, qz = (
         broadcast_from(splats, offset + 4 * PX) - x,
@@ -127,7 +127,9 @@ def _weight(scratch: Scratch, offset: int, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def local_radius(scratch: Scratch, x: F16, y: F16, z: F16) -> F16:
-    """Support radius at points: r^2 averaged with the surface's weights (1 / r^2 trims where radii differ much)."""
+    """Average r^2 with the surface's weights and return its root (averaging 1 / r^2 trims hits where radii differ
+    much).
+    """
     weight = square = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_SPLATS]):
         offset = i64(scratch.listed[k])
@@ -139,7 +141,7 @@ def local_radius(scratch: Scratch, x: F16, y: F16, z: F16) -> F16:
 
 @inline
 def overhang(tree: Tree, scratch: Scratch, x: F16, y: F16, z: F16) -> tuple[F16, F16]:
-    """The share of the weight that belongs to splats on an open border, and how far the points lie beyond these.
+    """Return the weight share of splats on an open border, and the distance of the points beyond them.
 
     The distance is the weighted mean of (x - p).b over those splats; b is the direction out of the surface.
     """
@@ -165,7 +167,7 @@ def overhang(tree: Tree, scratch: Scratch, x: F16, y: F16, z: F16) -> tuple[F16,
 
 @inline
 def weights_of_block(tree: Tree, block: int, x: Real, y: Real, z: Real) -> F16:
-    """Weights of one block's splats at one point, repeated in the quarters, or at four points, a quarter each."""
+    """Return the weights of a block's splats at one point, repeated in all quarters, or at four points."""
     slot = i64(block) * BLOCK
     qx = repeat4(tree.blocks, slot + PX) - x
     qy = repeat4(tree.blocks, slot + PY) - y
@@ -176,9 +178,9 @@ def weights_of_block(tree: Tree, block: int, x: Real, y: Real, z: Real) -> F16:
 
 @inline
 def weights_seen(tree: Tree, block: int, points: FourPoints, sheet: Sheet, part: Array) -> F16:
-    """Weights of one block's splats at four points, a quarter each; 0 where a splat's sheet is not seen.
+    """Return the weights of one block's splats at four points, a quarter each; 0 if a splat's sheet is not visible.
 
-    sheet : whether sheets are close together, and the normal of the hit, on the side from which they are seen
+    sheet : whether sheets are close together, and the normal of the hit, turned to the viewer
     """
     x, y, z = points
     w = weights_of_block(tree, block, x, y, z)

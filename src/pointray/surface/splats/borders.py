@@ -19,7 +19,7 @@ from ...engine.kernels.vec import Vec3, tangents
 GAP = math.radians(115)  # a straight border leaves 180 degrees; of sets of 20 random directions, 1 in 75 leaves this
 TURNED = 1.2  # `_turn` increases by at least 1.22 over an angle of GAP
 FOLD = math.cos(math.radians(45))  # cosine of two normals below which the surface counts as folded
-COMPANY = 2  # a border is a curve: at least this many neighbours of a border splat are on it too
+BORDER_NEIGHBORS = 2  # a border is a curve: at least this many neighbours of a border splat are on it too
 CHUNK = 2048
 
 
@@ -137,4 +137,4 @@ def lone_borders(found: NDArray[np.bool_], near: NDArray[np.integer[Any]]) -> ND
 
     found : (n,) bool, border points; near : (m, k), rows of border points and their neighbours
     """
-    return np.asarray(found[near[:, 1:]].sum(axis=1) < COMPANY)
+    return np.asarray(found[near[:, 1:]].sum(axis=1) < BORDER_NEIGHBORS)

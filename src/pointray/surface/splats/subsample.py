@@ -24,9 +24,9 @@ from .subset import (
     errors,
     fit,
     measure,
-    mend,
     select,
     select_greedily,
+    shrink_splats,
     worst,
 )
 
@@ -36,12 +36,12 @@ STRAY = 4.0  # upper limit of that radius, in medians of the radii around it
 SHARE = 0.999  # share of the points that must be within the tolerance
 NOISY = "the points are noisier, or the surface is sharper, than this tolerance allows"  # where fewer are
 LEEWAY = 2.0  # error bound of the discs, in tolerances: the blended surface follows curves, the discs do not
-MENDS = 8  # maximum number of refinement rounds
+REFINEMENTS = 8  # maximum number of refinement rounds
 MARGIN = 0.8  # splats are refined above this share of the tolerance: rays find slightly larger errors than predicted
 ENOUGH = 1e-4  # share of points beyond that at which refinement stops
 RELAXED = 0.9  # expected share of the chosen splats after the relaxation
-COUNT_MENDS = 16  # maximum number of refinement rounds for a count
-MENDED = 0.2  # share of the unused splats that are refined at once; refining one splat adds about three
+COUNT_REFINEMENTS = 16  # maximum number of refinement rounds for a count
+REFINED_SHARE = 0.2  # share of the unused splats that are refined at once; refining one splat adds about three
 RESERVE = 0.2  # share of a count kept for refinement. Statue, 8,000: 0.1% of errors exceed 1.6e-3; with 0.06, 1.9e-3
 MOST_PASSES = 12  # maximum number of relaxation passes for a count
 ATTEMPTS = 8  # maximum number of attempts to meet a count
@@ -139,19 +139,19 @@ def find_subsample(
     report("normals", 0.0)
     finite = np.flatnonzero(points.finite)
     placed, message = place(points.select(finite) if len(finite) < len(points) else points, smooth)
-    mended = placed.points
-    rows = kd_order(mended.positions)
-    rows = rows[distinct(mended.positions[rows])[0]]
+    smoothed = placed.points
+    rows = kd_order(smoothed.positions)
+    rows = rows[distinct(smoothed.positions[rows])[0]]
     if len(rows) < 2:
         raise ValueError(f"all {len(points):,} points have the same position: cannot choose radii")
-    mended = mended.select(rows)
+    smoothed = smoothed.select(rows)
     if count is not None and count > len(rows):
         raise ValueError(f"count is {count:,}, but the points have only {len(rows):,} different positions")
-    diagonal = float(np.linalg.norm(np.subtract(*mended.bounds)))
+    diagonal = float(np.linalg.norm(np.subtract(*smoothed.bounds)))
     if tolerance is not None and tolerance > diagonal:
         raise ValueError(f"tolerance is {tolerance:g}, but must not exceed the cloud's diagonal ({diagonal:g})")
     report("neighbors", 0.0)
-    cloud = describe_cloud(mended)
+    cloud = describe_cloud(smoothed)
     within = 1.0
     if tolerance is not None:
         subset = _within(cloud, float(tolerance), report)
@@ -159,7 +159,7 @@ def find_subsample(
     else:
         assert count is not None
         subset = _as_many(cloud, int(count), diagonal, report)
-    return Subsample(_averaged(mended, subset), subset.radii, within, message)
+    return Subsample(_averaged(smoothed, subset), subset.radii, within, message)
 
 
 def _check_target(tolerance: Any, count: Any) -> None:
@@ -195,11 +195,11 @@ def _within(cloud: Cloud, tolerance: float, report: Progress) -> Subset:
     splats = select(cloud, sizes, error, report)
     report("fit", 0.0)
     subset = fit(cloud, splats, tolerance)
-    for k in range(MENDS):
+    for k in range(REFINEMENTS):
         if (errors(subset, MARGIN * tolerance) > 1).mean() <= ENOUGH:
             break
-        splats, sizes = mend(cloud, subset, sizes, error, worst(subset, MARGIN * tolerance))
-        report("fit", (k + 1) / (MENDS + 1))
+        splats, sizes = shrink_splats(cloud, subset, sizes, error, worst(subset, MARGIN * tolerance))
+        report("fit", (k + 1) / (REFINEMENTS + 1))
         subset = fit(cloud, splats, tolerance)
     return subset
 
@@ -210,16 +210,16 @@ def _as_many(cloud: Cloud, count: int, diagonal: float, report: Progress) -> Sub
         return fit(cloud, _single(cloud, np.arange(count), cloud.radii), diagonal * FINEST)
     splats, sizes, error = _meet(cloud, count, diagonal, report)
     report("fit", 0.0)
-    subset, share = fit(cloud, splats, error), MENDED
-    for k in range(COUNT_MENDS):
+    subset, share = fit(cloud, splats, error), REFINED_SHARE
+    for k in range(COUNT_REFINEMENTS):
         number = int(share * (count - len(subset.splats.seeds)))
         if number < 1:
             break
-        splats, smaller = mend(cloud, subset, sizes, error, _first(worst(subset, error), number))
+        splats, smaller = shrink_splats(cloud, subset, sizes, error, _first(worst(subset, error), number))
         if len(splats.seeds) > count:
             share /= 2
             continue
-        report("fit", (k + 1) / (COUNT_MENDS + 1))
+        report("fit", (k + 1) / (COUNT_REFINEMENTS + 1))
         subset, sizes = fit(cloud, splats, error), smaller
     spare = count - len(subset.splats.seeds)
     return fit(cloud, join([subset.splats, _more(cloud, subset, spare)]), error) if spare else subset

@@ -21,7 +21,7 @@ Progress = Callable[[str, float], None]
 
 OVERLAP = 1.8  # support radius in disc radii: 1.6 leaves ten times as many bare points, 2.0 a third more error
 SLOPE = 0.25  # 0.2 needs 10% more splats for the same error, 0.3 has a longer tail of errors, 0.6 leaves holes in 10%
-SCOUTS, CANDIDATES = 4, 16  # splats over each point: to measure how large splats can be; to choose from
+SIZE_SAMPLES, CANDIDATES = 4, 16  # splats over each point: to measure how large splats can be; to choose from
 LEAST = 0.3  # least size, as a share of the radius with which the whole cloud covers itself
 WIDEST = 1 / 16  # largest size, as a share of the cloud's diagonal
 TILTS = 3  # rounds of fitting
@@ -42,7 +42,7 @@ class Subset(NamedTuple):
     bare: NDArray[np.bool_]  # (n,)
 
 
-def measure(cloud: Cloud, error: float, times: int = SCOUTS, wanted: NDArray[np.bool_] | None = None) -> Floats:
+def measure(cloud: Cloud, error: float, times: int = SIZE_SAMPLES, wanted: NDArray[np.bool_] | None = None) -> Floats:
     """Return the largest size of splats at each point (n,) within the error bound, graded, see `grade_sizes`."""
     low, high = cloud.positions.min(axis=0), cloud.positions.max(axis=0)
     widest = np.full(len(cloud.positions), WIDEST * np.linalg.norm(np.float64(high) - low), np.float32)
@@ -126,7 +126,7 @@ def worst(subset: Subset, tolerance: float) -> Floats:
     return np.asarray(np.maximum.reduceat(errors(subset, tolerance)[subset.splats.members], subset.splats.starts[:-1]))
 
 
-def mend(cloud: Cloud, subset: Subset, sizes: Floats, error: float, ratio: Floats) -> tuple[Splats, Floats]:
+def shrink_splats(cloud: Cloud, subset: Subset, sizes: Floats, error: float, ratio: Floats) -> tuple[Splats, Floats]:
     """Shrink splats and sizes where the ratio (m,) of error to tolerance is over 1; other splats stay."""
     splats = subset.splats
     shrunk = splats.widths * np.clip(SHRINK[1] * np.maximum(ratio, 1) ** -0.5, *SHRINK)

@@ -22,7 +22,7 @@ TIGHT, TIGHT_SHARE = 0.9, 1e-3
 CROWD = 16  # most splats kept at one position
 # Fractions of the run time at which the neighbour tree and the radii are complete.
 SORTED, CHOSEN = 0.1, 0.98
-HANDFUL = 1e-5  # isolated points are reported above this share: a mesh of 400,000 vertices has one
+REPORTED_SHARE = 1e-5  # isolated points are reported above this share: a mesh of 400,000 vertices has one
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int32]
@@ -66,7 +66,7 @@ class Support(NamedTuple):
 
 def lone_note(count: int, total: int) -> str:
     """Return a message about `count` isolated points among `total`; empty if they are only a few."""
-    if count <= HANDFUL * total:
+    if count <= REPORTED_SHARE * total:
         return ""
     points, whose = ("1 isolated point", "its") if count == 1 else (f"{count:,} isolated points", "their")
     return f"{points}: disc size limited to that of {whose} neighbours"

@@ -5,8 +5,8 @@ wide, at most one per grid cell of that size, that lie on a smooth sheet with it
 points, their connection is perpendicular to the sum of their normals. A disc needs q supporters, or it is isolated. In
 scatter, many discs support each other by chance; there the required share grows with q. Isolated discs do not count as
 supporters.
-supporters.
 
+Where the density drops sharply, dense and sparse points both reach across the gap, so both would cover its middle. At
 an edge, the wide discs of dense points would also cover detail on the other side. So dense points reach less far.
 """
 
@@ -84,19 +84,19 @@ def limit_wide(
         Mask of isolated points.
     """
     typical = np.float32(middle)
-    stray = np.zeros(len(reach), np.bool_)
+    isolated = np.zeros(len(reach), np.bool_)
     rows = np.flatnonzero(reach > NOTICE * typical)
     if len(rows) == 0:
-        return stray
+        return isolated
     supporters = _find_supporters(positions, normals, reach, rows, typical)
     rows = _find_isolated(reach, supporters, typical)
-    stray[rows] = True
+    isolated[rows] = True
     beside = around(rows)[:, 1:]
-    limit = _first_medians(np.where(stray[beside], np.float32(np.nan), reach[beside]), typical)
-    stray[rows] = reach[rows] > limit
+    limit = _first_medians(np.where(isolated[beside], np.float32(np.nan), reach[beside]), typical)
+    isolated[rows] = reach[rows] > limit
     reach[rows] = np.minimum(reach[rows], limit)
     _spare(positions, reach, supporters, typical, reach_around)
-    return stray
+    return isolated
 
 
 def _find_supporters(positions: Floats, normals: Floats, reach: Floats, rows: Rows, typical: np.float32) -> Supporters:
@@ -142,8 +142,8 @@ def _find_isolated(reach: Floats, supporters: Supporters, typical: np.float32) -
         if (stays == explained[rows]).all():
             break
         explained[rows] = stays
-    strays: Rows = rows[~explained[rows]]
-    return strays
+    isolated: Rows = rows[~explained[rows]]
+    return isolated
 
 
 def _first_medians(values: Floats, otherwise: np.float32) -> Floats:

@@ -1,12 +1,12 @@
-"""A tree and rays -> hits (part IV of the paper): through the nodes of a model, and through all instances of a scene.
+"""Intersection of rays with a tree (part IV of the paper), and with all instances and planes of a scene.
 
 traverse, tile : traversal of one model's tree, from its root to its leaves
-space, group, instance : rays go from the world into a model's space, similar rays together, and their hits come back
-instance_bvh, world, plane : which instances rays may meet; all instances and planes, and the nearest hit
-hits, paint : what has been hit: position, normal, colour, attribute
+space, group, instance : transform of rays into a model's space, groups of similar rays, transform of their hits back
+instance_bvh, world, plane : the instances that rays may hit; all instances and planes, and the nearest hit
+hits, paint : position, normal, colour and attribute of a hit
 cast : batches of rays from NumPy
 
-Pairs that do the same for one ray and for the rays of a tile:
+Functions that exist for one ray and for the rays of a tile:
 
 | one ray | the rays of a tile |
 |---|---|

@@ -1,4 +1,4 @@
-"""Batches of rays -> hits: two entry points, closest hit and occlusion, each on all cores."""
+"""Intersection of batches of rays on all cores, with two entry points: closest hit and occlusion."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from .world import NO_RAY, is_blocked, occlude_tile, set_ray, trace_tile
 
 SHORT, LONG = 1e-60, 1e60  # limits of a direction's squared length, see `_exponent`
 MOST = float(np.finfo(np.float32).max)
-BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; in a picture they form a square of this edge
+BATCH, SQUARE = 1024, 32  # rays that a thread takes at a time; in an image they form a square of this edge
 
 
 class Pace(NamedTuple):
-    """How rays are cast.
+    """Threads and progress callback of a cast.
 
     threads : None: on all cores
-    progress : called with the share done, some ten times a second; an error in it ends the work
+    progress : called with the share done, about ten times a second; an exception in it ends the work
     """
 
     threads: int | None = None
@@ -53,10 +53,10 @@ HitArrays: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Ar
 
 @inline
 def ray_at(shape: tuple[int, int], batch: int, k: int) -> int:
-    """Number of ray k of a batch, or -1 where there is none.
+    """Return the index of ray k of a batch, or -1 if there is none.
 
-    shape : height and width of a picture, whose squares follow a Morton curve, so that consecutive rays are close
-    together; or 1 and the number of rays, which keep their order
+    shape : height and width of an image, whose squares follow a Morton curve, so that consecutive rays are close
+        together; or 1 and the number of rays, which keep their order
     """
     height, width = shape
     if height == 1:
@@ -69,20 +69,20 @@ def ray_at(shape: tuple[int, int], batch: int, k: int) -> int:
 
 
 def batches(shape: tuple[int, int]) -> int:
-    """Number of batches for rays of a shape, see `ray_at`."""
+    """Return the number of batches for rays of a shape, see `ray_at`."""
     height, width = shape
     return -(-width // BATCH) if height == 1 else -(-height // SQUARE) * -(-width // SQUARE)
 
 
 @inline
 def _is_ordinary(square: float) -> bool:
-    """Whether a direction of this squared length is traced unchanged."""
+    """Return whether a direction of this squared length is traced unchanged."""
     return (SHORT < square) & (square < LONG)
 
 
 @inline
 def _exponent(d: Vec3) -> int:
-    """The exponent of the power of two that a direction is divided by before tracing, so that its square is finite.
+    """Return the exponent of the power of two that divides a direction before tracing, to make its square finite.
 
     It is 0 for lengths from 1e-30 to 1e30, and for directions that are zero or not finite: they miss.
     """
@@ -94,7 +94,7 @@ def _exponent(d: Vec3) -> int:
 
 @inline
 def _times_power(a: Vec3, exponent: int) -> Vec3:
-    """A vector times a power of two, in two halves: the power itself may not be a float64."""
+    """Multiply a vector by a power of two in two halves, because the power itself may exceed float64."""
     half = exponent // 2
     a = scale(a, math.ldexp(1.0, half))
     return scale(a, math.ldexp(1.0, exponent - half))
@@ -104,9 +104,9 @@ def _times_power(a: Vec3, exponent: int) -> Vec3:
 def _set_rays(
     rays: tuple[Array, Array, Array], shape: tuple[int, int], start: tuple[int, int], scratch: Scratch
 ) -> bool:
-    """Set the next tile of rays; returns whether any of them may have an exponent.
+    """Set the next tile of rays; return whether any of them may have an exponent.
 
-    rays : origins, directions, limits; start : the batch, and where the tile begins in it
+    rays : origins, directions, limits; start : the batch, and the offset of the tile in it
     """
     origins, directions, limits = rays
     for k in range(TILE):
@@ -134,7 +134,7 @@ def _set_rays(
 def _closest(
     work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: HitArrays
 ) -> int:
-    """Closest hits. limits : (n, 2); out : t, position, normal, color, point, instance, leaf, local."""
+    """Find the closest hits. limits : (n, 2); out : t, position, normal, color, point, instance, leaf, local."""
     t, position, normal, color, point, instance, leaf, local = out
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
@@ -175,7 +175,7 @@ def _closest(
 def _occluded(
     work: Array, world: World, origins: Array, directions: Array, limits: Array, shape: tuple[int, int], out: Array
 ) -> int:
-    """Occlusion: out is (n,) uint8."""
+    """Test occlusion: out is (n,) uint8."""
     origins, directions, limits = borrow(origins), borrow(directions), borrow(limits)
     memory = new_scratch(world.longest)
     scratch, world = borrow(memory), borrow(world)
@@ -235,19 +235,19 @@ def _blend_attribute(
 
 
 def _picture(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Height and width of the picture that rays of a leading shape are traced as."""
+    """Return height and width of the image that rays of a leading shape are traced as."""
     return (shape[0], shape[1]) if len(shape) == 2 and min(shape) > 1 else (1, int(np.prod(shape)))
 
 
 def closest_hits(
     world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array, pace: Pace = PLAIN
 ) -> dict[str, Array]:
-    """Closest hits of n rays, as flat arrays: what `_closest` fills.
+    """Find the closest hits of n rays, as flat arrays: see `_closest`.
 
     Parameters
     ----------
     shape : tuple of int
-        The leading shape of the rays: two axes are taken as those of a picture, whose squares are traced together.
+        The leading shape of the rays: two axes are taken as those of an image, whose squares are traced together.
     origins, directions : (n, 3) float64, C-contiguous
     limits : (n, 2) float64, t_min and t_max
     """
@@ -271,7 +271,7 @@ def closest_hits(
 def occlusions(
     world: World, shape: tuple[int, ...], origins: Array, directions: Array, limits: Array, pace: Pace = PLAIN
 ) -> NDArray[np.bool_]:
-    """Whether each of n rays meets anything, (n,) bool; parameters as for `closest_hits`."""
+    """Return whether each of n rays hits anything, (n,) bool; parameters as for `closest_hits`."""
     out, picture = np.zeros(len(origins), np.uint8), _picture(shape)
     rays = origins.reshape(-1), directions.reshape(-1), limits.reshape(-1)
     run(_occluded, batches(picture), world, *rays, picture, out, **pace._asdict())
@@ -281,7 +281,7 @@ def occlusions(
 def blend_attribute(
     world: World, hits: dict[str, Array], rows: Array, model: int, values: Array, pace: Pace = PLAIN
 ) -> Array:
-    """One attribute, (n,) or (n, k), blended at the hits `rows` of `closest_hits`, all on one model: float64."""
+    """Blend one attribute, (n,) or (n, k), at the hits `rows` of `closest_hits`, all on one model; return float64."""
     out = np.empty((len(rows), *values.shape[1:]))
     found = (rows, model, hits["leaf"], hits["local"].reshape(-1), hits["point"])
     width = values.size // len(values)

@@ -1,7 +1,7 @@
-"""Which rays of a tile traverse a model together: rays that begin close to each other in similar directions.
+"""Groups of a tile's rays that traverse a model together: rays with close origins and similar directions.
 
-Where not all rays are similar, as at a silhouette, each group of similar rays is brought together in the tile's first
-slots and traced by itself; a ray with too few similar neighbours is traced singly.
+If not all rays are similar, as at a silhouette, each group of similar rays is packed into the tile's first slots and
+traced by itself; a ray with too few similar neighbours is traced singly.
 """
 
 from __future__ import annotations
@@ -10,12 +10,11 @@ import math
 
 from ...engine.jit import Array, f32, i64, inline
 from ...engine.kernels.scratch import (
-    ASIDE,
     BEGIN,
     DX,
     END,
     FOUND,
-    FOUND_ASIDE,
+    FOUND_SAVED,
     HIT_T,
     IX,
     LANES,
@@ -24,6 +23,7 @@ from ...engine.kernels.scratch import (
     NY,
     NZ,
     OX,
+    SAVED_ROWS,
     SIDE,
     TILE,
     Scratch,
@@ -46,19 +46,20 @@ from ...engine.simd import (
 )
 from .tile import range_of
 
-WIDEST = f32(0.2)  # components of the directions may differ by at most this much
-# Components of the origins may differ by this many leaf edges: rays far apart have no leaves in common. With 0.1 of the
-# bounds, 24 statues of a million points were 5% slower, with levels of detail 8%; with 2 and 16 edges 4 and 35%.
+WIDEST = f32(0.2)  # largest difference of the directions' components
+# Largest difference of the origins' components in leaf edges: rays farther apart share no leaves. With 0.1 of the
+# bounds instead, 24 statues of a million points were 5% slower (8% with levels of detail); with 2 and 16 edges 4 and
+# 35%.
 SCATTERED = f32(4.0)
 FEWEST = 4  # rays in the smallest group
-BROUGHT = (*range(OX, LENGTH, TILE), END, SIDE, BEGIN)  # rows: what a ray brings with it, besides LENGTH
+RAY_ROWS = (*range(OX, LENGTH, TILE), END, SIDE, BEGIN)  # the rows that are packed with a ray, besides LENGTH
 FOUND_ROWS = (HIT_T, NX, NY, NZ)
-FAILURES = 4  # after this many rays with too few similar neighbours the others are traced singly too: directions differ
+FAILURES = 4  # after this many rays with too few similar neighbours the others are traced singly too
 
 
 @inline
 def leaf_edge(tree: Tree) -> float:
-    """The approximate width of a leaf, as if the leaves covered the bounds."""
+    """Return the approximate width of a leaf, as if the leaves covered the bounds."""
     x, y, z = tree.head[3] - tree.head[0], tree.head[4] - tree.head[1], tree.head[5] - tree.head[2]
     numbers = f32(tree.spans.size) + f32(2.0) * tree.head[SCATTER_LEAVES]
     return f32(math.sqrt(f32(4.0) * (x * y + y * z + z * x) / numbers))
@@ -66,7 +67,7 @@ def leaf_edge(tree: Tree) -> float:
 
 @inline
 def coherent(edge: float, rows: Array) -> bool:
-    """Whether all rays are worth a common traversal: their directions have the same signs and similar components.
+    """Return whether all rays are worth a common traversal: their directions have equal signs and similar components.
 
     edge : width of a leaf
     """
@@ -81,12 +82,12 @@ def coherent(edge: float, rows: Array) -> bool:
 
 
 @inline
-def alike(edge: float, rows: Array, left: Bits) -> Bits:
-    """Those of the given rays (bits), all set aside, that may be traced together with the first of them."""
-    i, rays = ASIDE + count_trailing_zeros(left), i64(0)
+def similar_rays(edge: float, rows: Array, left: Bits) -> Bits:
+    """Return those of the given saved rays (bits) that may be traced together with the first of them."""
+    i, rays = SAVED_ROWS + count_trailing_zeros(left), i64(0)
     far, wide = f32(0.5) * SCATTERED * edge, f32(0.5) * WIDEST
     for v in range(0, TILE, LANES):
-        word, offset = (left >> v) & 0xFFFF, ASIDE + v
+        word, offset = (left >> v) & 0xFFFF, SAVED_ROWS + v
         if word == 0:
             continue
         for c in range(0, 3 * TILE, TILE):
@@ -105,37 +106,37 @@ def _copy(rows: Array, source: int, target: int, row: int) -> None:
 
 
 @inline
-def set_aside(scratch: Scratch) -> None:
-    """Set aside what the rays bring with them; nothing is found yet."""
-    for row in BROUGHT:
-        _copy(scratch.model, 0, ASIDE, row)
-    _copy(scratch.model, 0, ASIDE, LENGTH)
+def save_rays(scratch: Scratch) -> None:
+    """Save the rows of all rays, without hits."""
+    for row in RAY_ROWS:
+        _copy(scratch.model, 0, SAVED_ROWS, row)
+    _copy(scratch.model, 0, SAVED_ROWS, LENGTH)
     for i in range(TILE):
-        scratch.numbers[FOUND_ASIDE + i] = -1
+        scratch.numbers[FOUND_SAVED + i] = -1
 
 
 @inline
-def _bring_row(rows: Array, row: int, rays: Bits, last: float) -> None:
-    """Bring one row of the given rays, all set aside, together; the rest of the last 16 slots gets `last`."""
+def _pack_row(rows: Array, row: int, rays: Bits, last: float) -> None:
+    """Pack one row of the given saved rays; fill the rest of the last 16 slots with `last`."""
     n = i64(0)
     for v in range(0, TILE, LANES):
         word = (rays >> v) & 0xFFFF
-        store_packed(rows, row + n, mask16(word), load16(rows, ASIDE + row + v))
+        store_packed(rows, row + n, mask16(word), load16(rows, SAVED_ROWS + row + v))
         n += count_bits(word)
     offset = (n - 1) // LANES * LANES
     store(rows, row + offset, select(mask16((1 << (n - offset)) - 1), load16(rows, row + offset), broadcast16(last)))
 
 
 @inline
-def bring(rays: Bits, scratch: Scratch) -> int:
-    """Bring the given rays (bits) together in the first slots; returns where they end, a multiple of 16.
+def pack_rays(rays: Bits, scratch: Scratch) -> int:
+    """Pack the given saved rays (bits) into the first slots; return the end of these, a multiple of 16.
 
-    Slots left over hold copies of the first ray that have already ended, so that they do not widen the group.
+    Unused slots hold copies of the first ray that have already ended, so that they do not widen the group.
     """
-    rows, first = scratch.model, ASIDE + count_trailing_zeros(rays)
-    for row in BROUGHT:
-        _bring_row(rows, row, rays, rows[row + first])
-    _bring_row(rows, LENGTH, rays, -ONE)
+    rows, first = scratch.model, SAVED_ROWS + count_trailing_zeros(rays)
+    for row in RAY_ROWS:
+        _pack_row(rows, row, rays, rows[row + first])
+    _pack_row(rows, LENGTH, rays, -ONE)
     end = (count_bits(rays) + LANES - 1) // LANES * LANES
     for k in range(end):
         scratch.numbers[FOUND + k] = -1
@@ -143,27 +144,27 @@ def bring(rays: Bits, scratch: Scratch) -> int:
 
 
 @inline
-def take_back(rays: Bits, lifted: Bits, scratch: Scratch) -> Bits:
-    """Set aside what the given rays (bits) have found; returns those that were lifted, by their numbers in the tile."""
+def save_hits(rays: Bits, lifted: Bits, scratch: Scratch) -> Bits:
+    """Save the hits of the given rays (bits); return the lifted ones, by their indices in the tile."""
     rows, numbers, k, back = scratch.model, scratch.numbers, 0, i64(0)
     while rays != 0:
         i = count_trailing_zeros(rays)
         rays &= rays - 1
         if numbers[FOUND + k] >= 0:
-            numbers[FOUND_ASIDE + i] = numbers[FOUND + k]
+            numbers[FOUND_SAVED + i] = numbers[FOUND + k]
             for row in FOUND_ROWS:
-                rows[ASIDE + row + i] = rows[row + k]
+                rows[SAVED_ROWS + row + i] = rows[row + k]
         back |= ((lifted >> k) & 1) << i
         k += 1
     return back
 
 
 @inline
-def put_back(scratch: Scratch) -> None:
-    """Put all rays back into their slots, with what they have found."""
-    for row in BROUGHT:
-        _copy(scratch.model, ASIDE, 0, row)
+def restore_rays(scratch: Scratch) -> None:
+    """Restore all rays to their slots, with their hits."""
+    for row in RAY_ROWS:
+        _copy(scratch.model, SAVED_ROWS, 0, row)
     for row in FOUND_ROWS:
-        _copy(scratch.model, ASIDE, 0, row)
+        _copy(scratch.model, SAVED_ROWS, 0, row)
     for i in range(TILE):
-        scratch.numbers[FOUND + i] = scratch.numbers[FOUND_ASIDE + i]
+        scratch.numbers[FOUND + i] = scratch.numbers[FOUND_SAVED + i]

@@ -1,4 +1,4 @@
-"""What the rays of a tile have hit, for shading and for output."""
+"""Properties of the tile's hits, for shading and for output."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ from .space import matrix_at
 
 @inline
 def tile_hit(scratch: Scratch, i: int) -> WorldHit:
-    """The nearest hit of ray i of the tile. Its colour and its slot on a model are known after `describe_tile`."""
+    """Return the nearest hit of ray i of the tile. Colour and slot on a model require `describe_tile`."""
     wide, numbers, zero = scratch.world, scratch.numbers, (0.0, 0.0, 0.0)
     instance = numbers[INSTANCE_OF + i]
     if instance < 0:
@@ -57,7 +57,7 @@ def tile_hit(scratch: Scratch, i: int) -> WorldHit:
 
 @inline
 def next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
-    """The first of the remaining rays (bits) if it has hit the same leaf as ray i, else i."""
+    """Return the first of the remaining rays (bits) if it has hit the same leaf as ray i, else i."""
     k = count_trailing_zeros(left) if left != 0 else i
     same = numbers[INSTANCE_OF + k] == numbers[INSTANCE_OF + i] and numbers[LEAF_OF + k] == numbers[LEAF_OF + i]
     return k if same else i
@@ -65,7 +65,7 @@ def next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
 
 @inline
 def list_around(tree: Tree, four: Four, scratch: Scratch) -> FourPoints:
-    """List the blocks near the points where four rays have hit a leaf; returns these points, a quarter each."""
+    """List the blocks near the points where four rays have hit a leaf; return these points, a quarter each."""
     wide, numbers = scratch.world, scratch.numbers
     a, b, c, d = (
         load3(wide, LOCAL + four[0]),
@@ -87,7 +87,7 @@ def list_around(tree: Tree, four: Four, scratch: Scratch) -> FourPoints:
 def _weigh(
     tree: Tree, points: FourPoints, sheet: Sheet, tone: Array, scratch: Scratch
 ) -> tuple[F16, F16, F16, F16, F16, F16]:
-    """In each lane: the greatest weight, its listed block, and the sums of the weights and of the weighted colours.
+    """Return in each lane the greatest weight, its listed block, and the sums of weights and of weighted colours.
 
     Lane 4 r + j is splat j of a block at point r. sheet : see `weights_seen`
     """
@@ -112,9 +112,9 @@ def _weigh(
 
 @inline
 def _describe(world: World, four: Four, scratch: Scratch) -> None:
-    """Colour (by the surface's own weights; 1 without colours) and slot of greatest weight of four hits in one leaf.
+    """Find colour (blended by the surface's weights; 1 if the points have none) and slot of four hits in one leaf.
 
-    Where no splat has weight, the nearest one is taken instead.
+    The slot is that of the splat of greatest weight. If all weights are zero, the nearest splat is taken instead.
     """
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
     offset = numbers[INSTANCE_OF + four[0]] * INSTANCE
@@ -150,7 +150,7 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
 
 @inline
 def _describe_scattered(world: World, i: int, scratch: Scratch) -> None:
-    """Colour and slot of ray i's hit on a scattered point: its own."""
+    """Take colour and slot of ray i's hit on a scattered point from that point."""
     numbers = scratch.numbers
     offset = numbers[INSTANCE_OF + i] * INSTANCE
     tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
@@ -171,13 +171,13 @@ def _describe_scattered(world: World, i: int, scratch: Scratch) -> None:
 
 @inline
 def material_at(world: World, instance: int) -> int:
-    """Offset of an instance's material in world.materials."""
+    """Return the offset of an instance's material in world.materials."""
     return int(world.instances[instance * INSTANCE + MATERIAL]) * MATERIAL_SIZE
 
 
 @inline
 def _shows_colors(world: World, instance: int) -> bool:
-    """Whether an instance of a model shows the colours of its points, or of the attribute that it is painted by."""
+    """Return whether a model instance shows the colours of its points, or of the attribute it is painted by."""
     if world.materials[material_at(world, instance) + OWN_COLOR] == 0.0:
         return False
     offset = instance * INSTANCE
@@ -189,9 +189,9 @@ def _shows_colors(world: World, instance: int) -> bool:
 def describe_tile(world: World, seen_only: bool, scratch: Scratch) -> None:
     """Find the colour and the splat of greatest weight where the tile's rays have hit a model, for `tile_hit`.
 
-    seen_only : whether only colours matter, and only those that materials show
+    seen_only : whether only colours are needed, and only those that materials show
 
-    Neighbours that have hit the same leaf go together, four at a time: this takes 0.6 of the time of one by one.
+    Neighbours that have hit the same leaf are processed together, up to four: this takes 0.6 of the time of one by one.
     """
     scratch, world = borrow(scratch), borrow(world)
     numbers, left = scratch.numbers, i64(0)
@@ -210,7 +210,7 @@ def describe_tile(world: World, seen_only: bool, scratch: Scratch) -> None:
         left &= left - 1
         tree = tree_at(world.table, i64(world.instances[numbers[INSTANCE_OF + a] * INSTANCE + SHAPE_ROW]))
         b = c = d = a
-        # Where two sheets are close together, each ray sees its own, so it goes alone.
+        # Where two sheets are close together, each ray sees its own, so it is processed alone.
         if tree.leaves[numbers[LEAF_OF + a] * LEAF + SHEETED] == ZERO:
             b = next_of_leaf(numbers, left, a)
             left &= ~(i64(1) << b)

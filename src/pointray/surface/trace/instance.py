@@ -1,4 +1,4 @@
-"""The rays of a tile through one instance of a model: into its space, together or singly, and the nearer hits back."""
+"""Intersection of a tile's rays with one instance: transform, traversal together or singly, and nearer hits."""
 
 from __future__ import annotations
 
@@ -42,27 +42,27 @@ from ...engine.kernels.scratch import (
 from ...engine.kernels.tree import DISC, LONGEST, SCATTER, SURFACE, tree_at
 from ...engine.kernels.vec import add, dot, either, scale, transform_transposed
 from ...engine.simd import ONE, ZERO, Bits, broadcast16, count_bits, count_trailing_zeros, load16, select, store
-from ..intersect.lattice import BEHIND
-from .group import FAILURES, FEWEST, alike, bring, coherent, leaf_edge, put_back, set_aside, take_back
+from ..intersect.lattice import NONZERO_BEGIN
+from .group import FAILURES, FEWEST, coherent, leaf_edge, pack_rays, restore_rays, save_hits, save_rays, similar_rays
 from .space import Bounds, ToModel, into_model, matrix_at, model_bounds, of_size_one
 from .tile import ALL, bits_of_row, closest_of_tile, tile_ray
 from .traverse import closest, make_ray
 
-# Up to this many rays of a tile are put into a model's space one by one and traced singly; more are put there as
-# vectors, all 64. 10,000 statues five pixels high take 0.95 of the time that they take with 16, and 0.8 of that with
-# 4; larger ones take the same. With 64, 24 statues a hundred pixels high take 1.11 times as long.
-LONELY = 24
+# Up to this many rays of a tile are transformed one by one and traced singly; otherwise all 64 are transformed as
+# vectors. 10,000 statues five pixels high take 0.95 of the time with 16, and 0.8 of that with 4; larger ones take the
+# same. With 64, 24 statues a hundred pixels high take 1.11 times as long.
+FEW_RAYS = 24
 
 Box: TypeAlias = tuple[Bounds, tuple[float, float], bool, bool]  # see `_enter`
 
 
 @inline
 def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
-    """Put ray i into a model's space, from where it enters the bounds on; LENGTH < 0 where it misses them.
+    """Transform ray i into a model's space, starting where it enters the bounds; LENGTH < 0 if it misses them.
 
-    box : the model's bounds, the longest step of the samples in it, see `into_model`, whether it is of discs: a ray
-        starts on no disc if it starts on no surface, or comes from outside of the bounds, which may be flat; and
-        whether it has scattered points: a ray starts on none of them if it comes from outside
+    box : the model's bounds; its longest sample step, see `into_model`; whether it consists of discs: a ray starts on
+        no disc if it starts on no surface, or comes from outside the bounds, which may be flat; and whether it has
+        scattered points: a ray starts on none of them if it comes from outside
     """
     wide, rows, (bounds, step, discs, scattered) = scratch.world, scratch.model, box
     ray = (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
@@ -75,12 +75,12 @@ def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
     outside = (low > 0.0) & (begin == ZERO)
     on_none = outside | (wide[SIDE_OF + i] == ANYWHERE)
     elsewhere = (rows[CUT + i] > ZERO) | (discs & on_none) | (scattered & outside)
-    rows[BEGIN + i] = -max(begin, BEHIND) if elsewhere else begin
+    rows[BEGIN + i] = -max(begin, NONZERO_BEGIN) if elsewhere else begin
 
 
 @inline
 def _narrow(i: int, scratch: Scratch) -> None:
-    """Round ray i in the model's space to float32; nothing is found yet."""
+    """Round ray i in the model's space to float32, without a hit."""
     wide, rows = scratch.world, scratch.model
     ray = make_ray(load3(wide, START + i), load3(wide, HEADING + i), 0.0, 1.0)
     store3(rows, OX + i, (ray.ox, ray.oy, ray.oz))
@@ -92,7 +92,7 @@ def _narrow(i: int, scratch: Scratch) -> None:
 
 @inline
 def _some_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
-    """Put the given rays (bits) into a model's space, one by one; returns those that meet its bounds."""
+    """Transform the given rays (bits) into a model's space, one by one; return those that hit its bounds."""
     meeting = i64(0)
     while rays != 0:
         i = count_trailing_zeros(rays)
@@ -106,9 +106,9 @@ def _some_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits
 
 @inline
 def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
-    """Put the tile's rays into a model's space; returns those of the given rays (bits) that meet its bounds.
+    """Transform the tile's rays into a model's space; return those of the given rays (bits) that hit its bounds.
 
-    It has no branches but for tiles of which not all rays do: the rays are processed as vectors.
+    It branches only if some rays of the tile miss: the rays are processed as vectors.
     """
     rows = scratch.model
     for i in range(TILE):
@@ -122,7 +122,7 @@ def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
     for i in range(TILE):
         _narrow(i, scratch)
     if meeting != ALL:
-        # Rays that miss the bounds become copies of one that meets them, so that they do not widen the tile.
+        # Rays that miss the bounds become copies of one that hits them, so that they do not widen the tile.
         first = count_trailing_zeros(meeting)
         for offset in range(0, TILE, LANES):
             meet = load16(rows, LENGTH + offset) >= ZERO
@@ -132,37 +132,37 @@ def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
 
 
 @inline
-def _together(table: Array, model: int, entered: Bits, any_hit: bool, scratch: Scratch) -> Bits:
-    """Trace similar rays of the tile (bits) through a model together; returns those that must be traced singly."""
+def _trace_groups(table: Array, model: int, entered: Bits, any_hit: bool, scratch: Scratch) -> Bits:
+    """Trace groups of similar rays of the tile (bits) through a model; return those that must be traced singly."""
     rows, edge = scratch.model, leaf_edge(tree_at(table, model))
     whole = coherent(edge, rows)
     if not whole:
-        set_aside(scratch)
+        save_rays(scratch)
     left, alone, failures = entered, i64(0), 0
     while left != 0:
         rays, end = left, TILE
         if not whole:
-            rays = alike(edge, rows, left)
+            rays = similar_rays(edge, rows, left)
             if count_bits(rays) < FEWEST:
                 failures += 1
                 rays = left if failures == FAILURES else rays
                 alone |= rays
                 left &= ~rays
                 continue
-            end = bring(rays, scratch)
+            end = pack_rays(rays, scratch)
         lifted = closest_of_tile(table, model, (0, end), any_hit, scratch)
-        alone |= lifted if whole else take_back(rays, lifted, scratch)
+        alone |= lifted if whole else save_hits(rays, lifted, scratch)
         left &= ~rays
     if not whole:
-        put_back(scratch)
+        restore_rays(scratch)
     return alone & entered
 
 
 @inline
 def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scratch: Scratch) -> None:
-    """Nearest hits of the given rays of the tile (bits) with an instance, where they are nearer than earlier hits.
+    """Find hits of the given rays of the tile (bits) with an instance, if they are nearer than earlier hits.
 
-    any_hit : whether it only matters that they hit, not where
+    any_hit : whether any hit suffices, as for occlusion
     """
     model = i64(world.instances[offset + SHAPE_ROW])
     tree = tree_at(world.table, model)
@@ -171,13 +171,13 @@ def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scrat
     box = model_bounds(tree.head), (step, 1.0 / step), kinds[0], kinds[1]
     matrix = matrix_at(world, offset)
     rows, numbers = scratch.model, scratch.numbers
-    few = count_bits(rays) <= LONELY
+    few = count_bits(rays) <= FEW_RAYS
     alone = _some_enter(matrix, box, rays, scratch) if few else _all_enter(matrix, box, rays, scratch)
     if alone == 0:
         return
     entered = alone
     if not few:
-        alone = _together(world.table, model, entered, any_hit, scratch)
+        alone = _trace_groups(world.table, model, entered, any_hit, scratch)
     while alone != 0:
         i = count_trailing_zeros(alone)
         alone &= alone - 1
@@ -199,9 +199,9 @@ def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scrat
 
 @inline
 def _keep_t(row: int, i: int, scratch: Scratch) -> None:
-    """Keep t of ray i's hit where it is nearer than an earlier hit; else FOUND is -1.
+    """Keep t of ray i's hit if it is nearer than an earlier hit; else FOUND is -1.
 
-    Of hits at the same t that of the first instance counts, whichever comes first, and then that of a plane.
+    Of hits at the same t that of the first instance wins, in any order of traversal, then that of a plane.
     row : of the instance
     """
     wide, numbers = scratch.world, scratch.numbers
@@ -232,7 +232,7 @@ def _keep_normal_and_position(matrix: ToModel, i: int, scratch: Scratch) -> None
 
 @inline
 def _keep_leaf(offset: int, i: int, scratch: Scratch) -> None:
-    """Keep the instance and the leaf that a nearer hit belongs to."""
+    """Keep the instance and the leaf of a nearer hit."""
     numbers = scratch.numbers
     if numbers[FOUND + i] >= 0:
         numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = offset // INSTANCE, numbers[FOUND + i]

@@ -1,7 +1,7 @@
-"""Which instances the rays of a tile may meet: a traversal of the tree over all instances, the nearest first.
+"""Traversal of the BVH over all instances by the rays of a tile, nearest instance first.
 
-Each box is tested for exactly the rays that have entered its parent's box, sixteen at once; so rays in very different
-directions are no slower than if each were traced singly.
+Each box is tested against exactly the rays that have entered its parent's box, sixteen at once; so rays in very
+different directions are no slower than if each were traced singly.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from .traverse import make_ray
 
 @inline
 def begin_walk(world: World, scratch: Scratch) -> int:
-    """Put the first entries on the stack: the root, or all models where there are few. Returns their number."""
+    """Push the first entries on the stack: the root, or all models if there are few. Return their number."""
     if world.top_children.size > 0:
         rays = _rays_to_top(world, scratch)
         scratch.top_what[0], scratch.top_rays[0], scratch.top_near[0] = 0, rays, ZERO
@@ -49,7 +49,7 @@ def begin_walk(world: World, scratch: Scratch) -> int:
 
 @inline
 def _rays_to_top(world: World, scratch: Scratch) -> Bits:
-    """Put the tile's rays into the tree's space, from where they enter its bounds on; returns those that enter them."""
+    """Transform the tile's rays into the tree's frame, starting at its bounds; return those that enter them."""
     x, y, z = load3_flat(world.top, TOP_CENTER)
     matrix = (1.0, 0.0, 0.0, -x), (0.0, 1.0, 0.0, -y), (0.0, 0.0, 1.0, -z)
     bounds = load3_flat(world.top, TOP_BOUNDS), load3_flat(world.top, TOP_BOUNDS + 3)
@@ -77,7 +77,7 @@ def shorten(world: World, scratch: Scratch) -> None:
 
 @inline
 def _enter(world: World, offset: int, rays: Bits, scratch: Scratch) -> tuple[Bits, float]:
-    """Which of the given rays enter a box before they end, and the least t at which one does."""
+    """Return those of the given rays that enter a box before they end, and the least t at which one does."""
     boxes, rows = world.top_boxes, scratch.model
     entering, nearest = i64(0), INF
     for v in range(0, TILE, LANES):
@@ -100,7 +100,7 @@ def _enter(world: World, offset: int, rays: Bits, scratch: Scratch) -> tuple[Bit
 
 @inline
 def open_node(world: World, node: int, rays: Bits, top: int, scratch: Scratch) -> int:
-    """Put the children of a node that any ray enters on the stack, the nearer one last; returns the new top."""
+    """Push the children of a node that any ray enters on the stack, the nearer one last; return the new top."""
     offset = node * TOP_NODE
     a, near_a = _enter(world, offset, rays, scratch)
     b, near_b = _enter(world, offset + TOP_NODE // 2, rays, scratch)
@@ -118,7 +118,7 @@ def open_node(world: World, node: int, rays: Bits, top: int, scratch: Scratch) -
 
 @inline
 def still_open(world: World, top: int, scratch: Scratch) -> Bits:
-    """The rays of a stack entry that have not ended before its box begins."""
+    """Return the rays of a stack entry that have not ended before its box begins."""
     rays, near = scratch.top_rays[top], scratch.top_near[top]
     if world.top_children.size == 0:
         return rays

@@ -1,4 +1,4 @@
-"""Colour by an attribute at hits: the values of splats, or the position itself, are looked up in a colour map."""
+"""Colour by an attribute: lookup of the splats' values, or of the position, in a colour map at hits."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ from ...engine.kernels.vec import Vec3, add, dot, load3_flat, scale
 from ...engine.simd import F16, ONE, ZERO, broadcast16, repeat4, store
 from ..intersect.surface import FourPoints, Sheet, weights_seen
 
-SLACK = 1e-3  # share of one colour of the map: a blend of equal values must not round down into the colour before
+SLACK = 1e-3  # share of one colour of the map: a blend of equal values must not round down into the previous colour
 
 Four: TypeAlias = tuple[int, int, int, int]  # rays of the tile
 
 
 @inline
 def _map_color(world: World, paint: int, map_position: float) -> Vec3:
-    """The map's colour at a position in it; for NaN the colour behind the end of the map."""
+    """Return the map's colour at a position in it; for NaN the colour that follows the map."""
     count, first = int(world.paints[paint + PAINT_COUNT]), int(world.paints[paint + PAINT_COLORS])
     k = count
     if map_position == map_position:
@@ -59,7 +59,7 @@ def _map_color(world: World, paint: int, map_position: float) -> Vec3:
 def _blend(
     world: World, paint: int, tree: Tree, points: FourPoints, sheet: Sheet, scratch: Scratch
 ) -> tuple[F16, F16, F16]:
-    """Sums in each lane over the listed blocks: weights, weights of splats with a value, weighted map positions."""
+    """Sum in each lane over the listed blocks: weights, weights of splats with a value, weighted map positions."""
     part, first = scratch.part, int(world.paints[paint + PAINT_POSITIONS])
     total = known = map_position = broadcast16(ZERO)
     for k in range(scratch.counts[COUNT_NEAR]):
@@ -77,9 +77,9 @@ def _blend(
 
 @inline
 def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -> float:
-    """The map position at point r of four from the sums; NaN where splats without a value have most of the weight.
+    """Return the map position at point r of four from the sums; NaN if splats without a value have most of the weight.
 
-    own : map position of the splat that is taken where none has weight
+    own : map position of the splat that is used if all weights are zero
     """
     part = scratch.part
     for k in range(3):
@@ -94,7 +94,7 @@ def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -
 
 @inline
 def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scratch: Scratch) -> None:
-    """Colours of four hits on one painted instance, whose slots are found and whose blocks are listed.
+    """Find the colours of four hits on one painted instance, whose slots are known and whose blocks are listed.
 
     points, sheet : see `surface.weights_seen`
     """
@@ -114,13 +114,13 @@ def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scrat
 
 @inline
 def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
-    """The map position of the splat that ray i has hit."""
+    """Return the map position of the splat that ray i has hit."""
     return f64(world.map_positions[int(world.paints[paint + PAINT_POSITIONS]) + scratch.numbers[SLOT_OF + i]])
 
 
 @inline
 def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scratch) -> None:
-    """Colour of ray i's hit by a map position, or by its coordinate."""
+    """Set the colour of ray i's hit from a map position, or from its coordinate."""
     wide = scratch.world
     if world.paints[paint + PAINT_KIND] == BY_COORDINATE:
         x = add(load3(wide, ORIGIN + i), scale(load3(wide, DIRECTION + i), wide[NEAREST + i]))
@@ -130,7 +130,7 @@ def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scrat
 
 @inline
 def paint_one(world: World, i: int, scratch: Scratch) -> None:
-    """Colour of ray i's hit on a painted instance, whose slot is found: by the value of that splat alone."""
+    """Set the colour of ray i's hit on a painted instance, whose slot is known, from the value of that splat alone."""
     paint = int(world.instances[scratch.numbers[INSTANCE_OF + i] * INSTANCE + PAINT]) * PAINT_SIZE
     own = np.nan
     if world.paints[paint + PAINT_KIND] != BY_COORDINATE:

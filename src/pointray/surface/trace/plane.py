@@ -1,4 +1,4 @@
-"""Rays on planes: where they meet, and the colour there."""
+"""Intersection of rays with planes, and the planes' colours."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ from ...engine.kernels.vec import Vec3, add, dot, length, load3_flat, scale, sub
 from ...engine.simd import ZERO
 from .space import WorldRay
 
-ON_PLANE = 1e-12  # share of the coordinates within which a ray starts on a plane: some thousand roundings
+ON_PLANE = 1e-12  # share of the coordinates within which a ray starts on a plane: some thousand rounding errors
 
 
 @inline
 def _plane_hit(world: World, plane: int, ray: WorldRay, start_rule: tuple[float, float]) -> float:
-    """t of a ray with a plane.
+    """Return t of a ray with a plane.
 
-    start_rule : the side of the plane for a ray that starts on it; and not 0 if the ray was only cut there
+    start_rule : side of the plane for a ray that starts on it; and nonzero if the ray was only cut there
     """
     o, d, t_min, t_max = ray
     side, cut = start_rule
@@ -58,7 +58,7 @@ def _plane_hit(world: World, plane: int, ray: WorldRay, start_rule: tuple[float,
 
 @inline
 def plane_color(world: World, plane: int, x: Vec3) -> Vec3:
-    """A plane's colour at a point: plain, or a checker whose every other square has half the colour."""
+    """Return a plane's colour at a point: plain, or a checker in which every other square has half the colour."""
     color = load3_flat(world.planes, plane + PLANE_COLOR)
     edge = world.planes[plane + PLANE_CHECKER]
     if edge > 0.0:
@@ -72,7 +72,7 @@ def plane_color(world: World, plane: int, x: Vec3) -> Vec3:
 
 @inline
 def tile_on_plane(world: World, plane: int, scratch: Scratch) -> None:
-    """Nearest hits of the tile's rays with a plane."""
+    """Find nearest hits of the tile's rays with a plane."""
     wide, numbers = scratch.world, scratch.numbers
     for i in range(TILE):
         o, d = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i)

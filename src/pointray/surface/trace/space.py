@@ -1,7 +1,7 @@
-"""From the world into a model's space: rays get unit length and start where they enter the model's bounds.
+"""Transform of rays from the world into a model's space: unit direction, origin at the entry into the model's bounds.
 
-So a distant camera costs no precision when they become float32. The entry does not depend on t_min and t_max, nor do
-the samples along the rays (`intersect/march.py`): a shorter ray hits what the whole one does, or nothing. A ray whose
+So distance costs no precision when rays become float32. The entry does not depend on t_min and t_max, nor do the
+samples along the rays (`intersect/march.py`): a shorter ray hits what the whole one does, or nothing. A ray whose
 t_min is below 0 enters a whole number of the longest steps before its origin, so that the lattice is the same.
 """
 
@@ -23,7 +23,7 @@ ToModel: TypeAlias = tuple[Any, Any, Any]  # three rows of four; `vec.transform`
 
 @inline
 def model_bounds(head: Array) -> Bounds:
-    """A model's bounds (lo x y z, hi x y z) in float64, padded against rounding."""
+    """Return a model's bounds (lo x y z, hi x y z) in float64, padded against rounding."""
     lows, highs = load3_flat(head, BOUNDS), load3_flat(head, BOUNDS + 3)
     lows = f64(lows[0]), f64(lows[1]), f64(lows[2])
     highs = f64(highs[0]), f64(highs[1]), f64(highs[2])
@@ -34,7 +34,7 @@ def model_bounds(head: Array) -> Bounds:
 
 @inline
 def _clip(span: tuple[float, float], edges: tuple[float, float], o: float, d: float) -> tuple[float, float]:
-    """The part of a ray's span between two planes across an axis; o and d are the ray's components along that axis."""
+    """Clip a ray's span to two planes across an axis; o and d are the ray's components along that axis."""
     inverse = 1.0 / (d if abs(d) > 1e-300 else 1e-300)
     a, b = (edges[0] - o) * inverse, (edges[1] - o) * inverse
     near, far = (a if a < b else b), (b if a < b else a)
@@ -43,7 +43,7 @@ def _clip(span: tuple[float, float], edges: tuple[float, float], o: float, d: fl
 
 @inline
 def matrix_at(world: World, offset: int) -> ToModel:
-    """An instance's transform from the world to its model: three rows of four."""
+    """Return an instance's transform from the world to its model: three rows of four."""
     m, k = world.instances, offset + TO_MODEL
     return (
         (m[k], m[k + 1], m[k + 2], m[k + 3]),
@@ -54,7 +54,7 @@ def matrix_at(world: World, offset: int) -> ToModel:
 
 @inline
 def of_size_one(matrix: ToModel) -> ToModel:
-    """A transform divided by its greatest component, so that squares of transformed vectors are finite."""
+    """Divide a transform by its greatest component, so that squares of transformed vectors are finite."""
     most = 0.0
     for r in range(3):
         for c in range(3):
@@ -72,12 +72,12 @@ def of_size_one(matrix: ToModel) -> ToModel:
 def into_model(
     matrix: ToModel, bounds: Bounds, ray: WorldRay, step: tuple[float, float]
 ) -> tuple[Vec3, Vec3, float, float, float, float]:
-    """A world ray (o, d, t_min, t_max) in model space, from where it enters the bounds on.
+    """Transform a world ray (o, d, t_min, t_max) into model space, starting where it enters the bounds.
 
-    Returns (start, unit direction, low, high, speed, begin): low and high along the unit direction, low > high for a
-    ray that misses the bounds; speed is the length of the original direction in model space; begin is where the ray
-    begins behind low. No branches: the rays of a tile are processed as vectors.
-    step : the model's longest step (0: not known), and 1 / step
+    Return (start, unit direction, low, high, speed, begin): low and high along the unit direction, low > high for a
+    ray that misses the bounds; speed is the length of the original direction in model space; begin is the ray's start
+    relative to low. No branches: the rays of a tile are processed as vectors.
+    step : the model's longest step (0: unknown), and 1 / step
     """
     d = transform(matrix, ray[1])
     speed = length(d)
@@ -94,5 +94,5 @@ def into_model(
     low = back if (low < 0.0) & (step[0] > 0.0) else low
     begin = first - low if first > low else 0.0
     high = span[1] if first <= span[1] else -np.inf
-    end = high if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the matrix has shrunk the direction to nothing
+    end = high if (speed > 0.0) & (speed < np.inf) else -np.inf  # else the direction has underflowed or overflowed
     return add(o, scale(d, low)), d, low, end, speed, begin

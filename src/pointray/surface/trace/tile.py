@@ -1,8 +1,8 @@
-"""Coherent rays through the tree together (paper, part IV): one traversal for all, then four by four in the leaves.
+"""Traversal of the tree by coherent rays together (paper, part IV), which search the leaves in groups of four.
 
 Nodes are tested with interval arithmetic: the least and greatest origin and inverse direction of the rays bound where
 any of them enters and leaves a box. A leaf's box, voxel and slab are tested for sixteen rays at once, and only rays
-that pass through all three search it. Hits are those of `traverse.closest`.
+that pass all three tests search it. Hits are those of `traverse.closest`.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ ALL = -1  # all rays, as bits of an int64
 
 @inline
 def bits_of_row(rows: Array, row: int) -> Bits:
-    """The rays of a tile whose number in a row is not below 0, as bits."""
+    """Return the rays of a tile whose number in a row is not negative, as bits."""
     word = i64(0)
     for k in range(0, TILE, LANES):
         word |= bits(load16(rows, row + k) >= ZERO) << k
@@ -94,7 +94,7 @@ def bits_of_row(rows: Array, row: int) -> Bits:
 
 @inline
 def range_of(rows: Array, row: int, span: tuple[int, int]) -> tuple[float, float]:
-    """Least and greatest number of a span of rays, (first, end), in a row."""
+    """Return the least and greatest number of a span of rays, (first, end), in a row."""
     low = high = load16(rows, row + span[0])
     for k in range(span[0] + LANES, span[1], LANES):
         numbers = load16(rows, row + k)
@@ -104,7 +104,7 @@ def range_of(rows: Array, row: int, span: tuple[int, int]) -> tuple[float, float
 
 @inline
 def bounds_of_planes(rows: Array, row: int, inverse: int, span: tuple[int, int]) -> tuple[float, float, float, float]:
-    """(origin for near planes, origin for far planes, least inverse, greatest inverse) of one axis."""
+    """Return (origin for near planes, origin for far planes, least inverse, greatest inverse) of one axis."""
     low, high = range_of(rows, row, span)
     slow, fast = range_of(rows, inverse, span)
     return (high, low, slow, fast) if slow > ZERO else (low, high, slow, fast)
@@ -112,7 +112,7 @@ def bounds_of_planes(rows: Array, row: int, inverse: int, span: tuple[int, int])
 
 @inline
 def tile_ray(rows: Array, i: int) -> Ray:
-    """Ray i of the tile."""
+    """Return ray i of the tile."""
     return Ray(
         rows[OX + i],
         rows[OY + i],
@@ -131,9 +131,9 @@ def tile_ray(rows: Array, i: int) -> Ray:
 
 @inline
 def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Planes, float], rows: Array, v: int) -> Bits:
-    """Write where 16 rays, from v on, are in the leaf's voxel and where the surface can be; returns those that pass.
+    """Store the intervals of 16 rays, from v on, in the leaf's voxel and slab; return the rays that pass all tests.
 
-    planes : rows of the planes that rays enter and leave first, and where the traversal begins
+    planes : rows of the near and the far planes of boxes, and the start of the traversal
     """
     near, far, begin = planes
     ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
@@ -171,7 +171,7 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
 
 @inline
 def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
-    """Search a leaf for the passing rays; returns those that the start rule lifted."""
+    """Search a leaf for the passing rays; return those that the start rule lifted."""
     if together(tree):
         return search_together(tree, leaf, passing, scratch)
     rows = scratch.model
@@ -192,7 +192,7 @@ def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
 
 @inline
 def _prefetch_search(tree: Tree, child: int) -> None:
-    """Prefetch what a search of the next leaf reads first."""
+    """Prefetch the data that a search of the next leaf reads first."""
     if child < 0 and i64(~child) < SCATTERED:
         first, count = tree.spans[2 * ~child], tree.spans[2 * ~child + 1]
         for group in range(first, first + count):
@@ -206,7 +206,7 @@ def _prefetch_search(tree: Tree, child: int) -> None:
 def _search_scattered(
     tree: Tree, block: int, box: int, planes: tuple[Planes, Planes, float], span: tuple[int, int], scratch: Scratch
 ) -> bool:
-    """Search a leaf of scattered points for the rays that pass through its box; returns whether any hits."""
+    """Search a leaf of scattered points for the rays that pass through its box; return whether any hits."""
     near, far, begin = planes
     rows, boxes, found = scratch.model, tree.boxes, i64(0)
     for v in range(span[0], span[1], LANES):
@@ -228,10 +228,10 @@ def _search_scattered(
 
 @inline
 def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> float:
-    """End the rays at what they have hit, in a tree with scattered points; returns how far the farthest goes on.
+    """End the rays at their hits, in a tree with scattered points; return the farthest end.
 
-    Scattered points are searched for as far as the nearest hit, and the surface a step farther than to the nearest of
-    them: a shorter ray hits what the whole one does.
+    Scattered points are searched up to the nearest hit, and the surface one step beyond the nearest of them: a shorter
+    ray hits what the whole one does.
     """
     rows, longest = scratch.model, tree.head[LONGEST]
     ended = broadcast16(-ONE)
@@ -252,7 +252,7 @@ def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch)
 
 @inline
 def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
-    """End the rays that have met something, where there is no doubt that they hit before their end.
+    """End the rays at their hits, unless a hit is so close to the ray's end that it is uncertain.
 
     The voxel before may find the same root up to a step farther, see `scratch.LENGTH`; a step more is in END.
     """
@@ -264,16 +264,16 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
 
 @inline
 def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
-    """Where the traversal begins: at the first of a span of rays. Values may have a sign, see `scratch.BEGIN`."""
+    """Return where the traversal begins: at the first ray of a span. Values may be signed, see `scratch.BEGIN`."""
     low, high = range_of(rows, BEGIN, span)
     return walk_begin(tree, low if low >= ZERO else min(high, ZERO))
 
 
 @inline
 def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bool, scratch: Scratch) -> Bits:
-    """First hits of a span of the tile's rays, (first, end), with a model: HIT_T, NX.. and FOUND of those that hit.
+    """Find the first hits of a span of the tile's rays, (first, end), with a model: HIT_T, NX.. and FOUND.
 
-    Returns the rays (as bits) that the start rule lifted: the effect of the rule depends on the order of the leaves, so
+    Return the rays (as bits) that the start rule lifted: the effect of the rule depends on the order of the leaves, so
     the caller traces these singly.
     """
     tree = tree_at(table, model)

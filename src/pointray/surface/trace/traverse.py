@@ -1,4 +1,4 @@
-"""A ray through the tree, front to back: eight boxes at once, the nearest child first (paper, part IV)."""
+"""Front-to-back traversal of the tree by one ray: eight boxes at once, nearest child first (paper, part IV)."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ Planes: TypeAlias = tuple[int, int, int]  # rows of a box: one plane for each ax
 
 
 @inline
-def steady(d: float) -> float:
-    """A direction's component, kept away from zero so that no slab test divides by it."""
+def avoid_zero(d: float) -> float:
+    """Clamp a direction's component away from zero, so that no slab test divides by zero."""
     size = abs(d)
     size = TINY if size < TINY else size
     return -size if d < ZERO else size
@@ -47,20 +47,20 @@ def steady(d: float) -> float:
 
 @inline
 def make_ray(o: Vec3, d: Vec3, length: float, side: float) -> Ray:
-    """A ray in model space of the given length, from float64 origin and unit direction."""
-    x, y, z = steady(f32(d[0])), steady(f32(d[1])), steady(f32(d[2]))
+    """Make a ray in model space of the given length, from float64 origin and unit direction."""
+    x, y, z = avoid_zero(f32(d[0])), avoid_zero(f32(d[1])), avoid_zero(f32(d[2]))
     return Ray(f32(o[0]), f32(o[1]), f32(o[2]), x, y, z, ONE / x, ONE / y, ONE / z, ZERO, f32(length), f32(side))
 
 
 @inline
 def near_planes(ix: float, iy: float, iz: float) -> Planes:
-    """Rows of the planes of each axis that a ray of these signs enters first: an empty box then comes out empty."""
+    """Return the rows of the planes that a ray of these signs enters first, for which an empty box has no interval."""
     return (0 if ix > ZERO else 3), (1 if iy > ZERO else 4), (2 if iz > ZERO else 5)
 
 
 @inline
 def far_planes(near: Planes) -> Planes:
-    """Rows of the planes through which such a ray leaves."""
+    """Return the rows of the planes through which such a ray leaves."""
     return 3 - near[0], 5 - near[1], 7 - near[2]
 
 
@@ -68,7 +68,7 @@ def far_planes(near: Planes) -> Planes:
 def _voxel_interval(
     tree: Tree, leaf: int, ray: Ray, rows: tuple[Planes, Planes], limits: tuple[float, float]
 ) -> tuple[float, float]:
-    """Where the ray enters and leaves the leaf's voxel, within the limits: where the search begins and ends."""
+    """Return where the ray enters and leaves the leaf's voxel, within the limits: begin and end of the search."""
     near, far = rows
     begin, end = limits
     offset, leaves = leaf * LEAF + CELL, tree.leaves
@@ -85,7 +85,7 @@ def _voxel_interval(
 
 @inline
 def _slab_interval(tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float]) -> tuple[float, float]:
-    """The part of an interval inside of the leaf's slab; empty where enter > leave."""
+    """Return the part of an interval inside the leaf's slab; empty if enter > leave."""
     offset = leaf * LEAF
     mx, my, mz = tree.leaves[offset + SLAB], tree.leaves[offset + SLAB + 1], tree.leaves[offset + SLAB + 2]
     height = mx * ray.ox + my * ray.oy + mz * ray.oz
@@ -97,7 +97,7 @@ def _slab_interval(tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float
 
 @inline
 def prefetch_child(tree: Tree, child: int) -> None:
-    """Prefetch what a traversal reads of a child: in distant views rays wait for memory a quarter of their time."""
+    """Prefetch the data of a child for its traversal: in distant views rays wait for memory a quarter of their time."""
     if child < 0:
         leaf = i64(~child)
         if leaf >= SCATTERED:
@@ -114,35 +114,35 @@ def prefetch_child(tree: Tree, child: int) -> None:
 
 @inline
 def prefetch_columns(tree: Tree, leaf: int) -> None:
-    """Prefetch a leaf's columns: 3% of the time of bounces at a million points."""
+    """Prefetch a leaf's columns, which saves 3% of the time of bounces at a million points."""
     for k in range(0, PATCH, 16):
         prefetch(tree.patches, i64(leaf) * PATCH + k)
 
 
 @inline
 def walk_begin(tree: Tree, begin: float) -> float:
-    """Where the traversal of a ray begins: a step before the ray, see `surface/intersect/march.py`."""
+    """Return where a ray's traversal begins: a step before the ray, see `surface/intersect/march.py`."""
     return max(abs(begin) - tree.head[LONGEST], ZERO)
 
 
 @inline
 def is_sure(tree: Tree, t: float, end: float) -> bool:
-    """Whether there is no doubt that a hit is before a ray's end: it was followed a step farther, see `scratch.END`."""
+    """Return whether a hit is certainly before a ray's end, which is followed a step farther, see `scratch.END`."""
     return t < (ONE - ROUNDING) * end - (tree.head[LONGEST] + tree.head[LONGEST])
 
 
 @inline
 def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch) -> Hit:
-    """The first hit of a ray with a model. It also counts nodes and leaves.
+    """Find the first hit of a ray with a model, and count nodes and leaves.
 
-    any_hit : whether any hit will do that is surely before the ray's end
-    Leaves of the surface come one after the other along the ray, so that the first hit in one of them ends the search;
-    those of scattered points overlap each other and the surface.
+    any_hit : whether any hit that is certainly before the ray's end suffices
+    Leaves of the surface follow one another along the ray, so the first hit in one of them ends the search; those of
+    scattered points overlap each other and the surface.
     """
     tree = tree_at(table, model)
     lift, scattered = ZERO, tree.head[SCATTER] > ZERO
     first = Hit(INF, ZERO, ZERO, ZERO, -1)  # on the surface
-    nearest, slot, end = ray.t_max, i64(-1), ray.t_max  # of scattered points; `end`: how far to search at all
+    nearest, slot, end = ray.t_max, i64(-1), ray.t_max  # of scattered points; `end`: end of the whole search
     begin = walk_begin(tree, ray.t_min)
     ix, iy, iz = ray.ix, ray.iy, ray.iz
     rows: Planes | tuple[Planes, Planes]
@@ -166,7 +166,7 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
         left = bits(near <= far)
         if left & (left - 1) == 0 and left != 0:
             child = tree.children[node * WIDTH + count_trailing_zeros(left)]
-            if child >= 0:  # an only child does not pass through the stack: 1 to 2% of the time of bounces
+            if child >= 0:  # an only child bypasses the stack: saves 1 to 2% of the time of bounces
                 node = child
                 continue
         bottom = top
@@ -174,7 +174,7 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
             k = count_trailing_zeros(left)
             left &= left - 1
             child = tree.children[node * WIDTH + k]
-            prefetch_child(tree, child)  # 1 to 6% of the time of bounces
+            prefetch_child(tree, child)  # saves 1 to 6% of the time of bounces
             if child < 0 and i64(~child) < SCATTERED:
                 prefetch_columns(tree, ~child)
             top = insert(stack, stack_near, bottom, top, child, lane(near, k))
@@ -214,7 +214,7 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
 
 @inline
 def insert(stack: Array, stack_near: Array, bottom: int, top: int, what: int, near: float) -> int:
-    """Put a child on the stack, above bottom, so that the nearest child comes out first; returns the new top."""
+    """Insert a child into the stack, above bottom, so that the nearest child is popped first; return the new top."""
     j = top
     while j > bottom and stack_near[j - 1] < near:
         stack[j], stack_near[j] = stack[j - 1], stack_near[j - 1]

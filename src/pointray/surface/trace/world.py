@@ -1,6 +1,6 @@
-"""A tile of rays through the scene: each instance that they may meet, each plane, the nearest hit of all.
+"""Intersection of a tile of rays with the scene: candidate instances, all planes, and the nearest hit.
 
-Rays are float64 in the world.
+Rays are float64 in world space.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from .instance_bvh import begin_walk, open_node, shorten, still_open
 from .plane import ON_PLANE, tile_on_plane
 from .space import WorldRay
 
-NO_RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that meets nothing: for free slots in a tile
+NO_RAY = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0, -1.0)  # a ray that hits nothing, for free slots in a tile
 
 
 @inline
 def is_ray(o: Vec3, d: Vec3, t_min: float, t_max: float) -> bool:
-    """Whether a ray can hit anything: finite, a direction that is not zero, an interval that is not empty."""
+    """Return whether a ray can hit anything: finite, with a nonzero direction and a nonempty interval."""
     square = dot(d, d)
     return (square > 0.0) & (square < np.inf) & (dot(o, o) < np.inf) & (t_min <= t_max)
 
 
 @inline
 def set_ray(scratch: Scratch, i: int, ray: WorldRay) -> None:
-    """Set ray i of the tile to (o, d, t_min, t_max); it starts outside of surfaces, as a camera's or a caller's ray."""
+    """Set ray i of the tile to (o, d, t_min, t_max), starting outside of surfaces, like a ray of a camera or caller."""
     set_ray_from(scratch, i, ray, ANYWHERE)
 
 
@@ -58,7 +58,7 @@ def set_ray_from(scratch: Scratch, i: int, ray: WorldRay, side: float) -> None:
 
 @inline
 def _settle(scratch: Scratch) -> None:
-    """Nothing is hit yet; a degenerate ray becomes one that misses everything. No branches: rays as vectors."""
+    """Reset all hits; make degenerate rays miss everything. No branches: the rays are processed as vectors."""
     wide = scratch.world
     for i in range(TILE):
         o, d, t_min, t_max = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i]
@@ -72,7 +72,7 @@ def _settle(scratch: Scratch) -> None:
 
 @inline
 def _cut_by(world: World, clip: int, scratch: Scratch) -> None:
-    """Cut the tile's rays by one clip plane. No branches: rays as vectors."""
+    """Cut the tile's rays by one clip plane. No branches: the rays are processed as vectors."""
     wide = scratch.world
     normal, offset = load3_flat(world.clips, clip), world.clips[clip + CLIP_OFFSET]
     for i in range(TILE):
@@ -82,7 +82,7 @@ def _cut_by(world: World, clip: int, scratch: Scratch) -> None:
         # A ray parallel to the plane is kept or cut as a whole.
         low = t if rise < 0.0 else -np.inf
         high = t if rise > 0.0 else (-np.inf if (rise == 0.0) & (height > 0.0) else np.inf)
-        # The start of a ray on a surface that the plane touches may lie beyond the plane by a rounding error.
+        # The start of a ray on a surface that touches the plane may lie beyond the plane by a rounding error.
         beyond = height + t_min * rise > ON_PLANE * (length(o) + abs(offset))
         scratch.model[CUT + i] = ONE if (low > t_min) & beyond else scratch.model[CUT + i]
         wide[T_MIN + i] = low if low > t_min else t_min
@@ -91,7 +91,7 @@ def _cut_by(world: World, clip: int, scratch: Scratch) -> None:
 
 @inline
 def _cut(world: World, scratch: Scratch) -> None:
-    """Cut the tile's rays by the scene's clip planes; if nothing is left of a ray, it misses everything."""
+    """Cut the tile's rays by the scene's clip planes; a ray without a remaining part misses everything."""
     wide = scratch.world
     for i in range(TILE):
         scratch.model[CUT + i] = ZERO
@@ -112,8 +112,8 @@ def _end_where_hit(scratch: Scratch) -> None:
 
 @routine
 def _trace(world: World, any_hit: bool, scratch: Scratch) -> None:
-    """The nearest hits of the tile's rays with everything in the scene; for occlusion any hits."""
-    # Borrow again: a routine cannot see that its caller already did.
+    """Find the nearest hits of the tile's rays with everything in the scene; for occlusion any hits."""
+    # Borrow again: a routine does not know that its caller already did.
     scratch, world = borrow(scratch), borrow(world)
     _settle(scratch)
     if world.clips.size > 0:
@@ -139,25 +139,25 @@ def _trace(world: World, any_hit: bool, scratch: Scratch) -> None:
 
 @inline
 def trace_tile(world: World, scratch: Scratch) -> None:
-    """The nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
+    """Find the nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
     _trace(world, False, scratch)
 
 
 @inline
 def occlude_tile(world: World, scratch: Scratch) -> None:
-    """Which of the tile's rays meet anything, for `is_blocked`. Their hits are not known afterwards."""
+    """Find out which of the tile's rays hit anything, for `is_blocked`. Their hits are undefined afterwards."""
     _trace(world, True, scratch)
 
 
 @inline
 def is_blocked(scratch: Scratch, i: int) -> bool:
-    """Whether ray i of the tile has met anything."""
+    """Return whether ray i of the tile has hit anything."""
     return scratch.numbers[INSTANCE_OF + i] >= 0
 
 
 @inline
 def meets_nothing(scratch: Scratch) -> bool:
-    """Whether none of the tile's rays has met anything."""
+    """Return whether all of the tile's rays miss."""
     greatest = i64(-1)
     for i in range(TILE):
         greatest = max(greatest, scratch.numbers[INSTANCE_OF + i])

@@ -27,7 +27,7 @@ FREEDOM = 2.0  # voxels may be this many times smaller than requested where the 
 # Time that a ray spends, in nanoseconds, on a node, a leaf, a block of the leaf, and samples a least radius apart;
 # rounded between profiles of rays in tiles (3, 10, 0.5, 40) and single rays (35, 20, 3, 50). Render times depend little
 # on them (10, 30, 1, 50: within 2%); with 5, 10, 1, 20 distant views of 1 million points take 4% longer.
-NODE_COST, LEAF_COST, BLOCK_COST, LOOK_COST = 10.0, 10.0, 1.0, 50.0
+NODE_COST, LEAF_COST, BLOCK_COST, SAMPLE_COST = 10.0, 10.0, 1.0, 50.0
 FULL = -1  # in place of the number of nodes of a root whose arrays were too small
 
 Parts: TypeAlias = tuple[Array, Array, Array, Array, Array]  # one root's slices of the arrays of `Cells`
@@ -69,7 +69,7 @@ def _area(box: Array) -> float:
 @inline
 def _cost(box: Array, count: int, mean: float, least: float) -> float:
     """Return the cost of a leaf with `count` blocks; samples are closer for a smaller least radius."""
-    return _area(box) * (LEAF_COST + BLOCK_COST * count + LOOK_COST * mean / max(abs(least), 1e-30))
+    return _area(box) * (LEAF_COST + BLOCK_COST * count + SAMPLE_COST * mean / max(abs(least), 1e-30))
 
 
 @inline

@@ -166,11 +166,17 @@ def test_a_model_lies_on_the_surface_and_its_rows_are_the_caller_s(rng):
 def test_other_settings_use_the_same_splats(rng):
     rows, _, _ = noisy(rng, 0.3, 5000)
     model = pr.Model(rows)
-    other = model.remade("auto", surface="imls", radius_scale=1.5)
+    other = model.rebuild("auto", surface="imls", radius_scale=1.5)
     assert other.surface == "imls" and np.allclose(other.radii, 1.5 * model.radii)
     for one, two in zip(model.splats, other.splats, strict=True):
         assert np.array_equal(getattr(one, "positions", one), getattr(two, "positions", two))
-    assert np.array_equal(model.remade(0, surface="apss").splats[0].positions, rows.astype(np.float32))
+    assert np.array_equal(model.rebuild(0, surface="apss").splats[0].positions, rows.astype(np.float32))
+
+
+def test_the_old_name_of_rebuild_warns():
+    model = pr.Model(pr.procedural("sphere", 500))
+    with pytest.warns(DeprecationWarning, match="use Model.rebuild"):
+        assert model.remade(0, surface="imls").surface == "imls"
 
 
 def test_given_radii_tell_that_points_lie_where_they_shall(rng):

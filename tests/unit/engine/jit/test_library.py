@@ -156,7 +156,7 @@ def test_a_level_that_this_processor_lacks_is_passed_over(folder):
 @needs_library
 def test_a_kernel_of_other_sources_is_not_used(folder):
     manifest = json.loads((folder / library.MANIFEST).read_text())
-    assert chosen()[0]._is_of_today
+    assert chosen()[0]._is_current
     manifest["kernels"]["pointray.surface.tree.wide.collapse"]["key"] = "0" * 16
     manifest["sources"]["surface/tree/wide.py"] = "0" * 64
     (folder / library.MANIFEST).write_text(json.dumps(manifest))

@@ -16,6 +16,7 @@ from pointray.cli import execute
 from pointray.cloud.neighbors import kd_order
 from pointray.io.files import request_of
 from pointray.io.selection import Selection
+from pointray.model.model import PrebuiltModel
 from pointray.model.model_folder import INDEX
 from pointray.model.out_of_core import level_steps as coarser
 from pointray.model.out_of_core import levels
@@ -161,10 +162,10 @@ def test_the_index_tells_of_levels(both: tuple[pr.Model, Path]) -> None:
             model = pr.Model.load(folder / told["name"])
             assert told["name"].endswith(f"-{number + 1}.pointray")
             assert (told["points"], told["spacing"]) == (len(model.points), model.spacing)
-            reaches.append(model.reach.tolist())
+            reaches.append(model.surface_bounds.tolist())
         low, high = np.min([low for low, _ in reaches], axis=0), np.max([high for _, high in reaches], axis=0)
-        np.testing.assert_allclose(part["reach"][0], np.maximum(low, whole.reach[0]), atol=1e-6)
-        np.testing.assert_allclose(part["reach"][1], np.minimum(high, whole.reach[1]), atol=1e-6)
+        np.testing.assert_allclose(part["reach"][0], np.maximum(low, whole.surface_bounds[0]), atol=1e-6)
+        np.testing.assert_allclose(part["reach"][1], np.minimum(high, whole.surface_bounds[1]), atol=1e-6)
         spacings = [told["spacing"] for told in part["levels"]]
         assert spacings == sorted(spacings)
 
@@ -198,7 +199,7 @@ def test_rays_meet_in_levels_of_parts_what_they_meet_in_those_of_the_whole(both:
 
 def test_no_part_is_shown_twice(both: tuple[pr.Model, Path]) -> None:
     """What rays can hit of the levels of two parts does not overlap but for rounding."""
-    boxes = [model.reach for model in levels_of(*both)[0]]
+    boxes = [model.surface_bounds for model in levels_of(*both)[0]]
     for k, one in enumerate(boxes):
         for other in boxes[:k]:
             size = np.minimum(one[1], other[1]) - np.maximum(one[0], other[0])
@@ -380,10 +381,8 @@ def test_a_tree_within_a_box_has_the_surface_in_it_and_no_other(box: np.ndarray,
     assert len(stored_splats(tree).rows) <= len(splats.radii)
     scenes = [pr.Scene(), pr.Scene()]
     for scene, made in zip(scenes, (whole, tree), strict=True):
-        twin = pr.Model.__new__(pr.Model)
-        twin.__dict__.update(model.__dict__, tree=made, points=points.select(splats_of(model.tree, model.radii).rows))
-        twin.__dict__.pop("reach", None)
-        scene.add(twin)
+        kept = points.select(splats_of(model.tree, model.radii).rows)
+        scene.add(PrebuiltModel(model.data._replace(tree=made, points=kept)))
     rays = pr.Camera.frame(model.bounds, (0.3, -1, 0.5), size=(120, 120)).rays()
     one, other = (scene.intersect(*rays) for scene in scenes)
     where = np.asarray(one.position)

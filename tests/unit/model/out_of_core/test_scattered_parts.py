@@ -127,7 +127,7 @@ def test_what_is_known_of_points_stays(both: tuple[pr.Model, pr.Model, Path]) ->
     assert np.array_equal(parted.points.colors, whole.points.colors[rows])
     assert parted.drawing == whole.drawing and parted.settings == whole.settings
     assert parted.spacing == pytest.approx(whole.spacing, rel=0.01)
-    np.testing.assert_allclose(parted.reach, whole.reach)
+    np.testing.assert_allclose(parted.surface_bounds, whole.surface_bounds)
     index = json.loads((folder / INDEX).read_text())
     assert (index["version"], index["scattered"]) == (3, whole.scattered.sum())
     owned = np.split(np.arange(len(rows)), np.cumsum([part["points"] for part in index["parts"]])[:-1])
@@ -381,7 +381,7 @@ def test_prepare_names_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"scattered": 10**9}, "more points are scattered"),
+        ({"scattered": 10**9}, "more scattered points than"),
         ({"scattered": -1}, "points, blocks or bytes"),
         ({"scattered": 0.5}, "points, blocks or bytes"),
         ({"settings": {"surface": "apss", "scatter": "balls"}}, "damaged"),

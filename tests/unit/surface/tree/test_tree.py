@@ -11,6 +11,9 @@ from helpers.marks import long, long_scan
 from helpers.places import shared_model
 from pointray.cloud.neighbors import kd_order
 from pointray.engine.kernels.tree import LEAF, LEAST, NO_SURFACE, STEP
+from pointray.model.model import PrebuiltModel
+from pointray.model.model_data import ModelData
+from pointray.surface.splats.scattered.spheres import Drawing
 from pointray.surface.tree.build import Splats, build_tree
 from pointray.surface.tree.cells import MOST_LEAST
 from pointray.surface.tree.check import check_tree
@@ -231,13 +234,9 @@ def test_the_validator_sees_a_corrupted_tree(torus, corrupt):
 
 def scene_of(cloud, **changes):
     """The cloud under a tree of its own."""
-    model = object.__new__(pr.Model)
-    model.points, model.radii = pr.Points(cloud.positions, cloud.normals), cloud.radii
-    model.surface = "apss"
-    model._bounds = model.points.bounds
-    model.tree = build_tree(cloud, TreeSettings("apss", trim=0.6, **changes))
-    scene = pr.Scene()
-    scene.add(model)
+    points, settings = pr.Points(cloud.positions, cloud.normals), TreeSettings("apss", trim=0.6, **changes)
+    tree, scene = build_tree(cloud, settings), pr.Scene()
+    scene.add(PrebuiltModel(ModelData(settings, 0.0, Drawing(), points, cloud.radii, points.bounds, tree)))
     return scene
 
 

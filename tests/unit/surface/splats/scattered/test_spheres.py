@@ -305,7 +305,7 @@ def test_saved_models_are_the_same(rng, tmp_path, scatter):
         assert (other.scattered == model.scattered).all() and other.drawing == model.drawing
         found = scene_of(other).intersect(*rays)
         assert (found.t == hits.t).all() and (found.point == hits.point).all()
-    again = loaded.remade(0.0, surface="imls")
+    again = loaded.rebuild(0.0, surface="imls")
     assert (again.scattered == model.scattered).all()
     np.testing.assert_allclose(again.radii[model.scattered], model.radii[model.scattered])
 

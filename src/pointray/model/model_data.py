@@ -1,0 +1,95 @@
+"""Arrays and settings of a model that is built: what files store and rays read."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..cloud.denoising.smooth import check_sigma
+from ..cloud.points import Points
+from ..engine.kernels.tree import LONGEST, SCATTER, Tree
+from ..surface.splats.scattered.levels import spacing_of
+from ..surface.splats.scattered.spheres import Drawing, check_drawing
+from ..surface.tree.scattered import scattered_rows
+from ..surface.tree.settings import TreeSettings, settings_of
+from ..surface.tree.stored import find_surface_bounds, longest_leaf
+from .model_file import Level
+
+
+class ModelData(NamedTuple):
+    """Arrays and settings of a model that is built.
+
+    settings : of the tree
+    smooth : standard deviation of the noise that was removed, or "auto"
+    drawing : how scattered points are drawn
+    points, radii : (n,) float32, 0 for points without a splat
+    bounds : (2, 3) float64, of the points, world
+    tree : over the splats; without any in the description of a model in parts
+    """
+
+    settings: TreeSettings
+    smooth: str | float
+    drawing: Drawing
+    points: Points
+    radii: NDArray[np.float32]
+    bounds: NDArray[np.float64]
+    tree: Tree
+
+    @classmethod
+    def from_stored(cls, stored: Level) -> ModelData:
+        """Return the data of a file; ValueError or TypeError if its settings are invalid."""
+        settings = dict(stored.settings)
+        smooth = check_sigma(settings.pop("smooth", 0.0), "smooth")
+        drawing = check_drawing(settings.pop("scatter", "surface"), settings.pop("scatter_size", 1.0))
+        return cls(settings_of(settings), smooth, drawing, *stored[1:])
+
+    def to_stored(self) -> Level:
+        """Return what `write_model` writes."""
+        settings = {**self.settings._asdict(), "smooth": self.smooth, **self.drawing.facts}
+        return Level(settings, *self[3:])
+
+    @property
+    def nbytes(self) -> int:
+        """Size of all arrays in bytes."""
+        points = self.points
+        arrays = [points.positions, points.normals, points.colors, *points.attributes.values(), self.radii, *self.tree]
+        return sum(array.nbytes for array in arrays if array is not None)
+
+    @property
+    def empty_bounds(self) -> NDArray[np.float64]:
+        """Box without size for a model that no ray can hit, (2, 3), relative to the origin."""
+        return np.repeat(self.bounds[:1] - self.points.origin, 2, axis=0)
+
+    @property
+    def surface_bounds(self) -> NDArray[np.float64]:
+        """Bounds of all that rays can hit, (2, 3) float64, relative to the origin."""
+        found = find_surface_bounds(self.tree)
+        return self.empty_bounds if found is None else found
+
+    @property
+    def scattered(self) -> NDArray[np.bool_]:
+        """Mask of the points drawn as spheres or as single discs, (n,) bool."""
+        mask = np.zeros(len(self.points), np.bool_)
+        mask[scattered_rows(self.tree)] = True
+        return mask
+
+    @property
+    def spacing(self) -> float:
+        """Median radius of the points on the surface, see `Model.spacing`."""
+        if not self.tree.head[SCATTER]:
+            return float(np.median(self.radii))
+        scattered = self.scattered
+        surface = self.radii[~scattered & (self.radii > 0)]
+        return float(np.median(surface)) if len(surface) else spacing_of(self.radii[scattered], self.drawing)
+
+    @property
+    def step(self) -> float:
+        """Longest step of a ray's samples, in the points' unit."""
+        return float(self.tree.head[LONGEST])
+
+    @property
+    def longest(self) -> int:
+        """Number of blocks in the longest leaf."""
+        return longest_leaf(self.tree)
