@@ -52,6 +52,7 @@ check: $(VENV)/tools
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/python .ci/phrases.py
 
 format: $(VENV)/tools
 	$(BIN)/ruff check --fix .

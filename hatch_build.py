@@ -1,4 +1,4 @@
-"""Wheels: pure ones, or with `POINTRAY_WHEEL=linux-x86_64` those that hold what `python -m native` has made."""
+"""Build hook for wheels: pure, or with the kernels of `python -m native` if `POINTRAY_WHEEL=linux-x86_64` is set."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 
 class CustomBuildHook(BuildHookInterface):  # type: ignore[misc]
-    """Adds the libraries of a system, and the tag of its wheels."""
+    """Adds the kernel libraries and the wheel tag of a platform."""
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         system = os.environ.get("POINTRAY_WHEEL", "")
@@ -22,7 +22,7 @@ class CustomBuildHook(BuildHookInterface):  # type: ignore[misc]
 
         folder = Path(self.root, "build", "wheel", system)
         if not (folder / "manifest.json").exists():
-            raise FileNotFoundError(f"{folder}: not built: make wheel, or make wheels")
+            raise FileNotFoundError(f"{folder}: not built: run make wheel or make wheels")
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{SYSTEMS[system].wheel}"
         build_data["force_include"][str(folder)] = "pointray/engine/native"

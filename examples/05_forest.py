@@ -1,6 +1,6 @@
 # python examples/05_forest.py forest.png
 #
-# A thousand firs: one model, a thousand places. Its points are made here, as any program may make them.
+# A thousand instances of a fir. Its points are generated here; any NumPy arrays will do.
 import sys
 
 import numpy as np

@@ -1,6 +1,6 @@
 # python examples/06_statue.py statue.png
 #
-# 01_statue.toml in Python: the same words, the same picture.
+# 01_statue.toml in Python, with the same parameters and the same picture.
 import sys
 
 import pointray as pr

@@ -1,6 +1,6 @@
 # python examples/07_moving_sun.py moving_sun.webp
 #
-# A film of a day: light is baked once, and follows the sun without new rays between the points.
+# A film of a day: light is baked once and updated for each position of the sun, without tracing links again.
 import sys
 import tempfile
 from pathlib import Path

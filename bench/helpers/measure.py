@@ -1,4 +1,4 @@
-"""Measure one row of the accuracy table: how far the hits of rays lie from the known surface of a cloud."""
+"""Measure one row of the accuracy table: the distance of hits from the known surface of a cloud."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Setting:
-    """The settings by which a model is made from a cloud."""
+    """Settings for building a model from a cloud."""
 
     surface: str
     samples: int = 4
@@ -137,7 +137,9 @@ def lines(bounds: Floats, count: int, seed: int) -> Iterator[tuple[Floats, Float
         yield center + radius * (np.sqrt(rng.random((some, 1))) * across - d), d
 
 
-def trace(scene: pr.Scene, cloud: Cloud, rays: Iterator[tuple[Floats, Floats]], say: Callable[[int], None]) -> Errors:
+def trace(
+    scene: pr.Scene, cloud: Cloud, rays: Iterator[tuple[Floats, Floats]], report: Callable[[int], None]
+) -> Errors:
     """Trace rays; compare each hit with the exact surface, and each suspicious ray with the exact solid.
 
     A ray is suspicious if it hits nothing, or hits a side that faces away: it must have come through the surface.
@@ -159,7 +161,7 @@ def trace(scene: pr.Scene, cloud: Cloud, rays: Iterator[tuple[Floats, Floats]], 
         errors.rays += len(origins)
         errors.holes += len(deep)
         errors.missed += int(missed[deep].sum())
-        say(len(origins))
+        report(len(origins))
     return errors
 
 
@@ -191,9 +193,9 @@ def frame_times(scenes: list[pr.Scene], bounds: Floats, frames: int = FRAMES) ->
 
 
 def measure(
-    cloud: Cloud, settings: list[Setting], rays: int, say: Callable[[int], None] = lambda done: None, seed: int = 7
+    cloud: Cloud, settings: list[Setting], rays: int, report: Callable[[int], None] = lambda done: None, seed: int = 7
 ) -> list[Row]:
-    """A row for each setting, all with the same points and rays. `say` is called with the numbers of rays done.
+    """A row for each setting, all with the same points and rays. `report` is called with the numbers of rays done.
 
     Costs are known if flat discs with the model's own radii are among the settings.
     """
@@ -204,7 +206,7 @@ def measure(
     flat = [t for t, setting in zip(ms, settings, strict=True) if setting.surface == "disc" and setting.radii == AUTO]
     rows = []
     for setting, model, scene, time_of in zip(settings, models, scenes, ms, strict=True):
-        found = trace(scene, cloud, lines(cloud.points.bounds, rays, seed), say)
+        found = trace(scene, cloud, lines(cloud.points.bounds, rays, seed), report)
         row = Row(cloud.truth.name, cloud.sampling, len(cloud.points), cloud.noise, model.surface, *_choices(setting))
         _fill(row, found)
         row.overlap, row.references = overlap(surface_samples, model), references(model)

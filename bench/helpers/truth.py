@@ -1,7 +1,7 @@
-"""The exact surfaces that others are measured against: shapes known by formula, and meshes ray traced by Embree.
+"""Exact reference surfaces: shapes defined by formulas, and meshes ray traced by Embree.
 
-Both kinds give points to build a model of, random samples of the surface, the distance of a point to the surface and
-the normal there, and the depth to which a ray has been inside the solid.
+Both kinds provide points for a model, random samples of the surface, the distance of a point to the surface and the
+normal there, and the depth of a ray inside the solid.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def scattered(corners: Floats, n: int, seed: int) -> Floats:
 
 @kernel
 def _normals(work, solid, x, normals):  # type: ignore[no-untyped-def]
-    """Exact normals at the surface below each x: x is moved along the gradient of the field, and that taken there."""
+    """Exact normals at the surface next to each x, which is moved along the gradient of the field first."""
     t = next_tile(work)
     while t >= 0:
         for i in range(t * _TILE, min((t + 1) * _TILE, x.shape[0])):
@@ -118,7 +118,7 @@ class Shape:
         return np.abs(pr.procedural_distance(self.name, x)), self._normals(x)
 
     def depth(self, origins: Floats, directions: Floats, ends: Floats, h: float) -> Floats:
-        """Rays march by 0.7 of the field's value; the exact distance is taken around its least value."""
+        """Rays march by 0.7 of the field's value; the exact distance is evaluated around its minimum."""
         with np.errstate(divide="ignore", invalid="ignore"):
             sides = (self._box[:, None] - origins) / directions
         spans = np.stack([np.fmin(*sides).max(axis=1), np.minimum(np.fmax(*sides).min(axis=1), ends)], axis=1)
@@ -211,7 +211,7 @@ class Mesh:
             raise ValueError(ABSENT) from None
         path = folder / f"stanford_{name}_mesh.ply"
         if not path.exists():
-            raise ValueError(f"the mesh {path.name} is not in {folder}")
+            raise ValueError(f"mesh {path.name} not found in {folder}")
         self.name = name
         self._mesh: Any = trimesh.load(path, process=False)
         self.area = float(self._mesh.area)
@@ -219,7 +219,7 @@ class Mesh:
         self._corner_normals = np.asarray(self._mesh.vertex_normals)[self._mesh.faces]
 
     def points(self, n: int, sampling: str, seed: int) -> tuple[Floats, Floats]:
-        """All vertices, whatever n and sampling."""
+        """All vertices, for any n and sampling."""
         return np.array(self._mesh.vertices, np.float64), np.array(self._mesh.vertex_normals, np.float64)
 
     def surface_samples(self, n: int, seed: int) -> Floats:
@@ -302,5 +302,5 @@ def _halved(triangles: Floats) -> Floats:
 
 
 def truth(name: str, folder: Path = FOLDER) -> Truth:
-    """The shape or mesh of a name; a ValueError tells what is absent."""
+    """The shape or mesh of a name. Raises a ValueError if a file or package is missing."""
     return Mesh(name, folder) if name in MESHES else Shape(name)

@@ -1,12 +1,12 @@
-"""Measure baked light: what arrives, beside formulas, path tracing and libigl; what it costs; and say what falls short.
+"""Measure the accuracy of baked light against formulas, path tracing and libigl, and its cost; report missed targets.
 
     python -m bench.light.bake [--only NAME ...] [--points 1000000] [--seeds 3] [--quick] [--pictures FOLDER]
 
-Each demand is a row with the figure measured; SHORT says that it is not met. Demands on seconds hold for a million
-points on two cores; for fewer points they are as many times shorter. Pictures by path tracing take most of the time,
-the first time almost an hour. They are kept (--references), keyed by the scene, the camera and the samples, not by the
-code that makes them: delete them when path tracing changes. Pictures of the errors (--pictures): path, baked, and the
-difference, red where baked light is brighter, blue where it is darker, full colour at a fifth of the mean.
+Each target is a row with the measured figure; SHORT marks those that are missed. Time limits hold for a million points
+on two cores, and are proportional to the number of points. Path-traced pictures take most of the time, almost an hour
+on the first run. They are stored (--references), keyed by the scene, the camera and the samples, not by the code:
+delete them when path tracing changes. Pictures of the errors (--pictures): path, baked, and the difference, red where
+baked light is brighter, blue where it is darker, full colour at a fifth of the mean.
 """
 
 from __future__ import annotations
@@ -49,16 +49,18 @@ def options_of(arguments: list[str] | None) -> tuple[list[str], Options]:
     """The tests that are asked for, and how they are run."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", choices=list(TESTS), default=list(TESTS))
-    parser.add_argument("--points", type=int, help=f"of the statue; a million, or with --quick {QUICK_POINTS:,}")
-    parser.add_argument("--seeds", type=int, default=3, help="bakes of each scene; the worst one counts")
+    parser.add_argument(
+        "--points", type=int, help=f"number of points of the statue (default: a million, with --quick {QUICK_POINTS:,})"
+    )
+    parser.add_argument("--seeds", type=int, default=3, help="number of bakes of each scene; the worst one counts")
     parser.add_argument("--quick", action="store_true", help="small pictures, few samples, one seed")
     parser.add_argument("--models", type=Path, default=Path(__file__).resolve().parents[3] / "shared" / "models")
     parser.add_argument("--references", type=Path, default=platformdirs.user_cache_path("pointray") / "references")
-    parser.add_argument("--pictures", type=Path, help="folder for pictures of the errors")
-    told = parser.parse_args(arguments)
-    points = told.points or (QUICK_POINTS if told.quick else MILLION)
-    seeds = 1 if told.quick else told.seeds
-    return told.only, Options(points, seeds, told.quick, told.models, told.references, told.pictures)
+    parser.add_argument("--pictures", type=Path, help="write pictures of the errors to this folder")
+    given = parser.parse_args(arguments)
+    points = given.points or (QUICK_POINTS if given.quick else MILLION)
+    seeds = 1 if given.quick else given.seeds
+    return given.only, Options(points, seeds, given.quick, given.models, given.references, given.pictures)
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""Baked light beside formulas, and beside itself: exact shapes, leaks, sums of lights, moved scenes, moved lights."""
+"""Compare baked light with formulas and with itself: exact shapes, leaks, sums of lights, moved scenes and lights."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 import pointray as pr
-from bench.light.bake_rows import Options, Row, at_most, told
+from bench.light.bake_rows import Options, Row, at_most, plain_row
 from bench.light.bake_scenes import (
     ALBEDO,
     Floats,
@@ -53,7 +53,7 @@ def in_sphere(options: Options) -> list[Row]:
     return [
         at_most(what + "mean off", max(abs(float(seen.mean()) - 1.0) for seen in light), 0.01),
         at_most(what + "deviation", max(float(seen.std() / seen.mean()) for seen in light), 0.01),
-        told(
+        plain_row(
             what + "lamp aside, bounced", f"{aside:.2%} off, deviation {max(float(seen.std()) for seen in beside):.2%}"
         ),
     ]
@@ -67,7 +67,7 @@ def _within(known: Known, seed: int, bounced: bool = False) -> np.ndarray:
 
 
 def _shade(known: Known, formula: Callable[[Floats], Floats], seeds: list[int]) -> tuple[float, float, float]:
-    """Errors of the share of the sky that is seen: RMS, greatest beyond two spacings, and where that one is."""
+    """Return errors of the ambient occlusion: RMS, maximum beyond two spacings, and its position."""
     rms, worst, where = 0.0, 0.0, 0.0
     at = np.isfinite(known.at)
     d = known.at[at]
@@ -97,12 +97,12 @@ def at_wall(options: Options) -> list[Row]:
     what = f"sheet before a long wall, {options.few:,} points: sky seen, "
     return [
         at_most(what + "RMS", rms, 0.015),
-        told(what + "worst past 2 spacings", f"{worst:.2%} ({where:.1f} spacings from the wall)"),
+        plain_row(what + "worst past 2 spacings", f"{worst:.2%} ({where:.1f} spacings from the wall)"),
     ]
 
 
 def moved_sun(options: Options) -> list[Row]:
-    """`Baked.update` after the sun has moved, beside a fresh bake."""
+    """Compare `Baked.update` after the sun has moved with a new bake."""
     patches = options.points // 4
     settings = pr.BakeSettings(patches=patches)
     scene = statue_room(options.points, "sky sun")
@@ -165,7 +165,7 @@ def _box_leaks(options: Options) -> list[Row]:
 
 
 def _sheet_leaks(options: Options) -> list[Row]:
-    """The dark side alone; then with a lamp behind, so that it is baked, whose own light is taken off."""
+    """The dark side alone; then with a lamp behind, so that it is baked, minus the lamp's own light."""
     known = lone_sheet(options.few)
     sun, lamp = known.scene.lights[0], pr.PointLight((0.2, 0.1, -1.5), 0.3)
     middle = np.isfinite(known.at)
@@ -188,7 +188,7 @@ def _sheet_leaks(options: Options) -> list[Row]:
 
 
 def sums(options: Options) -> list[Row]:
-    """Light of two lights beside the sum of each one's; the scene turned, scaled and moved."""
+    """Compare light of two lights with the sum of both; and with the scene rotated, scaled and moved."""
     points, what = options.few, f"statue, {options.few:,} points: "
     some = above_floor(points)
 

@@ -1,6 +1,6 @@
-"""Light at points of a surface by whole paths: what a bake is compared with where no camera is in play.
+"""Light at points of a surface by path tracing: the reference for a bake where no camera is involved.
 
-A ray straight onto the surface begins each path; the radiance that comes back is that which the surface sends out.
+Each path begins with a ray perpendicular to the surface; it returns the outgoing radiance of the surface.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def places_of_points(scene: pr.Scene, id: int, count: int) -> Places:
 
 
 def places_of_patches(scene: pr.Scene, baked: pr.Baked, count: int) -> Places:
-    """Rays onto patches of the front of instance 0: 64 neighbours at a time, as a gather of all would take them."""
+    """Rays onto patches of the front of instance 0: 64 neighbours at a time, as in a gather of all patches."""
     side = baked._exchange.sides[0, 1]
     tiles = np.random.default_rng(0).permutation(side.size // TILE)[: count // TILE]
     rows = side.first + (tiles[:, None] * TILE + np.arange(TILE)).reshape(-1)

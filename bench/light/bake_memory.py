@@ -1,4 +1,4 @@
-"""The memory of a bake, measured in a process of its own: bytes of what is kept, and the most while it is made."""
+"""The memory of a bake, measured in a separate process: size of the result, and peak during the bake."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _reset_peak() -> None:
 
 
 def measure(path: str) -> tuple[int, int, int]:
-    """(bytes kept, growth of the process while baking, patches) for a saved model."""
+    """Return (bytes of the result, growth of the process while baking, patches) for a saved model."""
     small = pr.Scene()
     small.add(pr.Model(pr.procedural("sphere", SMALL)), material=pr.Diffuse(0.6))
     small.add_light(pr.EnvironmentLight())

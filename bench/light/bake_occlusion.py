@@ -1,7 +1,7 @@
-"""Ambient occlusion alone, beside libigl's, which traces a mesh.
+"""Ambient occlusion compared with libigl's, which traces a mesh.
 
-libigl has it twice: over its own tree of boxes, and over Embree. Both count all directions of the hemisphere alike, not
-by the cosine; each occlusion is compared with many rays of its own kind.
+libigl has two versions: with its own tree of boxes, and with Embree. Both weight all directions of the hemisphere
+equally, not by the cosine; each is compared with many rays of the same distribution.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 import pointray as pr
 from bench.light.bake_gather import gather, places_of_points, rms_error
-from bench.light.bake_rows import Options, Row, at_least, at_most, told
+from bench.light.bake_rows import Options, Row, at_least, at_most, plain_row
 from bench.light.bake_scenes import solid
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ def under_sky(model: pr.Model) -> pr.Scene:
 
 
 def bake_occlusion(model: pr.Model) -> tuple[pr.Scene, pr.Baked, float, int]:
-    """The scene, what is baked, the seconds, and the rays that were sent."""
+    """The scene, the baked light, the seconds, and the number of rays."""
     scene = under_sky(model)
     begun = time.perf_counter()
     baked = pr.bake(scene, pr.BakeSettings(max_depth=1))
@@ -44,7 +44,7 @@ def bake_occlusion(model: pr.Model) -> tuple[pr.Scene, pr.Baked, float, int]:
 
 
 def error_of(scene: pr.Scene, baked: pr.Baked, options: Options) -> float:
-    """The error of baked occlusion at random points, beside many rays at each: RMS, as a share of the mean."""
+    """Return the RMS error of baked occlusion relative to the mean, at random points with many reference rays."""
     count, samples = (QUICK_PLACES, QUICK_SAMPLES) if options.quick else (PLACES, SAMPLES)
     places = places_of_points(scene, 0, count)
     first, second = (gather(scene, places, samples, seed, depth=1)[:, 0] / ALBEDO for seed in (1, 2))
@@ -58,7 +58,7 @@ def occlusion(options: Options) -> list[Row]:
     what = f"occlusion of {options.points:,} points: "
     rows = [
         at_most(what + "error", error_of(scene, baked, options), 0.03),
-        told(what + "s", f"{spent:.1f} ({sent / options.points:.0f} rays a point)"),
+        plain_row(what + "s", f"{spent:.1f} ({sent / options.points:.0f} rays a point)"),
     ]
     return [*rows, *_beside_igl(options)]
 
@@ -71,9 +71,9 @@ def _beside_igl(options: Options) -> list[Row]:
         import igl.embree
         import trimesh
     except ImportError as absent:
-        return [told("occlusion beside libigl", f"skipped: {absent}")]
+        return [plain_row("occlusion beside libigl", f"skipped: {absent}")]
     if not path.exists():
-        return [told("occlusion beside libigl", f"skipped: no {path}")]
+        return [plain_row("occlusion beside libigl", f"skipped: no {path}")]
     mesh = trimesh.load(path, process=False)
     vertices, faces = np.ascontiguousarray(mesh.vertices, float), np.ascontiguousarray(mesh.faces, np.int64)
     normals = np.ascontiguousarray(mesh.vertex_normals, float)
@@ -82,7 +82,7 @@ def _beside_igl(options: Options) -> list[Row]:
     mine, count = sent / spent, max(round(sent / len(vertices)), 1)
     error = error_of(scene, baked, options)
     what = f"occlusion of the {name}, {len(vertices):,} points: "
-    rows = [told(what + "baked", f"{mine / 1e6:.2f} M rays/s, {count} a point, error {error:.2%}")]
+    rows = [plain_row(what + "baked", f"{mine / 1e6:.2f} M rays/s, {count} a point, error {error:.2%}")]
     peers: dict[str, Callable[..., Any]] = {
         "igl": igl.ambient_occlusion,
         "igl.embree": igl.embree.ambient_occlusion,
@@ -101,7 +101,7 @@ def _beside_igl(options: Options) -> list[Row]:
 def _error_of_igl(
     function: Callable[..., Any], mesh: tuple[Floats, NDArray[np.int64], Floats], seen: Floats, options: Options
 ) -> float:
-    """The error of libigl's occlusion at random vertices, beside its own with many rays."""
+    """Return the error of libigl's occlusion at random vertices, compared with its own with many rays."""
     vertices, faces, normals = mesh
     count, samples = (QUICK_PLACES, QUICK_SAMPLES) if options.quick else (PLACES, SAMPLES)
     rows = np.random.default_rng(0).permutation(len(vertices))[:count]

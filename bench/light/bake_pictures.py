@@ -1,4 +1,4 @@
-"""Pictures with baked light beside path tracing: indirect light on matt surfaces, and in highlights."""
+"""Pictures with baked light compared with path tracing: indirect light on matt surfaces, and in highlights."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.ndimage import binary_erosion
 
 import pointray as pr
 from bench.light.bake_reference import Errors, Picture, Reference, baked_light, compare, indirect_light
-from bench.light.bake_rows import Options, Row, at_least, at_most, told
+from bench.light.bake_rows import Options, Row, at_least, at_most, plain_row
 from bench.light.bake_scenes import statue_room
 from pointray.image.tone import linear_to_srgb
 
@@ -48,7 +48,7 @@ def around(low: np.ndarray, high: np.ndarray, up: int, size: tuple[int, int]) ->
 
 
 def subjects(options: Options) -> Iterator[Subject | Row]:
-    """The scenes; a row that says what is missing in place of those whose scans are not there."""
+    """The scenes; for missing scans a row that names the file."""
     size = QUICK_SIZE if options.quick else SIZE
     scene = statue_room(options.points, "sky sun", wall=True)
     low, high = scene.bounds
@@ -57,12 +57,12 @@ def subjects(options: Options) -> Iterator[Subject | Row]:
         if (options.models / path).exists():
             yield make(name, _scan(options.models / path, options.points), size)
         else:
-            yield told(f"{name}: indirect light in pictures", f"skipped: no {path} in {options.models}")
+            yield plain_row(f"{name}: indirect light in pictures", f"skipped: no {path} in {options.models}")
 
 
 @cache
 def _scan(path: Path, most: int) -> pr.Model:
-    """A scan; of a larger one so many points, taken at random."""
+    """A scan, or a random sample of a larger one."""
     points = pr.read(path)
     if len(points) > most:
         points = points.select(np.sort(np.random.default_rng(0).permutation(len(points))[:most]))
@@ -142,7 +142,7 @@ def _matt(subject: Subject, options: Options) -> list[Row]:
 
 
 def gloss(options: Options) -> list[Row]:
-    """Highlights beside a coloured wall, from a moving eye, in RMSE over all frames.
+    """Highlights next to a coloured wall from a moving camera: RMSE over all frames.
 
     The statue's own colour is black: all that it shows is its highlight. Direct light of the sun is taken off, as in
     `bake_reference`. Pixels beside other surfaces do not count.
@@ -168,7 +168,7 @@ def gloss(options: Options) -> list[Row]:
             rmse = float(np.sqrt(np.mean(np.square(errors))))
             what = f"Phong {exponent:.0f}, {len(errors)} frames, highlight, samples: {samples}"
             note = f", worst frame {max(errors):.2%} (paths' noise {left:.2%})"
-            one = told(what, f"{rmse:.2%}{note}")
+            one = plain_row(what, f"{rmse:.2%}{note}")
             rows.append(at_most(what, rmse, 0.05, note=note) if samples == SETTLED else one)
     return rows
 
@@ -186,7 +186,7 @@ def _moving(scene: pr.Scene, options: Options) -> list[pr.Camera]:
 
 
 def show_errors(name: str, shown: Picture, reference: Reference, options: Options) -> None:
-    """Write a picture of path, baked and difference side by side, if a folder is told."""
+    """Write a picture of path, baked and difference side by side, if a folder is given."""
     if options.pictures is None:
         return
     options.pictures.mkdir(parents=True, exist_ok=True)

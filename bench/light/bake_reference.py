@@ -1,12 +1,11 @@
-"""Indirect light in pictures: by path tracing, kept in files, and as the integrator "baked" shows it.
+"""Indirect light in pictures: path-traced, cached in files, and as rendered by the integrator "baked".
 
-Indirect light is all light less that of lamps and suns which reaches the first surface unreflected. It is
+Indirect light is all light except that of lamps and suns which reaches the first surface unreflected. It is
 
     path(sky alone) + path(lights alone) - path(lights alone, one scattering),
 
-and the last two use the same samples, so that direct light leaves no noise. The sky's own light is part of what is
-kept, and of this sum. Baked light is shown without lights: a copy of the scene, in which all lights are black, shows
-what was baked while they shone.
+and the last two use the same samples, so that direct light leaves no noise. The light of the sky is included in both
+the baked light and this sum. Baked light is rendered with a copy of the scene whose lights are black after the bake.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from pointray.engine.kernels.vec import LUMINANCE
 
 Picture = NDArray[np.float32]
 
-SAMPLES = 64  # of a batch: means of batches tell the noise
+SAMPLES = 64  # of a batch: the noise is estimated from means of batches
 LEAST, MOST = 6, 400  # batches
 SHOWN = 256  # samples of baked light
 COVERED = 0.999  # alpha of pixels that show nothing but surfaces
@@ -86,7 +85,7 @@ def indirect_light(scene: pr.Scene, camera: pr.Camera, noise: float, options: Op
 
 
 def _key(scene: pr.Scene, camera: pr.Camera, noise: float) -> str:
-    """A name for a picture: what is in the scene, and how it is seen."""
+    """A key for a picture: contents of the scene, and view."""
     snapshot, digest = scene.snapshot(), hashlib.blake2b(digest_size=12)
     world = snapshot.world
     arrays: list[Any] = [world.instances, world.planes, world.lights, world.sky, world.sky_colors, world.materials]

@@ -1,4 +1,4 @@
-"""The rows of the table of `bake.py`: what was measured, what is demanded, and whether that is met."""
+"""The rows of the table of `bake.py`: measurement, target, and whether it is met."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ WIDTHS = 70, 52, 32
 
 @dataclass(frozen=True)
 class Options:
-    """What is measured.
+    """Settings of the measurements.
 
     points : of the statue; other scenes have as many or fewer
     seeds : bakes of the same scene; the worst one counts
@@ -41,7 +41,7 @@ class Options:
         return [1000 * k for k in range(self.seeds)]
 
     def scaled(self, seconds: float) -> float:
-        """What is demanded of a million points, for so many."""
+        """The target for this number of points, given that for a million."""
         return seconds * self.points / MILLION
 
 
@@ -64,8 +64,8 @@ def at_least(test: str, value: float, limit: float, form: str = "{:.2f}", note: 
     return Row(test, form.format(value) + note, "at least " + form.format(limit) + aim, bool(value >= limit))
 
 
-def told(test: str, measured: str) -> Row:
-    """A figure of which nothing is demanded, or a reason why there is none."""
+def plain_row(test: str, measured: str) -> Row:
+    """A figure without a target, or the reason why it is missing."""
     return Row(test, measured)
 
 

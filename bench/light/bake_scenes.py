@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 ALBEDO = 0.8  # inside of the sphere
 HALF = 4.0  # half the edge of the floor below the ball, whose radius is 1
-LONG = 12.0  # half the length of the wall, whose height is 1: what is missing beyond hides 2e-4 of the sky at most
+LONG = 12.0  # half the length of the wall, whose height is 1: the missing part hides at most 2e-4 of the sky
 FAR = 3.0  # width of the floor before the wall
 SUNK = 0.01  # how deep the statue stands in its floor
 BRIGHT = 6.0  # half the edge of the room around the dark box
@@ -22,9 +22,9 @@ WALLS = 4.0  # radii: thickness of the dark box's walls
 
 
 class Known(NamedTuple):
-    """A scene, one of its instances, what is known of that one's points, and the distance of neighbours.
+    """A scene, one of its instances, the known light at its points, and the distance of neighbours.
 
-    at : (n,) float64, the distance of each point from the ball's contact or from the wall; NaN beside what is known
+    at : (n,) float64, the distance of each point from the ball's contact or from the wall; NaN where unknown
     """
 
     scene: pr.Scene
@@ -46,7 +46,7 @@ def sheet(corner: ArrayLike, u: ArrayLike, v: ArrayLike, spacing: float) -> tupl
 
 @cache
 def solid(name: str, points: int) -> pr.Model:
-    """A model by formula, made once."""
+    """Return a cached generated model."""
     return pr.Model(pr.procedural(name, points))
 
 
@@ -187,6 +187,6 @@ def _floor(points: int, height: float) -> tuple[Floats, Floats]:
 
 
 def above_floor(points: int) -> NDArray[np.bool_]:
-    """Which points of the statue stand above its floor."""
+    """Return which points of the statue are above its floor."""
     model = solid("statue", points)
     return np.asarray(model.points.positions[:, 2] > model.bounds[0, 2] + 2 * SUNK)

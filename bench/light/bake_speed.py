@@ -1,4 +1,4 @@
-"""The time of a bake, beside paths at the same places; the time of frames with baked light."""
+"""The time of a bake compared with paths at the same places; the time of frames with baked light."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import pointray as pr
 from bench.light.bake_exact import luminances
 from bench.light.bake_gather import Places, gather, places_of_patches, rms_error
-from bench.light.bake_rows import Options, Row, at_least, at_most, told
+from bench.light.bake_rows import Options, Row, at_least, at_most, plain_row
 from bench.light.bake_scenes import statue_room
 from pointray.cli.benchmark.views import far_view
 
@@ -54,7 +54,7 @@ def baking(options: Options) -> list[Row]:
     return [
         at_most(what + "s", spent, options.scaled(30.0), "{:.1f}", aim=" (30 a million, aim 15)"),
         at_least(what + "times faster than paths, RMS", times[0], 4.0, "{:.1f}", notes[0]),
-        told(what + "the same, median", f"{times[1]:.1f}{notes[1]}, {1e-6 / cost:.2f} M paths/s"),
+        plain_row(what + "the same, median", f"{times[1]:.1f}{notes[1]}, {1e-6 / cost:.2f} M paths/s"),
     ]
 
 
@@ -98,7 +98,7 @@ def frames(options: Options) -> list[Row]:
         if exponent == 8.0:
             rows.append(at_least(what + "a second", 1 / seconds["baked"], 30.0, "{:.1f}", rate, " (aim 60)"))
         else:
-            rows.append(told(what + "live reflections, a second", f"{1 / seconds['baked']:.1f}{rate}"))
+            rows.append(plain_row(what + "live reflections, a second", f"{1 / seconds['baked']:.1f}{rate}"))
         rows.append(at_most(what + "times as long", seconds["baked"] / seconds["phong"], most, "{:.2f}"))
     return rows
 

@@ -1,20 +1,20 @@
-"""Compare ways to keep, in 8 bytes a splat, from where light comes, by the error of glossy reflections made of them.
+"""Compare encodings of directional light in 8 bytes a splat by the error of glossy reflections.
 
     python -m bench.light.baked_bases [--points 60] [--spp 64] [--maps FILE]
 
-Truth is the radiance that arrives at random points of three scenes, without that of lamps (`baked_maps`). Errors are of
-the radiance that it gives to 32 eyes by Phong lobes, (e + 2) / (2 pi) cos^e, and by GGX without Fresnel: root mean
-square over points, eyes and RGB in percent of a scene's mean, root mean square over the scenes. Negative results count
-as 0. "noise" is that of the truth. The error of blending splats at a hit is not measured. --maps takes the panoramas,
-which need minutes, from a file, or writes them there.
+The reference is the radiance that arrives at random points of three scenes, without that of lamps (`baked_maps`).
+Errors are those of the radiance reflected towards 32 eyes by Phong lobes, (e + 2) / (2 pi) cos^e, and by GGX without
+Fresnel: root mean square over points, eyes and RGB in percent of a scene's mean, root mean square over the scenes.
+Negative results count as 0. "noise" is that of the reference. The error of blending splats at a hit is not measured.
+--maps reads the panoramas, which take minutes, from a file, or writes them there.
 
 F is radiance times cosine, SH2 the spherical harmonics of bands 0 to 2, SH1 those of bands 0 and 1, H6 the H-basis of
-Habel and Wimmer. How a reflection is made of moments:
+Habel and Wimmer. Reconstruction of a reflection from moments:
 
 - convolved: harmonics of F are convolved with the lobe.
 - averaged: harmonics of the radiance are averaged over the lobe, times the lobe's reflection of even light.
 - fitted: the combination of the functions that has these moments; the lobe's products with the functions are tables.
-- pointray: what pointray ships, by its own kernels (`shade/lobe_tables.py`).
+- pointray: the current implementation, by its own kernels (`shade/lobe_tables.py`).
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def print_table(pictures: Floats, frames: Floats) -> None:
 def main() -> None:
     """Make or read the maps, and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--points", type=int, default=60, help="of each scene")
+    parser.add_argument("--points", type=int, default=60, help="number of points of each scene")
     parser.add_argument("--spp", type=int, default=64)
     parser.add_argument("--maps", type=Path, help="an .npz file")
     options = parser.parse_args()

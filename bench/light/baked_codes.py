@@ -1,4 +1,4 @@
-"""What may be kept of the light that arrives at a splat, and reflections made of it: moments, a Gaussian, records."""
+"""Candidate encodings of the light that arrives at a splat, and their reflections: moments, a Gaussian, records."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ def irradiances(maps: Floats) -> Floats:
 
 
 def quantised(values: Floats, most: Floats | float, bits: int, power: float = 1.0) -> Floats:
-    """Signed values as so many bits keep them, evenly in values^power."""
+    """Signed values quantized to a number of bits, evenly in values^power."""
     steps, whole = 2 ** (bits - 1) - 1, np.clip(values / most, -1, 1)
     level = np.round(np.abs(whole) ** power * steps) / steps
     return np.sign(whole) * level ** (1 / power) * most
 
 
 class Code(Protocol):
-    """A way to keep light beside the irradiance, which is RGB9E5. size : bits in all"""
+    """An encoding of light in addition to the irradiance (RGB9E5). size : total bits"""
 
     size: int
 
@@ -58,7 +58,7 @@ class Code(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Linear(Code):
-    """Moments of the radiance over the first one, which follows from the irradiance.
+    """Moments of the radiance divided by the first, which follows from the irradiance.
 
     What is kept is how a ratio differs from that of even light, in steps that grow with it. The range is half of the
     possible one, and all of it for RGB; luminance in these scenes never left it.

@@ -1,4 +1,4 @@
-"""Records of baked light as pointray packs them, and what lobes reflect of them by pointray's own kernels."""
+"""Records of baked light as packed by pointray, and their reflections by pointray's own kernels."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pointray.baking.pack import CHUNK, PER_PATCH, pack
 from pointray.engine.jit import Array, keep_alive, kernel, run
 from pointray.engine.kernels.records import RECORD
 from pointray.engine.kernels.scratch import COUNT_NEAR, new_scratch
-from pointray.shade.baked_sums import SUM_WEIGHTS, keep_light, keep_moments, list_record, sum_moments
+from pointray.shade.baked_sums import SUM_WEIGHTS, list_record, store_light, store_moments, sum_moments
 from pointray.shade.harmonics import BAND_1, BAND_2, BAND_2_CROSS
-from pointray.shade.lobes import lobe_of_baked
+from pointray.shade.lobes import reflect_baked
 
 NONE = np.zeros(0, np.int32)
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
@@ -20,7 +20,7 @@ Records = NDArray[np.int32]
 
 
 def harmonics(w: Floats) -> Floats:
-    """Bands 1 and 2 of unit directions (..., 3), as `shade/harmonics.py` has them, (..., 8)."""
+    """Bands 1 and 2 of unit directions (..., 3), as in `shade/harmonics.py`, (..., 8)."""
     x, y, z = np.moveaxis(w, -1, 0)
     cross = [2 * BAND_2_CROSS * a for a in (x * y, y * z, x * z)]
     second = [cross[0], cross[1], BAND_2 * (3 * z * z - 1), cross[2], BAND_2_CROSS * (x * x - y * y)]
@@ -56,11 +56,11 @@ def _reflect(records: Array, lobe: tuple[float, float], normals: Array, r: Array
         list_record(p // 4, 0, p % 4, 1.0, scratch)
         scratch.part[SUM_WEIGHTS] = 1.0
         sum_moments(records, scratch)
-        keep_light(0, 0, 1.0, False, scratch)
-        keep_moments(0, 0, 1.0, scratch)
+        store_light(0, 0, 1.0, False, scratch)
+        store_moments(0, 0, 1.0, scratch)
         normal = normals[p, 0], normals[p, 1], normals[p, 2]
         for k in range(r.shape[1]):
-            light = lobe_of_baked(scratch, 0, lobe, normal, (r[p, k, 0], r[p, k, 1], r[p, k, 2]))
+            light = reflect_baked(scratch, 0, lobe, normal, (r[p, k, 0], r[p, k, 1], r[p, k, 2]))
             for c in range(3):
                 out[p, k, c] = light[c]
     keep_alive(scratch)

@@ -1,4 +1,4 @@
-"""Compare pictures of pointray with those of Mitsuba 3: Mitsuba renders meshes, pointray points of their triangles.
+"""Compare pictures with Mitsuba 3: Mitsuba renders meshes, pointray points on their triangles.
 
     python -m bench.light.beside_mitsuba [--meshes bunny dragon ...] [--lights sun ...] [--materials diffuse ...]
                                    [--bounces] [--size 128] [--spp 144] [--halvings 2] [--folder DIR] [--json FILE]
@@ -12,10 +12,10 @@ under light from all around, and glass gets no other light.
 The program prints a row for each scene, where a is Mitsuba's picture and b is pointray's. The pixels are those of
 surfaces, farther than 2 pixels from a silhouette or the edge of a hard shadow. The figures are sum |a - b| / sum b,
 which must be at most 5%, and (sum a - sum b) / sum b, which must be at most 1% either way. Both follow for the
-model's own pixels, with the same limits. The noise is what these figures would be if only the seed differed.
-Pictures show ours, theirs and the difference.
+model's own pixels, with the same limits. The noise is the value of these figures for two seeds.
+Pictures show pointray, Mitsuba and the difference.
 
-Between its vertices a mesh is flat and its normals are interpolated, whereas pointray has a surface of its own. So
+Between its vertices a mesh is flat and its normals are interpolated, whereas pointray reconstructs a curved surface. So
 edges are halved once or twice, which gives points with interpolated normals between the vertices, too. (The bunny in
 mirrors is 8 to 16% apart with its vertices alone, and 1 to 3% with these points.)
 
@@ -59,7 +59,7 @@ NO_VARIANT = "mitsuba is not here: pip install 'pointray[dev]'"
 
 @dataclass
 class Figures:
-    """Differences as shares of the light in pointray's pixels; `pixels` counts them.
+    """Differences relative to the light in pointray's pixels; `pixels` is their number.
 
     apart : sum |a - b| / sum b; off : (sum a - sum b) / sum b; noise : the same figures if there were nothing but noise
     """
@@ -76,7 +76,7 @@ class Figures:
 
     @property
     def met(self) -> bool:
-        """Whether both demands are met."""
+        """Whether both limits hold."""
         return self.apart <= MOST_APART and abs(self.off) <= MOST_OFF
 
 
@@ -94,7 +94,7 @@ class Row:
 
     @property
     def met(self) -> bool:
-        """Whether the demands are met, everywhere and on the model."""
+        """Whether the limits hold, everywhere and on the model."""
         return self.all.met and self.model.met
 
     def __str__(self) -> str:
@@ -126,7 +126,7 @@ def halvings_of(shape: Body) -> int:
 
 @dataclass(frozen=True)
 class Pixels:
-    """The pixels that are compared, (h, w) bool. model : those that show nothing but the model"""
+    """The pixels that are compared, (h, w) bool. model : only those of the model"""
 
     all: NDArray[np.bool_]
     model: NDArray[np.bool_]
@@ -174,13 +174,13 @@ class Pair:
         return self._pixels[key]
 
     def _find_pixels(self, case: Case, hard: bool) -> Pixels:
-        """Find them from what Mitsuba sees with finer pixels: depths, shapes, and where a hard light arrives."""
+        """Find them from Mitsuba's depths, shapes and hard shadows at a higher resolution."""
         import mitsuba as mi
 
         scene, sensor = their_scene(case, self.shape), their_camera(self.camera, 1, FINER)
         layers = mi.load_dict({"type": "aov", "aovs": "depth:depth,color:albedo"})
         picture = np.array(mi.render(scene, sensor=sensor, integrator=layers))
-        depth, color = picture[..., 0], picture[..., 1:] @ (1.0, 10.0, 100.0)  # one number tells surfaces apart
+        depth, color = picture[..., 0], picture[..., 1:] @ (1.0, 10.0, 100.0)  # one number identifies a surface
         width = depth * 2 * np.tan(np.radians(self.camera.fov) / 2) / len(depth)
         edges = _steps(color, 0.1) | _steps(depth, STEEP * width)
         if hard:
@@ -257,13 +257,17 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--lights", nargs="+", choices=LIGHTS, default=list(LIGHTS), metavar="NAME")
     parser.add_argument("--materials", nargs="+", choices=MATERIALS, default=list(MATERIALS), metavar="NAME")
     parser.add_argument("--bounces", action="store_true")
-    parser.add_argument("--size", type=int, help="of the pictures, pixels a side: 128, with --speed 512")
-    parser.add_argument("--spp", type=int, help="samples a pixel: 144, with --speed 4")
-    parser.add_argument("--halvings", type=int, help=f"of the edges, else until there are {ENOUGH:,} points")
+    parser.add_argument(
+        "--size", type=int, help="width and height of pictures in pixels (default: 128, with --speed 512)"
+    )
+    parser.add_argument("--spp", type=int, help="samples per pixel (default: 144, with --speed 4)")
+    parser.add_argument(
+        "--halvings", type=int, help=f"how often edges are halved (default: until there are {ENOUGH:,} points)"
+    )
     parser.add_argument("--folder", type=Path, default=FOLDER)
     parser.add_argument("--json", type=Path)
     parser.add_argument("--pictures", type=Path)
-    parser.add_argument("--speed", action="store_true", help="not pictures but speed: see mitsuba_speed.py")
+    parser.add_argument("--speed", action="store_true", help="compare speed instead of pictures, see mitsuba_speed.py")
     parser.add_argument("--points", type=int, default=1_000_000, help="of --speed")
     parser.add_argument("--runs", type=int, default=5, help="of --speed")
     options = parser.parse_args(arguments)

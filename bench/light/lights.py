@@ -3,7 +3,7 @@
     python -m bench.light.lights [--size 160x120] [--spp 16] [--runs 5] [--counts 50,5000]
 
 The scene is a sphere on a floor under lights of a fixed total power: points; lamps of a fixed total area, a third of
-each kind; or suns. Pictures take turns. Times are medians, and ratios are medians of the ratios of neighbouring runs.
+each kind; or suns. Runs alternate. Times are medians, and ratios are medians of the ratios of neighbouring runs.
 """
 
 from __future__ import annotations
@@ -73,19 +73,19 @@ def main() -> None:
     parser.add_argument("--size", default="160x120")
     parser.add_argument("--spp", type=int, default=16)
     parser.add_argument("--runs", type=int, default=5)
-    parser.add_argument("--counts", default="50,5000", help="the first is what the others are compared with")
-    told = parser.parse_args()
-    width, height = map(int, told.size.split("x"))
-    counts = [int(count) for count in told.counts.split(",")]
+    parser.add_argument("--counts", default="50,5000", help="numbers of lights; the first is the reference")
+    options = parser.parse_args()
+    width, height = map(int, options.size.split("x"))
+    counts = [int(count) for count in options.counts.split(",")]
     camera = pr.Camera.look_at((0, -7, 3), (0, 0, 0), fov=45, size=(width, height))
-    settings = pr.Settings("path", spp=told.spp, max_depth=4)
+    settings = pr.Settings("path", spp=options.spp, max_depth=4)
     model = pr.Model(pr.procedural("sphere", 20_000))
-    print(f"path, {width}x{height}, {told.spp} samples, {told.runs} runs")
+    print(f"path, {width}x{height}, {options.spp} samples, {options.runs} runs")
     print(f"{'lights':>18} {'add, s':>8} {'build, s':>8} {'picture, s':>10} {'ratio':>6}")
     for make in (points, lamps, suns):
         made = [scene_of(make(count, np.random.default_rng(1)), model) for count in counts]
         seconds(made[0][0], camera, settings)  # compiles
-        times = [[seconds(scene, camera, settings) for scene, _, _ in made] for _ in range(told.runs)]
+        times = [[seconds(scene, camera, settings) for scene, _, _ in made] for _ in range(options.runs)]
         for k, count in enumerate(counts):
             ratio = statistics.median(run[k] / run[0] for run in times)
             spent = statistics.median(run[k] for run in times)

@@ -1,4 +1,4 @@
-"""Run in a child what may end the process: Mitsuba's LLVM aborts on processors that it does not know (AMD Zen 5)."""
+"""Run Mitsuba in a child process, because its LLVM aborts on unknown CPUs (AMD Zen 5)."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def in_child(work: Callable[..., Any], *arguments: Any) -> str | None:
 
 
 def llvm_works() -> bool:
-    """Whether Mitsuba can compile with the installed LLVM, if any. A message tells if that ends a process."""
+    """Whether Mitsuba can compile with the installed LLVM, if any. Prints a message if that ends a process."""
     ended = in_child(try_llvm)
     if ended not in (None, "status 3"):
-        print(told(ended), "Mitsuba's scalar variant instead", flush=True)
+        print(describe_exit(ended), "Mitsuba's scalar variant instead", flush=True)
     return ended is None
 
 
@@ -41,7 +41,7 @@ def try_llvm() -> None:
     dr.sync_thread()
 
 
-def told(ended: str | None) -> str:
+def describe_exit(ended: str | None) -> str:
     """A line about how a child ended: by a signal, or by an error that it printed."""
     why = f"its LLVM may not know this processor, {cpu_name()}" if "SIG" in str(ended) else "there may be no LLVM"
     return f"Mitsuba has ended its process ({ended}): {why};"

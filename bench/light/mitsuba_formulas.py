@@ -1,6 +1,6 @@
-"""Materials of ours that Mitsuba 3 lacks, written for it from the formulas in `pointray.shade.materials`.
+"""Materials that Mitsuba 3 lacks, implemented for it with the formulas of `pointray.shade.materials`.
 
-They compare everything but the formula: normals, lights, sampling, bounces. This module can only be imported with a
+They compare everything except the formula: normals, lights, sampling, bounces. This module can only be imported with a
 variant of Mitsuba that works on arrays.
 """
 
@@ -76,7 +76,7 @@ class Plastic(Glossy):
         self._coat = pr.Principled(1.0, properties["roughness"]).record()[COAT : COAT + 3]
         super().__init__(properties, self._alpha)
 
-    def _let_in(self, cosine: Any) -> Any:
+    def _transmittance(self, cosine: Any) -> Any:
         least, rise, power = (float(c) for c in self._coat)
         return 1.0 - least - rise * (1.0 - cosine) ** power
 
@@ -93,7 +93,7 @@ class Plastic(Glossy):
         fresnel = F0 + (1.0 - F0) * (1.0 - dr.dot(wi, half)) ** 5
         gloss = fresnel * facets / (1.0 + self._beyond(wi) + self._beyond(wo)) / (4.0 * wi.z)
         mean = 1.0 - least - 2.0 * rise / ((power + 1.0) * (power + 2.0))
-        return gloss + color * dr.inv_pi * self._let_in(wi.z) * self._let_in(wo.z) / mean * wo.z
+        return gloss + color * dr.inv_pi * self._transmittance(wi.z) * self._transmittance(wo.z) / mean * wo.z
 
 
 mi.register_bsdf("pointray_phong", Phong)

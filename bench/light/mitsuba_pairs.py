@@ -111,7 +111,7 @@ def _constant() -> LightPair:
 
 
 def _flat(kind: str) -> LightPair:
-    """A rectangle or a disk above the model, to the front. Its back must not be seen: it exists only in Mitsuba."""
+    """A rectangle or a disk above and in front of the model. Its back, which only Mitsuba has, must not be visible."""
     u, v = FLAT
     facing = np.cross(u, v)
     center = -10.0 * facing

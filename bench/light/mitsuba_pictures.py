@@ -1,4 +1,4 @@
-"""Write two pictures and their difference in false colours beside each other in a file."""
+"""Write two pictures and their difference in false colours side by side to a file."""
 
 from __future__ import annotations
 

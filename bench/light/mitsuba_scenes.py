@@ -53,7 +53,7 @@ def body(name: str, folder: Path = FOLDER) -> Body:
     elif name in ("torus", "statue"):
         loaded = trimesh.Trimesh(*mesh(name), process=False)
     else:
-        raise ValueError(f"the mesh {path.name} is not in {folder}")
+        raise ValueError(f"mesh {path.name} not found in {folder}")
     low, high = loaded.bounds
     vertices = (loaded.vertices - (low + high) / 2) * (DIAGONAL / np.linalg.norm(high - low))
     faces, normals = np.asarray(loaded.faces, np.uint32), np.asarray(loaded.vertex_normals, np.float32)

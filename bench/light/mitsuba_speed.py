@@ -1,4 +1,4 @@
-"""Compare the speed of pointray and Mitsuba 3: the same splats as flat `ellipsoids` of Mitsuba's, in the same light.
+"""Compare the speed of pointray and Mitsuba 3: the same splats as Mitsuba's `ellipsoids`, in the same light.
 
 `beside_mitsuba.py --speed` runs it. Both render two pictures of the statue from afar, in turn. The first has paths of 4
 bounces under even light from all around (million samples a second). The second has direct light from a point with one
@@ -23,7 +23,7 @@ import mitsuba as mi
 import numpy as np
 
 import pointray as pr
-from bench.light.mitsuba_child import in_child, told
+from bench.light.mitsuba_child import describe_exit, in_child
 from bench.light.mitsuba_pairs import Floats, diffuse, rgb
 from bench.light.mitsuba_scenes import their_camera
 from bench.tracing.embree import alternate
@@ -88,7 +88,7 @@ def our_scene(model: pr.Model, light: Any) -> pr.Scene:
 def pictures(
     model: pr.Model, camera: pr.Camera, spp: int, beside: bool = True
 ) -> dict[str, dict[str, Callable[[], Any]]]:
-    """The calls that are timed: for each picture one by either renderer. beside : whether Mitsuba renders, too"""
+    """The timed calls: for each picture one by each renderer. beside : whether Mitsuba renders too"""
     low, high = model.bounds
     position = (low + high) / 2 + np.linalg.norm(high - low) * np.array([0.6, -0.8, 1.0])
     strength = 10.0 * float(np.linalg.norm(high - low)) ** 2
@@ -135,7 +135,7 @@ def speed(points: int, size: int, runs: int, spp: int, beside: Callable[..., Non
     """Print the rows; only pointray's if Mitsuba ends its process. beside : what the child does"""
     ended = in_child(beside or speed_beside, points, size, runs, spp)
     if ended is not None:
-        print(told(ended), "pointray alone:", flush=True)
+        print(describe_exit(ended), "pointray alone:", flush=True)
         speed_alone(points, size, runs, spp)
 
 
@@ -145,14 +145,14 @@ def speed_beside(points: int, size: int, runs: int, spp: int) -> None:
     warnings.simplefilter("ignore")
     model, camera = _seen(points, size)
     agree = agreement(model, camera)
-    print(f"statue: {points:,} points, {size}x{size}; {agree:.1%} of Mitsuba's depths are right within a radius")
+    print(f"statue: {points:,} points, {size}x{size}; {agree:.1%} of Mitsuba's depths are correct to within a radius")
     for name, calls in pictures(model, camera, spp).items():
         light = {who: float(call()[..., :3].mean(dtype=np.float64)) for who, call in calls.items()}
         seconds = alternate(calls, runs, PAUSE)
         for who, spent in seconds.items():
             ratio = seconds["mitsuba"] / spent
             same = f"mean radiance of Mitsuba's / this {light['mitsuba'] / light[who]:.3f}"
-            verdict = f"{ratio:.2f}" if agree >= AGREE else "does not count: its depths are wrong"
+            verdict = f"{ratio:.2f}" if agree >= AGREE else "invalid: its depths are wrong"
             figure = _figure(name, spent, size * size * spp)
             print(f"{name}: {who} {figure}, Mitsuba's time / this {verdict} ({same})")
 

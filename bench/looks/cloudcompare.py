@@ -1,7 +1,7 @@
-"""Draw points with CloudCompare, which has no option to render: its window is shown on a screen in memory, and copied.
+"""Render points with CloudCompare, which has no such option, by capturing its window on a virtual screen.
 
-Its cameras cannot be set from outside either. So points are moved to where a camera sees them, in pixels, and
-CloudCompare shows them from above, as it opens files. Needs Debian's cloudcompare, xvfb and xdotool:
+Its camera cannot be set from outside either. So points are projected to pixel coordinates, and CloudCompare shows them
+from above, its default view. Needs Debian's cloudcompare, xvfb and xdotool:
 
     apt-get install --no-install-recommends cloudcompare xvfb xdotool
 """
@@ -47,7 +47,7 @@ def screen() -> Iterator[dict[str, str]]:
 
 
 def drawn(points: pr.Points, camera: pr.Camera, folder: Path) -> Image.Image:
-    """The picture of CloudCompare; a grey one if it has shown nothing."""
+    """Return CloudCompare's picture, or a grey one if its window stayed empty."""
     flat, colors = seen_from(points, camera)
     pr.write(folder / "seen.ply", pr.Points(flat, colors=colors))
     with screen() as environment:
@@ -104,7 +104,7 @@ def _press(environment: dict[str, str], *words: object) -> None:
 
 
 def _corners(screen: NDArray[np.int64]) -> tuple[int, int, int, int] | None:
-    """Left, top, right, bottom of the four red points on the screen, (h, w, 3); None if there are none."""
+    """Left, top, right, bottom of the four red points on the screen, (h, w, 3); None if not found."""
     red = (screen[..., 0] > 200) & (screen[..., 1:] < 60).all(axis=-1)
     left, top, right, bottom = VIEW
     red[AXES[1] :, AXES[0] :] = False

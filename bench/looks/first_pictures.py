@@ -2,9 +2,9 @@
 
 python -m bench.looks.first_pictures SCAN... -o sheet.jpg [--page]
 
-The figures of each are the scan's distance from the middle of its picture, its margin, the mean of its pixels (sRGB, 0
-to 1), the shares of burnt pixels (250 and above) and of black ones (5 and below), its contrast to the background, and
-its tonal range. With --page the sheet shows `pointray view SCAN` in Debian's chromium before any input.
+The figures are the scan's distance from the centre of its picture, its margin, the mean of its pixels (sRGB, 0 to 1),
+the fractions of clipped pixels (250 and above) and of black ones (5 and below), its contrast to the background, and its
+tonal range. With --page the sheet shows `pointray view SCAN` in Debian's chromium before any input.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ PAGE, REFINED = (1200, 900), 16  # pixels of the browser's window, and the sampl
 
 
 class Measured(NamedTuple):
-    """What a picture shows.
+    """Measurements of a picture.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Measured(NamedTuple):
 
 
 def measure(levels: NDArray[np.uint8], alpha: NDArray[np.uint8]) -> Measured:
-    """Measure a picture. levels : (h, w, 3), as shown; alpha : (h, w), the share of each pixel that the scan covers"""
+    """Measure a picture. levels : (h, w, 3), sRGB; alpha : (h, w), coverage of each pixel by the scan"""
     covered = alpha > 127
     rows, columns = np.nonzero(covered)
     height, width = alpha.shape
@@ -90,7 +90,7 @@ def picture(scan: Path, folder: Path, size: str = "800x600") -> tuple[NDArray[np
     shown, alone = folder / "shown.png", folder / "alone.png"
     for path, more in ((shown, []), (alone, ["--background", "none", "--integrator", "color"])):
         if execute(["render", str(scan), "-o", str(path), "--size", size, *more]) != 0:
-            raise RuntimeError(f"{scan}: there is no picture")
+            raise RuntimeError(f"{scan}: no picture was written")
     return np.asarray(Image.open(shown)), np.asarray(Image.open(alone))[..., 3]
 
 
@@ -130,20 +130,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scans", nargs="+", type=Path)
     parser.add_argument("--output", "-o", type=Path, help="the sheet")
-    parser.add_argument("--page", action="store_true", help="of the viewer's page; nothing is measured")
-    told = parser.parse_args()
-    if told.page:
-        sheet(pages(told.scans)).save(told.output, quality=90)
+    parser.add_argument("--page", action="store_true", help="show the viewer page instead; measures nothing")
+    options = parser.parse_args()
+    if options.page:
+        sheet(pages(options.scans)).save(options.output, quality=90)
         return 0
     pictures = {}
     print(f"{'':36}" + "".join(f"{name:>10}" for name in Measured._fields))
     with tempfile.TemporaryDirectory() as folder:
-        for scan in told.scans:
+        for scan in options.scans:
             levels, alpha = picture(scan, Path(folder))
             pictures[scan.stem] = levels
             print(f"{scan.stem:36}" + "".join(f"{value:10.3f}" for value in measure(levels, alpha)))
-    if told.output is not None:
-        sheet(pictures).save(told.output, quality=90)
+    if options.output is not None:
+        sheet(pictures).save(options.output, quality=90)
     return 0
 
 

@@ -1,17 +1,16 @@
-"""Contact sheets of scans whose points are not all of a surface: pointray beside plain points, at the same camera.
+"""Contact sheets of scans with scattered points: pointray next to plain points, at the same camera.
 
     python -m bench.looks.scatter_sheets SCAN... -o FOLDER [--synthetic vehicle] [--pyvista PYTHON] [--cloudcompare]
 
-A row a scan; a column for each word of --columns, drawn by `pointray render --scatter WORD` without other options about
-the look, and one of PyVista's points with eye-dome lighting, if --pyvista names a Python that has PyVista:
+A row for each scan; a column for each word of --columns, drawn by `pointray render --scatter WORD` with defaults
+otherwise, and one of PyVista's points with eye-dome lighting, if --pyvista names a Python that has PyVista:
 
     python -m venv /tmp/pv && /tmp/pv/bin/pip install pyvista
 
 --cloudcompare adds CloudCompare's points, see `cloudcompare.py`.
---synthetic adds labelled scenes of `bench/surface/scatter_scenes.py`, scanned as the word says ("airborne 4",
-"vehicle", ...).
---measure prints the share of scattered points, and the largest share of the picture that one point covers, of models
-with spheres.
+--synthetic adds labelled scenes of `scatter_scenes.py`, sampled as named ("airborne 4", "vehicle", ...).
+--measure prints the fraction of scattered points, and the largest fraction of the picture that one point covers, of
+models with spheres.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from bench.surface.scatter_scanners import SAMPLINGS, scan
 from bench.surface.scatter_scenes import make_scene
 from pointray.base.choices import SCATTER
 from pointray.cli import execute
-from pointray.cloud.normals.validation import trusted
+from pointray.cloud.normals.validation import select_normals
 from pointray.surface.splats.radii import radii_in
 
 CHILD = Path(__file__).with_name("pyvista_child.py")
@@ -76,7 +75,7 @@ def closed(points: pr.Points, camera: pr.Camera) -> float:
 
 
 def plain(points: pr.Points, camera: pr.Camera, python: str, folder: Path) -> Image.Image:
-    """The picture of PyVista, drawn as large as a window, and made smaller; a grey one if there is none."""
+    """Return PyVista's picture, rendered at window size and scaled down, or a grey one if missing."""
     size, camera = camera.size, replace(camera, size=tuple(WINDOW * side for side in camera.size))
     job, out = folder / "job.npz", folder / "plain.png"
     out.unlink(missing_ok=True)
@@ -101,7 +100,7 @@ def plain(points: pr.Points, camera: pr.Camera, python: str, folder: Path) -> Im
 
 def measure(points: pr.Points, camera: pr.Camera) -> str:
     """The share of scattered points, and of the picture that one point covers."""
-    model = pr.Model(trusted(points, "auto"), radii_in(points), scatter="spheres")
+    model = pr.Model(select_normals(points, "auto"), radii_in(points), scatter="spheres")
     scene = pr.Scene()
     scene.add(model)
     hits = scene.intersect(*camera.rays()).point
@@ -109,19 +108,19 @@ def measure(points: pr.Points, camera: pr.Camera) -> str:
     return f"{model.scattered.mean():.1%} scattered, one point covers up to {covered:.2%} of the picture"
 
 
-def row(path: Path, told: argparse.Namespace, folder: Path) -> Image.Image:
-    """The pictures of a scan beside each other, under its name."""
+def row(path: Path, options: argparse.Namespace, folder: Path) -> Image.Image:
+    """Return the pictures of a scan side by side, under its name."""
     print(path.name, flush=True)
     points = pr.read(path)
-    camera = pr.frame(points, up=told.up, size=told.size)
-    tiles = {name: drawn(path, name, camera, folder) for name in told.columns}
-    if told.pyvista:
-        tiles["PyVista, eye-dome lighting"] = plain(points, camera, told.pyvista, folder)
-    if told.cloudcompare:
+    camera = pr.frame(points, up=options.up, size=options.size)
+    tiles = {name: drawn(path, name, camera, folder) for name in options.columns}
+    if options.pyvista:
+        tiles["PyVista, eye-dome lighting"] = plain(points, camera, options.pyvista, folder)
+    if options.cloudcompare:
         tiles["CloudCompare"] = cloudcompare.drawn(points, camera, folder)
-    if told.measure:
+    if options.measure:
         print(f"    {measure(points, camera)}", flush=True)
-    width, height = told.size
+    width, height = options.size
     out = Image.new("RGB", (width * len(tiles), height + LINE), "white")
     for k, (name, tile) in enumerate(tiles.items()):
         title = f"{path.stem}, {len(points):,} points: {name}" if k == 0 else name
@@ -138,27 +137,27 @@ def size_of(text: str) -> tuple[int, int]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scans", nargs="*", type=Path)
-    parser.add_argument("--output", "-o", type=Path, required=True, help="folder of the sheets")
+    parser.add_argument("--output", "-o", type=Path, required=True, help="folder for the sheets")
     parser.add_argument("--synthetic", nargs="*", default=[], choices=SAMPLINGS)
     parser.add_argument("--columns", nargs="+", default=["spheres", "surface"], choices=list(SCATTER))
-    parser.add_argument("--size", type=size_of, default=(480, 360), help="of a picture [480x360]")
-    parser.add_argument("--up", default="auto", help="z, y, -y, ...: of all scans")
-    parser.add_argument("--rows", type=int, default=3, help="of a sheet")
-    parser.add_argument("--pyvista", help="a Python that has PyVista")
-    parser.add_argument("--cloudcompare", action="store_true", help="a column of CloudCompare's points")
+    parser.add_argument("--size", type=size_of, default=(480, 360), help="size of a picture (default: 480x360)")
+    parser.add_argument("--up", default="auto", help="up direction of all scans: z, y, -y, ...")
+    parser.add_argument("--rows", type=int, default=3, help="rows per sheet")
+    parser.add_argument("--pyvista", help="a Python interpreter with PyVista")
+    parser.add_argument("--cloudcompare", action="store_true", help="add a column of CloudCompare's points")
     parser.add_argument("--measure", action="store_true")
-    told = parser.parse_args()
-    told.output.mkdir(parents=True, exist_ok=True)
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("ignore")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        paths = [*told.scans, *(synthetic(sampling, folder) for sampling in told.synthetic)]
-        for first in range(0, len(paths), told.rows):
-            rows = [row(path, told, folder) for path in paths[first : first + told.rows]]
+        paths = [*options.scans, *(synthetic(sampling, folder) for sampling in options.synthetic)]
+        for first in range(0, len(paths), options.rows):
+            rows = [row(path, options, folder) for path in paths[first : first + options.rows]]
             sheet = Image.new("RGB", (rows[0].width, sum(image.height for image in rows)), "white")
             for k, image in enumerate(rows):
                 sheet.paste(image, (0, k * image.height))
-            sheet.save(told.output / f"sheet_{paths[first].stem}.jpg", quality=90)
+            sheet.save(options.output / f"sheet_{paths[first].stem}.jpg", quality=90)
     return 0
 
 

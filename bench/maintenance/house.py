@@ -1,9 +1,9 @@
-"""Count the rooms of the package, the arrows between them, files and functions.
+"""Count the rooms of the package, the imports between them, files and functions.
 
 python -m bench.maintenance.house [FOLDER]
 
-A room is a folder of the package or a file at its top. An arrow is an import of one room by another. A function's lines
-are those of its definition, docstring included.
+A room is a folder of the package or a file at its top. An arrow is an import of one room by another. The lines of a
+function include its docstring.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 
 def arrows(package: Path) -> set[tuple[str, str]]:
-    """Pairs of rooms of which the first imports from the second."""
+    """Pairs of rooms, the first importing from the second."""
     found = set()
     for path in package.rglob("*.py"):
         folder = path.relative_to(package).parts[:-1]

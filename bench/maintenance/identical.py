@@ -1,4 +1,4 @@
-"""Record hashes of some 400 arrays of every stage, or compare two records: what must not change when code is moved.
+"""Record hashes of some 400 arrays from all stages, or compare two records, to verify a refactoring.
 
     python -m bench.maintenance.identical record before.json
     python -m bench.maintenance.identical compare before.json after.json
@@ -62,7 +62,7 @@ class Record(dict[str, str]):
 
 
 def file_arrays(path: Path) -> Iterator[tuple[str, np.ndarray]]:
-    """Arrays of a saved model or of baked light, by their names: a series of .npy, of which the first holds JSON."""
+    """Arrays of a saved model or of baked light, by name: a sequence of .npy arrays, the first containing JSON."""
     names: list[str] = []
     with path.open("rb") as file:
         size = path.stat().st_size
@@ -80,7 +80,7 @@ def file_arrays(path: Path) -> Iterator[tuple[str, np.ndarray]]:
 
 
 def clouds() -> Iterator[tuple[str, pr.Points]]:
-    """Clean, noisy, scattered, coloured, far from the origin; and real scans, where they are there."""
+    """Clean, noisy, scattered, coloured, far from the origin; and real scans, if available."""
     yield "statue", pr.procedural("statue", 20_000, seed=1)
     torus = pr.procedural("torus", 8_000, seed=2)
     noise = np.random.default_rng(3).normal(0, 0.008, torus.positions.shape)

@@ -1,9 +1,8 @@
-"""Record which kernels a first start compiles, and for how long: writes `rendering/first_start.json` of the package.
+"""Record the kernels and compile times of a first start in `rendering/first_start.json` of the package.
 
-Run it after a change of what building a model, a picture or a bake compiles:
-`python -m bench.maintenance.record_kernels`. It takes three to six minutes, in two processes with empty caches; the
-second one tells what tracing kernels share. The seconds are those of a usual core of 2024, whatever
-the speed of this one.
+Run it after a change of the kernels used by models, pictures or bakes: `python -m bench.maintenance.record_kernels`. It
+takes three to six minutes, in two processes with empty caches; the second one finds what tracing kernels share. Seconds
+are scaled to a typical core of 2024.
 """
 
 from __future__ import annotations

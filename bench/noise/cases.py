@@ -73,7 +73,7 @@ def _torus_limits(noise: float) -> dict[str, Limit]:
 def clouds(
     shapes: Iterable[str], noises: Iterable[float], others: list[str], rays: int = RAYS, folder: Path = FOLDER
 ) -> Iterator[Figure]:
-    """The statue and the dragon; Poisson is of depth 10. RIMLS takes too long for them."""
+    """The statue and the dragon, with Poisson of depth 10. RIMLS is too slow for them."""
     some = [peer for peer in others if peer != RIMLS]
     limits = {"depth": Limit(1.0, 1 / 1.5, times=POISSON)}
     for name in shapes:

@@ -1,10 +1,10 @@
-"""Measure surfaces of noisy clouds by rays: pointray's beside screened Poisson (Open3D) and RIMLS (MeshLab).
+"""Measure surfaces of noisy clouds by rays: pointray against screened Poisson (Open3D) and RIMLS (MeshLab).
 
     python -m bench.noise.compare [--quick] [--only torus clouds edges layers wall time] [--noise 0.1 0.3 0.5 1]
                           [--shapes statue dragon] [--peers Poisson RIMLS | none] [--rays 100000]
                           [--models FOLDER] [--csv FILE] [--plot FILE]
 
-torus   100,000 random points; the errors of the hits against what is asked
+torus   100,000 random points; the errors of the hits against the requirements
 clouds  the statue of 1 million points and the dragon's vertices; the errors against those of Poisson of depth 10
 edges   a cube near its edges, and the lattice, at 0.3 h
 layers  walls of two layers, thin plates, drift between two scans, a veil, strays
@@ -54,7 +54,7 @@ def cases(options: argparse.Namespace, others: list[str]) -> dict[str, Callable[
 
 
 def measured(options: argparse.Namespace, others: list[str], console: Console) -> Iterator[Figure]:
-    """The figures of all cases, told as they come. A case whose files are absent is left out with a message."""
+    """The figures of all cases, printed as they are measured. Cases with missing files are skipped with a message."""
     made = cases(options, others)
     for name in options.only:
         try:
@@ -72,7 +72,7 @@ def parsed(arguments: list[str] | None) -> argparse.Namespace:
     names = ("torus", "clouds", "edges", "layers", "wall", "time")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--only", nargs="+", choices=names, default=names)
-    parser.add_argument("--shapes", nargs="+", choices=SHAPES, default=SHAPES, help="of the case clouds")
+    parser.add_argument("--shapes", nargs="+", choices=SHAPES, default=SHAPES, help="shapes of the case clouds")
     parser.add_argument("--noise", nargs="+", type=float, default=list(TORUS), metavar="H")
     parser.add_argument("--peers", nargs="+", choices=(*PEERS, "none"), default=list(PEERS))
     parser.add_argument("--rays", type=int, default=RAYS)
@@ -103,10 +103,10 @@ def main(arguments: list[str] | None = None) -> None:
     finally:
         if found:
             write_csv(options.csv, found)
-            console.print(f"{len(found)} figures are in {options.csv}")
+            console.print(f"wrote {len(found)} figures to {options.csv}")
             console.print(table_of(found))
     if plot(options.plot, found):
-        console.print(f"the plot is in {options.plot}")
+        console.print(f"wrote the plot to {options.plot}")
     else:
         console.print("no plot: pip install 'pointray[dev]' brings matplotlib")
 

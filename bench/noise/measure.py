@@ -1,4 +1,4 @@
-"""Measure a surface by rays: signed distances of the hits from the exact surface, normals, and rays that got through.
+"""Measure a surface by rays: signed distances of the hits from the exact surface, normals, and rays that miss.
 
 Distances are those to the nearest point of the exact surface, not along the rays; positive is outside. Rays are lines
 through the ball around the shape, uniform in position and direction (`measure.lines`), so they come from all sides.
@@ -17,7 +17,7 @@ from bench.noise.clouds import Cloud
 from bench.noise.surfaces import Surface
 
 RAYS = 100_000
-FAR = 10.0  # h: hits farther from the exact surface do not count in the errors; their share is told
+FAR = 10.0  # h: hits farther from the exact surface do not count in the errors; their share is reported
 CELL = 6.0  # h: the size of the cells in which roughness is measured
 
 

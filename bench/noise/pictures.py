@@ -1,10 +1,9 @@
-"""Pictures of real scans from near, as they are scanned and as they are shown: what smoothing does to a surface.
+"""Close views of real scans without and with smoothing.
 
     python -m bench.noise.pictures [SCAN...] -o docs/noise.jpg [--models FOLDER]
 
-Each row is a scan. The first half of its pictures is without smoothing (`smooth=0`), the second with it, which is the
-default: under a headlight, under a sun that grazes what is in the middle, and by ambient occlusion. Colours are left
-out, as they hide the shape.
+Each row is a scan. The first half of its pictures is without smoothing (`smooth=0`), the second with it (default):
+under a headlight, under a grazing sun, and by ambient occlusion. Colours are omitted because they hide the shape.
 """
 
 from __future__ import annotations
@@ -25,14 +24,14 @@ from pointray.image.tone import linear_to_srgb
 
 TILE, LINE = (270, 200), 16  # pixels of a picture, and of a line of text
 ELEVATION = 12.0  # of the sun, degrees over the surface in the middle
-SUN, EYE = 1.1 * np.pi, 0.2 * np.pi  # light of the sun, and of a weak headlight that shows what is in shadow
+SUN, EYE = 1.1 * np.pi, 0.2 * np.pi  # irradiance of the sun, and of a weak headlight for shadowed parts
 LIGHTS = ("headlight", "grazing sun", "ao")
 REACH = 0.05  # how far ambient occlusion looks, as a share of what the picture shows
 SPP = 16
 
 
 class Shot(NamedTuple):
-    """Where a scan is seen from near: a place in the first picture, 0 to 1 to the right and downwards, and the zoom."""
+    """A close view of a scan: position in the first picture, 0 to 1 to the right and downwards, and zoom."""
 
     file: str
     right: float
@@ -61,7 +60,7 @@ class View(NamedTuple):
 
 
 def nearer(model: pr.Model, shot: Shot) -> View:
-    """The view of a shot: towards what the first picture shows there."""
+    """Return the camera of a shot, aimed at the point that the first picture shows there."""
     whole = frame(model, size=TILE)
     origins, directions = whole.rays()
     column, row = int(shot.right * (TILE[0] - 1)), int(shot.down * (TILE[1] - 1))

@@ -56,7 +56,7 @@ def rays_of(scene: Scene, count: int) -> Rays:
 
 
 def scenes() -> Iterator[Scene]:
-    """All that goes wrong."""
+    """All generated scans with defects."""
     for gap in (0.5, 1, 2, 3, 4):
         yield layers(gap)
     yield layers(2, seen=True)
@@ -107,10 +107,10 @@ def found_strays(scene: Scene, found: NDArray[np.bool_]) -> Iterator[Figure]:
 
 
 def wall(others: list[str], folder: Path = FOLDER) -> Iterator[Figure]:
-    """Normals of the tower's wall that face away; a ValueError tells that it is absent."""
+    """Normals of the tower's wall that face away. Raises a ValueError if the scan is missing."""
     path = folder.parent / "points" / TOWER
     if not path.exists():
-        raise ValueError(f"{TOWER} is not in {path.parent}")
+        raise ValueError(f"{TOWER} not found in {path.parent}")
     points = pr.read(path)
     toward = EYE - points.world
     near = neighbors(points.positions, TANGENT + 1)[1][:, 1:]
@@ -140,7 +140,7 @@ def _tangent_planes(positions: Floats) -> Floats:
 def _facing(
     label: str, name: str, normals: Floats, toward: Floats, near: NDArray[Any], seconds: float
 ) -> Iterator[Figure]:
-    """Shares that face away, and that face another way than the neighbours do, beside which the whole may be turned."""
+    """Fractions of normals that face away, and that disagree with their neighbours, independent of a global flip."""
     given = "given" in label
     away = 100 * float(((normals * toward).sum(axis=1) < 0).mean())
     away, limit = (away, Limit(0.3, 0.1)) if given else (min(away, 100 - away), None)
@@ -156,7 +156,7 @@ def _facing(
 
 
 def times(n: int = STATUE_POINTS, runs: int = RUNS) -> Iterator[Figure]:
-    """Seconds until a model of the statue is there, and milliseconds of a frame. Settings take turns."""
+    """Seconds to build a model of the statue, and milliseconds of a frame. Settings alternate."""
     exact = Procedural("statue")
     settings: list[tuple[str, str | float]] = [(OURS, "auto"), (PLAIN, 0)] if smooths() else [(OURS, "auto")]
     for noise in (0.0, 0.3):

@@ -1,4 +1,4 @@
-"""Scans that go wrong, made by formula for `compare.py`: layers, plates, drift, veils, strays."""
+"""Generated scans with defects for `noise.py`: layers, plates, drift, veils, strays."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Wall(Formula):
         self.area = float(4 * (RADIUS / np.sqrt(RADIUS**2 - x**2 - y**2)).mean())
 
     def points(self, n: int, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """Uniform in area: draws over the square are kept by the slope."""
+        """Uniform in area, by rejection sampling over the square according to the slope."""
         x = rng.uniform(-1, 1, (2 * n + 1000, 2))
         cosine = np.sqrt(1 - (x**2).sum(axis=1) / RADIUS**2)
         x = x[rng.uniform(0, 1.1, len(x)) < 1 / cosine][:n]
@@ -94,7 +94,7 @@ class Room(Formula):
         return distances[nearest], normals[nearest]
 
     def ranges(self, d: Floats) -> Floats:
-        """Distance along directions from the origin to what is hit first."""
+        """Distance along directions from the origin to the first hit."""
         found = 10.0 / d[:, 1]
         for center, radius, k in ((self._ball, 1.0, 3), (self._pole, 0.15, 2)):
             a, b = (d[:, :k] ** 2).sum(axis=1), d[:, :k] @ center

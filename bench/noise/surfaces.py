@@ -1,6 +1,6 @@
 """The surfaces that `compare.py` compares: pointray's, screened Poisson by Open3D, and RIMLS by MeshLab.
 
-Open3D and pymeshlab are optional: `peers` says what is missing. Both peers get Open3D's normals of 30 neighbours (its
+Open3D and pymeshlab are optional: `peers` reports missing ones. Both peers get Open3D's normals of 30 neighbours (its
 default), with the signs of the exact normals; pointray gets positions only, and the scanner where there is one.
 """
 
@@ -59,7 +59,7 @@ def finds_strays() -> bool:
 
 
 def strays_of(cloud: Cloud) -> NDArray[np.bool_]:
-    """The rows that pointray takes for strays, of whatever kind; it is told of the scanner."""
+    """Rows that pointray classifies as strays of any kind, given the scanner position."""
     known = {} if cloud.eye is None else {"viewpoint": cloud.eye}
     found: Any = pr.find_strays(pr.Points(cloud.positions), **known)
     masks = [np.asarray(part) != 0 for part in (found if isinstance(found, tuple) else (found,))]
@@ -74,7 +74,7 @@ def ours(cloud: Cloud, smooth: str | float = "auto") -> Surface:
 
 
 def warm_up(cloud: Cloud) -> None:
-    """Compile what a model needs, lest it counts in the first one's seconds."""
+    """Compile the kernels of a model, so that compilation is not measured."""
     for smooth in ("auto", 0) if smooths() else ("auto",):
         ours(cloud, smooth)
 
@@ -172,7 +172,7 @@ def peers(wanted: list[str]) -> tuple[list[str], list[str]]:
                 importlib.import_module(module)
             here.append(name)
         except (ImportError, OSError) as error:
-            messages.append(f"{name} is left out: {error} (pip install {' '.join(PEERS[name])})")
+            messages.append(f"{name} skipped: {error} (pip install {' '.join(PEERS[name])})")
     return here, messages
 
 

@@ -1,4 +1,4 @@
-"""Figures of `compare.py` and how they are told: the table of what is asked, aimed at and seen, CSV, and the plot."""
+"""Output of `noise.py`: the table of requirements, targets and measurements, CSV, and the plot."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Figure:
 
 
 def figures(case: str, row: Row, limits: dict[str, Limit]) -> Iterator[Figure]:
-    """Those figures of a row that are told of the case."""
+    """The figures of a row that are printed for the case."""
     for name in TOLD[case]:
         yield Figure(case, row.cloud, WORDS[name], row.surface, getattr(row, name), limits.get(name))
 
@@ -86,7 +86,7 @@ def limits_of(group: Group) -> tuple[float, float, bool] | None:
 
 
 def verdict(group: Group) -> str:
-    """Whether pointray's figure is what is asked or aimed at; strays count as left out where they are measured so."""
+    """Whether pointray's figure meets the requirement or target; strays count as dropped where they are measured so."""
     limits = limits_of(group)
     mine = group.get(CLEARED) or group.get(OURS)
     if limits is None or mine is None:
@@ -133,7 +133,7 @@ def write_csv(path: Path, found: list[Figure]) -> None:
 
 
 def plot(path: Path, found: list[Figure]) -> bool:
-    """Errors over noise for the torus and the clouds, with what is asked; False without matplotlib."""
+    """Plot errors over noise for the torus and the clouds, with the requirements; False without matplotlib."""
     try:
         import matplotlib
     except ImportError:
@@ -159,7 +159,7 @@ def plot(path: Path, found: list[Figure]) -> bool:
 
 
 def _panel(axis: Any, found: list[Figure]) -> None:
-    """A curve for each surface; what is asked and the aim are grey."""
+    """A curve for each surface; requirement and target are grey."""
     noise = lambda cloud: float(cloud.split()[-2])  # noqa: E731
     for name in dict.fromkeys(f.surface for f in found):
         some = [(noise(f.cloud), abs(f.value)) for f in found if f.surface == name]

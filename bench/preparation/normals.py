@@ -1,9 +1,10 @@
-"""Measure estimated normals: errors on exact shapes, flipped shares on scans, seconds and memory.
+"""Measure estimated normals: errors on exact shapes, fractions of flipped ones on scans, seconds and memory.
 
     python -m bench.preparation.normals [scan.ply ...] [--count 50000] [--sizes 1000000 10000000]
 
-Angle errors (median, root mean square, share over 20 degrees) are relative to exact normals, with noise of 0, 0.1 and
-0.5 spacings sqrt(area / n). A scan's own normals are withheld and then compared; those over 90 degrees off are flipped.
+Angle errors (median, root mean square, fraction over 20 degrees) are relative to exact normals, with noise of 0, 0.1
+and 0.5 spacings sqrt(area / n). A scan's own normals are withheld and then compared; those over 90 degrees off are
+flipped.
 """
 
 from __future__ import annotations

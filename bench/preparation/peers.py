@@ -28,7 +28,7 @@ from pointray.engine.jit import thread_count
 os.environ["OMP_NUM_THREADS"] = str(thread_count())  # pykdtree and Open3D read it when they are imported
 
 Floats = NDArray[Any]
-Way = Callable[[Floats, int], Any]  # positions (n, 3) float32 and a number of neighbours -> what is compared
+Way = Callable[[Floats, int], Any]  # positions (n, 3) float32 and a number of neighbours -> result to compare
 
 
 def ours(positions: Floats, k: int) -> Floats:
@@ -111,14 +111,14 @@ def _outside(positions: Floats) -> Floats:
 
 
 def installed(ways: dict[str, Way], sample: Floats, k: int) -> dict[str, Way]:
-    """The ways that can be gone. The sample also compiles what is compiled."""
+    """The available methods. Running them on the sample also compiles their kernels."""
     there = {}
     for name, way in ways.items():
         try:
             way(sample, k)
             there[name] = way
         except (ImportError, OSError) as error:
-            print(f"{name} is left out: {error}", file=sys.stderr)
+            print(f"{name} skipped: {error}", file=sys.stderr)
     return there
 
 
@@ -165,10 +165,10 @@ def measure(points: pr.Points, options: argparse.Namespace) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("file", type=Path, help="with exact normals")
+    parser.add_argument("file", type=Path, help="cloud with exact normals")
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--k", type=int, default=20, help="neighbours that are looked up")
-    parser.add_argument("--neighbors", type=int, default=16, help="neighbours that a normal is fitted to")
+    parser.add_argument("--k", type=int, default=20, help="number of neighbours to find")
+    parser.add_argument("--neighbors", type=int, default=16, help="number of neighbours for a normal")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     print(json.dumps(measure(pr.read(options.file), options)))

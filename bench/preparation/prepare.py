@@ -1,16 +1,16 @@
-"""Measure the way from raw points to the first picture: stages, points a second, memory, growth, beside its peers.
+"""Measure the preparation from raw points to the first picture: stages, points a second, memory, growth, and peers.
 
     python -m bench.preparation.prepare [--points 100000 1000000 4000000 10000000 24000000] [--shape statue|torus]
                             [--runs 1] [--only normals plain noise scans peers view]
                             [--folder FOLDER] [--models FOLDER] [--json FILE]
 
 normals  points with normals; plain: without; noise: without, and moved by 0.3 spacings in all directions
-scans    the clouds of `shared/models`, as they are
+scans    the clouds of `shared/models`, unchanged
 peers    20 neighbours by scipy, pykdtree, small_gicp and Open3D; normals of 16 neighbours by the last two, with errors
 view     `pointray view` of a PLY until the full picture, without its cache
 
-Each case runs in a process of its own, with all kernels compiled before. Its peak is that of the process while a stage
-runs. A stage's "own" seconds are without the stages inside it. Growth is the time a point over that of the first size.
+Each case runs in a separate process, with all kernels compiled before. The peak is that of the process while a stage
+runs. "Own" seconds of a stage exclude nested stages. Growth is the time a point relative to that of the first size.
 --runs takes the median of several runs. --folder keeps the clouds for other runs: the statue of 24 million points takes
 minutes to make; the torus, which has random points, takes seconds.
 """
@@ -58,7 +58,7 @@ def torus(count: int) -> pr.Points:
 
 
 def file_of(shape: str, count: int, folder: Path) -> Path:
-    """The PLY of a cloud with normals, made unless it is there."""
+    """Return the PLY of a cloud with normals, generated if missing."""
     path = folder / f"{shape}_{count}.ply"
     if not path.exists():
         part = path.with_suffix(".part.ply")
@@ -146,13 +146,13 @@ def peer_table(row: Figures) -> Table:
 
 
 def scans(models: Path) -> Iterator[tuple[str, Figures]]:
-    """Figures of each scan of a folder; those that cannot be read, or are no clouds, are left out."""
+    """Figures of each scan of a folder; unreadable files and files that are not clouds are skipped."""
     for path in sorted(path for part in ("points", "raw") for path in (models / part).glob("*")):
         if path.suffix.lower() in SCANS:
             try:
                 yield path.name, child("stages.py", path)
             except ValueError as error:
-                print(f"{path.name} is left out: {error}", file=sys.stderr)
+                print(f"{path.name} skipped: {error}", file=sys.stderr)
 
 
 def scan_table(rows: list[tuple[str, Figures]]) -> Table:
@@ -226,7 +226,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--shape", choices=("statue", "torus"), default="statue")
     parser.add_argument("--only", nargs="+", choices=names, default=names)
     parser.add_argument("--runs", type=int, default=1)
-    parser.add_argument("--folder", type=Path, help="where clouds are kept")
+    parser.add_argument("--folder", type=Path, help="keep generated clouds in this folder")
     parser.add_argument("--models", type=Path, default=FOLDER.parent)
     parser.add_argument("--json", type=Path)
     options = parser.parse_args(arguments)

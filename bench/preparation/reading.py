@@ -1,11 +1,11 @@
-"""Reading files of points beside the bare reading of a library, in the same run: times, and memory beside the result.
+"""Compare reading files of points with reading them by a library alone, in the same run: times and memory.
 
     python -m bench.preparation.reading [--points 10000000] [--runs 3] [--only LAS ...]
 
-Files are made first, with colours, intensity, classes and times. "Bare" is what the library must do for the same
-arrays: all columns taken out, coordinates scaled. Memory is the most that a process of its own takes beyond what it
-had after reading a small file, over the bytes of the points. At last: how long the second `pointray view` of the LAS
-file takes until its model is there.
+Files are generated first, with colours, intensity, classes and times. "Bare" is the library reading the same arrays:
+all columns extracted, coordinates scaled. Memory is the peak of a separate process beyond its memory after reading a
+small file, relative to the size of the points. Finally the time until a second `pointray view` of the LAS file has its
+model.
 """
 
 from __future__ import annotations
@@ -154,7 +154,7 @@ def measure(name: str, folder: Path, points: pr.Points, runs: int) -> str:
 
 
 def second_view(folder: Path) -> str:
-    """How long a model that was kept takes to be there, against building it."""
+    """Compare the time to open a cached model with that to build it."""
     from pointray.model import model_cache
 
     path = folder / "large.las"

@@ -1,4 +1,4 @@
-"""A child of `prepare.py`: one cloud goes from its file to a model with levels, and a clock runs in every stage.
+"""A child of `prepare.py`: build a model with levels from one file, and time every stage.
 
     python -m bench.preparation.stages FILE [--without-normals] [--noise DISTANCE]
 
@@ -27,11 +27,11 @@ import pointray as pr
 
 # The functions of each stage, inner ones of others too. Names that the package lacks are passed over.
 STAGES = {
-    "sort and distinct": ("distinct", "kd_order", "along_path"),
+    "sort and distinct": ("distinct", "kd_order", "compute_kd_ordering"),
     "neighbours": ("NeighborTree.__init__", "NeighborTree.query"),
-    "noise and layers": ("merge_for_model", "noise_along"),
+    "noise and layers": ("merge_for_model", "estimate_noise"),
     "fits": ("fit_normals", "fit_surface"),
-    "orientation": ("orient", "part_sheets", "settle_unknown"),
+    "orientation": ("orient", "orient_thin_sheets", "orient_unknown"),
     "normals": ("place",),
     "radii": ("make_splats",),
     "tree": ("build_tree",),
@@ -44,7 +44,7 @@ Work = TypeVar("Work", bound=Callable[..., Any])
 
 @dataclass
 class Spent:
-    """What a stage took.
+    """Resource usage of a stage.
 
     own : seconds without the stages inside
     peak : bytes of the process; 0 for a stage inside another one
@@ -113,7 +113,7 @@ def reset_peak() -> None:
 
 
 def peak() -> int:
-    """Bytes of memory at most since `reset_peak`; 0 where the system does not tell."""
+    """Peak bytes of memory since `reset_peak`; 0 where the system does not report it."""
     with suppress(OSError):
         lines = Path("/proc/self/status").read_text().splitlines()
         return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
@@ -154,7 +154,7 @@ def warm_up(points: pr.Points, normals: bool, noise: float) -> None:
 
 
 def measure(file: Path, normals: bool, noise: float) -> dict[str, Any]:
-    """What each stage took, and the number of points."""
+    """Return the resource usage of each stage, and the number of points."""
     warm_up(pr.read(file), normals, noise)
     clock = Clock()
     reset_peak()

@@ -1,7 +1,7 @@
-"""The city of `stages.py`: statues on relief ground, as many distinct points as are asked for, in tiles on disk.
+"""The city of `scale.py`: statues on relief ground, a given number of distinct points in tiles on disk.
 
-A city is a grid of cells. Each has a statue of its own place, turn and scales, half of the cell's points, and ground
-beneath it, the other half. It is made cell by cell, the same each time.
+A city is a grid of cells. Half of a cell's points are a statue with random position, rotation and scales, the other
+half the ground beneath it. Cells are generated one by one and reproducibly.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ EYES, FLIGHT = 1.4, 1.6  # heights of cameras above the ground
 INDEX = "city.json"
 
 Floats = NDArray[np.float64]
-Say = Callable[[float], None]
+Report = Callable[[float], None]
 
 
 @dataclass(frozen=True)
 class City:
-    """What is made: `points` in files of a format, ply, las or laz, with normals or without."""
+    """Settings of a city: `points` in files of a format, ply, las or laz, with or without normals."""
 
     points: int
     format: str = "ply"
@@ -79,7 +79,7 @@ class City:
         return [range(k, min(k + per_tile, self.cells)) for k in range(0, self.cells, per_tile)]
 
     def middle_of(self, cell: int) -> Floats:
-        """Where its statue stands, (2,), about the origin."""
+        """The position of its statue, (2,), about the origin."""
         return (np.array([cell % self.side, cell // self.side]) + 0.5) * EDGE
 
     # ------------------------------------------------------------------------------------------------------- cameras
@@ -95,7 +95,7 @@ class City:
         return pr.Camera.frame(box, (0.45, -1.0, 0.6), size=size)
 
     def near(self, size: tuple[int, int]) -> pr.Camera:
-        """A statue in the middle of the city, from before it, and what is behind it."""
+        """A statue in the middle of the city, seen from the front, and the city behind it."""
         x, y = self.middle_of(self.cells // 2)
         return pr.Camera.look_at(self.eye(x + 0.6, y - 2.4, EYES), self.eye(x, y, 1.1), fov=55, size=size)
 
@@ -176,8 +176,8 @@ class Sculptor:
         }
 
 
-def make(city: City, folder: Path, say: Say = lambda share: None) -> list[Path]:
-    """The files of a city, in order. Those that are there are kept, if they are of the same city."""
+def make(city: City, folder: Path, report: Report = lambda share: None) -> list[Path]:
+    """Return the files of a city, in order. Existing files of the same city are reused."""
     wanted, index = asdict(city), folder / INDEX
     if folder.exists() and (not index.exists() or json.loads(index.read_text()) != wanted):
         shutil.rmtree(folder)
@@ -190,7 +190,7 @@ def make(city: City, folder: Path, say: Say = lambda share: None) -> list[Path]:
             beside = path.with_name(f"part-of-{path.name}")
             pr.write(beside, _points_of(city, (sculptor.cell(cell) for cell in cells)))
             beside.rename(path)
-        say((k + 1) / len(tiles))
+        report((k + 1) / len(tiles))
     return paths
 
 

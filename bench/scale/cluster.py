@@ -1,4 +1,4 @@
-"""Stages `cluster` and `faults` of `stages.py`: workers of Dask beside one process, and workers that are killed."""
+"""Stages `cluster` and `faults` of `scale.py`: Dask workers compared with one process, and killed workers."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ AFTER = "place-0000.json"  # the mark after which a worker that prepares is kill
 PART = 1 << 18  # points of a part, if nothing else is asked for: two workers have room for it in 2 GiB
 _SENT = [0]  # bytes, of this process
 
-Pictures = Callable[[Any, Any], Any]  # (client or None, progress or None) -> what is made
+Pictures = Callable[[Any, Any], Any]  # (client or None, progress or None) -> result
 
 
 class Task(NamedTuple):
-    """Something that one process and a cluster do.
+    """A task for one process and for a cluster.
 
     name : of its rows
     what : it is, for people
@@ -131,7 +131,7 @@ def _hits(scene: pr.Scene, camera: pr.Camera, client: Any, progress: Any, spread
 
 
 def spread_tasks(options: Options, scene: pr.Scene) -> list[Task]:
-    """Pictures whose parts are spread over workers: each has a share of them, and rays travel."""
+    """Pictures of parts spread over workers, which exchange rays."""
     near, pixels = options.city.near(options.size), int(np.prod(options.size))
     kinds = {"lit": pr.Settings(), "paths": pr.Settings(**{**PATHS, "spp": 2})}
 
@@ -244,7 +244,7 @@ def kill_one(client: Any) -> None:
 
 
 def await_workers(client: Any, count: int, before: frozenset[str] = frozenset()) -> frozenset[str]:
-    """Wait until there are so many workers, not all of them those that were there before; returns their addresses."""
+    """Wait for a number of workers, at least one of them new, and return their addresses."""
     while len(there := frozenset(client.nthreads())) != count or there == before:
         time.sleep(0.1)
     return there
@@ -258,12 +258,12 @@ def faults(options: Options) -> Iterator[Row]:
                 continue
             there, killed = await_workers(client, options.workers), []
 
-            def tell(share: float, killed: list[float] = killed) -> None:
+            def report(share: float, killed: list[float] = killed) -> None:
                 if share > 0.2 and not killed:
                     killed.append(share)
                     kill_one(client)
 
-            whole, found = task.make(None, None), task.make(client, tell)
+            whole, found = task.make(None, None), task.make(client, report)
             if killed:
                 await_workers(client, options.workers, there)
             yield from _fault_rows(options, task.name, task.what, len(killed), apart(whole, found))
@@ -272,7 +272,7 @@ def faults(options: Options) -> Iterator[Row]:
 
 def _fault_rows(options: Options, name: str, what: str, killed: int, differ: int) -> Iterator[Row]:
     yield asked(options.row(f"faults.{name}.killed", killed, "", f"workers killed while they made {what}"), LEAST, 1)
-    yield asked(options.row(f"faults.{name}.apart", differ, "", "what differs from one process's"), MOST, 0)
+    yield asked(options.row(f"faults.{name}.apart", differ, "", "differences from one process"), MOST, 0)
 
 
 def _killed_while_preparing(options: Options) -> Iterator[Row]:

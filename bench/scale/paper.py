@@ -1,4 +1,4 @@
-"""Stage `paper` of `stages.py`: what a billion points take on ten machines, told from the rows that were measured."""
+"""Stage `paper` of `scale.py`: extrapolate the measured rows to a billion points on ten machines."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Line(NamedTuple):
 
 @dataclass
 class Sheet:
-    """Rows, and those that the line being written has used."""
+    """Rows, and those used by the current line."""
 
     rows: Rows
     used: list[Row] = field(default_factory=list)
@@ -68,7 +68,7 @@ def lines(rows: Rows) -> Iterator[Line]:
 
 
 class Group(NamedTuple):
-    """Stages of `prepare` that are told in one line.
+    """Stages of `prepare` that are printed in one line.
 
     name : the stage, or "levels" for those of all levels
     kind : SHARED, ALONE or SAMPLE
@@ -180,19 +180,19 @@ def table(rows: Rows) -> Table:
 
 
 def markdown(rows: Rows) -> str:
-    """The tables of docs/scale.md: what is asked and what was measured, and the arithmetic."""
+    """The tables of docs/scale.md: requirements, measurements, and the extrapolation."""
     measured = [
         [row.what, f"`{row.name}`", f"{row.points:,}", shown(row.value, row.unit), row.asked]
         for row in sorted(rows, key=lambda row: (STAGES.index(row.name.split(".")[0]), -row.points))
         if row.kind
     ]
-    told = [
+    extrapolated = [
         [line.what, "-" if line.value is None else shown(line.value, line.unit), line.how.replace(" @ ", " at ")]
         for line in lines(rows)
     ]
     tables = (
         (["what", "row", "points", "measured", "asked"], measured),
-        (["a billion points on ten machines", "", "how"], told),
+        (["a billion points on ten machines", "", "how"], extrapolated),
     )
     return "\n\n".join(_markdown_of(head, cells) for head, cells in tables)
 

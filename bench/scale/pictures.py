@@ -2,8 +2,8 @@
 
     python -m bench.scale.pictures FOLDER MEMORY BEGUN CAMERAS PICTURE
 
-CAMERAS is a file of JSON; the first picture is written to a PNG. BEGUN is when the process was started, as `time.time`
-counts. Prints JSON. It imports no more than a user's script would.
+CAMERAS is a JSON file; the first picture is written to a PNG. BEGUN is the start time of the process (`time.time`).
+Prints JSON. It imports no more than a user's script would.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Stages `make` and `prepare` of `stages.py`: a city on disk, and what `pointray prepare` takes to make parts of it."""
+"""Stages `make` and `prepare` of `scale.py`: generate a city on disk, and measure `pointray prepare` into parts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BLOCK = 1 << 20  # bytes of tiles that are read to find out whether they are the
 
 @dataclass(frozen=True)
 class Options:
-    """What is measured.
+    """Settings of the measurements.
 
     folder : where all is kept: each size of city has a folder in it
     memory : as `pointray prepare` and `Model.load` take it
@@ -50,7 +50,7 @@ class Options:
         return self.there / "city.pointray"
 
     def tiles(self) -> list[Path]:
-        """The files of the city; they are made if they are not there."""
+        """Return the files of the city, generated if missing."""
         return make(self.city, self.there / "tiles")
 
     def rows(self) -> Rows:
@@ -63,12 +63,12 @@ class Options:
 
 
 def asked(row: Row, kind: str, limit: float) -> Row:
-    """The same figure, of which something is asked."""
+    """The same figure, with a requirement."""
     return row._replace(kind=kind, limit=limit)
 
 
 def keep(options: Options, stage: str, rows: Sequence[Row], console: Console) -> None:
-    """Keep the rows of a stage, and print them."""
+    """Store the rows of a stage, and print them."""
     options.rows().put(rows, stage)
     console.print(table_of(stage, rows))
 
@@ -87,7 +87,7 @@ def make_tiles(options: Options) -> list[Row]:
     return rows
 
 
-# All tell of surfaces: scattered points would be sought first, and the city has a few single ones.
+# Surfaces only: otherwise scattered points would be sought first, and the city has a few single ones.
 SURFACE = "--scatter", "surface"
 
 
@@ -115,7 +115,7 @@ def parts_in(folder: Path) -> int:
 
 
 def prepared(options: Options) -> Path:
-    """The model in parts of the city; it is made if it is not there."""
+    """Return the model in parts of the city, prepared if missing."""
     if not (options.prepared / "index.json").exists():
         watched(command_of(options, options.prepared))
     return options.prepared

@@ -1,4 +1,4 @@
-"""Rows of `stages.py`: what was measured, kept in a JSON file, so that stages can run one by one, and be counted on."""
+"""Rows of `scale.py`: measurements in a JSON file, so that stages can run separately and use earlier results."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Row(NamedTuple):
 
     @property
     def key(self) -> str:
-        """What tells the row from others."""
+        """The key of the row."""
         return f"{self.name} @ {self.points:,}"
 
     @property
@@ -52,7 +52,7 @@ class Row(NamedTuple):
 
     @property
     def is_met(self) -> bool | None:
-        """Whether what is asked is met; None: nothing is."""
+        """Whether the requirement is met; None without one."""
         if not self.kind:
             return None
         return self.value <= self.limit if self.kind == MOST else self.value >= self.limit
@@ -108,7 +108,7 @@ def shown(value: float, unit: str) -> str:
 
 
 def table_of(title: str, rows: Iterable[Row]) -> Table:
-    """Rows, with what is asked."""
+    """Rows, with their requirements."""
     table = Table(title=title)
     for name in ("row", "points", "what", "measured", "asked", ""):
         table.add_column(name, justify="right" if name in ("points", "measured", "asked") else "left")

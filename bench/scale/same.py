@@ -1,4 +1,4 @@
-"""Stage `same` of `stages.py`: one scan whole and in parts; what rays meet, the time of frames, and bytes."""
+"""Stage `same` of `scale.py`: one scan whole and in parts; hits, frame times, and bytes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SETTINGS = pr.Settings(levels=False)
 
 
 def part_size(points: int, parts: int) -> int:
-    """The greatest power of two of points with which there are at least so many parts."""
+    """The largest power of two of points a part that yields at least this number of parts."""
     return 1 << (max(points // parts, 1).bit_length() - 1)
 
 
@@ -34,7 +34,7 @@ def bytes_of_model(path: Path) -> int:
 
 
 def made(options: Options) -> dict[int, Path]:
-    """The scan whole, 1, and in parts, by how many were asked for; each is made by a process of its own."""
+    """Return the scan whole (1) and in parts, by the requested number; each is prepared in a separate process."""
     whole = options.there / "whole.pointray"
     if not whole.exists():
         watched(["-m", "pointray", "prepare", *options.tiles(), "-o", whole, "--no-levels", *SURFACE])
@@ -72,7 +72,7 @@ def frame_times(scenes: dict[int, pr.Scene], cameras: list[pr.Camera], runs: int
 
 
 def compared(one: pr.Scene, other: pr.Scene, cameras: list[pr.Camera]) -> tuple[int, int, int]:
-    """(rays, those that hit something in the one, those that have other bits of t in the other)."""
+    """(rays, those that hit something in the first, those with other bits of t in the second)."""
     rays, hit, apart = 0, 0, 0
     for camera in cameras:
         a, b = (scene.intersect(*camera.rays()).t for scene in (one, other))
@@ -87,7 +87,7 @@ def _rows_of(options: Options, count: int, measured: Measured) -> Iterator[Row]:
     paths, scenes, times, cameras = measured
     rays, hit, apart = compared(scenes[1], scenes[count], cameras)
     name, row = f"same.{count}", options.row
-    yield row(f"{name}.parts", parts_in(paths[count]), "", f"parts, {count} were asked for")
+    yield row(f"{name}.parts", parts_in(paths[count]), "", f"parts, {count} requested")
     yield row(f"{name}.rays", rays, "", f"rays, of which {hit:,} hit the whole")
     yield asked(row(f"{name}.apart", 1e5 * apart / max(hit, 1), "in 100,000", "hits with another t"), MOST, 1e5 * APART)
     ratio = sum(times[count]) / sum(times[1])

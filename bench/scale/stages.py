@@ -13,13 +13,12 @@ faults    kill -9 of a worker in the middle of each
 paper     a billion points on ten machines, from the rows
 docs      the tables of docs/scale.md
 
-Stages run in the order in which they are named; `all` runs make, prepare and view with --points, then same, cluster and
-faults with a tenth of it. Rows are kept in FOLDER/scale.json, in place of earlier ones of the same stage and size. All
-that is made stays in FOLDER: 30 GB at most for 100 million points. A stage makes what it needs and does not find.
+Stages run in the order given; `all` runs make, prepare and view with --points, then same, cluster and faults with a
+tenth of it. Rows are stored in FOLDER/scale.json and replace earlier ones of the same stage and size. All output stays
+in FOLDER: 30 GB at most for 100 million points. A stage creates missing inputs.
 
-Memory is read every 50 ms from /proc: "resident" is VmRSS, what `ps` shows, with the pages of files that are mapped,
-summed over all processes of the command (what they share counts for each); of each process the system's own peak
-(VmHWM) counts too.
+Memory is read every 50 ms from /proc: "resident" is VmRSS, as shown by `ps`, including pages of mapped files, summed
+over all processes of the command (shared pages count for each); the peak of each process (VmHWM) is read too.
 """
 
 from __future__ import annotations
@@ -69,7 +68,7 @@ WORK: dict[str, Callable[[Options], Iterable[Row]]] = {
 
 
 def run(stage: str, options: Options, console: Console) -> None:
-    """Do a stage, keep its rows and print them."""
+    """Run a stage, store its rows and print them."""
     if stage == "paper":
         console.print(table(options.rows()))
     elif stage == "docs":
@@ -82,7 +81,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("stages", nargs="+", choices=(*STAGES, "all"))
-    parser.add_argument("--folder", type=Path, required=True, help="where tiles, models and rows are kept")
+    parser.add_argument("--folder", type=Path, required=True, help="folder for tiles, models and rows")
     parser.add_argument("--points", type=int, default=100_000_000)
     parser.add_argument("--memory", default="2GiB", help="of `prepare`")
     parser.add_argument("--resident", default="1GiB", help="of `view`")

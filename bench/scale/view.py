@@ -43,7 +43,7 @@ def forget(folder: Path) -> None:
 def view(options: Options) -> list[Row]:
     """Pictures of the prepared city."""
     if not (options.prepared / "index.json").exists():
-        raise ValueError(f"{options.prepared}: is not there: run the stage `prepare` of so many points first")
+        raise ValueError(f"{options.prepared}: not found: run the stage `prepare` with this number of points first")
     return [*_first_pictures(options), *_flight(options)]
 
 
@@ -61,11 +61,13 @@ def _first_pictures(options: Options) -> Iterator[Row]:
                     forget(options.prepared)
                 runs.append(child(options, name, [camera]))
             seconds, opened = (statistics.median(found[what] for found, _ in runs) for what in ("first", "opened"))
-            what = f"from the start of a process to a picture from {'afar' if name == 'far' else 'near'}, {prepared}"
+            what = (
+                f"time from the start of a process to a picture from {'afar' if name == 'far' else 'near'}, {prepared}"
+            )
             row = options.row(f"view.{name}{kind}", seconds, "s", what)
             yield row if kind else asked(row, MOST, FIRST)
             if not kind:
-                yield options.row(f"view.{name}.opened", opened, "s", "of it until the model was open")
+                yield options.row(f"view.{name}.opened", opened, "s", "part of it until the model was open")
                 yield options.row(f"view.{name}.peak", max(w.resident for _, w in runs), "bytes", "resident")
 
 

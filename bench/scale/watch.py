@@ -1,4 +1,4 @@
-"""What a command takes: the memory of all its processes, the disk under a folder, and when its stages end."""
+"""Resource usage of a command: memory of all its processes, disk under a folder, and end times of its stages."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Stage(NamedTuple):
 
 @dataclass
 class Watched:
-    """What a command has taken.
+    """Resource usage of a command.
 
     seconds : from its start to its end
     resident, anonymous : most bytes of memory, see `Sample`
@@ -73,7 +73,7 @@ class Watched:
 
 
 class Watch:
-    """Looks at a process and its children until `end`.
+    """Monitors a process and its children until `end`.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ class Watch:
                         self._marks[prefix + entry.name] = entry.stat().st_mtime
 
     def end(self) -> Watched:
-        """What was seen."""
+        """The result of monitoring."""
         self._ended.set()
         self._thread.join()
         resident = max([self._most, *(sample.resident for sample in self._samples)])
@@ -128,7 +128,7 @@ class Watch:
         return Watched(seconds, resident, anonymous, self._processes, max(self._disk, left), left, self._stages())
 
     def _stages(self) -> list[Stage]:
-        """A stage goes from the last mark of the one before to its own last mark; the shortest count to the next."""
+        """A stage lasts from the last mark of the previous one to its own; very short ones count to the next."""
         ends: dict[str, list[float]] = {}
         for name, at in self._marks.items():
             match = MARK.fullmatch(name)
@@ -152,7 +152,7 @@ class Watch:
 
 
 def memory_of(pid: int) -> tuple[int, int, int] | None:
-    """Resident bytes of a process, those of them that are of no file, and the most that were resident; None: gone."""
+    """Return resident bytes of a process, the anonymous ones among them, and the peak; None if it has ended."""
     try:
         lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     except OSError:

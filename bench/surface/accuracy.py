@@ -4,8 +4,8 @@
                              [--surfaces apss disc ...] [--points 10000 ...] [--noise 0 0.1 ...] [--rays 200000]
                              [--csv FILE] [--plot FILE]
 
-The program prints a row for each cloud and surface as it is measured (`measure.Row` explains the columns), then every
-demand with the figure seen. It also writes the rows as CSV and as a plot. It takes some 5 minutes on two cores. --full
+Prints a row for each cloud and surface (`measure.Row` explains the columns), then every requirement with the measured
+figure. It also writes the rows as CSV and as a plot. It takes some 5 minutes on two cores. --full
 goes up to 1 million points and 10 million rays, and takes some two hours. --quick measures sphere and torus only, in a
 minute. --choice compares surfaces, samples N and refinement by quality and cost (some 15 minutes).
 
@@ -78,7 +78,7 @@ def choice_cases(options: argparse.Namespace) -> Iterator[Case]:
 
 
 def measured(todo: list[Case], folder: Path, console: Console) -> Iterator[Row]:
-    """The rows of all cases, printed as they come. A mesh that is absent is left out with a message."""
+    """Yield the rows of all cases and print them. Missing meshes are skipped with a message."""
     columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn()
     known: dict[str, Truth] = {}
     console.print(HEAD, style="bold", soft_wrap=True, highlight=False)
@@ -90,7 +90,7 @@ def measured(todo: list[Case], folder: Path, console: Console) -> Iterator[Row]:
                 try:
                     known = {case.shape: truth(case.shape, folder)}
                 except ValueError as error:
-                    console.print(f"{case.shape} is left out: {error}")
+                    console.print(f"{case.shape} skipped: {error}")
                     continue
             cloud = cloud_of(known[case.shape], case.sampling, case.n, case.noise)
             for row in measure(cloud, list(case.settings), case.rays, lambda done: bars.advance(bar, done)):
@@ -156,13 +156,13 @@ def main(arguments: list[str] | None = None) -> None:
     finally:
         if rows:
             write_csv(options.csv, rows)
-            console.print(f"{len(rows)} rows are in {options.csv}")
+            console.print(f"wrote {len(rows)} rows to {options.csv}")
     if options.choice:
         console.print(choice_table(rows))
         return
     console.print(verdict_table(verdicts(rows, SURFACE)))
     if plot(options.plot, rows):
-        console.print(f"the plot is in {options.plot}")
+        console.print(f"wrote the plot to {options.plot}")
     else:
         console.print("no plot: pip install 'pointray[dev]' brings matplotlib")
 

@@ -23,7 +23,7 @@ from pointray.surface.splats.scattered.classification import find_scattered, fin
 
 NOISES = 0.0, 0.1, 0.25, 0.5  # spacings
 SURFACE, SCATTERED = ("ground", "wall", "roof"), ("crown", "shrub", "wire", "stray")
-WRONG, RIGHT = 5.0, 90.0  # percent of scattered points of which surfaces may have no more, and the others no less
+WRONG, RIGHT = 5.0, 90.0  # percent of scattered points: maximum for surfaces, minimum for other classes
 SEEDS = 100, 101, 102  # of the table; those up to 5 were used for choosing thresholds
 CLEAN = (
     "stanford_bunny",
@@ -40,12 +40,12 @@ SIZE = 1000  # pixels of a picture
 
 
 def found_in(points: pr.Points) -> NDArray[np.bool_]:
-    """Which points a model of them takes for scattered."""
+    """Return which points a model classifies as scattered."""
     return find_scattered_placed(points, placed_for_model(points, "auto", True, lambda share: None))
 
 
 def scene_rows(seeds: list[int], sampling: str) -> dict[float, tuple[NDArray[np.int64], NDArray[np.int64]]]:
-    """Return how many points each class has, and how many of them are found scattered, for each noise."""
+    """Return the number of points of each class, and of scattered ones among them, for each noise."""
     rows = {noise: (np.zeros(len(CLASSES), np.int64), np.zeros(len(CLASSES), np.int64)) for noise in NOISES}
     for seed in seeds:
         labelled = scan(make_scene(seed), sampling, np.random.default_rng([seed, 1]))
@@ -121,9 +121,9 @@ def picture(positions: NDArray[np.float32], scattered: NDArray[np.bool_], path: 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="of the scenes")
+    parser.add_argument("--seeds", type=int, nargs="*", default=SEEDS, help="seeds of the scenes")
     parser.add_argument("--samplings", nargs="*", default=SAMPLINGS, choices=SAMPLINGS)
-    parser.add_argument("--pictures", type=Path, help="folder for pictures of the scans")
+    parser.add_argument("--pictures", type=Path, help="write pictures of the scans to this folder")
     arguments = parser.parse_args()
     if arguments.seeds and arguments.samplings:
         scenes(list(arguments.seeds), list(arguments.samplings))

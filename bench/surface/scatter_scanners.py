@@ -1,7 +1,7 @@
 """Scanners for the scenes of `scatter_scenes.py`: from an aircraft, from stations on the ground, from a vehicle.
 
-Each casts rays at the exact geometry; leaves are discs of a model. Beams have a width: what is thinner than the beam
-returns it as if it were as wide, at its own place.
+Each casts rays at the exact geometry; leaves are discs of a model. Beams have a width: objects thinner than the beam
+return it as if they were as wide.
 """
 
 from __future__ import annotations
@@ -109,7 +109,7 @@ class Caster:
 
 
 def _nearer(t: Floats, labels: NDArray[np.int64], other: Floats, label: int, t_min: Floats) -> None:
-    """Take what is hit nearer, in place."""
+    """Keep the nearer hits, in place."""
     closer = (other < t) & (other > t_min)
     t[closer], labels[closer] = other[closer], label
 

@@ -133,7 +133,7 @@ def _tree(
 
 
 def _leaves(middle: Floats, size: Floats, density: float, radius: float, rng: np.random.Generator) -> Floats:
-    """Return leaves of random directions in an ellipsoid, more of them in some lumps than between."""
+    """Return leaves of random directions in an ellipsoid, concentrated in clumps."""
     count = int(density * 4 / 3 * math.pi * size.prod())
     lumps = _in_ball(max(count // 400, 6), rng)
     places = np.concatenate(

@@ -1,4 +1,4 @@
-"""Judge the surface: each demand beside the figures seen is met, NOT met, or not measured in this run."""
+"""Verdicts on the surface: each requirement is met, NOT met, or not measured in this run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MANY = 10_000_000  # rays
 
 
 class Verdict(NamedTuple):
-    """A demand in words, the figure seen, and whether it is met (None if this run has not measured it)."""
+    """A requirement in words, the measured figure, and whether it is met (None if not measured in this run)."""
 
     demand: str
     seen: str
@@ -22,7 +22,7 @@ class Verdict(NamedTuple):
 
 
 def verdicts(rows: Rows, surface: str) -> list[Verdict]:
-    """All demands, judged by the rows of the default surface."""
+    """Return the verdicts on all requirements, from the rows of the default surface."""
     ours = [r for r in rows if (r.surface, r.radii, r.samples, r.refine) == (surface, AUTO, 4, 1)]
     plain = [r for r in ours if r.noise == 0]
     return [
@@ -43,7 +43,7 @@ def _holes(ours: Rows, plain: Rows) -> list[Verdict]:
         worst = _worst(solid, lambda r, a=attribute: getattr(r, a) / r.rays)
         seen = f"{lost:,} of {rays:,} rays{worst if lost else ''}"
         if solid and not lost and rays < MANY:
-            seen += f", of {MANY:,} asked for (--full)"
+            seen += f", {MANY:,} required (--full)"
         found.append(Verdict(demand, seen, lost == 0 if solid else None))
         for some, where in (
             ([r for r in plain if r.shape in MESHES], "meshes"),

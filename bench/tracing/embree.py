@@ -5,11 +5,11 @@
 
 Each cloud is traced in the far and near views of `pointray.cli.benchmark.views`, by shadow rays from all hits of the
 far view to a point light, and by one diffuse bounce from each of them. The program prints million rays a second of
-both, the ratio (medians of alternating runs; Embree's faster query counts), the shares of hits, and the frame rate of
-the first cloud against the second.
+both, the ratio (medians of alternating runs; Embree's faster query counts), the fractions of hits, and the frame rate
+of the first cloud against the second.
 
-Both use pointray's own radii. With --reach, both use so many distances to the eighth neighbour, which discs need
-without a better rule.
+Both use pointray's own radii, or with --reach a multiple of the distance to the eighth neighbour, a common rule for
+discs.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def depths(work, world, origins, directions, t):  # type: ignore[no-untyped-def]
 
 
 class Ours:
-    """pointray with a model: takes flat float64 rays, gives t or whether they are blocked."""
+    """pointray with a model: takes flat float64 rays, returns t or whether they are blocked."""
 
     def __init__(self, model: pr.Model) -> None:
         self.scene = pr.Scene()
@@ -212,12 +212,12 @@ def main() -> None:
         type=int,
         nargs="+",
         default=[1_000_000, 32_000],
-        help="of the statue; all but the first are subsampled",
+        help="numbers of points of the statue; all but the first are subsampled",
     )
     parser.add_argument(
-        "--mesh", type=Path, help="Embree traces it too: a file of the one scan (needs trimesh), or statue"
+        "--mesh", type=Path, help="also trace this mesh with Embree: a file of the only scan (needs trimesh), or statue"
     )
-    parser.add_argument("--reach", type=float, help="radii: distances to the eighth neighbour")
+    parser.add_argument("--reach", type=float, help="radii as multiples of the distance to the eighth neighbour")
     parser.add_argument("--size", type=int, default=512)
     parser.add_argument("--runs", type=int, default=9)
     parser.add_argument("--surface", default=None)

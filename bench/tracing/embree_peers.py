@@ -1,6 +1,6 @@
 """The peers of the speed benchmark: Embree's oriented discs, spheres, or a mesh, traced by a loop like ours.
 
-Needs Embree 3 (`libembree3.so.3`; Debian and Ubuntu: `libembree3-3`); `available()` says whether it is there.
+Needs Embree 3 (`libembree3.so.3`; Debian and Ubuntu: `libembree3-3`); `available()` tests for it.
 
 The loop over the rays (`embree_rays.py`) is compiled by Numba and runs in `pointray.engine.jit.run`; it calls Embree by
 address. `embree_shim.py` measures what that costs against the same loop in C++.
@@ -73,7 +73,7 @@ def available() -> bool:
 
 
 def tile_order(width: int, height: int, tile: int = 4) -> NDArray[np.int64]:
-    """Order of the pixels of an image in which `tile * tile` consecutive ones are a square tile.
+    """Return an order of the pixels of an image in which `tile * tile` consecutive ones form a square tile.
 
     The tiles follow each other along a Morton curve, so that longer stretches are compact too.
 
@@ -88,7 +88,7 @@ def tile_order(width: int, height: int, tile: int = 4) -> NDArray[np.int64]:
         If the tiles do not fill the image: every later packet would straddle two of them.
     """
     if width % tile or height % tile:
-        raise ValueError(f"an image of {width} x {height} pixels is not made of tiles of {tile} x {tile}")
+        raise ValueError(f"image of {width} x {height} pixels is not divisible into tiles of {tile} x {tile}")
     y, x = np.divmod(np.arange(width * height, dtype=np.int64), width)
     curve = np.zeros_like(x)
     for bit in range(16):

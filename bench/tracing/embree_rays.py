@@ -1,4 +1,4 @@
-"""The loop that hands rays to Embree, one by one or 16 at a time."""
+"""The loop that passes rays to Embree, one by one or 16 at a time."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ def compare(discs: Discs, process: subprocess.Popen[str], rays: tuple[Floats, Fl
         for _ in range(repeats + 1):
             ours, theirs = shim(discs, *rays, kind), native(process, kind)
             if ours.hits != theirs.hits or abs(ours.mean - theirs.mean) > 1e-6 * theirs.mean:
-                raise SystemExit(f"{kind}: the two loops do not see the same: {ours} and {theirs}")
+                raise SystemExit(f"{kind}: results of the two loops differ: {ours} and {theirs}")
             pairs.append((ours[:2], theirs[:2]))
         times = np.array(pairs[1:])  # the first frame compiles; axes: frame, Numba or C++, wall or processor
         ratio = np.median(times[:, 0] / times[:, 1], axis=0)

@@ -2,9 +2,10 @@
 
     python -m bench.tracing.instances [--points 1000000] [--size 640x480] [--frames 9]
 
-Frames are shaded by Phong with one light and a shadow ray a pixel. The camera is so near that the statues always fill
-the same part of the picture. Flicker is the mean change of pixels from frame to frame while the camera moves slowly, as
-a share of that with all points. The part due to the motion itself is the change between pictures of 32 samples a pixel.
+Frames are shaded by Phong with one light and a shadow ray a pixel. The camera distance is such that the statues always
+fill the same part of the picture. Flicker is the mean change of pixels from frame to frame while the camera moves
+slowly, relative to that with all points. The part due to the motion itself is the change between pictures of 32 samples
+a pixel.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def grid(model: pr.Model, count: int) -> tuple[pr.Scene, float]:
 
 
 def camera_of(scene: pr.Scene, size: tuple[int, int], step: float = 0.0) -> pr.Camera:
-    """A camera from above, so that statues fill the picture whatever their number; it is moved on by `step` pixels."""
+    """A camera from above, so that any number of statues fills the picture; moved by `step` pixels."""
     low, high = scene.bounds
     wide = high - low
     middle = np.array([*(low + high)[:2] / 2, low[2]])

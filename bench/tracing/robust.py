@@ -1,4 +1,4 @@
-"""Count the hits that slabs, boxes and the size of voxels change, for every cloud given.
+"""Count the hits that depend on slabs, boxes and the size of voxels, for every cloud given.
 
     python -m bench.tracing.robust scan.ply ... [--surface apss] [--size 600]
 

@@ -6,9 +6,9 @@
 The scene is a statue under a sun with shadows, by phong. "page" drags with real mouse moves, 60 a second; it counts
 frames drawn, the time from a mouse move's camera message to its picture, the sizes of moving pictures, bytes, and
 processor seconds a frame of each process. "server" sends the same cameras from a client that only acknowledges.
-"opening" takes the time from the command `pointray view` with the statue or another scan to the first and to the full
-picture, with all kernels compiled and on the very first start, when none is. Each figure is the median of the runs,
-with the least and the greatest.
+"opening" measures the time from the command `pointray view` with the statue or another scan to the first and to the
+full picture, with all kernels compiled and on a first start without any. Each figure is the median of the runs, with
+minimum and maximum.
 """
 
 from __future__ import annotations
@@ -163,7 +163,7 @@ def unpack(message: bytes) -> dict[str, Any]:
     return header
 
 
-def say(link: ClientConnection, kind: str, **words: Any) -> None:
+def send(link: ClientConnection, kind: str, **words: Any) -> None:
     """Send a message as the page would."""
     link.send(json.dumps({"type": kind, **words}))
 
@@ -172,7 +172,7 @@ def say(link: ClientConnection, kind: str, **words: Any) -> None:
 def linked(url: str, size: tuple[int, int]) -> Iterator[ClientConnection]:
     """A client instead of a page."""
     with connect(f"ws{url.removeprefix('http')}socket", max_size=None) as link:
-        say(link, "size", width=size[0], height=size[1])
+        send(link, "size", width=size[0], height=size[1])
         yield link
 
 
@@ -186,7 +186,7 @@ def orbit(link: ClientConnection, camera: dict[str, Any], seconds: float) -> tup
             c, s = math.cos(0.6 * now), math.sin(0.6 * now)
             eye = target + (c * away[0] - s * away[1], s * away[0] + c * away[1], away[2])
             view = {"eye": eye.tolist(), "target": camera["target"], "up": camera["up"], "fov": camera["fov"]}
-            say(link, "camera", **view, time=1e3 * time.perf_counter())
+            send(link, "camera", **view, time=1e3 * time.perf_counter())
             sent += 1
         try:
             message = link.recv(timeout=max(0.0, sent / RATE - (time.perf_counter() - begun)))
@@ -195,7 +195,7 @@ def orbit(link: ClientConnection, camera: dict[str, Any], seconds: float) -> tup
         size += len(message)
         if isinstance(message, bytes):
             header = unpack(message)
-            say(link, "seen", number=header["number"])
+            send(link, "seen", number=header["number"])
             kinds[f"{header['stage']} {header['width']}x{header['height']}"] += 1
             if header["time"] > timed:
                 timed = header["time"]
@@ -246,18 +246,18 @@ def measure_opening(
                 if isinstance(message, bytes):
                     picture = time.perf_counter() - begun
                     note("the first picture", picture)
-                    say(link, "seen", number=unpack(message)["number"])
+                    send(link, "seen", number=unpack(message)["number"])
                     continue
-                told = json.loads(message)
-                if told["type"] == "camera":
-                    say(link, "camera", **{name: told[name] for name in ("eye", "target", "up", "fov")}, time=0)
-                elif told["type"] == "progress" and (word := told["stage"].split(":")[0]) and word != stage:
+                message = json.loads(message)
+                if message["type"] == "camera":
+                    send(link, "camera", **{name: message[name] for name in ("eye", "target", "up", "fov")}, time=0)
+                elif message["type"] == "progress" and (word := message["stage"].split(":")[0]) and word != stage:
                     note(stage := word)
-                elif told["type"] == "toast":
-                    raise RuntimeError(told["text"])
-                elif told["type"] == "status" and told["lines"][0].startswith("a sketch"):
+                elif message["type"] == "toast":
+                    raise RuntimeError(message["text"])
+                elif message["type"] == "status" and message["lines"][0].startswith("a sketch"):
                     note("a sketch", picture)
-                elif told["type"] == "status" and f"{points:,} points" in told["lines"][2]:
+                elif message["type"] == "status" and f"{points:,} points" in message["lines"][2]:
                     note("the full picture", picture)  # the picture that the status describes came just before it
                     return {"s": dict(sorted(events.items(), key=lambda event: event[1]))}
 
@@ -294,7 +294,7 @@ def main() -> None:
     parser.add_argument("--size", default="1280x720")
     parser.add_argument("--seconds", type=float, default=6.0)
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--scan", type=Path, help="opened instead of the statue: .ply")
+    parser.add_argument("--scan", type=Path, help="open this .ply instead of the statue")
     parser.add_argument("--only", choices=("page", "server", "opening"))
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from .base.executor import register_backend
 from .base.version import __version__ as __version__
 
-# Where each public name lives; loaded when first asked for, so that `import pointray` costs nothing.
+# Modules of the public names, imported on first use: `import pointray` is fast.
 _HOME = {
     "Attribute": "shade.attributes",
     "BakeSettings": "baking.settings",
@@ -57,7 +57,7 @@ _HOME = {
     "merge_layers": "cloud.outliers",
     "procedural": "procedural_models",
     "procedural_distance": "procedural_models",
-    "formats": "io.known_formats",  # a name of `points/` itself would hide the folder
+    "formats": "io.known_formats",  # not `io.formats`, the folder
     "read": "io.files",
     "render": "rendering.picture",
     "render_layers": "rendering.layers",
@@ -130,7 +130,7 @@ if TYPE_CHECKING:
     from .viewer import view as view
 
 
-# The only arrow upwards: rendering and baking get executors of Dask from here when a client is given.
+# The only dependency on a higher layer: rendering and baking get Dask executors from here when a client is given.
 register_backend(lambda: importlib.import_module(".cluster.backend", __name__))
 
 

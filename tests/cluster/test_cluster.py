@@ -153,7 +153,7 @@ FIRST_MAY_END = threading.Event()
 
 
 def wait_for_the_first(scene: Any, camera: pr.Camera, settings: pr.Settings, threads: int, check: Any) -> int:
-    """The first picture takes as long as it is told to; the others are there at once."""
+    """The first picture takes as long as requested; the others are available at once."""
     while camera.size[0] == 1 and not FIRST_MAY_END.wait(0.02):
         check()
     return camera.size[0]
@@ -368,7 +368,7 @@ def test_no_dask_is_imported_without_a_client_or_an_array_of_it() -> None:
     assert done.stdout.strip() == "[]"
 
 
-def test_without_dask_it_is_said_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_dask_the_message_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
     import sys
 
     monkeypatch.setitem(sys.modules, "distributed", None)

@@ -11,6 +11,7 @@ import pytest
 import pointray as pr
 from helpers.dask_clusters import ball, camera_of, cluster_of, scene_of
 from helpers.marks import long
+from pointray.baking import baked
 from pointray.rendering import picture, sequence
 
 CAMERAS = [camera_of(36, 24, turn) for turn in np.linspace(0, 6, 7)]
@@ -125,10 +126,29 @@ def test_pictures_that_do_not_fit_are_refused_at_the_call(monkeypatch: pytest.Mo
         pr.animate(new_scene(), [*CAMERAS, camera_of(5000, 4000)])
 
 
-def test_light_that_is_not_baked_is_baked_once_and_the_caller_named() -> None:
-    scene = new_scene()
+def public_state(scene: pr.Scene) -> dict[str, Any]:
+    """The values of all public properties of a scene."""
+    names = [name for name, value in vars(pr.Scene).items() if isinstance(value, property)]
+    return {name: getattr(scene, name) for name in [*names, "shows_sky"]}
+
+
+@pytest.mark.parametrize("call", ["render", "animate", "render_layers"])
+def test_light_baked_for_a_call_is_not_kept(call: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    bakes: list[Any] = []
+    real, few = baked.bake, pr.BakeSettings(patches=64, links=4)
+    monkeypatch.setattr(baked, "bake", lambda *args: bakes.append(args) or real(args[0], few))
+    scene, settings = new_scene(), pr.Settings("baked")
     scene.lights = [pr.EnvironmentLight(1.0)]
-    with pytest.warns(UserWarning, match="no light is baked") as told:
-        images = pr.animate(scene, CAMERAS[:2], pr.Settings("baked"))
-    assert [one.filename for one in told] == [__file__]
-    assert scene.baked is not None and len(list(images)) == 2
+    before = public_state(scene)
+    with pytest.warns(UserWarning, match=r"no baked light.*set scene\.baked = pr\.bake\(scene\)") as caught:
+        if call == "animate":
+            images = pr.animate(scene, CAMERAS[:2], settings)
+            assert len(list(images)) == 2
+        else:
+            getattr(pr, call)(scene, CAMERAS[0], settings)
+    assert [one.filename for one in caught] == [__file__]
+    assert len(bakes) == 1 and scene.baked is None
+    after = public_state(scene)
+    assert before.keys() == after.keys()
+    for name, value in before.items():
+        np.testing.assert_equal(after[name], value)

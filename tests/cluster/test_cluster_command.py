@@ -145,7 +145,7 @@ def test_only_one_of_the_two_options_is_taken(capsys: pytest.CaptureFixture[str]
     assert "--workers" in refused(capsys, "--workers", "0", name=str(scan))
 
 
-def test_without_dask_it_is_said_how_to_install_it(
+def test_without_dask_the_message_says_how_to_install_it(
     capsys: pytest.CaptureFixture[str], scan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)

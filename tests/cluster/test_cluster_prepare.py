@@ -248,7 +248,7 @@ def square(k: int) -> int:
 def test_an_error_of_a_worker_is_raised_here(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     statue(tmp_path / "a.ply")
     monkeypatch.setattr("pointray.model.out_of_core.tasks.check_size", full)
-    text = "a.ply: No space left on device: make room and run the same command again, it goes on"
+    text = "a.ply: No space left on device: free some space and run the same command again to resume"
     with pytest.raises(OSError, match="No space left") as told:
         prepared(tmp_path / "a.ply", tmp_path / "a", client)
     assert f"{told.value.filename}: {told.value.strerror}" == text
@@ -354,7 +354,7 @@ def test_chores_use_the_threads_of_their_worker(monkeypatch: pytest.MonkeyPatch)
 def test_memory_is_that_of_all_processes(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     assert part_points_within(4 << 30, 1) == 1 << 22
     assert part_points_within(4 << 30, 2) == part_points_within(8 << 30, 4) == 1 << 21
-    with pytest.raises(ValueError, match=r"in 1\.00 GiB of memory: 1\.5 GiB are needed with 2 workers on one machine"):
+    with pytest.raises(ValueError, match=r"memory: 1\.00 GiB, but 1\.5 GiB are needed with 2 workers on one machine"):
         part_points_within(1 << 30, 2)
     assert part_points_for(client, 4 << 30) == 1 << 21  # both are on this machine
     assert part_points_for(None, 4 << 30) == part_points_within(4 << 30)
@@ -397,7 +397,7 @@ def test_the_command_prepares_on_a_cluster(
     assert files_of(out) == wanted
 
 
-def test_a_scheduler_that_is_not_there_is_told_before_anything_is_read(
+def test_a_missing_scheduler_is_reported_before_anything_is_read(
     scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("pointray.cluster.client.PATIENCE", 0.1)
@@ -407,7 +407,7 @@ def test_a_scheduler_that_is_not_there_is_told_before_anything_is_read(
     assert not (tmp_path / "a.pointray").exists()
 
 
-def test_what_workers_cannot_do_is_told(scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_workers_cannot_do_is_reported(scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     parts = "-o", f"{tmp_path / 'a.pointray'}/", "--workers", 2
     assert "exclude each other" in refused(capsys, scan, *parts, "--cluster", "tcp://127.0.0.1:1")
     line = refused(capsys, scan, "-o", tmp_path / "b.ply", "--workers", 2)

@@ -218,7 +218,7 @@ def test_a_client_that_is_not_at_hand_computes_them(client: Any) -> None:
     np.testing.assert_array_equal(client.compute(lazy.t).result(), scene.intersect(*given).t)
 
 
-def test_a_model_of_the_workers_of_another_scheduler_is_told(client: Any) -> None:
+def test_a_model_of_the_workers_of_another_scheduler_is_reported(client: Any) -> None:
     scene, given = scene_of(ball(1300)), rays()
     with client.as_current():
         lazy = scene.intersect(*(da.from_array(each, chunks=(4, 7, 3)) for each in given))
@@ -285,10 +285,10 @@ ROWS = da.from_array(np.ones((8, 3)), chunks=(3, 3))
         ((ROWS, ROWS[:5]), r"do not broadcast: leading shapes \[\(8,\), \(5,\)"),
         ((ROWS, ROWS, ROWS[:3, 0]), "do not broadcast"),
         ((ROWS, ROWS, 0, np.ones(7)), "do not broadcast"),
-        ((ROWS.astype(bool), ROWS), "origins must hold real numbers, not bool"),
-        ((ROWS, ROWS.astype(complex)), "directions must hold real numbers, not complex128"),
-        ((ROWS, ROWS, ROWS[:, 0].astype("U4")), "t_min must hold real numbers"),
-        ((ROWS, ROWS, 0, "far"), "t_max must hold real numbers"),
+        ((ROWS.astype(bool), ROWS), "origins must contain real numbers, not bool"),
+        ((ROWS, ROWS.astype(complex)), "directions must contain real numbers, not complex128"),
+        ((ROWS, ROWS, ROWS[:, 0].astype("U4")), "t_min must contain real numbers"),
+        ((ROWS, ROWS, 0, "far"), "t_max must contain real numbers"),
         ((unknown(ROWS), ROWS), "origins has chunks of unknown size: call its compute_chunk_sizes"),
         ((ROWS, ROWS, unknown(ROWS)[:, 0]), "t_min has chunks of unknown size"),
     ],

@@ -128,11 +128,11 @@ def test_rays_in_arrays_meet_the_same(client: Any, folder: Path) -> None:
     assert opened_by_workers(folder) == [[0, 1], [2, 3]]
 
 
-def test_what_cannot_be_spread_is_told(
+def test_what_cannot_be_spread_is_reported(
     client: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene, camera, rays = scene_with(folder), camera_of(16, 16), da.zeros((4, 3))
-    with pytest.raises(ValueError, match="spread: it takes a client of Dask"):
+    with pytest.raises(ValueError, match="spread needs a Dask client"):
         pr.render(scene, camera, spread=True)
     with pytest.raises(ValueError, match="spread: the integrator 'cost' needs all models"):
         pr.render(scene, camera, pr.Settings("cost"), client=client, spread=True)
@@ -231,7 +231,7 @@ class Future:
         pass
 
 
-def test_a_job_is_done_at_home_as_long_as_somebody_is_there() -> None:
+def test_a_job_runs_at_its_home_worker_as_long_as_it_exists() -> None:
     hands = WorkerBackend("a", "b")
     jobs = deque(Job(name, print, (), home=home) for name, home in (("1", "a"), ("2", "a"), ("3", "a"), ("4", "b")))
     work = Dispatch(hands, jobs)
@@ -261,7 +261,7 @@ def test_what_is_very_slow_at_home_is_done_elsewhere_too() -> None:
     assert hands.given == [("1", "a"), ("2", "a"), ("1", "b")]
 
 
-def test_a_folder_that_a_worker_does_not_see_is_told(
+def test_a_folder_that_a_worker_does_not_see_is_reported(
     client: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene = scene_with(Path(shutil.copytree(folder, tmp_path / "b.pointray")))

@@ -71,7 +71,7 @@ def pose(rotation=TURN, at=AT):
 
 
 def save(path, *scans, crs=""):
-    """Write scans, each a dict of columns and a dict of what else is said of it."""
+    """Write scans, each a dict of columns and a dict of header fields."""
     file = libe57.ImageFile(str(path), "w")
     file.extensionsAdd("", libe57.E57_V1_0_URI)
     file.extensionsAdd("nor", "http://www.libe57.org/E57_NOR_surface_normals.txt")

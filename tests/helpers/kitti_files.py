@@ -2,7 +2,7 @@
 
 import numpy as np
 
-N = 80  # a file of so many rows of 16 bytes, or of 64 of 20, has the same size
+N = 80  # a file of N rows of 16 bytes, or of 64 of 20, has the same size
 
 XYZ = np.random.default_rng(9).normal(size=(N, 3)).astype(np.float32) * 20
 

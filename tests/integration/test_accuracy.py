@@ -220,7 +220,7 @@ def test_a_run_writes_its_table_and_plot(tmp_path, capsys, monkeypatch):
     assert "not measured" in capsys.readouterr().out
 
 
-def test_absent_meshes_are_told(tmp_path):
+def test_absent_meshes_are_reported(tmp_path):
     pytest.importorskip("embreex")
     with pytest.raises(ValueError, match="stanford_bunny_mesh"):
         Mesh("bunny", tmp_path)

@@ -360,7 +360,7 @@ BAD_KEYS = {
 
 @pytest.mark.parametrize("words", BAD_KEYS)
 def test_bad_keys_are_refused_before_the_scan_is_read(words, tmp_path, capsys):
-    """Bad keys are told before the scan is read, which here is no scan."""
+    """Bad keys are reported before the scan is read, which here is invalid."""
     (tmp_path / "scan.ply").write_text("nothing")
     (tmp_path / "keys.json").write_text(json.dumps({"keys": BAD_KEYS[words]}))
     arguments = [str(tmp_path / "scan.ply"), "-o", str(tmp_path / "out"), "--keys", str(tmp_path / "keys.json")]

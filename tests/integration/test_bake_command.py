@@ -18,7 +18,7 @@ from pointray.cli import execute, serve
 from pointray.cli.commands.files import bake as bake_command
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_scene import PLAIN
-from pointray.cloud.normals.validation import trusted
+from pointray.cloud.normals.validation import select_normals
 from pointray.image.tone import linear_to_srgb, srgb_to_linear, tone
 from pointray.scenefile import plan
 from pointray.viewer.shared_scene import SharedScene
@@ -151,10 +151,10 @@ def test_wrong_normals_are_not_lit_and_stay_in_the_file(scan, capsys):
     pr.write(scan, ring().with_normals(wrong))
     out = scan.with_name("lit.ply")
     status, _, err = run(capsys, "bake", scan, "-o", out, *FEW, *LIGHTS)
-    assert status == 0 and "fitted ones are used" in err
+    assert status == 0 and "replaced by fitted normals" in err
     scene = pr.Scene()
     with pytest.warns(UserWarning, match="fitted"):
-        number = scene.add(pr.Model(trusted(pr.read(scan))))
+        number = scene.add(pr.Model(select_normals(pr.read(scan))))
     scene.lights = lights()
     found = pr.read(out)
     assert np.array_equal(found.normals, wrong)
@@ -297,7 +297,7 @@ def test_the_defaults_are_those_of_python():
         ([], "--output"),
     ],
 )
-def test_bad_options_are_told_before_the_work(tmp_path, monkeypatch, capsys, options, words):
+def test_bad_options_are_reported_before_the_work(tmp_path, monkeypatch, capsys, options, words):
     (tmp_path / "broken.ply").write_text("nothing")
     monkeypatch.chdir(tmp_path)
     said = fail(capsys, "bake", "broken.ply", *options)
@@ -539,7 +539,7 @@ def test_a_film_of_a_scene_file_bakes_once(scene, bakes, capsys):
 
 
 @pytest.mark.long
-def test_light_of_another_scene_is_told_with_its_line(scene, bakes, capsys):
+def test_light_of_another_scene_is_reported_with_its_line(scene, bakes, capsys):
     assert run(capsys, "bake", scene, "-o", scene.with_name("scene.bake"))[0] == 0
     picture = scene.with_name("a.png")
     for before, after in (("translate = [1, 0, 0]", "translate = [2, 0, 0]"), ("[1, 1, -1.5]", "[1, 2, -1.5]")):
@@ -574,7 +574,7 @@ def test_mistakes_in_the_table(scene, capsys, before, after, told):
     assert f"pointray: {scene}:{told}" in fail(capsys, "render", scene, "-o", scene.with_name("a.png"))
 
 
-def test_an_empty_scene_is_told(scene, capsys):
+def test_an_empty_scene_is_reported(scene, capsys):
     text = SCENE.partition("[models.scan]")[0] + "[camera]\neye = [0, 0, 1]\ntarget = [0, 0, 0]\n"
     scene.write_text(text)
     status, _, err = run(capsys, "render", scene, "-o", scene.with_name("a.png"), "--integrator", "baked")

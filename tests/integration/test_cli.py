@@ -243,7 +243,7 @@ def test_some_points_are_not_finite(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 @pytest.mark.parametrize("output", ["no_such_folder/a.png", "a.gif", "a", "folder.png"])
 def test_the_output_is_checked_first(output: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A bad output is told before the file is looked for, which is absent."""
+    """A bad output is reported before the missing file is looked for."""
     (tmp_path / "folder.png").mkdir()
     said = bad_input(["render", str(tmp_path / "missing.ply"), "-o", str(tmp_path / output)], capsys)
     assert "missing.ply" not in said and "write" in said
@@ -290,7 +290,7 @@ def test_the_output_is_checked_first(output: str, tmp_path: Path, capsys: pytest
     ],
 )
 def test_options_are_checked_first(option: str, value: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Bad options are told before the file is read, which is empty."""
+    """Bad options are reported before the file is read, which is empty."""
     file = tmp_path / "broken.ply"
     file.write_text("nothing")
     assert "broken.ply" not in bad_input(

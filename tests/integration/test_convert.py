@@ -54,7 +54,7 @@ def test_a_saved_model_gives_its_points(scan, capsys):
     assert run(capsys, "a.pointray", "b.ply")[:2] == (0, "b.ply: 500 points\n")
 
 
-def test_what_the_target_cannot_hold_is_told(scan, capsys, monkeypatch):
+def test_what_the_target_cannot_store_is_reported(scan, capsys, monkeypatch):
     monkeypatch.setattr(files, "write_points", lambda *given: ["no normals", "no colours"])
     assert run(capsys, "a.ply", "b.ply") == (0, "b.ply: 500 points; no normals; no colours\n", "")
 
@@ -70,7 +70,7 @@ def test_what_the_target_cannot_hold_is_told(scan, capsys, monkeypatch):
         (". a.ply", "a.ply: is the input itself; --force overwrites it"),
         ("a.ply", "Missing argument"),
         ("note.txt b.ply", "note.txt: "),
-        ("scene.toml b.ply", "scene.toml: cannot read .toml"),
+        ("scene.toml b.ply", "scene.toml: unsupported file type .toml"),
     ],
 )
 def test_bad_input_changes_no_file(arguments, message, scan, capsys):

@@ -35,7 +35,7 @@ CAMERA = pr.Camera.look_at((0, -4, 1), (0, 0, 0), size=(24, 16))
 
 CUBES = """
 import numpy as np
-from pointray.io.formats._source import NO, SURE, Chunk, Format, Listing, Whole
+from pointray.io.formats._source import NO, SURE, Chunk, Format, Listing, WholeFile
 
 def rows_of(path):
     rows = np.loadtxt(path, ndmin=2, skiprows=1)
@@ -44,12 +44,12 @@ def rows_of(path):
     return Chunk(rows)
 
 def open_cubes(path, request):
-    return Whole(Listing(None, 24), lambda: rows_of(path))
+    return WholeFile(Listing(None, 24), lambda: rows_of(path))
 
 def write(file, points, progress=None):
     file.write(b"cubes\\n")
     np.savetxt(file, points.world)
-    return ["cannot hold normals"]
+    return ["cannot store normals"]
 
 FORMAT = Format("Cubes", (".cubes",), lambda head, path: SURE if head.startswith(b"cubes") else NO, open_cubes,
                 {"positions": "all"}, write=write)
@@ -187,7 +187,7 @@ def test_a_format_is_its_own_file(tmp_path: Path, package: Path) -> None:
     (package / "io" / "formats" / "cubes.py").write_text(CUBES)
     said = run(package, CONVERT, str(scan), str(again), str(broken))
     assert "500" in said
-    assert f"{again}: cannot hold normals" in said
+    assert f"{again}: cannot store normals" in said
     assert said.endswith(f"{broken}: has rows of other than three numbers\n")
     np.testing.assert_allclose(np.loadtxt(again, skiprows=1), rows, atol=1e-6)
 

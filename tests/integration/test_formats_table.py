@@ -1,4 +1,4 @@
-"""docs/formats.md is what the readers say of themselves."""
+"""docs/formats.md matches the descriptions of the readers."""
 
 import pointray as pr
 from bench.maintenance import formats_table

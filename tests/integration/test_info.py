@@ -86,7 +86,7 @@ def test_texts_of_files_do_not_control_the_terminal(tmp_path, capsys):
     assert "\x9b" not in err and err.count("\n") == 1
 
 
-def test_the_rows_of_the_file_are_told_if_fewer_are_read(scan, capsys):
+def test_the_rows_of_the_file_are_printed_if_fewer_are_read(scan, capsys):
     assert execute(["info", str(scan), "--every", "4"]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert "rows of the file 100" in lines and "points 25" in lines

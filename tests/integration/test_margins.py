@@ -16,7 +16,7 @@ LOW = WIDE / 2 - 10  # where a box of 20 in its middle begins
 
 
 def ground(noise, box=0.0, seed=1):
-    """A random plane, and a box in its middle of so many spacings, with noise in all directions."""
+    """A random plane, and a box in its middle, in spacings, with noise in all directions."""
     rng = np.random.default_rng(seed)
     rows = np.c_[rng.uniform(0, WIDE, (int(WIDE**2), 2)), np.zeros(int(WIDE**2))]
     if box:

@@ -161,12 +161,12 @@ def test_a_smoothed_surface_gets_a_column_beside_that_without(monkeypatch):
 
 
 @pytest.mark.long
-def test_what_is_missing_is_told(monkeypatch, tmp_path, capsys):
+def test_missing_packages_are_reported(monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(noise_surfaces.PEERS, POISSON, ("no_such_module",))
     here, messages = peers([POISSON])
     assert here == [] and "pip install no_such_module" in messages[0]
     noise.main(["--only", "wall", "--models", str(tmp_path), "--peers", "none", "--csv", str(tmp_path / "a.csv")])
-    assert "is not in" in capsys.readouterr().out
+    assert "not found in" in capsys.readouterr().out
     with pytest.raises(SystemExit):
         noise.parsed(["--noise", "-1"])
 

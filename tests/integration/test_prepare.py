@@ -89,7 +89,7 @@ def test_nothing_to_do_copies(scan, capsys):
 
 
 @pytest.mark.long
-def test_a_tolerance_is_told_once(scan, capsys):
+def test_a_tolerance_is_printed_once(scan, capsys):
     """If the tolerance is not met, only the line of the result tells the share that meets it."""
     out = scan.with_name("out.ply")
     status, text, err = run(capsys, "prepare", scan, "-o", out, "--tolerance", "0.01", "--drop-outliers")
@@ -222,7 +222,7 @@ def test_info_of_a_model(saved, capsys):
 
 
 @pytest.mark.parametrize("command", [["info"], ["prepare", "-o", "{folder}/out.ply"]])
-def test_a_damaged_model_is_told(tmp_path, capsys, command):
+def test_a_damaged_model_is_reported(tmp_path, capsys, command):
     (tmp_path / "a.pointray").write_bytes(b"\x93NUMPY and no more")
     options = [text.format(folder=tmp_path) for text in command[1:]]
     status, out, err = run(capsys, command[0], tmp_path / "a.pointray", *options)
@@ -288,6 +288,6 @@ def test_only_info_deep_counts_duplicates_and_outliers(scan, capsys, monkeypatch
     assert (facts["duplicates"], facts["outliers"], facts["spacing_sample"]) == (100, 2, 5002)
 
 
-def test_info_tells_of_outliers(scan, capsys):
+def test_info_reports_outliers(scan, capsys):
     status, out, _ = run(capsys, "info", scan, "--json")
     assert status == 0 and '"duplicates": 100' in out and '"outliers": 2' in out

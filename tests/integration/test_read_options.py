@@ -81,7 +81,7 @@ def test_bounds_leave_the_points_of_a_box(folder, capsys):
         ("--max-points 0", "--max-points must be"),
         ("--bounds 0,0,0", "--bounds must be x0,y0,z0,x1,y1,z1"),
         ("--bounds 0,0,0,1,1,x", "--bounds must be x0,y0,z0,x1,y1,z1, not '0,0,0,1,1,x'"),
-        ("--bounds 1,0,0,0,1,1", "--bounds must be x0,y0,z0,x1,y1,z1, the least ones first"),
+        ("--bounds 1,0,0,0,1,1", "--bounds must be x0,y0,z0,x1,y1,z1, minimum first"),
         ("--keep classification", "--keep must be like classification=2,6, not 'classification'"),
         ("--keep =2", "--keep must be like classification=2,6"),
         ("--drop classification=hill", "--drop must be like classification=2,6, or the name of a class: never-cl"),
@@ -96,7 +96,7 @@ def test_bounds_leave_the_points_of_a_box(folder, capsys):
     ],
 )
 @pytest.mark.parametrize("command", ["info", "render -o a.png", "view --no-open"])
-def test_wrong_values_are_told_before_any_work(command, options, message, folder, capsys):
+def test_invalid_values_are_reported_before_any_work(command, options, message, folder, capsys):
     (folder / "broken.ply").write_text("nothing")
     name, *rest = command.split()
     assert execute([name, "broken.ply", *rest, *options.split()]) == 2
@@ -158,7 +158,7 @@ def test_a_folder_stands_for_its_scans(folder, capsys):
         ("a.ply a.pointray", "a.pointray: a saved model is taken alone"),
         ("a.ply scene.toml", "scene.toml: a scene file is taken alone"),
         ("a.ply absent.ply", "absent.ply: No such file"),
-        ("a.ply broken.ply", "broken.ply: is no PLY file"),
+        ("a.ply broken.ply", "broken.ply: invalid PLY file"),
     ],
 )
 def test_files_that_do_not_go_together(files, message, folder, capsys):

@@ -170,7 +170,7 @@ shutil.rmtree(there)
 
 
 @pytest.mark.long
-def test_stages_are_told_by_their_marks(tmp_path):
+def test_stages_are_identified_by_their_marks(tmp_path):
     seen = watched(["-c", MARKER, tmp_path / "model"], tmp_path / "model")
     assert [(stage.name, stage.parts) for stage in seen.stages] == [
         *(("spooled", 0), ("place", 2), ("usual-support", 0), ("tree", 1), ("files", 0))
@@ -180,7 +180,7 @@ def test_stages_are_told_by_their_marks(tmp_path):
     assert seen.disk >= 6 * MIB > seen.left > 0
 
 
-def test_a_command_that_fails_is_told():
+def test_a_command_that_fails_is_reported():
     with pytest.raises(RuntimeError, match="ValueError: so it is"):
         watched(["-c", "raise ValueError('so it is')"])
 
@@ -254,7 +254,7 @@ def test_stages_run_at_a_small_size(tmp_path):
 
 
 @pytest.mark.parametrize("words", [["make", "--points", "12"], ["nothing"], ["make", "--runs", "0"]])
-def test_wrong_words_are_told(words, tmp_path, capsys):
+def test_invalid_options_are_reported(words, tmp_path, capsys):
     with pytest.raises(SystemExit):
         scale.main([*words, "--folder", str(tmp_path)])
     assert "error" in capsys.readouterr().err and not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Scene files give the same scene as Python, and their mistakes are told with file, line and key."""
+"""Scene files give the same scene as Python, and their errors are reported with file, line and key."""
 
 import re
 from pathlib import Path
@@ -348,7 +348,7 @@ WRONG = {
         "transforms",
     ),
     "no file": ('file = "scan.ply"', 'file = "scam.ply"', "models.scan.file", "scam.ply: No such file or directory"),
-    "unreadable": ('file = "scan.ply"', 'file = "sky.exr"', "models.scan.file", "sky.exr: cannot read .exr"),
+    "unreadable": ('file = "scan.ply"', 'file = "sky.exr"', "models.scan.file", "sky.exr: unsupported file type .exr"),
     "no picture": ('image = "sky.exr"', 'image = "x.exr"', "lights[5].image", "x.exr: No such file or directory"),
     "no transforms": ('"many.npy"', '"scan.ply"', "instances[2].transforms", "scan.ply: this is no .npy file"),
     "procedural": (
@@ -359,7 +359,7 @@ WRONG = {
     ),
     "points": ("points = 2000", "points = 0", "models.ball.points", "must be between 1 and 100000000, not 0"),
     "surface": ('surface = "imls"', 'surface = "mesh"', "models.ball.surface", "unknown surface 'mesh'"),
-    "color": ("base_color = [1.0,", "base_color = [1.5,", "materials.gold.base_color", "must lie between 0 and 1"),
+    "color": ("base_color = [1.0,", "base_color = [1.5,", "materials.gold.base_color", "must be a reflectance from 0"),
     "camera": ("eye = [0, -6, 2]", "eye = [0, 0, 0]", "camera.eye", "and target are the same point"),
     "no target": ("target = [0, 0, 0]", "", "camera", "target is missing"),
     "background": ("background = [0.1, 0.2, 0.3]", 'background = "blue"', "background", "must be a number or three"),
@@ -390,7 +390,7 @@ WRONG = {
 
 @pytest.mark.parametrize("case", WRONG)
 def test_mistakes_are_found_before_a_scan_is_read(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """All of these are told before any scan is read, as the scan is broken."""
+    """All of these are reported before any scan is read, as the scan is broken."""
     (folder / "scan.ply").write_text("broken")
     old, new, key, message = WRONG[case]
     assert old in GOOD
@@ -517,7 +517,7 @@ def test_the_example_of_the_manual_works(tmp_path: Path, capsys: pytest.CaptureF
     assert f"    pointray: {said(tmp_path, wrong, capsys)}\n" in page
 
 
-def test_what_is_wrong_is_told_in_one_line(tmp_path):
+def test_errors_are_reported_in_one_line(tmp_path):
     (tmp_path / "a.toml").write_text('[models.ball]\n"\\n" = 1\nfile = "\\n/a.ply"\n')
     with pytest.raises((ValueError, OSError)) as told:
         pr.load_scene(tmp_path / "a.toml")

@@ -1,4 +1,4 @@
-"""The look of a scan for which nothing is said about light: a studio whose light is baked, quickly."""
+"""The default light of a scan: a studio whose light is baked quickly."""
 
 import re
 import threading
@@ -182,7 +182,7 @@ def test_the_viewer_shows_a_studio_and_the_panel_offers_a_headlight(scan):
 
 
 @pytest.mark.long
-@pytest.mark.filterwarnings("ignore:the normals look inwards")
+@pytest.mark.filterwarnings("ignore:most normals point inward")
 def test_the_viewer_of_a_headlight_and_of_a_room(scan, room):
     shared = viewed(scan, look=["headlight"], quick=False)
     assert len(shared.scene.lights) == 0 and ViewSettings.of(shared, shared.scene).look == "headlight"

@@ -64,7 +64,7 @@ def test_it_shows_a_scan_until_it_is_interrupted(scan):
         process.communicate()
 
 
-def test_a_taken_port_is_said(scan, capsys):
+def test_a_taken_port_is_reported(scan, capsys):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with view(scan, "--port", port) as url:
@@ -72,7 +72,7 @@ def test_a_taken_port_is_said(scan, capsys):
             assert f"pointray: port {port} is taken\n" in capsys.readouterr().err
 
 
-def test_listening_beyond_this_machine_is_said(scan, capsys):
+def test_listening_beyond_this_machine_is_reported(scan, capsys):
     with view(scan, "--host", "0.0.0.0") as url:
         assert "note: --host 0.0.0.0: whoever reaches this machine" in capsys.readouterr().err
         Browser(url, SIZE).close()
@@ -212,7 +212,7 @@ def test_bad_input_of_view_is_refused(arguments, message, scan, tmp_path, monkey
     assert logging.getLogger("pointray.view").handlers == []  # a caller's process is left as it was
 
 
-def test_a_damaged_file_is_said_on_the_page(browse, tmp_path):
+def test_a_damaged_file_is_reported_on_the_page(browse, tmp_path):
     path = tmp_path / "cut.ply"
     rows = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {x}" for x in "xyz"), "end_header"]
     path.write_text("\n".join([*rows, "0 0 0", "1 0 zero", "0 1 0", ""]))

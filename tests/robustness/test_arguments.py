@@ -281,6 +281,8 @@ def test_wrong_values_are_refused_by_name_or_make_sense(
             shown = str(value) if parameter in PATHS and isinstance(value, str) else parameter
             if not re.search(rf"\b({parameter}|{re.escape(shown)})\b", str(error)):
                 bad.append(f"{what}: the message does not name {parameter}: {error}")
+            if what == "lambda" and not isinstance(error, TypeError):
+                bad.append(f"{what}: a wrong type raises {type(error).__name__}: {error}")
         except OSError as error:
             if parameter not in PATHS or what not in TEXTS:
                 bad.append(f"{what}: {type(error).__name__}: {error}")

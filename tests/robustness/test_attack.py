@@ -37,7 +37,7 @@ def test_a_few_inputs_of(name, few, monkeypatch):
 
 @pytest.mark.long
 @needs_posix
-def test_a_crash_a_hang_and_a_failure_are_told_from_a_refusal(monkeypatch):
+def test_a_crash_a_hang_and_a_failure_differ_from_a_refusal(monkeypatch):
     patient(monkeypatch, "sample", 10.0)
     with Attacker("sample", 0) as attacker:
         tally = attacker.make(0, 8)

@@ -136,7 +136,7 @@ def test_directions_of_any_length(length):
 @pytest.mark.parametrize(
     "direction", [(0, 0, 0), (np.nan, 0, -1), (0, np.inf, -1), (-np.inf, np.nan, 0), (0, 0, -np.inf)]
 )
-def test_directions_that_are_none_miss(direction):
+def test_invalid_directions_miss(direction):
     scene = pr.Scene()
     scene.add(pr.Model(pr.Points(GRID, np.tile(UP, (64, 1))), np.full(64, 1.5)))
     scene.add(pr.Plane((0, 0, -1), UP))

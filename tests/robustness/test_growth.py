@@ -74,7 +74,7 @@ def outcome(positions, normals):
         return made, time.process_time() - begun
 
 
-WITHOUT_A_MODEL = {in_one_place: "different places|same position", tiny: "radii range"}
+WITHOUT_A_MODEL = {in_one_place: "distinct positions|same position", tiny: "radii range"}
 CLOUDS = [in_few_places, on_a_line, in_a_plane, in_two_clusters, uneven_points, huge, far_away, with_gaps]
 
 

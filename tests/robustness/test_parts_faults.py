@@ -23,7 +23,7 @@ from pointray.model.model_folder import INDEX, SURFACE_ONLY
 from pointray.model.out_of_core import exclusive_lock as alone_module
 from pointray.model.out_of_core import prepare as prepare_module
 from pointray.model.out_of_core.builder import OutOfCoreBuilder
-from pointray.model.out_of_core.prepare import begun_points, prepare
+from pointray.model.out_of_core.prepare import prepare, unfinished_part_points
 from pointray.surface.tree.settings import check_settings
 
 SIZE = 1 << 14  # the least there is for so few points
@@ -114,7 +114,7 @@ def test_a_part_that_is_no_part_of_the_model_is_named(
     assert not (tmp_path / "a.png").exists()
 
 
-def test_an_index_of_another_version_is_told(folder: Path) -> None:
+def test_an_index_of_another_version_is_reported(folder: Path) -> None:
     index = json.loads((folder / INDEX).read_text())
     (folder / INDEX).write_text(json.dumps({**index, "version": 99}))
     with pytest.raises(
@@ -143,7 +143,7 @@ def test_a_folder_whose_writer_has_just_ended_is_not_written_to(
     """It locked a file that was removed before."""
     unfinished = tmp_path / "a" / "unfinished"
     monkeypatch.setattr(alone_module.fcntl, "flock", lambda lock, how: shutil.rmtree(unfinished))
-    with pytest.raises(ValueError, match="another process prepares a model there just now"):
+    with pytest.raises(ValueError, match="another process is preparing a model in this folder"):
         prepared(scan, tmp_path / "a")
 
 
@@ -152,7 +152,7 @@ def test_a_folder_that_has_just_been_finished_is_not_written_to(
 ) -> None:
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     monkeypatch.setattr(prepare_module, "check_unfinished", lambda path: path / "unfinished")
-    with pytest.raises(ValueError, match="there is something already"):
+    with pytest.raises(ValueError, match="already exists and is not empty"):
         prepared(scan, folder)
     assert before == {path.name: path.read_bytes() for path in folder.iterdir()}
 
@@ -180,9 +180,11 @@ def test_unfinished_work_of_another_version_is_refused(
         patch.setattr(OutOfCoreBuilder, "build", lambda self: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             prepared(scan, tmp_path / "a")
-    with pytest.raises(ValueError, match="holds unfinished work of other version: go on with those, or remove"):
+    with pytest.raises(
+        ValueError, match="contains unfinished work with different version: use the same to resume, or remove"
+    ):
         prepared(scan, tmp_path / "a")
-    assert begun_points(tmp_path / "a") == SIZE
+    assert unfinished_part_points(tmp_path / "a") == SIZE
 
 
 @pytest.mark.long
@@ -194,7 +196,7 @@ def test_what_was_found_and_is_lost_is_named(scan: Path, tmp_path: Path, monkeyp
     for column in ("merged.f4x3", "placed.f4x3", "radii.f4x0"):
         damaged = Path(shutil.copytree(tmp_path / "a", tmp_path / column))
         (damaged / "unfinished" / column).unlink()
-        with pytest.raises(ValueError, match=f"{column[:-5]} is missing: remove the folder to begin anew"):
+        with pytest.raises(ValueError, match=f"{column[:-5]} is missing: remove the folder to start over"):
             prepared(scan, damaged)
 
 
@@ -203,7 +205,7 @@ def test_what_was_found_and_is_lost_is_named(scan: Path, tmp_path: Path, monkeyp
 
 @contextmanager
 def disk_of(folder: Path, size: int) -> Iterator[Callable[[int], None]]:
-    """A file system of so many bytes; gives what changes its size."""
+    """A file system of a given number of bytes; yields a function that changes its size."""
     folder.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)]
     if not sys.platform.startswith("linux") or subprocess.run(mount, capture_output=True, check=False).returncode:
@@ -219,11 +221,11 @@ def disk_of(folder: Path, size: int) -> Iterator[Callable[[int], None]]:
 
 
 @pytest.mark.long
-def test_a_disk_that_fills_at_any_stage_is_told_and_the_work_goes_on(
+def test_a_disk_that_fills_at_any_stage_is_reported_and_the_work_resumes(
     scan: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whatever was half written is not taken for whole."""
-    monkeypatch.setattr("pointray.io.spooling.spool._check_room", lambda *about: None)
+    monkeypatch.setattr("pointray.io.spooling.spool._check_disk_space", lambda *about: None)
     size, named, runs = 1 << 19, [], 0
     with disk_of(tmp_path / "disk", size) as resize:
         while True:
@@ -233,7 +235,7 @@ def test_a_disk_that_fills_at_any_stage_is_told_and_the_work_goes_on(
             except OSError as error:
                 named.append(Path(error.filename).relative_to(tmp_path / "disk").as_posix())
                 assert error.strerror is not None and error.strerror.endswith(
-                    "No space left on device: make room and run the same command again, it goes on"
+                    "No space left on device: free some space and run the same command again to resume"
                 )
             assert not (tmp_path / "disk" / "a" / INDEX).exists()
             runs, size = runs + 1, size + (1 << 15)
@@ -263,7 +265,7 @@ def test_any_column_may_be_half_written(
     second = {"positions": 2, "scattered.colors": 2, "points.normals": 2}  # of later columns only one part is left
     for name in (*second, "tiles", "merged", "placed", "normals", "radii"):
         wanted[:], calls[:], failing[:] = [name], [0], [second.get(name, 1)]
-        with pytest.raises(OSError, match=rf"make room and run the same command again, it goes on.*/{name}\."):
+        with pytest.raises(OSError, match=rf"free some space and run the same command again to resume.*/{name}\."):
             prepared(scan, tmp_path / "a")
         assert not (tmp_path / "a" / INDEX).exists()
     wanted[:] = [""]
@@ -278,7 +280,10 @@ def test_the_command_says_that_the_disk_is_full(scan: Path, tmp_path: Path, caps
             patch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
             assert execute(words) == 1
             line = capsys.readouterr().err
-            assert line.startswith(f"pointray: {disk / 'a.pointray'}/") and "make room and run the same command" in line
+            assert (
+                line.startswith(f"pointray: {disk / 'a.pointray'}/")
+                and "free some space and run the same command" in line
+            )
             assert line.count("\n") == 1
             subprocess.run(["mount", "-o", "remount,size=64m", str(disk)], check=True)
             assert execute(words) == 0

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cloud.points import STRETCHES, Points, spread_rows
+from ..cloud.points import RANGES, Points, spread_rows
 from ..engine.kernels.records import TO_MODEL
 from ..engine.kernels.tree import Tree
 from ..model.model import Model
@@ -207,7 +207,7 @@ def _representative_points(model: Model) -> list[Points]:
     ]
     share = sum(map(len, coarse)) / max(sum(itertools.compress(counts, has_level)), 1) or MOST / len(model.points)
     rest = [
-        start + spread_rows(count, max(int(share * count), STRETCHES))
+        start + spread_rows(count, max(int(share * count), RANGES))
         for start, count, is_leveled in zip(np.cumsum([0, *counts]), counts, has_level, strict=False)
         if not is_leveled
     ]

@@ -1,12 +1,13 @@
-"""What every other part of the package may use: it imports nothing from the package.
+"""Utilities for all other parts of the package; they import nothing from it.
 
-arguments : checks of parameters
-choices : the words that options, scene files and the viewer share
+arguments : validation of parameters
+choices : names shared by options, scene files and the viewer
 deprecation : warnings for renamed names
-dependencies : hashes of the sources that a module imports, directly or not
+dependencies : hashes of the sources that a module imports, directly or indirectly
+executor : protocols of executors, which run jobs in this process or on a cluster
 extras : optional packages
-progress, warning_log : progress callbacks; warnings that a thread may collect
+progress, warning_log : progress callbacks; warnings collected per thread
 memory, malloc_arenas : available memory, and returning freed memory to the system
-atomic_write : files that appear complete or not at all
-disk_columns : arrays on disk, read and written piece by piece
+atomic_write : files replaced atomically
+disk_columns : arrays on disk, read and written in pieces
 """

@@ -1,6 +1,8 @@
-"""What callers give, checked at the call: each check returns the value as it is used, or names the parameter.
+"""Validation of arguments: each function returns the converted value, or raises an error that names the parameter.
 
-A bool is no number; NumPy's scalars and arrays without dimensions are. Whatever is wrong, it is a ValueError.
+Arguments of the wrong type raise `ArgumentTypeError`, a TypeError; invalid values raise a ValueError.
+
+NumPy scalars and 0-dimensional arrays are accepted as numbers, bools are not.
 """
 
 from __future__ import annotations
@@ -8,7 +10,7 @@ from __future__ import annotations
 import operator
 import os
 import reprlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,86 +20,104 @@ from numpy.typing import NDArray
 T = TypeVar("T")
 Vector = tuple[float, float, float]
 
-LEAST_LENGTH = 1e-100  # shorter vectors have no square in float64
+LEAST_LENGTH = 1e-100  # the squared length of shorter vectors underflows in float64
+
+
+class ArgumentTypeError(TypeError, ValueError):
+    """Error for an argument of the wrong type. Also a ValueError, which earlier releases raised."""
 
 
 def wrong(name: str, wanted: str, value: Any) -> ValueError:
-    """The error of a parameter that is not what it must be."""
+    """Return the error for an invalid argument: `name` must be `wanted`, not `value`."""
+    return ValueError(f"{name} must be {wanted}, not {_shown(value)}")
+
+
+def wrong_type(name: str, wanted: str, value: Any) -> ArgumentTypeError:
+    """Return the error for an argument of the wrong type."""
+    return ArgumentTypeError(f"{name} must be {wanted}, not {_shown(value)}")
+
+
+def _shown(value: Any) -> str:
     large = isinstance(value, np.ndarray) and value.size > 8
-    shown = f"{value.dtype} of the shape {value.shape}" if large else reprlib.repr(value)
-    return ValueError(f"{name} must be {wanted}, not {shown}")
+    return f"{value.dtype} of shape {value.shape}" if large else reprlib.repr(value)
 
 
 def check_kind(value: Any, name: str, kind: type[T] | tuple[type[T], ...], wanted: str) -> T:
-    """A value of a class, or of one of several."""
+    """Check that a value is an instance of a class, or of one of several."""
     if not isinstance(value, kind):
-        raise wrong(name, wanted, value)
+        raise wrong_type(name, wanted, value)
     return value
 
 
 def check_callback(value: Any, name: str = "progress") -> None:
-    """A callable, or None."""
+    """Check that a value is callable or None."""
     if value is not None and not callable(value):
-        raise wrong(name, "callable, or None", value)
+        raise wrong_type(name, "callable or None", value)
 
 
 def check_flag(value: Any, name: str) -> bool:
-    """True or False."""
+    """Return a bool; NumPy bools are accepted."""
     return bool(check_kind(value, name, (bool, np.bool_), "True or False"))
 
 
 def check_text(value: Any, name: str) -> str:
-    """A string with letters in it."""
-    if not isinstance(value, str) or not value:
-        raise wrong(name, "a text", value)
+    """Return a non-empty string."""
+    if not check_kind(value, name, str, "a non-empty string"):
+        raise wrong(name, "a non-empty string", value)
     return str(value)
 
 
 def check_choice(value: Any, name: str, choices: Iterable[str]) -> str:
-    """One of some words."""
+    """Return a string that is one of the choices."""
     known = tuple(choices)
     if not isinstance(value, str) or value not in known:
-        raise ValueError(f"unknown {name} {reprlib.repr(value)}: one of {', '.join(known)}")
+        error = ValueError if isinstance(value, str) else ArgumentTypeError
+        raise error(f"unknown {name} {reprlib.repr(value)}: one of {', '.join(known)}")
     return str(value)
 
 
 def check_path(value: Any, name: str = "path") -> Path:
-    """A path, as string or as path object."""
+    """Return a path given as a string or a path object."""
     if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
-        raise wrong(name, "a path", value)
+        raise wrong_type(name, "a path", value)
     return Path(value)
 
 
 def check_mapping(value: Any, name: str) -> Mapping[Any, Any]:
-    """A dict, or what can be looked up as one can."""
+    """Check that a value is a dict or another mapping."""
     return check_kind(value, name, Mapping, "a dict")
 
 
 def _plain(value: Any) -> Any:
-    """A scalar of NumPy, also as an array without dimensions, as Python's; all else as it is."""
+    """Convert NumPy scalars and 0-dimensional arrays to Python scalars; return other values unchanged."""
     return (
         value.item() if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and not value.ndim) else value
     )
 
 
 def check_whole(value: Any, name: str, low: int, high: int | None = None, or_none: bool = False) -> int:
-    """A whole number in a range; `or_none`: for the message, of a parameter that may be None."""
+    """Return an integer from `low` to `high`. or_none : the message says that None is valid too"""
+    span = f"from {low}" if high is None else f"from {low} to {high}"
+    wanted = f"a whole number {span}{', or None' if or_none else ''}"
+    plain = _plain(value)
     try:
-        number = operator.index(_plain(value))
-        fits = low <= number and (high is None or number <= high) and not isinstance(_plain(value), bool)
+        number = None if isinstance(plain, bool) else operator.index(plain)
     except TypeError:
-        fits = False
-    if not fits:
-        span = f"from {low}" if high is None else f"from {low} to {high}"
-        raise wrong(name, f"a whole number {span}{', or None' if or_none else ''}", value)
+        number = None
+    if number is None and not isinstance(plain, float):
+        raise wrong_type(name, wanted, value)
+    if number is None or number < low or (high is not None and number > high):
+        raise wrong(name, wanted, value)
     return int(number)
 
 
 def check_number(value: Any, name: str, wanted: str, fits: Callable[[float], bool] = np.isfinite) -> float:
-    """A number that fits, which NaN never does; `wanted`: what the message calls such a one."""
+    """Return a float for which `fits` is true; NaN is invalid. wanted : description of valid numbers for the message"""
     plain = _plain(value)
+    if isinstance(plain, bool) or not isinstance(plain, int | float):
+        raise wrong_type(name, wanted, value)
     try:
-        number = float(plain) if isinstance(plain, int | float) and not isinstance(plain, bool) else np.nan
+        number = float(plain)
     except OverflowError:  # an int of 400 digits
         number = np.nan
     if number != number or not fits(number):
@@ -106,18 +126,18 @@ def check_number(value: Any, name: str, wanted: str, fits: Callable[[float], boo
 
 
 def check_positive(value: Any, name: str, wanted: str = "a positive number") -> float:
-    """A number greater than 0, and finite."""
+    """Return a finite float greater than 0."""
     return check_number(value, name, wanted, lambda x: 0 < x < np.inf)
 
 
 def check_range(value: Any, name: str, low: float, high: float = np.inf) -> float:
-    """A finite number from low to high."""
+    """Return a finite float from `low` to `high`."""
     limits = f"from {low:g} to {high:g}" if high < np.inf else f"finite and at least {low:g}"
     return check_number(value, name, f"a number, {limits}", lambda x: low <= x <= high and x < np.inf)
 
 
 def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any]:
-    """An array of ints or floats of any shape."""
+    """Return an array of integers or floats of any shape."""
     try:
         array = np.asarray(value)
         if array.dtype == object and all(_is_int(item) for item in array.flat):  # beyond int64
@@ -125,24 +145,26 @@ def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any
     except (TypeError, ValueError, OverflowError):  # rows of different lengths, or an int of 400 digits
         raise wrong(name, wanted, value) from None
     if array.dtype.kind not in "iuf":
-        raise wrong(name, wanted, value)
+        raise (wrong if isinstance(value, np.ndarray | Sequence) and not isinstance(value, str) else wrong_type)(
+            name, wanted, value
+        )
     return array
 
 
 def real_numbers(value: Any, name: str) -> NDArray[Any]:
-    """An array of ints or floats of NumPy, of any shape."""
+    """Return an array of integers or floats of any shape; Python ints beyond 64 bits are invalid."""
     try:
         array = np.asarray(value)
     except ValueError:
-        raise ValueError(f"{name} is no regular array of numbers") from None
+        raise ValueError(f"{name} must be an array of numbers; its rows have different lengths") from None
     check_real(array.dtype, name)
     return array
 
 
 def check_real(dtype: Any, name: str) -> None:
-    """The dtype of ints or floats."""
+    """Check that a dtype is integer or float."""
     if dtype.kind not in "iuf":
-        raise ValueError(f"{name} must hold real numbers, not {dtype}")
+        raise ValueError(f"{name} must contain real numbers, not {dtype}")
 
 
 def _is_int(value: Any) -> bool:
@@ -150,7 +172,7 @@ def _is_int(value: Any) -> bool:
 
 
 def vector(value: Any, name: str) -> NDArray[np.float64]:
-    """Three finite numbers."""
+    """Return three finite numbers, (3,) float64."""
     array = check_numbers(value, name, "three finite numbers").astype(np.float64)
     if isinstance(value, list | tuple) and any(isinstance(part, bool | np.bool_) for part in value):
         raise wrong(name, "three finite numbers", value)
@@ -160,13 +182,13 @@ def vector(value: Any, name: str) -> NDArray[np.float64]:
 
 
 def check_position(value: Any, name: str) -> Vector:
-    """Three finite numbers, as Python's."""
+    """Return three finite numbers as Python floats."""
     x, y, z = vector(value, name).tolist()
     return x, y, z
 
 
 def check_direction(value: Any, name: str) -> Vector:
-    """Three finite numbers that are not all zero, as Python's."""
+    """Return three finite numbers, not all zero, as Python floats."""
     numbers = check_position(value, name)
     if not any(numbers):
         raise ValueError(f"{name} must not be zero")
@@ -174,7 +196,7 @@ def check_direction(value: Any, name: str) -> Vector:
 
 
 def unit_vector(value: Any, name: str) -> NDArray[np.float64]:
-    """Three finite numbers that are not all zero, as a unit vector."""
+    """Return a unit vector, (3,) float64, from three finite numbers that are not all zero."""
     array = vector(value, name)
     most = np.abs(array).max()
     if most < LEAST_LENGTH:
@@ -184,7 +206,7 @@ def unit_vector(value: Any, name: str) -> NDArray[np.float64]:
 
 
 def rgb(value: Any, name: str) -> NDArray[np.float64]:
-    """RGB of a number or of three, finite and not negative."""
+    """Return RGB, (3,) float64, from one number or three, finite and nonnegative."""
     wanted = "a number or three (red, green, blue)"
     array = check_numbers(value, name, wanted)
     if array.shape not in ((), (1,), (3,)):
@@ -196,8 +218,8 @@ def rgb(value: Any, name: str) -> NDArray[np.float64]:
 
 
 def reflectance(value: Any, name: str) -> NDArray[np.float64]:
-    """RGB of what is reflected of the light, 0 to 1."""
+    """Return a reflectance as RGB, (3,) float64, 0 to 1."""
     color = rgb(value, name)
     if (color > 1).any():
-        raise ValueError(f"{name} must lie between 0 and 1, what is reflected of the light, not {value!r}")
+        raise ValueError(f"{name} must be a reflectance from 0 to 1, not {value!r}")
     return color

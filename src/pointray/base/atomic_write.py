@@ -1,4 +1,4 @@
-"""How a file is replaced: what is new is written beside it, and gets its name when all is written."""
+"""Atomic replacement of files: a new file is written in the same folder and renamed once it is complete."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if sys.platform != "win32":
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
-BESIDE = re.compile(r"\.pointray-[0-9a-f]{16}(\..*)?")  # names of files that are to replace others
+BESIDE = re.compile(r"\.pointray-[0-9a-f]{16}(\..*)?")  # names of unfinished files
 BUFFER = 1 << 20  # bytes
 _swept: set[Path] = set()
 
 
 def check_regular(path: str | os.PathLike[str]) -> Path:
-    """The path of an existing regular file; OSError for others, such as a folder, or a pipe that would block."""
+    """Return the path of a regular file; raise OSError for a missing file, a folder, or a pipe, which would block."""
     file = Path(path)
     if not stat.S_ISREG(file.stat().st_mode):
         number = errno.EISDIR if file.is_dir() else errno.EINVAL
@@ -34,7 +34,7 @@ def check_regular(path: str | os.PathLike[str]) -> Path:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise the OSError that writing `path` would raise, before the work is done."""
+    """Raise the OSError that writing to `path` would raise."""
     file = Path(path)
     folder = file.parent
     if not folder.is_dir():
@@ -46,13 +46,13 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 class Replacement(io.BufferedIOBase):
-    """A new file beside the one that it will replace: a stream to write to, and its path for writers that need one.
+    """Output stream to a new file in the folder of the file it will replace. Writers that need a path can use `path`.
 
-    An error is remembered and raised at the end too, even if a library hid it. There is no file descriptor: Pillow
-    would write to it, and takes a truncated write for a complete one. A caller that writes to the path must check by
-    itself that all of it was written.
+    The first error is raised again at the end, in case a library has hidden it. The stream has no file descriptor:
+    Pillow would write to it, and would mistake a partial write for a complete one. A caller that writes to the path
+    must check itself that the file is complete.
 
-    A lock is held until the file has its name: an unlocked file was left by a process that has been killed.
+    The file is locked until it is renamed; an unlocked one was left behind by a killed process.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Replacement(io.BufferedIOBase):
             return self._file.write(data)
 
     def seek(self, offset: int, whence: int = os.SEEK_SET) -> int:
-        with self._remembering():  # it writes the buffer
+        with self._remembering():  # seeking writes the buffer
             return self._file.seek(offset, whence)
 
     def tell(self) -> int:
@@ -87,7 +87,7 @@ class Replacement(io.BufferedIOBase):
                 self._file.flush()
 
     def take_place_of(self, file: Path) -> None:
-        """Replace the file once all data has reached the disk; OSError if any of it has not."""
+        """Replace the file once all data has reached the disk; raise OSError if any write failed."""
         self.flush()
         with self._remembering():
             os.fsync(self._file.fileno())
@@ -118,9 +118,9 @@ class Replacement(io.BufferedIOBase):
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
-    """A file in the same folder to write to: it replaces `path` at the end, or is removed if anything is raised.
+    """Yield a stream to a new file in the same folder, which replaces `path` at the end, or is removed on an error.
 
-    Errors of the system that name no file, as that of a full disk, name this one then.
+    `path` is added to an OSError without a file name, such as that of a full disk.
     """
     check_writable(path)
     file = Path(os.path.realpath(path))  # the file that a link points to, not the link
@@ -137,24 +137,24 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
 
 
 def sweep(folder: Path) -> None:
-    """Remove unfinished new files that killed processes have left; once for each folder."""
+    """Remove unfinished files left behind by killed processes, once per folder."""
     if folder in _swept:
         return
     _swept.add(folder)
     with suppress(OSError), os.scandir(folder) as entries:
         for path in [entry.path for entry in entries if BESIDE.fullmatch(entry.name)]:
-            with suppress(OSError):  # a process holds it, or it is another user's
+            with suppress(OSError):  # it is in use, or belongs to another user
                 _remove_left(path)
 
 
 def _new_beside(file: Path) -> tuple[Path, int]:
-    """A new empty file in the same folder, and the descriptor that holds its lock."""
+    """Create an empty file in the same folder; return its path and the descriptor that holds its lock."""
     while True:
         path = file.with_name(f".pointray-{secrets.token_hex(8)}{file.suffix}")
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         if sys.platform == "win32":
             return path, lock
-        with suppress(OSError):  # without locks on a file system, left files are not removed
+        with suppress(OSError):  # on a file system without locks, files left behind are not removed
             fcntl.flock(lock, fcntl.LOCK_EX)
         with suppress(FileNotFoundError):  # another process removed it before it was locked
             if os.path.samestat(os.fstat(lock), path.stat()):
@@ -163,7 +163,7 @@ def _new_beside(file: Path) -> tuple[Path, int]:
 
 
 def _remove_left(path: str) -> None:
-    """Remove an unfinished new file; OSError if a process holds it, here or on another machine."""
+    """Remove an unfinished file; raise OSError if a process on this or another machine has locked it."""
     if sys.platform == "win32":
         os.unlink(path)  # fails while it is open
         return

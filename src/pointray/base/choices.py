@@ -1,7 +1,7 @@
-"""Choices: the words that options, scene files and the viewer's panel know, with what each is, once.
+"""Names of choices in options, scene files and the viewer's panel, each with a description.
 
-The numbers by which kernels know surfaces, projections, filters and integrators are indices of these tables, see
-`number_of`; models that are saved hold those of surfaces: a new one goes to the end.
+Kernels identify surfaces, projections, filters and integrators by their index in these tables, see `number_of`. Saved
+models contain the indices of surfaces: append new ones at the end.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ AUTO = "auto"
 
 SURFACES = {"paper": "the paper's", "imls": "imls", "apss": "spheres (apss)", "disc": "discs"}
 
-AS_SPHERES, AS_SURFACE = "spheres", "surface"  # of SCATTER: unless radii are given, and if they are
-SCATTER = {  # how points are drawn that lie on no surface
+AS_SPHERES, AS_SURFACE = "spheres", "surface"  # defaults of SCATTER, without and with given radii
+SCATTER = {  # drawing of points that lie on no surface
     AS_SPHERES: "spheres",
     "discs": "single discs",
-    AS_SURFACE: "as all others, and not sought",
+    AS_SURFACE: "like all other points, without a search for them",
     "none": "left out",
 }
 
@@ -28,27 +28,27 @@ INTEGRATORS = {
     "depth": "Depth",
     "color": "Colours, unlit",
     "cost": "Cost: nodes and leaves",
-    "baked": "Baked: all light, from what is kept in the points",
+    "baked": "Baked: all light, stored in the points",
 }
-EXPOSED = ["phong", "ao", "path", "baked"]  # their pictures are light; others are shown as they are
-NOISY = ["ao", "path"]  # they leave something to chance
+EXPOSED = ["phong", "ao", "path", "baked"]  # exposure and tone mapping apply to their images
+NOISY = ["ao", "path"]  # use random sampling
 
 FILTERS = {
-    "box": "the pixel itself",
+    "box": "1 pixel wide",
     "tent": "2 pixels wide",
     "gaussian": "soft, 3 pixels wide",
     "blackman-harris": "smooth, 3 pixels wide",
 }
 
 PROJECTIONS = {
-    "perspective": "what is far away is smaller",
-    "orthographic": "as high at the target",
+    "perspective": "distant objects appear smaller",
+    "orthographic": "no perspective, same size at the target",
     "panorama": "360 x 180 degrees",
 }
 
 CURVES = {"srgb": "sRGB", "neutral": "neutral", "filmic": "filmic", "soft": "soft"}
 
-MATERIALS = {  # of the command line; Python and scene files have the classes of shade/materials/
+MATERIALS = {  # of the command line; Python and scene files use the classes of shade/materials/
     "own": "matt, in its own colours",
     "clay": "matt, in one colour",
     "phong": "with a highlight",
@@ -56,21 +56,21 @@ MATERIALS = {  # of the command line; Python and scene files have the classes of
     "glass": "clear",
 }
 
-LIGHTS = {"sun": "Sun", "point": "Point light", "sky": "Sky"}  # of command line and panel
+LIGHTS = {"sun": "Sun", "point": "Point light", "sky": "Sky"}  # of the command line and the panel
 
 SAME, MUTED = "same", "muted"
 BACKFACES = {
-    MUTED: "greyer, and never black: holes of a scan are seen as holes",
-    SAME: "lit as front faces are",
+    MUTED: "greyer and never black, so that holes of a scan look like holes",
+    SAME: "lit like front faces",
 }
 
 NORMALS = {
-    "auto": "the file's unless they are a median of more than 15 degrees off the surface",
-    "file": "the file's",
-    "fit": "fitted ones",
+    "auto": "those of the file, unless their median deviation from the surface exceeds 15 degrees",
+    "file": "those of the file",
+    "fit": "estimated",
 }
 
-VIEWS = {  # azimuth and elevation, degrees: 0 and 0 is the front, 90 to the right
+VIEWS = {  # azimuth (0: front, 90: right) and elevation, degrees
     "iso": (45.0, 35.264),
     "front": (0.0, 0.0),
     "back": (180.0, 0.0),
@@ -80,17 +80,17 @@ VIEWS = {  # azimuth and elevation, degrees: 0 and 0 is the front, 90 to the rig
     "bottom": (0.0, -90.0),
 }
 
-COLORMAPS = [  # that every installation has
+COLORMAPS = [  # available in every installation
     *("viridis", "magma", "inferno", "plasma", "cividis", "turbo", "gray", "coolwarm", "RdBu", "terrain", "twilight"),
     *("tab10", "tab20"),
 ]
 
 
 def number_of(choices: Iterable[str], name: str) -> int:
-    """A choice as kernels know it: its index."""
+    """Return the index of a choice, its number in kernels."""
     return list(choices).index(name)
 
 
 def listed(choices: dict[str, str]) -> str:
-    """The choices as a help text says them."""
+    """Return the choices and their descriptions for a help text."""
     return "; ".join(f"{name}: {meaning}" for name, meaning in choices.items())

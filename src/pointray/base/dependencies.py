@@ -1,7 +1,7 @@
-"""Source files that a module depends on, found by following its imports, and a key of their contents.
+"""Source files that a module depends on, found by following its imports, and a hash of their contents.
 
-Compiled kernels and cached models are stored under such keys: an edit of a file makes exactly those stale that can
-reach it. Imports are found by a regular expression, as parsing all files takes 0.4 s of a start.
+Compiled kernels and cached models are stored under such hashes: editing a file invalidates exactly those that depend on
+it. Imports are found with a regular expression, because parsing all files would take 0.4 s at each start.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]  # of the package
+ROOT = Path(__file__).parents[1]  # folder of the package
 PACKAGE = ROOT.name
 
 _NAMES = rb"(\((?:[^)#]|#[^\n]*)*\)|[^\n(#]+)"  # after `import`: one line, or lines in parentheses with comments
@@ -27,15 +27,15 @@ _FIRST_WORD = re.compile(rb"(?:^|[(,])\s*(\w+)")
 
 
 def files_of(roots: Iterable[Path], deferred: bool = False) -> list[Path]:
-    """Find the files that modules import, directly or not, including themselves.
+    """Find the files that modules import, directly or indirectly, including themselves.
 
     Parameters
     ----------
     roots : iterable of path
-        Python files. Of the imports of files outside of the package, those of this package and of files beside them
-        are followed.
+        Python files. From files outside the package, imports of the package and of files in their own folder are
+        followed.
     deferred : bool
-        Follow the imports inside of functions and other blocks, too. A kernel cannot depend on these.
+        Also follow imports inside functions and other blocks, on which kernels cannot depend.
 
     Returns
     -------
@@ -74,7 +74,7 @@ def _text(path: Path) -> bytes:
 
 @cache
 def _imports(path: Path, deferred: bool) -> frozenset[Path]:
-    """Files that a file imports directly."""
+    """Return the files that a file imports directly."""
     found: set[str] = set()
     own = path.is_relative_to(ROOT)
     for indent, dots, module, names in _FROM.findall(_text(path)):
@@ -93,7 +93,7 @@ def _imports(path: Path, deferred: bool) -> frozenset[Path]:
 
 
 def _base(path: Path, own: bool, level: int, module: str) -> str | None:
-    """Path, without an extension, of what `from <level dots><module> import` names; None for other packages."""
+    """Return the path, without extension, of `from <level dots><module> import`; None for other packages."""
     parts = module.split(".")
     if level:
         return os.path.join(path.parents[level - 1], *parts)
@@ -103,13 +103,13 @@ def _base(path: Path, own: bool, level: int, module: str) -> str | None:
 
 
 def _below(base: str, names: set[str]) -> list[str]:
-    """Modules of a folder among names that are imported from it."""
+    """Return the paths of the imported names that are modules of a folder."""
     known = _listing(base.rstrip(os.sep))
     return [os.path.join(base, name) for name in names if name in known or f"{name}.py" in known]
 
 
 def _files_at(base: str) -> list[str]:
-    """The module, or the package, at a path without an extension."""
+    """Return the file of the module or package at a path without extension."""
     base = base.rstrip(os.sep)
     folder, name = os.path.split(base)
     files = [f"{base}.py"] if f"{name}.py" in _listing(folder) else []
@@ -118,7 +118,7 @@ def _files_at(base: str) -> list[str]:
 
 @cache
 def _listing(folder: str) -> frozenset[str]:
-    """Names in a folder; empty if there is no such folder."""
+    """Return the names in a folder; empty if it does not exist."""
     try:
         return frozenset(os.listdir(folder))
     except OSError:

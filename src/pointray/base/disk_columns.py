@@ -1,6 +1,6 @@
-"""Columns: arrays on disk that are read and written piece by piece, for clouds that do not fit into memory.
+"""Arrays on disk, read and written in pieces, for clouds larger than memory.
 
-They are not mapped: the pages of a mapped file count as memory of the process.
+The files are not memory-mapped, because the pages of a mapped file count as memory of the process.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from .atomic_write import replacing
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.-]*")
 FILE = re.compile(rf"({NAME.pattern})\.([biuf]\d+)x(\d+)")
-GAP = 1 << 12  # bytes between two rows that are read with them: about what a call costs
-SPAN = 1 << 20  # bytes that are read at once, at most, if only some of them are wanted
+GAP = 1 << 12  # maximum bytes between two rows that are read in one call
+SPAN = 1 << 20  # maximum bytes per call when only some rows are needed
 
 
 class Column:
-    """Rows on disk. Threads may read and write different rows at the same time.
+    """Array of rows on disk. Threads may read and write different rows at the same time.
 
     Parameters
     ----------
     path : path
-        An existing file, whose name tells what it holds: "positions.f4x3".
+        An existing file; its name states name, dtype and width: "positions.f4x3".
     written : set of Column, optional
-        This one is put into it when something is written.
+        Receives this column when it is written to.
 
     Attributes
     ----------
     path : path
     name : str
     dtype : dtype
-        Native.
+        In native byte order.
     width : int
-        Numbers in a row; 0: the column is flat.
+        Numbers per row; 0 for an (n,) array.
 
     Raises
     ------
     ValueError
-        If the file does not hold whole rows.
+        If the file size is not a multiple of the row size.
     """
 
     def __init__(self, path: Path, written: set[Column] | None = None) -> None:
@@ -64,83 +64,85 @@ class Column:
         size = os.fstat(self._file).st_size
         if size % self._row:
             self._close()
-            raise ValueError(f"{path}: is cut off: its {size:,} bytes are no multiple of {self._row}, those of a row")
+            raise ValueError(f"{path}: is cut off: its {size:,} bytes are not a multiple of {self._row}, the row size")
 
     def __len__(self) -> int:
         return os.fstat(self._file).st_size // self._row
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """(n,) or (n, width)."""
+        """Shape of the column: (n,) or (n, width)."""
         return (len(self), self.width) if self.width else (len(self),)
 
     @property
     def nbytes(self) -> int:
-        """Bytes of all rows."""
+        """Number of bytes of all rows."""
         return len(self) * self._row
 
     def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> NDArray[Any]:
-        """A new array with the rows of a slice, or with the given numbers, which may have any order."""
+        """Return a new array with the rows of a slice, or with the given row numbers in any order."""
         if not isinstance(rows, slice):
-            return self._some(np.asarray(rows))
+            return self._gather(np.asarray(rows))
         start, stop, step = rows.indices(len(self))
         if step != 1:
-            return self._some(np.arange(start, stop, step))
-        out = self._room(max(stop - start, 0))
+            return self._gather(np.arange(start, stop, step))
+        out = self._empty_rows(max(stop - start, 0))
         self._read(start, out)
         return out
 
     def write(self, start: int, rows: ArrayLike) -> None:
-        """Write rows (n,) or (n, width) over those from number `start` on; the column grows where that is needed."""
+        """Write rows, (n,) or (n, width), from row `start` on; the column grows as needed."""
         array = np.ascontiguousarray(rows, self.dtype)
         if array.shape[1:] != ((self.width,) if self.width else ()):
             raise ValueError(f"rows of {self.path.name} cannot have the shape {array.shape}")
         if start < 0:
-            raise ValueError(f"rows of {self.path.name} begin with number 0, not {start}")
+            raise ValueError(f"row numbers of {self.path.name} start at 0, got {start}")
         bytes_left, place = array.reshape(-1).view(np.uint8).data, start * self._row
         if self._written is not None:
             self._written.add(self)
-        with _told(self.path):
+        with _explaining_errors(self.path):
             while len(bytes_left):
                 written = self._put(bytes_left, place)
                 bytes_left, place = bytes_left[written:], place + written
 
     def append(self, rows: ArrayLike) -> None:
-        """Write rows behind the last one; by one thread at a time."""
+        """Write rows after the last one; not thread-safe."""
         self.write(len(self), rows)
 
     def sync(self) -> None:
-        """Return when all that was written has reached the disk."""
-        with _told(self.path):
+        """Wait until all written data has reached the disk."""
+        with _explaining_errors(self.path):
             os.fsync(self._file)
 
-    def _room(self, n: int) -> NDArray[Any]:
+    def _empty_rows(self, n: int) -> NDArray[Any]:
         return np.empty((n, self.width) if self.width else n, self.dtype)
 
-    def _some(self, rows: NDArray[Any]) -> NDArray[Any]:
-        """The rows with some numbers. Those that lie side by side, or nearly, are read together."""
+    def _gather(self, rows: NDArray[Any]) -> NDArray[Any]:
+        """Return the rows with the given numbers. Rows that are close together are read in one call."""
         if rows.ndim != 1 or (rows.dtype.kind not in "iu" and len(rows)):
-            raise TypeError(f"rows are whole numbers (n,), not {rows.dtype} {rows.shape}")
-        out = self._room(len(rows))
+            raise TypeError(f"row numbers must be integers, (n,), not {rows.dtype} {rows.shape}")
+        out = self._empty_rows(len(rows))
         if not len(rows):
             return out
         order = None if (rows[1:] >= rows[:-1]).all() else np.argsort(rows, kind="stable")
         ordered = (rows if order is None else rows[order]).astype(np.int64)
         if ordered[0] < 0 or ordered[-1] >= len(self):
-            raise IndexError(f"rows {ordered[0]} to {ordered[-1]} of {self.path.name}, which has {len(self):,}")
+            raise IndexError(
+                f"rows {ordered[0]} to {ordered[-1]} are outside {self.path.name}, which has {len(self):,}"
+            )
         apart = np.diff(ordered) > 1 + GAP // self._row
         apart |= np.diff(ordered // max(SPAN // self._row, 1)) > 0
         bounds = [0, *(np.flatnonzero(apart) + 1).tolist(), len(ordered)]
         for begin, end in zip(bounds[:-1], bounds[1:], strict=True):
             first = int(ordered[begin])
-            piece = self._room(int(ordered[end - 1]) + 1 - first)
+            piece = self._empty_rows(int(ordered[end - 1]) + 1 - first)
             self._read(first, piece)
             into = slice(begin, end) if order is None else order[begin:end]
             out[into] = piece[ordered[begin:end] - first]
         return out
 
     def _read(self, start: int, out: NDArray[Any]) -> None:
-        """Fill an array with rows from number `start` on."""
+        """Fill an array with the rows from `start` on."""
         bytes_left, place = out.reshape(-1).view(np.uint8).data, start * self._row
         while len(bytes_left):
             read = self._get(bytes_left, place)
@@ -148,7 +150,7 @@ class Column:
                 raise ValueError(f"{self.path}: is cut off after {place:,} bytes")
             bytes_left, place = bytes_left[read:], place + read
 
-    if sys.platform == "win32":  # no call there reads at a place
+    if sys.platform == "win32":  # has no calls that read or write at an offset
 
         def _get(self, out: memoryview, place: int) -> int:
             with self._lock:
@@ -171,17 +173,17 @@ class Column:
 
 
 class Columns:
-    """A folder of columns, and of small facts beside them. It can be sent to other processes that see the folder.
+    """Folder of columns and small JSON records. It can be pickled for processes that share the folder.
 
     Parameters
     ----------
     folder : path
-        It is made where there is none.
+        Created if missing.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._written: set[Column] = set()  # what is not known to have reached the disk
+        self._written: set[Column] = set()  # columns with data that may not have reached the disk
         folder.mkdir(parents=True, exist_ok=True)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -189,64 +191,64 @@ class Columns:
 
     @property
     def names(self) -> list[str]:
-        """The names of all columns, sorted."""
+        """Sorted names of all columns."""
         return sorted({match[1] for match in map(FILE.fullmatch, os.listdir(self.folder)) if match})
 
     def __contains__(self, name: str) -> bool:
         return bool(self._files(name))
 
     def __getitem__(self, name: str) -> Column:
-        """The column with a name, opened anew; KeyError if there is none."""
+        """Open the column with a name; raise KeyError if it is missing."""
         files = self._files(name)
         if not files:
             raise KeyError(name)
         if len(files) > 1:
-            raise ValueError(f"{self.folder}: has {name} twice: {', '.join(sorted(f.name for f in files))}")
+            raise ValueError(f"{self.folder}: duplicate column {name}: {', '.join(sorted(f.name for f in files))}")
         return Column(files[0], self._written)
 
     def find(self, name: str) -> Column | None:
-        """The column with a name; None if there is none."""
+        """Open the column with a name; return None if it is missing."""
         return self[name] if name in self else None  # noqa: SIM401
 
     def make(self, name: str, dtype: DTypeLike, width: int = 0, rows: int = 0) -> Column:
-        """A new column in place of one with this name. Its rows are 0, and take no room until they are written."""
+        """Create a column, replacing one with this name. Its rows are 0 and take no disk space until written."""
         path = self._path(name, np.dtype(dtype), width)
         self.drop(name)
-        with _told(path), path.open("xb") as file:
+        with _explaining_errors(path), path.open("xb") as file:
             file.truncate(rows * np.dtype(dtype).itemsize * max(width, 1))
         return Column(path, self._written)
 
     def fill(self, name: str, rows: NDArray[Any]) -> None:
-        """Write a column at once, in place of one with this name, which stays if this fails."""
+        """Write a column atomically, replacing one with this name."""
         path = self._path(name, rows.dtype, rows.shape[1] if rows.ndim > 1 else 0)
         with replacing(path) as beside:
             beside.write(np.ascontiguousarray(rows).reshape(-1).view(np.uint8).data)
 
     def rename(self, name: str, new: str) -> None:
-        """Give a column another name, in place of the column that has it."""
+        """Rename a column, replacing the one that has the new name."""
         column = self[name]
         self.drop(new)
         column.path.replace(self._path(new, column.dtype, column.width))
 
     def drop(self, name: str) -> None:
-        """Remove the column and the facts with this name, if there are any."""
+        """Remove the column and the record with this name, if they exist."""
         self._written -= {column for column in self._written if column.name == name}
         for file in (*self._files(name), self._facts(name)):
             file.unlink(missing_ok=True)
 
     def sync(self) -> None:
-        """Return when all that was written to columns since the last call has reached the disk."""
+        """Wait until all data written to columns since the last call has reached the disk."""
         for column in list(self._written):
             column.sync()
             self._written.discard(column)
 
     def put(self, name: str, facts: Mapping[str, Any]) -> None:
-        """Keep small facts, values of JSON, in place of those with this name."""
+        """Store a record of JSON values, replacing one with this name."""
         with replacing(self._facts(name)) as beside:
             beside.write(json.dumps(facts, indent=1).encode())
 
     def get(self, name: str) -> dict[str, Any] | None:
-        """The facts that were kept with a name; None if there are none."""
+        """Return the record with a name; None if it is missing."""
         path = self._facts(name)
         try:
             facts = json.loads(path.read_bytes())
@@ -255,7 +257,7 @@ class Columns:
         except ValueError as error:
             raise ValueError(f"{path}: is damaged: {error}") from error
         if not isinstance(facts, dict):
-            raise ValueError(f"{path}: is damaged: it holds no facts")
+            raise ValueError(f"{path}: is damaged: expected a JSON object")
         return facts
 
     def _files(self, name: str) -> list[Path]:
@@ -272,19 +274,19 @@ class Columns:
 
 
 def look_again(folder: Path) -> None:
-    """See what other machines have made in a folder; OSError if nothing can be written there.
+    """Refresh the listing of a folder on a network file system; raise OSError if the folder is not writable.
 
-    A network file system shows an old list for up to a minute, until something is made in the folder from here.
+    Such a file system may show an outdated listing for up to a minute, until a file is created in the folder.
     """
     path = folder / f".{secrets.token_hex(8)}"
-    with _told(folder):
+    with _explaining_errors(folder):
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
         path.unlink()
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
-    """Put the name of a file into the system's error: of a full disk, say."""
+def _explaining_errors(path: Path) -> Iterator[None]:
+    """Add the path to an OSError, such as that of a full disk."""
     try:
         yield
     except OSError as error:
@@ -292,14 +294,14 @@ def _told(path: Path) -> Iterator[None]:
 
 
 def _parsed(path: Path) -> tuple[str, str, int]:
-    """What the name of a column's file says: name, dtype, width."""
+    """Return the name, dtype and width stated in a file name."""
     match = FILE.fullmatch(path.name)
     if match is None:
-        raise ValueError(f"{path}: is not the name of a column, like positions.f4x3")
+        raise ValueError(f"{path}: is not the file name of a column, such as positions.f4x3")
     return match[1], match[2], int(match[3])
 
 
 def _checked(name: str) -> str:
     if not NAME.fullmatch(name):
-        raise ValueError(f"a column's name has letters, digits, dots and hyphens, which {name!r} has not")
+        raise ValueError(f"column names consist of letters, digits, dots and hyphens: {name!r} is invalid")
     return name

@@ -1,4 +1,4 @@
-"""Optional packages: an error names the `pip install` that brings a missing one, before any work is done."""
+"""Import of optional packages, with installation instructions if one is missing."""
 
 from __future__ import annotations
 
@@ -6,17 +6,21 @@ import importlib
 from typing import Any
 
 
+class MissingPackageError(ImportError, ValueError):
+    """Error for a missing optional package. Also a ValueError, which earlier releases raised."""
+
+
 def require(module: str, extra: str, what: str) -> Any:
-    """The module of an optional package; ValueError, which says how to install it, if it is absent.
+    """Import a module of an optional package; raise MissingPackageError with the `pip install` command.
 
     Parameters
     ----------
     extra : str
-        The extra of pointray that installs it.
+        Optional dependency group of pointray that contains it.
     what : str
-        What needs it; the message begins with it: "a.exr".
+        What needs it, such as "a.exr"; the message begins with it.
     """
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise ValueError(f"{what} needs {module.replace('_', '-')}: pip install 'pointray[{extra}]'") from None
+        raise MissingPackageError(f"{what} needs {module.replace('_', '-')}: pip install 'pointray[{extra}]'") from None

@@ -1,7 +1,6 @@
-"""How much memory is available, so that work that does not fit is refused before the system kills the process.
+"""Available memory, so that work that does not fit is refused before the system kills the process.
 
-What is free in the heap of the C library is given back between steps that take much of it, if that library is glibc.
-Disks that are full are told by the numbers of errors.
+Also returns freed memory to the system (glibc only), and lists the error numbers of full disks.
 """
 
 from __future__ import annotations
@@ -13,28 +12,28 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
 
-FULL_DISK = {getattr(errno, name, None) for name in ("ENOSPC", "EDQUOT", "EFBIG")} - {None}  # numbers of errors
+FULL_DISK = {getattr(errno, name, None) for name in ("ENOSPC", "EDQUOT", "EFBIG")} - {None}  # error numbers
 MEMINFO, CGROUPS, OWN_CGROUPS = Path("/proc/meminfo"), Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
-# Where a control group states its limit, its usage, and the part of the usage that the system reclaims by itself.
+# Files and keys of a control group: its limit, its usage, and the part of the usage that the system can reclaim.
 VERSION_2 = "memory.max", "memory.current", "inactive_file"
 VERSION_1 = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
 
 
 def available_memory() -> int | None:
-    """Bytes that the machine and this process's control groups still leave to it; None if unknown."""
+    """Return the bytes available to this process, limited by the machine and by its control groups; None if unknown."""
     known = [free for free in (_of_the_machine(), *_of_groups()) if free is not None]
     return max(min(known), 0) if known else None
 
 
 def check_memory(need: int, what: str) -> None:
-    """ValueError if `need` bytes are not available. what : "to write a.png", say"""
+    """Raise ValueError if `need` bytes are not available. what : their purpose, for the message"""
     free = available_memory()
     if free is not None and need > free:
         raise ValueError(f"{_in_units(need)} of memory are needed {what}, {_in_units(free)} are available")
 
 
 def give_back() -> None:
-    """Give what is free in the heap back to the system."""
+    """Return freed memory of the heap to the system."""
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 
@@ -48,14 +47,14 @@ def _of_the_machine() -> int | None:
         for line in MEMINFO.read_text().splitlines():
             if line.startswith("MemAvailable:"):
                 return int(line.split()[1]) * 1024
-    with suppress(OSError, ValueError, AttributeError):  # the total, as no free memory is stated
+    with suppress(OSError, ValueError, AttributeError):  # total memory, if the available memory is not stated
         pages, size = os.sysconf("SC_PHYS_PAGES"), os.sysconf("SC_PAGE_SIZE")
         return pages * size if pages > 0 and size > 0 else None
     return None
 
 
 def _of_groups() -> Iterator[int | None]:
-    """Bytes left below the limit of each control group that this process is in: its own, and those around it."""
+    """Yield the bytes left below the limit of each control group of this process, from its own to the root."""
     with suppress(OSError, ValueError):
         for line in OWN_CGROUPS.read_text().splitlines():
             _, controllers, name = line.split(":", 2)
@@ -63,13 +62,13 @@ def _of_groups() -> Iterator[int | None]:
                 continue
             root, files = (CGROUPS / "memory", VERSION_1) if controllers else (CGROUPS, VERSION_2)
             own = PurePosixPath(name.lstrip("/"))
-            # In a container the group's name may be the one outside; its files then lie at the root.
+            # In a container the name may be that on the host; the files of the group are then at the root.
             for group in (own, *own.parents):
                 yield _left_in(root / group, files)
 
 
 def _left_in(folder: Path, files: tuple[str, str, str]) -> int | None:
-    """Bytes left below a group's limit; None where there is no limit."""
+    """Return the bytes left below a group's limit; None if it has none."""
     limit, used, reclaimable = files
     try:
         left = int((folder / limit).read_text()) - int((folder / used).read_text())  # ValueError for "max", no limit

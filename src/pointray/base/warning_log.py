@@ -1,7 +1,7 @@
-"""Warnings of the package, which threads can silence or collect each for itself.
+"""Warnings of the package, which each thread can collect separately.
 
-`warnings.catch_warnings` changes a setting of the whole process: two threads that use it at the same time leave each
-other's setting behind.
+`warnings.catch_warnings` changes a setting of the whole process: if two threads use it at the same time, the setting of
+one may remain.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _HEARD: ContextVar[list[str] | None] = ContextVar("heard", default=None)
 
 
 def warn(message: str, category: type[Warning] = UserWarning, stacklevel: int = 1) -> None:
-    """Give a warning, as `warnings.warn` does; in `heard` it is collected."""
+    """Issue a warning like `warnings.warn`, or collect it within `heard`."""
     heard = _HEARD.get()
     if heard is None:
         warnings.warn(message, category, stacklevel=stacklevel + 1)
@@ -25,7 +25,7 @@ def warn(message: str, category: type[Warning] = UserWarning, stacklevel: int = 
 
 @contextmanager
 def heard() -> Iterator[list[str]]:
-    """Collect the warnings that this thread gives within; they are shown to nobody."""
+    """Collect the warnings that this thread issues in the context instead of showing them."""
     found: list[str] = []
     token = _HEARD.set(found)
     try:

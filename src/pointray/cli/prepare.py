@@ -13,12 +13,12 @@ import numpy as np
 from ..base.arguments import check_positive
 from ..base.choices import AUTO
 from ..base.warning_log import warn
-from ..cloud.normals.validation import trusted
+from ..cloud.normals.validation import select_normals
 from ..io.selection import Selection
 from ..io.trajectory import read_trajectory
 from ..model.model import SURFACE
 from ..model.model_file import SAVED
-from ..model.out_of_core.prepare import begun_points, check_unfinished, fits, part_points_for
+from ..model.out_of_core.prepare import check_unfinished, fits, part_points_for, unfinished_part_points
 from ..model.out_of_core.prepare import prepare as prepare_parts
 from ..model.out_of_core.split import PART, check_new, split
 from ..surface.splats.radii import radii_in
@@ -116,7 +116,7 @@ def _prepare_parts(scan: ScanFiles, reading: Reading, output: Path, options: dic
     settings = check_settings(SURFACE, 4, 1, "auto"), AUTO, drawing_of(options)
     with working_on(options["cluster"], options["workers"]) as client, Progress() as progress:
         most = part_points_for(client, options["memory"])
-        size = min(most, options["part_points"] or begun_points(output) or PART)
+        size = min(most, options["part_points"] or unfinished_part_points(output) or PART)
         work = partial(prepare_parts, scan.files, (reading.request, selection), output, settings, size)
         count = in_background(lambda: work(partial(progress.show, "preparing"), client, options["levels"]))
     return f"{output}: a model of {count:,} points in {len(pr.Model.load(output).parts)} parts"
@@ -218,7 +218,7 @@ def _prepared(
         done.append("normals estimated")
     elif is_scan:
         show("normals", 0.0)
-        points = trusted(points, options["normals"], progress=partial(show, "normals"))
+        points = select_normals(points, options["normals"], progress=partial(show, "normals"))
     if tolerance is not None or options["count"] is not None:
         before = len(points)
         limit = None

@@ -14,7 +14,7 @@ from ..cloud.denoising.smooth import place
 from ..cloud.neighbors import distinct, kd_order, neighbors
 from ..cloud.neighbors.few_queries import rows_around
 from ..cloud.normals.comparison import compare_normals
-from ..cloud.normals.validation import told
+from ..cloud.normals.validation import describe_normals
 from ..cloud.points import Points
 from ..cloud.rounding import find_rounding
 from ..model.model import Model
@@ -96,7 +96,11 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
     if facts["not_finite"]:
         missing.append("some positions: those points will be left out")
     facts["missing"] = missing
-    wrong = f"{told(compared)}: fitted ones will be used (--normals file keeps them)" if compared.wrong else None
+    wrong = (
+        f"{describe_normals(compared)}: fitted ones will be used (--normals file keeps them)"
+        if compared.wrong
+        else None
+    )
     facts["notes"] = [note for note in (wrong, rounded) if note]
     return facts
 

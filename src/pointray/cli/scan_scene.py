@@ -11,7 +11,7 @@ import numpy as np
 from ..auto_view import STUDIO
 from ..auto_view.first_view import ViewChoice
 from ..base.choices import AUTO, EXPOSED, MUTED, SAME
-from ..cloud.normals.validation import trusted
+from ..cloud.normals.validation import select_normals
 from ..cloud.points import Points
 from ..shade.lights import SunLight
 from ..surface.splats.radii import radii_in
@@ -78,7 +78,7 @@ class ScanScene:
     layers : bool
         Whether the background is part of the scene, as layers need it. A picture gets it as a backdrop.
     normals : {"auto", "file", "fit"}
-        The normals to use, as for `trusted`.
+        The normals to use, as for `select_normals`.
     baked : LightSource, optional
         Where baked light comes from; None: none is wanted.
 
@@ -271,7 +271,9 @@ class ScanScene:
         radii = radii_in(points)
         progress.show("normals", 0.0)
         try:
-            trusty = in_background(lambda: trusted(points, self._normals, progress=partial(progress.show, "normals")))
+            trusty = in_background(
+                lambda: select_normals(points, self._normals, progress=partial(progress.show, "normals"))
+            )
             return in_background(lambda: pr.Model(trusty, radii, **self._surface, progress=progress.show))
         except ValueError as error:
             raise ValueError(f"{files.name}: {as_option(error)}") from error

@@ -89,9 +89,9 @@ def _far(positions: NDArray[np.float32], progress: Progress | None) -> NDArray[n
     if n <= 2 * AROUND:  # too few for statistics
         return far
     distances, near = neighbors(positions, AROUND + 1, progress=part_of(progress, 0.0, NEAR))
-    usual = float(np.median(distances[:, AROUND]))
+    typical = float(np.median(distances[:, AROUND]))
     # Points closer than FAR spacings are linked; the spacing is the larger of the neighbour's and the median one.
-    local = np.maximum(np.median(distances[:, AROUND][near[:, 1:]], axis=1), usual)
+    local = np.maximum(np.median(distances[:, AROUND][near[:, 1:]], axis=1), typical)
     most = min(max(FEW * n, GROUP), 0.1 * n)
     near = near[:, 1:]
     part = connected_components(near, distances[:, 1:] < FAR * local[near])

@@ -68,7 +68,7 @@ class Survey:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Its values as JSON types, for `Survey(**facts)`."""
+        """Values as JSON types, for `Survey(**facts)`."""
         return {name: value for name, value in asdict(self).items() if value not in (None, ())}
 
 

@@ -11,7 +11,7 @@ from .neighbors import distinct, kd_order, take
 from .points import Points
 
 
-class Path(NamedTuple):
+class KdOrdering(NamedTuple):
     """Distinct positions of the finite rows of some points, in the order of `kd_order`.
 
     Attributes
@@ -31,14 +31,14 @@ class Path(NamedTuple):
         """Return the finite rows, numbered among themselves, in the order of their positions."""
         return self.rows if len(self.rows) == len(self.ids) else np.argsort(self.ids, kind="stable")
 
-    def moved(self, points: Points) -> Path:
+    def moved(self, points: Points) -> KdOrdering:
         """Return the ordering of the same points at other positions, without sorting them again."""
         finite, order = np.flatnonzero(points.finite), self.order()
         positions = take(points.positions, finite[order])
         rows, ids = distinct(positions)
         ids_of = np.empty_like(ids)
         ids_of[order] = ids
-        return Path(take(positions, rows), ids_of, finite[order[rows]].astype(np.int32))
+        return KdOrdering(take(positions, rows), ids_of, finite[order[rows]].astype(np.int32))
 
     def spread(self, values: NDArray[Any], points: Points) -> NDArray[Any]:
         """Copy values of positions, (m, ...), to all rows of the points; rows that are not finite get 0."""
@@ -50,7 +50,7 @@ class Path(NamedTuple):
         return out
 
 
-def along_path(points: Points) -> Path:
+def compute_kd_ordering(points: Points) -> KdOrdering:
     """Return the kd ordering of points."""
     finite = points.finite
     whole = bool(finite.all())
@@ -64,4 +64,4 @@ def along_path(points: Points) -> Path:
     else:
         ids = rank
     rows = order if whole else take(np.flatnonzero(finite).astype(np.int32), order)
-    return Path(take(positions, order), ids, rows)
+    return KdOrdering(take(positions, order), ids, rows)

@@ -24,7 +24,7 @@ MEASURES = "intensity", "reflectance", "reflectivity", "amplitude"  # names whos
 MOST_LABELS = 256  # distinct labels: as many classes as LAS has
 PROBE = 1000  # rows that are tested first
 CHUNK = 1 << 20  # rows that are tested at a time
-SPREAD, STRETCHES = 1 << 18, 256  # sampled rows of a mapped file, and the number of contiguous ranges they form
+SPREAD, RANGES = 1 << 18, 256  # sampled rows of a mapped file, and the number of contiguous ranges they form
 
 
 @dataclass(frozen=True, slots=True, init=False, repr=False, eq=False)
@@ -327,8 +327,8 @@ def spread_rows(n: int, most: int = SPREAD) -> NDArray[np.int64]:
     """Return at most `most` of n rows, in evenly spaced ranges, so that few pages of a mapped file are read."""
     if n <= most:
         return np.arange(n)
-    each = most // STRETCHES
-    starts = np.linspace(0, n - each, STRETCHES).astype(np.int64)
+    each = most // RANGES
+    starts = np.linspace(0, n - each, RANGES).astype(np.int64)
     return np.asarray((starts[:, None] + np.arange(each)).reshape(-1))
 
 

@@ -9,7 +9,7 @@ from ..base.memory import check_memory, give_back
 from ..base.progress import Progress, part_of
 from ..base.warning_log import warn
 from .denoising.smooth import Placed, place
-from .kd_ordering import along_path
+from .kd_ordering import compute_kd_ordering
 from .outliers import merge_for_model
 from .points import FARTHEST, Points
 
@@ -38,20 +38,20 @@ def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: 
 
     merge : whether second layers may be moved onto the surface; ignored if sigma is 0
     """
-    merge, along = merge and sigma != 0.0, None
+    merge, ordering = merge and sigma != 0.0, None
     if merge:
-        along = along_path(points)
-        merged = merge_for_model(points, part_of(progress, 0.0, MERGED), along)
-        points, along = merged, along if merged is points else along.moved(merged)
-    placed, message = place(points, sigma, part_of(progress, MERGED if merge else 0.0, 1.0), along)
+        ordering = compute_kd_ordering(points)
+        merged = merge_for_model(points, part_of(progress, 0.0, MERGED), ordering)
+        points, ordering = merged, ordering if merged is points else ordering.moved(merged)
+    placed, message = place(points, sigma, part_of(progress, MERGED if merge else 0.0, 1.0), ordering)
     if message:
         warn(message, stacklevel=3)
     if len(points) > SMALL:
         give_back()
-    if along is None:
+    if ordering is None:
         return placed
-    apart = placed.noise is None and len(along.rows) == len(along.ids)
-    return placed._replace(order=along.order(), apart=apart)
+    apart = placed.noise is None and len(ordering.rows) == len(ordering.ids)
+    return placed._replace(order=ordering.order(), apart=apart)
 
 
 def check_model_memory(count: int) -> None:

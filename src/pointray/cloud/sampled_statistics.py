@@ -24,8 +24,8 @@ class SampledStatistics(CloudStatistics):
         self.sample = rows
 
 
-def of_places(usual: CloudStatistics, ids: NDArray[np.integer] | None) -> CloudStatistics:
+def of_distinct_positions(statistics: CloudStatistics, ids: NDArray[np.integer] | None) -> CloudStatistics:
     """Return statistics that count each position once. ids : (n,) number of each point's position; None: all differ"""
-    if ids is None or not isinstance(usual, SampledStatistics):
-        return usual
-    return CloudStatistics(np.unique(ids[usual.sample]).astype(np.int64), usual.known)
+    if ids is None or not isinstance(statistics, SampledStatistics):
+        return statistics
+    return CloudStatistics(np.unique(ids[statistics.sample]).astype(np.int64), statistics.known)

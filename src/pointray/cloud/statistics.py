@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 Rows = NDArray[np.int64]
 
-STRETCH, STRETCHES = 1 << 16, 16  # points of a range; ranges in the sample of a large cloud
+RANGE, RANGES = 1 << 16, 16  # points of a range; ranges in the sample of a large cloud
 # Bits of a quantized number. The remaining bits depend on how far a part's margin extends; through these numbers they
 # would change the last bits of 6 in 10 hits (docs/decisions/parts.md).
 BITS = 8
@@ -25,10 +25,10 @@ MARGIN = 0.02  # share of the values on either side in which the quantile is sea
 
 def sample_of(count: int) -> list[slice]:
     """Return the ranges of the kd order that represent a cloud of `count` points; one range if there are few."""
-    whole = count // STRETCH
-    if whole < STRETCHES:
+    whole = count // RANGE
+    if whole < RANGES:
         return [slice(0, count)]
-    return [slice(k * STRETCH, (k + 1) * STRETCH) for k in np.arange(STRETCHES) * whole // STRETCHES]
+    return [slice(k * RANGE, (k + 1) * RANGE) for k in np.arange(RANGES) * whole // RANGES]
 
 
 class CloudStatistics:
@@ -40,7 +40,7 @@ class CloudStatistics:
         The sample, as rows of the points in memory. None: all rows.
     known : dict of str to float, optional
         Numbers computed before.
-    is_told : bool
+    is_complete : bool
         Whether `known` holds all numbers because the points in memory are only a part of the cloud.
 
     Attributes
@@ -49,41 +49,43 @@ class CloudStatistics:
         All numbers computed so far.
     """
 
-    def __init__(self, rows: Rows | None = None, known: dict[str, float] | None = None, is_told: bool = False) -> None:
+    def __init__(
+        self, rows: Rows | None = None, known: dict[str, float] | None = None, is_complete: bool = False
+    ) -> None:
         self.known: dict[str, float] = {} if known is None else known
-        self._rows, self._is_told = rows, is_told
+        self._rows, self._is_complete = rows, is_complete
         self._members: Rows | None = None
         self._suffix = ""
 
     @classmethod
     def of(cls, count: int) -> CloudStatistics:
         """Return the statistics of a whole cloud of `count` points in kd order."""
-        stretches = sample_of(count)
-        if len(stretches) == 1:
+        ranges = sample_of(count)
+        if len(ranges) == 1:
             return cls()
-        return cls(np.concatenate([np.arange(one.start, one.stop) for one in stretches]))
+        return cls(np.concatenate([np.arange(one.start, one.stop) for one in ranges]))
 
-    def ask(self, name: str, find: Callable[[], float]) -> float:
+    def get_or_compute(self, name: str, find: Callable[[], float]) -> float:
         """Return the number with this name; compute it by `find` if it is not cached."""
         own = name + self._suffix
-        if self._is_told and own not in self.known and name in self.known:  # no sampled points coincide
+        if self._is_complete and own not in self.known and name in self.known:  # no sampled points coincide
             return self.known[name]
         if own not in self.known:
             self.known[own] = float(find())
         return self.known[own]
 
-    def settle(self, names: tuple[str, ...], find: Callable[[], tuple[float, ...]]) -> None:
+    def compute_together(self, names: tuple[str, ...], find: Callable[[], tuple[float, ...]]) -> None:
         """Compute numbers that are found together, unless they are cached."""
         if names[0] not in self.known:
             self.known.update(zip(names, map(float, find()), strict=True))
 
     def quantile(self, name: str, values: NDArray[np.float32], share: float) -> float:
         """Return a quantile of `values`, which hold one number per point in memory."""
-        return self.ask(name, lambda: quantize(quantile(self._of_sample(values), share)))
+        return self.get_or_compute(name, lambda: quantize(quantile(self._of_sample(values), share)))
 
     def least(self, name: str, values: NDArray[np.float32]) -> float:
         """Return the minimum of `values`, which hold one number per point in memory."""
-        return self.ask(name, lambda: float(self._of_sample(values).min()))
+        return self.get_or_compute(name, lambda: float(self._of_sample(values).min()))
 
     def diagonal(self, name: str, positions: NDArray[np.float32]) -> float:
         """Return the diagonal of the box around the central 98% of the positions."""
@@ -93,15 +95,15 @@ class CloudStatistics:
             spans = (quantile(some[:, c], 0.99) - quantile(some[:, c], 0.01) for c in range(3))
             return quantize(math.hypot(*spans))
 
-        return self.ask(name, find)
+        return self.get_or_compute(name, find)
 
     def share(self, name: str, flags: NDArray[np.bool_]) -> float:
         """Return the share of points whose flag is set."""
-        return self.ask(name, lambda: quantize(float(self._of_sample(flags).mean())))
+        return self.get_or_compute(name, lambda: quantize(float(self._of_sample(flags).mean())))
 
     def merged(self, members: Rows) -> CloudStatistics:
         """Return statistics that count coincident points once; `members` holds one row of the values per point."""
-        other = CloudStatistics(self._rows, self.known, self._is_told)
+        other = CloudStatistics(self._rows, self.known, self._is_complete)
         other._members, other._suffix = members, " of places"
         return other
 
@@ -115,13 +117,13 @@ class CloudStatistics:
         rows = np.arange(count) if self._rows is None else self._rows
         return rows[:: max(len(rows) // most, 1)]
 
-    def quantile_among(self, name: str, values: NDArray[np.float32], rows: Rows, share: float) -> float:
-        """Return a quantile of the values at `rows`, rounded up; see `rows_to_ask`."""
-        return self.ask(name, lambda: -quantize(-float(np.quantile(values[rows], share)), is_limit=True))
+    def quantile_of_rows(self, name: str, values: NDArray[np.float32], rows: Rows, share: float) -> float:
+        """Return a quantile of the values at `rows`, rounded up; see `rows_for_quantile`."""
+        return self.get_or_compute(name, lambda: -quantize(-float(np.quantile(values[rows], share)), is_limit=True))
 
-    def rows_to_ask(self, count: int) -> Rows:
+    def rows_for_quantile(self, count: int) -> Rows:
         """Return about `SAMPLE` of `count` rows; no rows if all numbers are known."""
-        return np.zeros(0, np.int64) if self._is_told else self.spread(count, SAMPLE)
+        return np.zeros(0, np.int64) if self._is_complete else self.spread(count, SAMPLE)
 
     def _of_sample(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the values of the sampled points."""

@@ -1,8 +1,8 @@
 """Radiance -> pixels -> files.
 
-tone, exposure : from light to 8 bits, and how bright; screen : the same by a table, for the viewer
-write : pictures and layers as files; exr, mp4 : two formats; frames : a film's numbered pictures
-denoise : noise removed; legend : what colours stand for
+tone, exposure : tone curves and automatic exposure; screen : conversion to 8 bits by a table, for the viewer
+write : images and layers to files; exr, mp4 : two formats; frames : numbered images of a film
+denoise : denoising; legend : legends of attributes
 
 Begin with write, then tone. `image.tone` is the function; the file's other names: `from pointray.image.tone import`.
 """

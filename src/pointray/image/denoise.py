@@ -1,4 +1,4 @@
-"""Noise removed from a picture: Intel's Open Image Denoise, with what the surfaces look like as a help."""
+"""Denoising by Intel's Open Image Denoise, guided by albedo and normals."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ Floats = NDArray[np.float32]
 
 
 def check_denoise() -> None:
-    """Raise what `denoise` would raise if its package is absent."""
+    """Raise the error of `denoise` for a missing package."""
     require("pyoidn", "denoise", "denoising")
 
 
 def denoise(image: Floats, albedo: Floats, normal: Floats) -> None:
-    """Take the noise out of a picture; alpha, which has none of its own, stays.
+    """Denoise an image; alpha is unchanged.
 
-    All are worked on where they are, without copies: a large picture has no room for these.
+    All arrays are modified in place, to save memory.
 
     Parameters
     ----------
     image : (h, w, 4) float32, C-contiguous
-        Linear, premultiplied; brightness without limit. Becomes the result.
+        Linear, premultiplied, HDR. Replaced by the result.
     albedo : (h, w, 4) float32, C-contiguous
-        Colour of the surfaces, 0 to 1; clipped. The fourth number does not matter, nor that of the normals.
+        Albedo; clipped to 0 to 1. The fourth component is ignored, as in normal.
     normal : (h, w, 4) float32, C-contiguous
-        Their normals, at most unit length; clipped.
+        Normals; clipped to -1 to 1.
 
     Raises
     ------
     MemoryError
-        If there is too little for what Open Image Denoise needs beside them.
+        If Open Image Denoise runs out of memory.
     RuntimeError
         If it fails otherwise.
     """
     oidn = require("pyoidn", "denoise", "denoising")
-    for row in image:  # whole pictures of what is not a number would be held
+    for row in image:  # by rows, as masks of the whole image need memory
         np.nan_to_num(row[:, :3], copy=False)
     np.clip(albedo, 0, 1, out=albedo)
     np.clip(normal, -1, 1, out=normal)

@@ -1,7 +1,7 @@
-"""How bright a picture is shown: so that what is seen of the surface is of medium brightness, and little burns out.
+"""Automatic exposure: surfaces get medium brightness, and few highlights are clipped.
 
-The pixels are metered, as a camera meters reflected light, which shows snow and asphalt in the same grey. Where it is
-known how bright a white surface would be, as a meter of incident light measures it, that is corrected by halves.
+Pixels are metered like reflected light by a camera, which would show snow and asphalt in the same grey. If the radiance
+of a white surface is known, as from an incident light meter, half of the excess gain is taken back.
 """
 
 from __future__ import annotations
@@ -20,39 +20,39 @@ from ..shade.environment import EnvironmentLight, harmonics
 from ..shade.lights import SunLight
 from .tone import tone
 
-MIDDLE = 0.24  # what the log average becomes, linear: sRGB 0.53
-BURNT, WHITE = 0.995, 0.92  # so many of the pixels stay below this, linear: level 246
-COVERED = 0.5  # alpha from which a pixel counts
-DARKEST = 1e-4  # of the brightest: what is darker counts as this
+MIDDLE = 0.24  # linear target of the log average: sRGB 0.53
+BURNT, WHITE = 0.995, 0.92  # this fraction of pixels stays below this linear value, level 246
+COVERED = 0.5  # minimum alpha of metered pixels
+DARKEST = 1e-4  # lower limit of metered luminance, relative to the brightest pixels
 LEAST, MOST = -20.0, 20.0  # stops
-# Stops above the exposure that shows a white surface as 1: beyond FULL_GAIN, a share FURTHER of the metered gain is
-# applied. Scans that reflect 12% of the light or more reach medium brightness. For asphalt (4%) and coal (3%) a meter
-# is 2 to 3 stops too high; photographers correct it by 1.5 to 2. Darker scans have colours of underexposed photographs.
+# Gain in stops above the exposure that shows a white surface as 1: beyond FULL_GAIN, only the fraction FURTHER of it is
+# applied. Scans with an albedo of 12% or more reach medium brightness. For asphalt (4%) and coal (3%) metering is 2 to
+# 3 stops too high; photographers correct it by 1.5 to 2. Darker scans have colours of underexposed photographs.
 FULL_GAIN, FURTHER = 1.0, 0.5
-DARKENED = 0.7  # stops that highlights may cost before they are shown by the soft curve
-STEP = 1 << 16  # pixels that are looked at
+DARKENED = 0.7  # stops that highlights may cost before the soft curve is used
+STEP = 1 << 16  # approximate number of metered pixels
 
 
-PLAIN = "neutral"  # the curve of pictures whose exposure and curve are chosen
+PLAIN = "neutral"  # default curve if exposure and curve are automatic
 AXES = np.concatenate([np.eye(3), -np.eye(3)])
 
 
 def auto_exposure(image: NDArray[np.floating], curve: str = "srgb", white: float | None = None) -> float:
-    """The exposure, in stops, that shows a picture well.
+    """Return an automatic exposure, in stops.
 
     Parameters
     ----------
     image : (h, w, 3) or (h, w, 4) float
-        Linear; with alpha premultiplied: where it is below a half nothing counts.
+        Linear, premultiplied; pixels with alpha below 0.5 are ignored.
     curve : {"srgb", "neutral", "filmic", "soft"}
-        By which it will be shown, see `tone`.
+        Curve of the display, see `tone`.
     white : float, optional
-        Radiance of a white surface in the same light, see `white_under`: dark surfaces stay dark. None: unknown.
+        Radiance of a white surface in the same light, see `white_under`, which keeps dark surfaces dark. None: unknown.
 
     Returns
     -------
     float
-        Stops, a multiple of 1/16; 0 where there is nothing to be seen.
+        Stops, a multiple of 1/16; 0 for an empty or black image.
 
     References
     ----------
@@ -78,7 +78,7 @@ def auto_exposure(image: NDArray[np.floating], curve: str = "srgb", white: float
 
 
 def white_under(lights: Iterable[Any], integrator: str = "phong") -> float | None:
-    """Radiance of a white matt surface that faces the lights.
+    """Return the radiance of a white diffuse surface that faces the lights.
 
     Parameters
     ----------
@@ -88,11 +88,11 @@ def white_under(lights: Iterable[Any], integrator: str = "phong") -> float | Non
     Returns
     -------
     float or None
-        None: it differs from place to place, or surfaces may be the light.
+        None if it depends on the position, or surfaces may emit light.
     """
     found = list(lights)
     if integrator == "ao" or (integrator == "phong" and not found):
-        return 1.0  # an even white sky, or a headlight of irradiance pi
+        return 1.0  # a uniform white sky, or a headlight of irradiance pi
     if not found or not all(isinstance(light, SunLight | EnvironmentLight) for light in found):
         return None
     suns = [light for light in found if isinstance(light, SunLight)]
@@ -101,7 +101,7 @@ def white_under(lights: Iterable[Any], integrator: str = "phong") -> float | Non
 
 
 def auto_tone(image: NDArray[np.floating], white: float | None = None) -> tuple[float, str]:
-    """Exposure and curve that show a picture well: the soft one where a few bright spots would leave the rest dark."""
+    """Return an automatic exposure and curve: "soft" if a few bright spots would darken the rest, else "neutral"."""
     curve = "soft" if auto_exposure(image, "soft") - auto_exposure(image, PLAIN) > DARKENED else PLAIN
     return auto_exposure(image, curve, white), curve
 
@@ -109,16 +109,16 @@ def auto_tone(image: NDArray[np.floating], white: float | None = None) -> tuple[
 def tone_of(
     image: NDArray[np.floating], exposure: float | str, curve: str, white: float | None = None
 ) -> tuple[float, str]:
-    """Exposure and curve, of which either may be "auto"; a curve alone that is auto is "srgb"."""
+    """Resolve "auto" for exposure and curve; with a given exposure the automatic curve is "srgb"."""
     if exposure != AUTO:
         return float(exposure), "srgb" if curve == AUTO else curve
     return auto_tone(image, white) if curve == AUTO else (auto_exposure(image, curve, white), curve)
 
 
 def _from_suns(suns: list[SunLight]) -> float:
-    """The greatest luminance of the irradiance that a surface receives from suns: it may face away from some of them.
+    """Return the maximum luminance of the irradiance from suns over orientations of a surface.
 
-    Where only some of them follow the camera all are added: the angles between them are unknown.
+    If only some of them follow the camera, their sum is returned, as the angles between them are unknown.
     """
     if not suns:
         return 0.0
@@ -133,14 +133,14 @@ def _from_suns(suns: list[SunLight]) -> float:
 
 @lru_cache(maxsize=1)
 def _brightest_side(sky: EnvironmentLight) -> float:
-    """The greatest luminance of the irradiance that surfaces across an axis receive from a sky."""
+    """Return the maximum luminance of the irradiance from a sky over the six axis directions."""
     irradiance = harmonics(AXES).T @ sky.tables()[4].reshape(9, 3)
     return float((irradiance @ np.array(LUMINANCE)).max())
 
 
 @cache
 def _brightest(curve: str) -> float:
-    """What a curve shows as WHITE."""
+    """Return the input that a curve maps to WHITE."""
     low, high = 0.0, 100.0
     for _ in range(40):
         middle = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""OpenEXR: linear numbers as they are, in named channels."""
+"""Writing of OpenEXR files: linear values in named channels."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.extras import require
 
-# The names other programs look for: colour and Z of the file itself, the rest as layer.component.
+# Channel names by convention: colour and Z of the file itself, others as layer.component.
 CHANNELS = {
     "radiance": ("R", "G", "B", "A"),
     "depth": ("Z",),
@@ -22,24 +22,24 @@ CHANNELS = {
     "instance": ("instance",),
     "point": ("point",),
 }
-NO_INDEX = 2**32 - 1  # what -1 is as uint32
-LINES = 16  # that ZIP compresses together
+NO_INDEX = 2**32 - 1  # -1 as uint32
+LINES = 16  # lines of a ZIP-compressed chunk
 
 
 def check_exr(path: Path) -> None:
-    """Raise what `write_exr` would raise if its package is absent."""
+    """Raise the error of `write_exr` for a missing package."""
     require("OpenEXR", "files", str(path))
 
 
 def channels_of(layers: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Layers, (h, w) or (h, w, k), as channels, (h, w) float32 or uint32, under the names of CHANNELS."""
+    """Convert layers, (h, w) or (h, w, k), to channels, (h, w) float32 or uint32, named as in CHANNELS."""
     channels = {}
     for name, values in layers.items():
         names = CHANNELS.get(name)
         if names is None:
-            raise ValueError(f"an EXR has no place for a layer {name!r}; it has for {', '.join(CHANNELS)}")
+            raise ValueError(f"unsupported layer {name!r} for EXR: expected one of {', '.join(CHANNELS)}")
         planes = values.reshape(*values.shape[:2], -1)
-        if planes.shape[2] not in {len(names), len(names[:3])}:  # radiance may be without alpha
+        if planes.shape[2] not in {len(names), len(names[:3])}:  # radiance may lack alpha
             raise ValueError(f"layer {name!r} must have {len(names)} channels in an EXR, not {planes.shape[2]}")
         for k in range(planes.shape[2]):
             channels[names[k]] = _number(planes[..., k], name)
@@ -47,34 +47,34 @@ def channels_of(layers: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def _number(plane: NDArray[Any], name: str) -> NDArray[Any]:
-    """One channel as EXR knows it. Whole numbers do not become float32, which has gaps from 2^24: points have more."""
+    """Convert a channel to float32, or integers to uint32, as float32 is inexact above 2^24."""
     if plane.dtype.kind == "f":
         with np.errstate(over="ignore"):
             return np.ascontiguousarray(plane, np.float32)
     if plane.min() < -1 or plane.max() >= NO_INDEX:
-        raise ValueError(f"layer {name!r}: an EXR holds whole numbers from -1 to {NO_INDEX - 1}, see an NPZ for others")
+        raise ValueError(f"layer {name!r}: EXR supports whole numbers from -1 to {NO_INDEX - 1}; write an NPZ instead")
     out = np.empty(plane.shape, np.uint32)
-    for row, numbers in zip(out, plane, strict=True):  # a row at a time: no second copy of all that is wider
+    for row, numbers in zip(out, plane, strict=True):  # a row at a time, to save memory
         row[:] = numbers.astype(np.int64) & NO_INDEX
     return out
 
 
 def write_exr(path: Path, channels: dict[str, NDArray[Any]]) -> None:
-    """Write channels, (h, w) float32 or uint32, into one part of an EXR, losslessly compressed (ZIP)."""
+    """Write channels, (h, w) float32 or uint32, to a single-part EXR with lossless ZIP compression."""
     exr = require("OpenEXR", "files", str(path))
     header = {"compression": exr.ZIP_COMPRESSION, "type": exr.scanlineimage}
     try:
         with exr.File(header, channels) as file:
             file.write(str(path))
-    except RuntimeError as error:  # the library's only kind: the disk is full, say
+    except RuntimeError as error:  # the library's only error, such as for a full disk
         raise OSError(errno.EIO, str(error), str(path)) from error
     _check_whole(path)
 
 
 def _check_whole(path: Path) -> None:
-    """OSError if an EXR was cut off: the library does not tell what went wrong when it closed the file.
+    """Raise OSError if an EXR is truncated, as the library does not report errors on closing.
 
-    Behind the header is a table of where chunks of lines begin; each begins with its first line and its size.
+    After the header a table lists the offsets of chunks of lines; a chunk begins with its first line and its size.
     """
     end = path.stat().st_size
     with path.open("rb") as file:
@@ -97,9 +97,9 @@ def _check_whole(path: Path) -> None:
         else:
             if count > 0 and reached == end:
                 return
-    raise OSError(errno.EIO, "the EXR was cut off: is the disk full?", str(path))
+    raise OSError(errno.EIO, "the EXR is incomplete: is the disk full?", str(path))
 
 
 def _text(file: IO[bytes]) -> bytes:
-    """What stands before the next zero."""
+    """Read a string up to the next zero byte."""
     return b"".join(iter(lambda: file.read(1).rstrip(b"\0"), b""))

@@ -1,4 +1,4 @@
-"""A film's frames as numbered pictures: a run that was interrupted is found again, and goes on."""
+"""Frames of a film as numbered images, with a note that allows an interrupted run to continue."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from .write import SHOWN, write_image
 
 
 class Frames:
-    """Numbered pictures, and beside them a note: what they show, and how many are done.
+    """Numbered images, and a note beside them with their settings and the number of finished frames.
 
     Parameters
     ----------
     pattern : path
-        Its name has one `%d` or `%04d` for the number, from 0.
+        Its name contains one `%d` or `%04d` for the frame number, from 0.
     settings : dict
-        All that the pictures depend on, as JSON takes it.
+        Everything that the images depend on, as JSON values.
     count : int
-        Frames of the film.
+        Number of frames.
     size : (int, int)
         Width and height.
     """
@@ -37,19 +37,19 @@ class Frames:
 
     @property
     def note(self) -> Path:
-        """Where it is written what the pictures show; gone when the film is complete."""
+        """Return the path of the note, which is deleted when the film is complete."""
         return note_of(self.pattern)
 
     def path(self, k: int) -> Path:
-        """The picture of a frame."""
+        """Return the path of a frame's image."""
         return self.pattern.with_name(self.pattern.name % k)
 
     def find(self) -> tuple[list[int], list[str]]:
-        """The frames to render, and which settings are others than those of the frames that are there."""
+        """Return the frames to render, and the names of settings that differ from those of existing frames."""
         try:
             old = json.loads(self.note.read_text())
             settings, done = dict(old["settings"]), int(old["done"])
-        except (OSError, ValueError, TypeError, KeyError):  # none, or cut off
+        except (OSError, ValueError, TypeError, KeyError):  # missing or incomplete
             return list(range(self.count)), []
         other = [k for k in {**settings, **self._settings} if settings.get(k) != self._settings.get(k)]
         if other:
@@ -58,20 +58,20 @@ class Frames:
         return [k for k in range(self.count) if k >= self._done or not self._complete(k)], []
 
     def begin(self) -> None:
-        """Make the folder, and note what the pictures will show."""
+        """Create the folder, and write the note."""
         self.pattern.parent.mkdir(exist_ok=True)
         self._write_note()
 
     def keep(
         self, k: int, image: ArrayLike, exposure: float, curve: str = "srgb", backdrop: Backdrop | None = None
     ) -> None:
-        """Write a frame, and note that it is done."""
+        """Write a frame, and update the note."""
         write_image(self.path(k), image, exposure, curve, backdrop=backdrop)
         self._done = max(self._done, k + 1)
         self._write_note()
 
     def finish(self) -> None:
-        """All frames are done: only the pictures stay."""
+        """Delete the note after the last frame."""
         self.note.unlink(missing_ok=True)
 
     def _write_note(self) -> None:
@@ -79,26 +79,26 @@ class Frames:
             beside.write(json.dumps({"settings": self._settings, "done": self._done}, indent=1).encode())
 
     def _complete(self, k: int) -> bool:
-        """Whether a picture is there with all its pixels."""
+        """Return whether the image of a frame exists and is complete."""
         try:
             with Image.open(self.path(k)) as picture:
                 picture.load()
                 return picture.size == self._size
-        except (OSError, SyntaxError, ValueError):  # what Pillow says of a file that was cut off
+        except (OSError, SyntaxError, ValueError):  # Pillow's errors for truncated files
             return False
 
 
 def note_of(pattern: Path) -> Path:
-    """The note beside numbered pictures."""
+    """Return the path of the note of numbered images."""
     return pattern.with_name(f"{pattern.name}.json")
 
 
 def check_pattern(pattern: Path) -> None:
-    """Raise what would keep numbered pictures from being written, before the work is done."""
+    """Raise ValueError or OSError if numbered images cannot be written."""
     if not re.fullmatch(r"[^%]*%(0?[1-9])?d[^%]*", pattern.name):
-        raise ValueError(f"{pattern}: the name of a numbered picture has one %d or %04d, no other %")
+        raise ValueError(f"{pattern}: the name must contain one %d or %04d for the frame number, and no other %")
     if pattern.suffix.lower() not in SHOWN:
         extension = pattern.suffix or "a file without extension"
         raise ValueError(f"{pattern}: cannot write {extension}; can write {', '.join(SHOWN)}")
-    # The folder is made when it is needed, those above it are not.
+    # The folder is created if needed, its parents are not.
     check_writable(pattern if pattern.parent.exists() else pattern.parent)

@@ -1,4 +1,4 @@
-"""Legend: what the colours of an attribute stand for, drawn onto a picture."""
+"""`draw_legend`: the colour scale of an attribute, drawn onto an image."""
 
 from __future__ import annotations
 
@@ -15,45 +15,45 @@ from ..shade.attributes import Attribute, category_colors, category_name
 from ..shade.colormaps import colormap, shows_classes
 from .tone import srgb_to_linear
 
-PANEL, INK = (255, 255, 255, 205), (25, 25, 25, 255)  # behind it, and what is written: dark on light anywhere
-LETTERS, SMALLEST = 40, 10.0  # a picture is so many letters high, and these so many pixels at least
-BAR = 0.45  # height of the bar, as a share of the picture's
+PANEL, INK = (255, 255, 255, 205), (25, 25, 25, 255)  # background and text colours
+LETTERS, SMALLEST = 40, 10.0  # image height in letters, and minimum letter height in pixels
+BAR = 0.45  # height of the bar, relative to the image
 MOST_TICKS = 9
-LEAST_ROW = 8.0  # pixels of a category: what does not fit is counted
-NO_FIELD = ()  # the colour of an entry without a field among others that have one
+LEAST_ROW = 8.0  # minimum height of a category, pixels; the rest is summarized as "and n more"
+NO_FIELD = ()  # colour of an entry without a swatch
 
 
 def draw_legend(image: NDArray[Any], attribute: Attribute, beside: bool = False) -> NDArray[Any]:
-    """Draw what an attribute's colours stand for onto a picture, at its right edge.
+    """Draw the legend of an attribute at the right edge of a copy of an image.
 
-    A bar with values at round numbers; of categories or a map of classes, a field for each.
+    The legend is a colour bar with ticks at round numbers or, for categories and maps of classes, a swatch for each.
 
     Parameters
     ----------
     image : (h, w, 3) or (h, w, 4) float32 or uint8
-        As `render` returns it, linear and premultiplied; or as it is shown, sRGB.
+        float32: linear and premultiplied, as returned by `render`; uint8: sRGB.
     attribute : Attribute
-        With a range or categories, see `Scene.shown_attributes`; its name is written above the bar.
+        With a range or categories, see `Scene.shown_attributes`; its name is the title.
     beside : bool
-        Into a white strip of its own to the right of the picture, which is as much wider, so that nothing is covered.
+        Append a white strip for the legend at the right, which widens the image, instead of covering it.
 
     Returns
     -------
     (h, w, 3) or (h, w, 4) float32 or uint8
-        A new picture of the same kind. What `write_image` does to light, with an exposure or a curve, it does to the
-        legend of a linear one, but not to that which it draws itself: `write_image(path, image, legend=attribute)`.
+        Image of the same dtype and channels. Exposure and curve of `write_image` also change a legend drawn on a linear
+        image; a legend drawn by `write_image(path, image, legend=attribute)` is not changed.
 
     Raises
     ------
     ValueError
-        If the attribute has no range, or the array is no picture.
+        If the attribute has neither range nor categories, or the array is not an image.
     """
     check_legend(attribute, "attribute")
     beside = check_flag(beside, "beside")
     try:
         array = np.asarray(image)
     except (TypeError, ValueError):
-        raise ValueError("image is no regular array of numbers") from None
+        raise ValueError("image must be a regular array of numbers") from None
     if array.ndim != 3 or array.shape[2] not in (3, 4) or array.dtype not in (np.uint8, np.float32) or not array.size:
         raise ValueError(
             f"image must have the shape (h, w, 3) or (h, w, 4) and be uint8 or float32, not {array.shape} {array.dtype}"
@@ -77,7 +77,7 @@ def draw_legend(image: NDArray[Any], attribute: Attribute, beside: bool = False)
 
 
 def _widened(array: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
-    """A picture with a strip beside it that a legend of its height fits into."""
+    """Append a white strip that is as wide as the legend."""
     height, width = array.shape[:2]
     left, _, right, _ = _layer(width, height, attribute).getbbox() or (0, 0, 0, 0)
     strip = right - left + round(max(height / LETTERS, SMALLEST))
@@ -87,14 +87,14 @@ def _widened(array: NDArray[Any], attribute: Attribute) -> NDArray[Any]:
 
 
 def check_legend(attribute: Any, name: str) -> None:
-    """ValueError if it is no attribute with a range or categories; name : of the parameter"""
+    """Raise ValueError if it is not an attribute with a range or categories. name : of the parameter"""
     checked = check_kind(attribute, name, Attribute, "an Attribute")
     if checked.range is None and not checked.values:
-        raise ValueError(f"{name}: a legend needs one with a range: Scene.shown_attributes has those that are shown")
+        raise ValueError(f"{name}: a legend needs an attribute with a range, such as those of Scene.shown_attributes")
 
 
 def ticks(low: float, high: float, most: int = MOST_TICKS) -> NDArray[np.float64]:
-    """Round numbers from low to high, at most so many: multiples of 1, 2 or 5 times a power of ten."""
+    """Return at most `most` round numbers from low to high: multiples of 1, 2 or 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10((high - low) / most))
     for step in (1, 2, 5, 10, 20):
         first, last = math.ceil(low / (step * power) - 1e-9), math.floor(high / (step * power) + 1e-9)
@@ -104,7 +104,7 @@ def ticks(low: float, high: float, most: int = MOST_TICKS) -> NDArray[np.float64
 
 
 def labels(values: NDArray[np.float64]) -> list[str]:
-    """How round numbers are written: all with the decimals that one of them needs."""
+    """Format round numbers with the same number of decimals, as many as needed."""
     largest = np.abs(values).max() if len(values) else 0.0
     if largest >= 1e7 or 0 < largest < 1e-3:
         return [f"{x:.6g}" for x in values]
@@ -117,7 +117,10 @@ def labels(values: NDArray[np.float64]) -> list[str]:
 
 @dataclass(frozen=True)
 class _Entry:
-    """A text at a height of the bar, from its top, and the colour of its field: None at a tick, NO_FIELD."""
+    """Text of a legend, its distance from the top of the bar, and the colour of its swatch.
+
+    color : None for a tick, NO_FIELD without a swatch
+    """
 
     text: str
     y: float
@@ -125,7 +128,7 @@ class _Entry:
 
 
 def _entries(attribute: Attribute, size: float, height: float) -> tuple[list[_Entry], float]:
-    """What is written beside the bar or the fields, and their height; size : of letters, pixels"""
+    """Return the entries of a legend, and the height of its bar or swatches. size : letter height, pixels"""
     if attribute.values:
         kinds, colors = attribute.values[::-1], category_colors(attribute)[::-1]
         step = max(min(1.5 * size, 0.8 * height / len(kinds)), LEAST_ROW)
@@ -152,7 +155,7 @@ def _entries(attribute: Attribute, size: float, height: float) -> tuple[list[_En
 
 
 def _layer(width: int, height: int, attribute: Attribute) -> Image.Image:
-    """The legend alone, in a transparent picture of a size."""
+    """Draw the legend alone onto a transparent image."""
     size = max(height / LETTERS, SMALLEST)
     entries, length = _entries(attribute, size, height)
     fields = bool(attribute.values) or shows_classes(attribute.colormap)
@@ -189,5 +192,5 @@ def _font(size: float) -> Any:
 
 
 def _fitting(text: str, size: float, width: float) -> Any:
-    """The font in which a text is at most so wide."""
+    """Return a font in which a text is at most `width` wide."""
     return _font(size * min(1.0, width / max(_font(size).getlength(text), 1.0)))

@@ -1,4 +1,4 @@
-"""Numbered pictures -> MP4, by the ffmpeg that imageio-ffmpeg brings."""
+"""Encoding of numbered images as MP4, with the ffmpeg of imageio-ffmpeg."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from pathlib import Path
 from ..base.atomic_write import check_writable, replacing
 from ..base.extras import require
 
-CRF = "18"  # x264's quality: no difference to the pictures is seen
+CRF = "18"  # x264 quality: visually lossless
 
 
 def check_mp4(path: Path) -> None:
-    """Raise what would keep an MP4 from being written, before the work is done."""
+    """Raise ValueError or OSError if an MP4 cannot be written."""
     require("imageio_ffmpeg", "film", str(path)).get_ffmpeg_exe()
     check_writable(path)
 
 
 def even(size: tuple[int, int]) -> tuple[int, int]:
-    """The size of a film of pictures: its colours are stored for 2 x 2 pixels."""
+    """Return the size of a film, rounded up to even numbers, as chroma is stored for 2 x 2 pixels."""
     return size[0] + size[0] % 2, size[1] + size[1] % 2
 
 
 def write_mp4(path: Path, pattern: Path, count: int, fps: float, size: tuple[int, int]) -> None:
-    """Write the first `count` numbered pictures of a size as H.264, yuv420p, for any player.
+    """Encode the first `count` numbered images as H.264, yuv420p.
 
-    Odd sides get one more row or column, like the last one. OSError says what ffmpeg could not do.
+    Odd sides are extended by a copy of the last row or column. OSError contains the error of ffmpeg.
     """
     width, height = even(size)
     filters = [
@@ -35,14 +35,14 @@ def write_mp4(path: Path, pattern: Path, count: int, fps: float, size: tuple[int
         f"fillborders=right={width - size[0]}:bottom={height - size[1]}:mode=smear",
         "scale=out_color_matrix=bt709:out_range=tv",
         "format=yuv420p",
-        # Where it is not said, players guess the matrix of the colours by the film's size.
+        # Without these, players guess the colour matrix from the size.
         "setparams=colorspace=bt709:color_primaries=bt709:color_trc=bt709",
     ]
     command = [require("imageio_ffmpeg", "film", str(path)).get_ffmpeg_exe(), "-nostdin", "-loglevel", "error", "-y"]
     command += ["-framerate", f"{fps:.12g}", "-start_number", "0", "-i", pattern.name, "-frames:v", str(count)]
     command += ["-vf", ",".join(filters), "-c:v", "libx264", "-crf", CRF, "-movflags", "+faststart"]
     with replacing(path) as beside:
-        # In the pictures' folder: ffmpeg would take a % in its name for a number.
+        # Run in the images' folder, as ffmpeg would interpret a % in the folder's name.
         done = subprocess.run([*command, str(beside.path)], cwd=pattern.parent, capture_output=True, text=True)
         if done.returncode != 0:
             last = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
@@ -51,17 +51,17 @@ def write_mp4(path: Path, pattern: Path, count: int, fps: float, size: tuple[int
 
 
 def _check_whole(path: Path) -> None:
-    """OSError if a film was cut off: its boxes do not end where the file does, or one of the three is missing."""
+    """Raise OSError if a film is truncated: boxes do not end with the file, or a required box is missing."""
     end, offset, kinds = path.stat().st_size, 0, set()
     with path.open("rb") as file:
         while offset < end:
             file.seek(offset)
             size, kind = struct.unpack(">I4s", file.read(8).ljust(8, b"\0"))
-            if size == 1:  # more than 4 GiB: the size comes behind
+            if size == 1:  # more than 4 GiB: a 64-bit size follows
                 size = int.from_bytes(file.read(8), "big")
             if size < 8:
                 break
             kinds.add(kind)
             offset += size
     if offset != end or not {b"ftyp", b"moov", b"mdat"} <= kinds:
-        raise OSError(errno.EIO, "the film was cut off: is the disk full?", str(path))
+        raise OSError(errno.EIO, "the film is incomplete: is the disk full?", str(path))

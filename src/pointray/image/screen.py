@@ -1,4 +1,4 @@
-"""From light to the 8 bits that a screen shows, fast enough for each frame of a viewer: `image.tone`, by a table."""
+"""Conversion of linear images to 8-bit sRGB by a table, fast enough for each frame of the viewer."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from .tone import linear_to_srgb, tone
 Rgb8 = NDArray[np.uint8]
 Floats = NDArray[np.float32]
 
-ROWS = 16  # that a thread takes at a time
-# The table has an entry for each value of the exponent and the first 9 bits behind it: from 2^-14, which is level 0, to
-# 2^8, which is white on any curve; the level is off by 0.1 at most, and so wrong by one where the 10th bit decides.
+ROWS = 16  # rows a thread takes at a time
+# The table is indexed by the exponent and the first 9 bits of the mantissa, from 2^-14, which is level 0, to 2^8, which
+# is white on any curve. The error is at most 0.1 levels before rounding, and one level after.
 DARKEST, BRIGHTEST = f32(2.0**-14), f32(2.0**8)
 WHITEST = BRIGHTEST * f32(0.999)  # within the table
-BRIGHT = 0.95  # the brightest backdrop on curves that roll highlights off
+BRIGHT = 0.95  # limit of backdrops on curves that compress highlights
 SHIFT = 14
 _FIRST, _LAST = (int(np.array(x).view(np.int32)) >> SHIFT for x in (DARKEST, BRIGHTEST))
 
 
 @cache
 def _table(curve: str) -> Rgb8:
-    """The 8 bits of sRGB along a curve, for numbers from DARKEST to BRIGHTEST."""
+    """Return 8-bit sRGB values of a curve, for inputs from DARKEST to BRIGHTEST."""
     middles = ((np.arange(_FIRST, _LAST, dtype=np.int32) << SHIFT) + (1 << (SHIFT - 1))).view(np.float32)
     return np.rint(linear_to_srgb(tone(middles, 0.0, curve)) * 255).astype(np.uint8)
 
 
 @kernel
 def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Array, out: Array) -> int:
-    """An image over a backdrop, in 8 bits: (h, w, 3) uint8."""
+    """Convert an image over a backdrop to (h, w, 3) uint8."""
     image, backdrop, table, out = borrow(image), borrow(backdrop), borrow(table), borrow(out)
     height, width = image.shape[:2]
     block = next_tile(work)
@@ -43,7 +43,7 @@ def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Arr
                 rest = f32(1.0) - image[y, x, 3]
                 for c in range(3):
                     value = (image[y, x, c] * gain) + backdrop[y, c] * rest
-                    value = value if value > DARKEST else DARKEST  # NaN too; `max` may keep it
+                    value = value if value > DARKEST else DARKEST  # also for NaN, which `max` may keep
                     value = value if value < WHITEST else WHITEST
                     out[y, x, c] = table[(float_bits(value) >> SHIFT) - _FIRST]
         block = next_tile(work)
@@ -51,7 +51,7 @@ def _to_8bit(work: Array, image: Array, backdrop: Array, gain: float, table: Arr
 
 
 def _before(curve: str, shown: Floats) -> Floats:
-    """What a curve shows so, up to BRIGHT: a curve that only nears white would make edges before it jagged."""
+    """Invert a curve, up to BRIGHT: beyond, curves that only approach white would give jagged edges."""
     if curve == "srgb":
         return shown.copy()
     x = np.geomspace(DARKEST, BRIGHTEST, 4096, dtype=np.float32)
@@ -61,21 +61,21 @@ def _before(curve: str, shown: Floats) -> Floats:
 def to_8bit(
     image: NDArray[np.float32], backdrop: ArrayLike = (0.0, 0.0, 0.0), exposure: float = 0.0, curve: str = "srgb"
 ) -> Rgb8:
-    """What a screen shows of a rendered image.
+    """Convert a rendered image to 8-bit sRGB.
 
     Parameters
     ----------
     image : (h, w, 4) float32
         Linear, premultiplied.
     backdrop : (3,) or (h, 3) float
-        Linear colour behind it, or behind each row, which the curve does not change.
+        Linear colour behind the image, or behind each row; not changed by the curve.
     exposure, curve
         See `image.tone.tone`.
 
     Returns
     -------
     (h, w, 3) uint8
-        sRGB; not farther than one level from what `write_image` writes.
+        sRGB; at most one level off the result of `write_image`.
     """
     out = np.empty((*image.shape[:2], 3), np.uint8)
     behind = _before(curve, np.broadcast_to(np.asarray(backdrop, np.float32), (len(image), 3)))

@@ -1,4 +1,4 @@
-"""From linear radiance to what a screen shows, and back from a file's colours."""
+"""Tone curves, and conversion between linear and sRGB colours."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from ..base.choices import CURVES
 
 Floats = NDArray[np.float32]
 
-# The neutral curve: what is taken off all but the darkest light, where highlights begin to be compressed.
+# Neutral curve: offset subtracted from all but the darkest values; start of highlight compression.
 BLACK_POINT, SHOULDER = 0.01, 0.79
-SOFT_WHITE = 16.0  # what the soft curve makes white: four stops more than 1
-MOST_STOPS = 100  # that float32 can hold
-# sRGB, above and below, behind a scan: cool beside clay, and darker than its lit side; a shadow on the ground is seen.
+SOFT_WHITE = 16.0  # input that the soft curve maps to 1: four stops above 1
+MOST_STOPS = 100  # within the range of float32
+# Default backdrop, sRGB, top and bottom: cooler than clay, darker than its lit side, and shadows on the ground show.
 GRADIENT = ((0.15, 0.18, 0.22), (0.50, 0.53, 0.57))
 Backdrop = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 def linear_to_srgb(linear: NDArray[np.floating[Any]]) -> Floats:
-    """The sRGB curve (IEC 61966-2-1), values clipped to 0..1; any shape, float32."""
+    """Convert linear values, clipped to 0..1, to sRGB (IEC 61966-2-1), float32; any shape."""
     x = np.clip(linear, 0, 1).astype(np.float32)
     curve: Floats = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
     return curve
 
 
 def srgb_to_linear(colors: NDArray[np.uint8] | NDArray[np.floating[Any]]) -> Floats:
-    """Linear float32 of sRGB colours, uint8 or float from 0 to 1; any shape."""
+    """Convert sRGB colours, uint8 or float from 0 to 1, to linear float32; any shape."""
     return _TABLE[colors] if colors.dtype == np.uint8 else _decode(colors.astype(np.float64))
 
 
@@ -42,7 +42,7 @@ _TABLE = _decode(np.arange(256) / 255)
 
 
 def check_backdrop(backdrop: Any) -> Backdrop:
-    """Two sRGB colours."""
+    """Return validated sRGB colours, above and below."""
     colors = check_numbers(backdrop, "backdrop", "two sRGB colours, above and below").astype(np.float64)
     if colors.shape != (2, 3) or not ((colors >= 0) & (colors <= 1)).all():
         raise wrong("backdrop", "two sRGB colours, above and below, from 0 to 1", backdrop)
@@ -51,32 +51,32 @@ def check_backdrop(backdrop: Any) -> Backdrop:
 
 
 def backdrop_rows(backdrop: Backdrop, height: int) -> Floats:
-    """Linear colours of a gradient from sRGB above to sRGB below, (height, 1, 3)."""
+    """Return the linear colours of an sRGB gradient from top to bottom, (height, 1, 3)."""
     above, below = (np.array(color, np.float64) for color in backdrop)
     share = ((np.arange(height) + 0.5) / height)[:, None, None]
     return srgb_to_linear(above + share * (below - above))
 
 
 def filmic(linear: Floats) -> Floats:
-    """A curve that rolls highlights off as film does: linear 0..inf to linear 0..1, 1 to 0.80.
+    """Apply a filmic curve, linear 0..inf to linear 0..1, which maps 1 to 0.80.
 
     References
     ----------
     Narkowicz: ACES Filmic Tone Mapping Curve (2016), the fit without its optional 0.6 of exposure.
     """
-    x = np.clip(linear, 0, 1e4)  # beyond, the square may overflow; the curve has long reached 1
+    x = np.clip(linear, 0, 1e4)  # avoids overflow; the curve is 1 there
     curve: Floats = np.minimum(x * (2.51 * x + 0.03) / (x * (2.43 * x + 0.59) + 0.14), 1)
     return curve
 
 
 def neutral(linear: Floats) -> Floats:
-    """A curve with a toe and a shoulder that keeps what is between: 0.02 to 0.01, 0.2 to 0.19, 1 to 0.90, inf to 1.
+    """Apply a curve with toe and shoulder, linear in between: 0.02 to 0.01, 0.2 to 0.19, 1 to 0.90, inf to 1.
 
     References
     ----------
-    Khronos: PBR Neutral Tone Mapper (2024), sections "Fresnel compensation" and "Highlight compression", each channel
-    by itself, so that highlights fade to white without its desaturation. It takes off 0.04, what a glossy dielectric
-    reflects of a white sky; scans are matt, and 0.01 is the glare of a good lens (ISO 9358: 1% to 3%).
+    Khronos: PBR Neutral Tone Mapper (2024), sections "Fresnel compensation" and "Highlight compression", applied per
+    channel, so that highlights fade to white without its desaturation. The original subtracts 0.04, the reflection of a
+    white sky by a glossy dielectric; scans are diffuse, and 0.01 is the glare of a good lens (ISO 9358: 1% to 3%).
     """
     x = np.clip(linear, 0, 1e30).astype(np.float32)
     dark = np.minimum(x, np.float32(2 * BLACK_POINT))
@@ -87,7 +87,7 @@ def neutral(linear: Floats) -> Floats:
 
 
 def soft(linear: Floats) -> Floats:
-    """A curve that leaves shadows, and gives what is brighter the less room the brighter it is: 1 to 0.5, 16 to 1.
+    """Apply a curve that preserves shadows and compresses highlights increasingly: 1 to 0.5, 16 to 1.
 
     References
     ----------
@@ -98,22 +98,23 @@ def soft(linear: Floats) -> Floats:
 
 
 def check_tone(exposure: float, curve: str) -> None:
-    """Raise ValueError for what `tone` does not know."""
+    """Raise ValueError for an invalid exposure or curve."""
     check_choice(curve, "curve", CURVES)
     limits = f"between -{MOST_STOPS} and {MOST_STOPS} stops"
     check_number(exposure, "exposure", limits, lambda x: -MOST_STOPS <= x <= MOST_STOPS)
 
 
 def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:
-    """What of linear colours can be shown.
+    """Apply exposure and a tone curve to linear colours.
 
     Parameters
     ----------
     linear : (..., 3) float32
     exposure : float
-        In stops: each doubles the light.
+        In stops; each doubles the light.
     curve : {"srgb", "neutral", "filmic", "soft"}
-        How brightness above 1 is treated: cut off, or rolled off: from 0.8 on, as by film, from the middle on.
+        Treatment of highlights: "srgb" clips at 1, "neutral" compresses from 0.8, "filmic" as film does, "soft" from
+        the mid-tones.
 
     Returns
     -------
@@ -121,7 +122,7 @@ def tone(linear: Floats, exposure: float = 0, curve: str = "srgb") -> Floats:
         Linear, 0 to 1; NaN becomes 0.
     """
     check_tone(exposure, curve)
-    with np.errstate(over="ignore"):  # infinite is as bright as 1
+    with np.errstate(over="ignore"):  # infinity is shown as 1
         exposed = np.nan_to_num(linear) * np.float32(2.0 ** np.clip(exposure, -100, 100))
     if curve == "srgb":
         return np.asarray(np.clip(exposed, 0, 1))

@@ -1,4 +1,4 @@
-"""Pictures and layers as files."""
+"""Writing of images and layers to files."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from .tone import Backdrop, backdrop_rows, check_backdrop, check_tone, linear_to
 SHOWN = {".png": "PNG", ".jpg": "JPEG", ".jpeg": "JPEG"}
 FORMATS = {**SHOWN, ".exr": "EXR"}
 LAYERED = {".exr": "EXR", ".npz": "NPZ"}
-QUALITY = 92  # of JPEG
-BAND = 1 << 19  # pixels that are converted together
-SHOWN_BYTES = 8  # a pixel: 8 bits a channel, and as Pillow keeps them
-EXR_BYTES = 64  # a pixel, of all that `render_layers` returns: its channels one by one
+QUALITY = 92  # JPEG quality
+BAND = 1 << 19  # pixels converted together, to save memory
+SHOWN_BYTES = 8  # bytes of a pixel in 8-bit channels, with Pillow's copy
+EXR_BYTES = 64  # bytes of a pixel in separate channels, for all layers of `render_layers`
 
 Floats = NDArray[np.float32]
 
@@ -45,35 +45,36 @@ def write_image(
     Parameters
     ----------
     path : str or path
-        Ends in .png, .jpg, .jpeg or .exr; replaced when all is written.
+        Extension .png, .jpg, .jpeg or .exr. An existing file is replaced when the new one is complete.
     image : (h, w, 4) or (h, w, 3) float32
-        Linear; with alpha premultiplied. NaN becomes 0.
+        Linear, premultiplied. NaN becomes 0.
     exposure : float or "auto"
-        In stops: each doubles the light. Auto: of medium brightness, with highlights kept, see `auto_exposure`.
+        In stops, -100 to 100; each doubles the light. "auto": medium brightness without clipped highlights, see
+        `auto_exposure`.
     curve : {"srgb", "neutral", "filmic", "soft", "auto"}
-        Brightness above 1 is cut off, or rolled off: from 0.8 on, as by film, or from the middle on. Auto: where the
-        exposure is chosen, "neutral", or "soft" where a few bright spots would leave the rest dark; else "srgb".
+        Treatment of highlights: "srgb" clips at 1, "neutral" compresses from 0.8, "filmic" as film does, "soft" from
+        the mid-tones. "auto" with automatic exposure: "soft" if a few bright spots would darken the rest, else
+        "neutral"; with a given exposure: "srgb".
     legend : Attribute, optional
-        With a range or categories: in a strip beside what is shown, by which the file is wider, see `draw_legend`. Not
-        for EXR.
+        Attribute with a range or categories, whose legend is drawn in a strip that widens the image, see `draw_legend`.
+        Not for EXR.
     backdrop : ((3,), (3,)) float, optional
-        sRGB, 0 to 1: a gradient from the first above to the second below, behind what is transparent; the exposure does
-        not change it. Not for EXR.
+        sRGB colours, 0 to 1, at the top and the bottom of a gradient behind transparent pixels; not changed by the
+        exposure. Not for EXR.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     ValueError
-        If the extension, the shape, the dtype or the curve is another, or the package for EXR is absent.
+        If the extension, shape, dtype, exposure or curve is unsupported, or the package for EXR is missing.
 
     Notes
     -----
-    A PNG keeps alpha where any is below 1. A JPEG has none: it shows the image on white.
+    A PNG has alpha if any pixel is transparent and no backdrop is given. A JPEG shows the image on white.
 
-    An EXR keeps the numbers themselves, float32: linear, premultiplied, alpha if the image has it, NaN and what is
-    brighter than 1 too. Exposure and curve are for looking at pictures and do not change it. It needs OpenEXR:
-    `pip install 'pointray[files]'`.
+    An EXR stores the values as float32, linear and premultiplied, with alpha if the image has it, including NaN and
+    values above 1. Exposure and curve do not change them. It needs OpenEXR: `pip install 'pointray[files]'`.
     """
     file = check_path(path)
     format = _format_of(file, FORMATS)
@@ -87,7 +88,7 @@ def write_image(
     if format == "EXR":
         for name, given in (("a legend", legend), ("a backdrop", backdrop)):
             if given is not None:
-                raise ValueError(f"{file}: an EXR keeps the light as it is; {name} is for {', '.join(SHOWN)}")
+                raise ValueError(f"{file}: an EXR stores only radiance; {name} is supported for {', '.join(SHOWN)}")
         write_layers(file, {"radiance": array})
         return
     check_memory(SHOWN_BYTES * array.shape[0] * array.shape[1], f"to write {file.name}")
@@ -100,29 +101,29 @@ def write_image(
 
 
 def write_layers(path: str | os.PathLike[str], layers: Mapping[str, ArrayLike]) -> None:
-    """Write layers of one picture, as `render_layers` returns them, all or some.
+    """Write layers of an image, such as those of `render_layers`.
 
     Parameters
     ----------
     path : str or path
-        Ends in .npz: arrays as they are, compressed, for `numpy.load`. Or in .exr: one file of many channels for
-        other programs, which needs OpenEXR: `pip install 'pointray[files]'`. Replaced when all is written.
+        Extension .npz: compressed arrays for `numpy.load`. Extension .exr: a multi-channel file for other programs,
+        which needs OpenEXR: `pip install 'pointray[files]'`. An existing file is replaced when the new one is complete.
     layers : dict of str to (h, w) or (h, w, k) array_like
-        An EXR takes the names of `render_layers` only.
+        For an EXR, names must be those of `render_layers`.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     ValueError
-        If the extension, a name, a shape or a dtype is another, or the package for EXR is absent.
+        If the extension, a name, a shape or a dtype is unsupported, or the package for EXR is missing.
 
     Notes
     -----
     Channels of an EXR: R, G, B, A (radiance), Z (depth), normal.X to .Z, position.X to .Z, albedo.R to .B, instance,
-    point. Colours, depth, normals and positions are float32 there: of coordinates in millions of metres half a metre
-    is left, an NPZ keeps float64. Indices are uint32, exact up to 4,294,967,294 (float32 would be up to 2^24); -1,
-    which means none, becomes 4,294,967,295.
+    point. Colours, depth, normals and positions are float32: coordinates of millions of metres have a precision of half
+    a metre, while an NPZ stores float64. Indices are uint32, exact up to 4,294,967,294; -1 (a miss) becomes
+    4,294,967,295.
     """
     file = check_path(path)
     format = _format_of(file, LAYERED)
@@ -136,12 +137,12 @@ def write_layers(path: str | os.PathLike[str], layers: Mapping[str, ArrayLike]) 
 
 
 def check_image_path(path: str | os.PathLike[str]) -> None:
-    """Raise what `write_image` would raise for this path, before the work is done."""
+    """Raise the errors of `write_image` for this path."""
     _check_path(Path(path), FORMATS)
 
 
 def check_layers_path(path: str | os.PathLike[str]) -> None:
-    """Raise what `write_layers` would raise for this path, before the work is done."""
+    """Raise the errors of `write_layers` for this path."""
     _check_path(Path(path), LAYERED)
 
 
@@ -162,15 +163,17 @@ def _format_of(file: Path, formats: Mapping[str, str]) -> str:
 def _check_layers(layers: Mapping[str, ArrayLike]) -> dict[str, NDArray[Any]]:
     arrays = {name: _as_array(values, f"layers: {name!r}") for name, values in check_mapping(layers, "layers").items()}
     if not arrays:
-        raise ValueError("layers holds none to write")
+        raise ValueError("layers is empty")
     if not all(isinstance(name, str) for name in arrays):
-        raise ValueError(f"layers must have strings for names, not {list(arrays)}")
+        raise ValueError(f"layers must have strings as names, not {list(arrays)}")
     size = next(iter(arrays.values())).shape[:2]
     for name, array in arrays.items():
         if array.dtype.kind not in "iuf":
             raise ValueError(f"layers: {name!r} must hold real numbers, not {array.dtype}")
         if array.ndim not in (2, 3) or array.size == 0 or array.shape[:2] != size:
-            raise ValueError(f"layers have the shape (h, w) or (h, w, k), all of one size; {name!r}: {array.shape}")
+            raise ValueError(
+                f"layers must have the shape (h, w) or (h, w, k), all of one size; {name!r} has {array.shape}"
+            )
     return arrays
 
 
@@ -178,26 +181,26 @@ def _as_array(values: ArrayLike, name: str) -> NDArray[Any]:
     try:
         return np.asarray(values)
     except (TypeError, ValueError) as error:  # rows of different lengths
-        raise ValueError(f"{name} is no regular array of numbers: {error}") from None
+        raise ValueError(f"{name} must be a regular array of numbers: {error}") from None
 
 
 def _check_image(image: ArrayLike) -> NDArray[Any]:
     array = _as_array(image, "image")
     if array.dtype.kind != "f":
-        raise ValueError(f"an image must be float, linear, not {array.dtype}")
+        raise ValueError(f"image must be linear, of a float dtype, not {array.dtype}")
     if array.ndim != 3 or array.shape[2] not in (3, 4) or array.size == 0:
-        raise ValueError(f"an image must have the shape (h, w, 3) or (h, w, 4), not {array.shape}")
+        raise ValueError(f"image must have the shape (h, w, 3) or (h, w, 4), not {array.shape}")
     return array
 
 
 def _split(image: NDArray[Any]) -> tuple[Floats, Floats]:
-    """Colour as if everything were opaque, (h, w, 3), and alpha, (h, w, 1)."""
+    """Return unpremultiplied colours, (h, w, 3), and alpha, (h, w, 1)."""
     with np.errstate(over="ignore"):
         linear = image.astype(np.float32, copy=False)
     if linear.shape[2] == 3:
         return linear, np.ones((*linear.shape[:2], 1), np.float32)
     alpha = np.clip(np.nan_to_num(linear[..., 3:]), 0, 1)
-    with np.errstate(over="ignore", invalid="ignore"):  # where nothing is, no colour shows
+    with np.errstate(over="ignore", invalid="ignore"):  # colours at alpha 0 are not shown
         colors = np.divide(linear[..., :3], np.where(alpha > 0, alpha, np.inf), dtype=np.float32)
     return colors, alpha
 
@@ -205,11 +208,11 @@ def _split(image: NDArray[Any]) -> tuple[Floats, Floats]:
 def _to_bytes(
     image: NDArray[Any], look: tuple[Any, str], transparent: bool, backdrop: Floats | None
 ) -> NDArray[np.uint8]:
-    """What is shown of an image, (h, w, 3) uint8, or (h, w, 4) where alpha is kept and any is below 1; else on white.
+    """Convert an image to sRGB over white, (h, w, 3) uint8; or (h, w, 4) if `transparent` and any alpha is below 1.
 
-    look : exposure, curve; backdrop : (h, 1, 3), linear, in the place of white
+    look : exposure, curve; backdrop : (h, 1, 3), linear, in place of white
 
-    Made by bands of rows: what is on the way to it takes several times the memory of the picture.
+    Bands of rows are converted one by one, as temporary arrays take several times the memory of the image.
     """
     rows = bands(image.shape)
     transparent = transparent and backdrop is None and any((_split(image[band])[1] < 1).any() for band in rows)
@@ -226,6 +229,6 @@ def _to_bytes(
 
 
 def bands(shape: tuple[int, ...]) -> list[slice]:
-    """Rows of a picture (h, w, ...), some at a time."""
+    """Return bands of rows of an image (h, w, ...)."""
     rows = max(BAND // shape[1], 1)
     return [slice(top, top + rows) for top in range(0, shape[0], rows)]

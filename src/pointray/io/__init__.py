@@ -1,12 +1,13 @@
-"""Files -> `Points` and back; nothing here computes with geometry.
+"""Reading and writing of point cloud files. Geometry is not computed here.
 
-files : `read` and `write`; reading : what `read` is asked for, checked
-formats : one file or folder for each format; known_formats : which formats there are, and which one a file has
-unpacking : .gz and .zst
-opening, selection : the files, and which of their rows become points
-gather, filling : the rows of several files become one cloud in memory
-joining, locating, colors, missing_columns : what several files have in common; positions about an origin; 8-bit colours
-spooling : the rows of files larger than memory become columns on disk
+files : `read` and `write`; reading : validation of the arguments of `read`
+formats : one module or folder per format; known_formats : the registry of formats and the detection of a file's format
+unpacking : decompression of .gz and .zst
+opening, selection : files to be opened, and the choice of their rows
+gather, filling : assembly of the rows of several files into one cloud in memory
+joining, locating, colors, missing_columns : common types and coordinates of several files, positions relative to an
+origin, 8-bit colours, columns that only some files have
+spooling : columns on disk for files larger than memory
 trajectory : the path of a moving scanner
 
 Begin with files, then formats/_source.

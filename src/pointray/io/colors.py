@@ -1,4 +1,4 @@
-"""Colours of files as 8 bits: files keep them as 8 bits, as 16 bits, as 8 bits in a wider type, or as floats."""
+"""Conversion of the colours of files to 8 bits. Files store 8 bits, 16 bits, 8 bits in a wider type, or floats."""
 
 from __future__ import annotations
 
@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-GREY = 128  # sRGB of points without a colour, beside points that have one
-SHADES = 257  # 16-bit values to one of 8 bits
-BLOCK = 1 << 15  # rows that are looked at together
-STRAY = 1e-3  # share of the values, except zeros, that may be out of range: they are clipped
-# The value of white, and the greatest and the least value that are taken for one of this range: in a type that makes
-# float16 wider where they are compared.
+GREY = 128  # sRGB of points without a colour in a cloud with colours
+SHADES = 257  # 16-bit value per step of an 8-bit value
+BLOCK = 1 << 15  # rows per block of the scan for low bits
+STRAY = 1e-3  # fraction of the nonzero values that may be out of range; these are clipped
+# White, and the largest and the smallest value accepted in this range. float32 limits promote float16 in comparisons.
 RANGES = tuple(
     (white, np.float32(most), np.float32(least))
     for white, most, least in ((1, 2.0, -1 / 510), (255, 255.5, -0.5), (65535, 65535.5, -0.5))
@@ -21,26 +20,26 @@ RANGES = tuple(
 
 
 class ColorRange:
-    """What is known of the colours of a file, from which their range follows: 0 to 1, to 255 or to 65535.
+    """Statistics of the colours of a file, from which their range is derived: 0 to 1, to 255 or to 65535.
 
     Attributes
     ----------
     rows : int
     missing : int
-        Rows with NaN, which stands for no colour.
+        Rows with NaN, which means no colour.
     low, high : float
     """
 
     def __init__(self) -> None:
         self.rows = self.missing = 0
         self.low, self.high = np.inf, -np.inf
-        self._colored = 0  # values that are not 0
-        self._above, self._below = [0] * len(RANGES), [0] * len(RANGES)  # values outside of each range
+        self._colored = 0  # nonzero values
+        self._above, self._below = [0] * len(RANGES), [0] * len(RANGES)  # values outside each range
         self._uses_last_bits = False
 
     @classmethod
     def of(cls, columns: Sequence[NDArray[Any]]) -> ColorRange:
-        """What is known of (n, 3) colours, the parts of one file."""
+        """Return the statistics of (n, 3) colours, given in the pieces of one file."""
         known = cls()
         for column in columns:
             known.add(column)
@@ -48,11 +47,11 @@ class ColorRange:
 
     @property
     def is_empty(self) -> bool:
-        """Whether all colours are zero, or all missing: programs write such columns for clouds without any."""
+        """Whether all colours are zero, or all are missing: some programs write such columns for uncoloured clouds."""
         return self.rows > 0 and (self._colored == 0 or self.missing == self.rows)
 
     def add(self, column: NDArray[Any]) -> None:
-        """Take the values of (n, 3) colours into account."""
+        """Add (n, 3) colours to the statistics."""
         if not len(column):
             return
         self.rows += len(column)
@@ -70,27 +69,27 @@ class ColorRange:
             self._uses_last_bits = _uses_last_bits(column)
 
     def white(self, kind: np.dtype[Any]) -> int:
-        """The value of white: 1, 255 or 65535. kind : dtype of the colours; ValueError if they are no colours"""
+        """Return the value of white, 1, 255 or 65535, for colours of dtype `kind`; ValueError if they are invalid."""
         return RANGES[self._range(kind)][0]
 
     def scale(self, kind: np.dtype[Any]) -> float:
-        """What values of this dtype are multiplied by to become 8 bits; ValueError if they are no colours."""
+        """Return the factor that converts values of this dtype to 8 bits; ValueError if they are invalid."""
         white = self.white(kind)
         if white < 65535:
             return 255 / white
-        return 1 / SHADES if self._uses_last_bits else 1 / 256  # or 8 bits, moved up
+        return 1 / SHADES if self._uses_last_bits else 1 / 256  # or 8 bits, shifted left
 
     def note(self, kind: np.dtype[Any]) -> str:
-        """What a user has to know of how colours of this dtype become 8 bits; empty, if nothing."""
+        """Describe for the user what is lost in the conversion of colours of this dtype; empty if nothing is."""
         k = self._range(kind)
         outside = self._above[k] + self._below[k]
-        notes = [f"{self.missing:,} points have no colour (NaN): they are grey"] * bool(self.missing)
+        notes = [f"{self.missing:,} points without a colour (NaN) are set to grey"] * bool(self.missing)
         if outside and not self._are_bytes(kind):
-            notes.append(f"{outside:,} of {3 * self.rows:,} colour values are not within 0 to {RANGES[k][0]}: clipped")
+            notes.append(f"{outside:,} of {3 * self.rows:,} colour values are outside 0 to {RANGES[k][0]}: clipped")
         return "; ".join(notes)
 
     def _range(self, kind: np.dtype[Any]) -> int:
-        """Which of `RANGES` it is: the first with few values above."""
+        """Return the index of the range in `RANGES`: the first with few values above it."""
         if kind == np.uint8 or self.rows == 0 or self._are_bytes(kind):
             return 1
         most = STRAY * self._colored
@@ -98,16 +97,16 @@ class ColorRange:
         k = next((k for k in ranges if self._above[k] <= most), None)
         if k is None or self._below[k] > most:
             whites = " or ".join(str(RANGES[k][0]) for k in ranges)
-            raise ValueError(f"its colours reach from {self.low:g} to {self.high:g}, not from 0 to {whites}")
+            raise ValueError(f"invalid colours: got {self.low:g} to {self.high:g}, expected 0 to {whites}")
         return k
 
     def _are_bytes(self, kind: np.dtype[Any]) -> bool:
-        """Whether they are bytes of a writer that knows no unsigned ones."""
+        """Whether these are unsigned bytes that were written as signed ones."""
         return kind == np.int8 and self.low < 0
 
 
 def _uses_last_bits(column: NDArray[Any]) -> bool:
-    """Whether any value is no multiple of 256; mostly the first rows have one."""
+    """Whether any value is not a multiple of 256; mostly one of the first rows is not."""
     blocks = (column[start : start + BLOCK] for start in range(0, len(column), BLOCK))
     return column.dtype.itemsize > 1 and any(
         (block[(block > 0) & (block <= RANGES[-1][1])] % 256).any() for block in blocks
@@ -115,7 +114,7 @@ def _uses_last_bits(column: NDArray[Any]) -> bool:
 
 
 def to_shades(column: NDArray[Any], scale: float) -> NDArray[np.uint8]:
-    """Colours as 8 bits; those of rows with NaN are grey. scale : see `ColorRange`"""
+    """Convert colours to 8 bits, rows with NaN to grey. scale : see `ColorRange.scale`"""
     if column.dtype.itemsize == 1:
         return column.view(np.uint8)
     values = column * np.float32(scale)

@@ -1,4 +1,4 @@
-"""Reading and writing: from one file or several to one cloud, and back."""
+"""`read` and `write`: one file or several to one cloud, and back."""
 
 from __future__ import annotations
 
@@ -53,50 +53,51 @@ def read(
     strict: bool = False,
     progress: Progress | None = None,
 ) -> Points:
-    """Read a point cloud: one file, or several files as one cloud.
+    """Read a point cloud from one file, or from several files as one cloud.
 
-    What a file is its contents tell, not its name; see `formats`. Files that end in .gz or .zst are unpacked first.
+    The format is detected from the contents of a file, not from its name; see `formats`. Files compressed with gzip or
+    Zstandard (.gz, .zst) are decompressed first.
 
     Parameters
     ----------
     path : path, or sequence of paths
     columns : sequence of str, or str with commas, optional
-        What the columns of a text file, or of a file of float32 rows, are: x, y, z, nx, ny, nz, r, g, b, other names;
-        "-" leaves one out. None: found.
+        Names of the columns of a text file or of a file of float32 rows: x, y, z, nx, ny, nz, r, g, b or attribute
+        names; "-" skips a column. Default: detected.
     every : int
-        Take every so manieth row.
+        Read every n-th row.
     max_points : int, optional
-        At most so many points, evenly spread over the rows.
+        Maximum number of points, evenly spread over the rows.
     bounds : (2, 3) or (6,) array_like, optional
-        World box of the points to take, in the file's coordinates. COPC files read only what it needs.
+        Box of the points to read, in the file's coordinates. COPC files are read only where they overlap it.
     keep, drop : dict of str to number or sequence of numbers, optional
-        Take, or leave out, rows whose attribute has one of these values: ``keep={"classification": [2, 6]}``.
+        Keep or drop the rows whose attribute has one of these values: ``keep={"classification": [2, 6]}``.
     resolution : float, optional
-        The coarsest spacing that will do: COPC files stop at this level of detail. None: all points.
+        Coarsest acceptable point spacing: COPC files are read down to this level of detail. Default: all points.
     sample : int, optional
-        Number of points to sample on the triangles of a mesh; 0 takes its vertices. None: the vertices, unless they
-        are too far apart to show the surface: then 200,000 points are sampled, and a warning says so.
+        Number of points to sample on the triangles of a mesh; 0 reads the vertices. Default: the vertices, unless they
+        are too sparse to represent the surface: then 200,000 points are sampled, with a warning.
     opacity : float
-        Gaussian splats of less opacity than this, 0 to 1, are left out.
+        Gaussian splats with a lower opacity, 0 to 1, are left out.
     intrinsics : sequence of float, optional
-        fx, fy, cx, cy of a depth picture in pixels, perhaps followed by the number of its steps in a unit of length.
+        fx, fy, cx, cy of a depth image in pixels, optionally followed by the number of depth steps per unit of length.
     strict : bool
-        Refuse files that are cut off, contradict themselves or lack a file that they name. Otherwise what is there is
-        read, and a warning says what is missing.
+        Refuse files that are truncated, inconsistent or refer to a missing file. Otherwise the available data are read,
+        and a warning names what is missing.
     progress : callable, optional
-        Called with the share done.
+        Called with the completed fraction, 0 to 1.
 
     Returns
     -------
     Points
-        The chosen rows, in the order of the files. `survey` has the coordinate system and the scanners' places.
+        The selected rows, in the order of the files. `survey` has the coordinate system and the scanner positions.
 
     Raises
     ------
     OSError
         If a file cannot be opened.
     ValueError
-        If no format knows a file, its contents are damaged or hold no points, or memory does not suffice.
+        If the format of a file is unknown, its contents are damaged or contain no points, or memory is insufficient.
     """
     check_callback(progress)
     request = request_of(columns, bounds, resolution, sample, opacity, intrinsics, strict)
@@ -107,14 +108,14 @@ def read(
 
 @contextmanager
 def open_files(path: Paths, request: Request) -> Iterator[list[Opener]]:
-    """One file or several, found by their contents, and unpacked while the context lasts.
+    """Detect the formats of one file or several; compressed files stay unpacked while the context lasts.
 
     Raises
     ------
     OSError
         If a file cannot be opened.
     ValueError
-        If no format knows a file, or, at the end, if one has been written to meanwhile.
+        If the format of a file is unknown, or, on exit, if a file has been modified meanwhile.
     """
     files = paths_of(path)
     before = [stamp(file) for file in files]
@@ -129,11 +130,11 @@ def open_files(path: Paths, request: Request) -> Iterator[list[Opener]]:
 
 
 def paths_of(path: Any) -> list[Path]:
-    """The files that a caller names: one, or several; OSError for those that cannot be opened."""
+    """Return the files given by a caller, one or several; raise OSError if one cannot be opened."""
     several = isinstance(path, Sequence) and not isinstance(path, str | bytes)
     files = [check_path(one) for one in path] if several else [check_path(path)]
     if not files:
-        raise ValueError("path: no file is given")
+        raise ValueError("path must name at least one file")
     return [check_regular(file) for file in files]
 
 
@@ -146,7 +147,7 @@ def request_of(
     intrinsics: Any = None,
     strict: Any = False,
 ) -> Request:
-    """What a caller asks of formats, checked."""
+    """Return the checked arguments that are passed on to the formats."""
     names = columns.split(",") if isinstance(columns, str) else columns
     if names is not None:
         if not isinstance(names, Sequence) or not names or not all(isinstance(n, str) and n.strip() for n in names):
@@ -167,7 +168,7 @@ def request_of(
 
 
 def _checked_intrinsics(value: Any) -> tuple[float, ...]:
-    wanted = "fx,fy,cx,cy, perhaps steps in a unit of length"
+    wanted = "fx,fy,cx,cy or fx,fy,cx,cy,steps (depth steps per unit of length)"
     numbers = check_numbers(value, "intrinsics", wanted).astype(np.float64)
     if numbers.shape not in ((4,), (5,)) or not np.isfinite(numbers).all() or min(*numbers[:2], *numbers[4:]) <= 0:
         raise wrong("intrinsics", wanted, value)
@@ -175,21 +176,21 @@ def _checked_intrinsics(value: Any) -> tuple[float, ...]:
 
 
 def stamp(file: Path) -> tuple[int, int]:
-    """What changes when a file is written to: its size, and when it was written."""
+    """Return the size and the modification time of a file, which change when it is written to."""
     facts = file.stat()
     return facts.st_size, facts.st_mtime_ns
 
 
 def _check_unchanged(files: Sequence[Path], before: Sequence[tuple[int, int]], error: ValueError | None = None) -> None:
-    """ValueError if a file has been written to since."""
+    """Raise ValueError if a file has been modified since."""
     for file, known in zip(files, before, strict=True):
         if stamp(file) != known:
             why = f" ({error})" if error else ""
-            raise ValueError(f"{file}: is being written just now: read it when that has ended{why}")
+            raise ValueError(f"{file}: was modified while it was read; read it again once writing has finished{why}")
 
 
 def _opener(file: Path, request: Request, stack: ExitStack) -> Opener:
-    """What opens a file, unpacked until the stack is left."""
+    """Return the opener of a file, which stays unpacked until the stack is left."""
     path = file
     if packing_of(file):
         path = stack.enter_context(unpacked(file, request.strict))
@@ -198,7 +199,7 @@ def _opener(file: Path, request: Request, stack: ExitStack) -> Opener:
 
 
 def check_readable(path: str | os.PathLike[str], request: Request | None = None) -> None:
-    """OSError or ValueError if a file cannot be opened, no format knows it, or its header is wrong."""
+    """Raise OSError or ValueError if a file cannot be opened, or its format is unknown or its header invalid."""
     file = check_regular(path)
     if packing_of(file):
         return
@@ -208,30 +209,30 @@ def check_readable(path: str | os.PathLike[str], request: Request | None = None)
 
 
 def write(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> None:
-    """Write a point cloud with all its arrays, in the format that the extension names; see `formats`.
+    """Write a point cloud with all its arrays. The extension of the file selects the format; see `formats`.
 
     Parameters
     ----------
     path : str or path
-        An existing file is replaced when all is written.
+        An existing file is replaced once the new one is complete.
     points : Points
-        World coordinates are written; what the format cannot hold, a warning tells.
+        Written in world coordinates. A warning names what the format cannot store.
     progress : callable, optional
-        Called with the share done.
+        Called with the completed fraction, 0 to 1.
 
     Raises
     ------
     OSError
         If the file cannot be written.
     ValueError
-        If no format with this extension can be written, or it cannot hold the name of an attribute.
+        If no format with this extension can be written, or the format cannot store the name of an attribute.
     """
     for lost in write_points(path, points, progress):
         warn(f"{path}: {lost}", stacklevel=2)
 
 
 def write_points(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> list[str]:
-    """Write as `write` does; returns what the format cannot hold, in words."""
+    """Write as `write` does; return descriptions of what the format cannot store."""
     check_kind(points, "points", Points, "Points")
     check_callback(progress)
     writer = writer_of(path)
@@ -240,7 +241,7 @@ def write_points(path: str | os.PathLike[str], points: Points, progress: Progres
 
 
 def headers(path: Paths, request: Request | None = None) -> Iterator[tuple[Path, Format, Any]]:
-    """Each file with its format and its listing, for `info`."""
+    """Yield each file with its format and its listing, for `info`."""
     for file in paths_of(path):
         with ExitStack() as stack:
             asked = request or Request()

@@ -1,4 +1,4 @@
-"""Filling: the chunks of a file whose number of rows is known go into arrays that are made once."""
+"""Preallocated arrays for files whose number of rows is known."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from .formats._source import Chunk
 
 
 class Filling:
-    """Arrays for all rows of a file, filled by its chunks: these are free again while they lie in the cache.
+    """Arrays for all rows of a file, filled chunk by chunk while the chunks are still in the processor's cache.
 
     Parameters
     ----------
     count : int
-        How many rows come at most; memory is taken as they do.
+        Maximum number of rows. The operating system commits the memory as rows are written.
     """
 
     def __init__(self, count: int) -> None:
@@ -24,23 +24,23 @@ class Filling:
         self._whole: Chunk | None = None
 
     def add(self, chunk: Chunk) -> None:
-        """Take the next rows."""
+        """Copy the next rows."""
         n = len(chunk.positions)
         if self._whole is None:
-            self._whole = chunk if n == self._count else chunk.each(self._room)
+            self._whole = chunk if n == self._count else chunk.each(self._empty_rows)
         if self._whole is not chunk:
             self._put(chunk, slice(self._done, self._done + n))
         self._done += n
 
     @property
     def chunks(self) -> list[Chunk]:
-        """All rows as one chunk; none before the first."""
+        """All rows as one chunk; an empty list before the first chunk."""
         if self._whole is None:
             return []
         return [self._whole if self._done == self._count else self._whole.select(slice(self._done))]
 
-    def _room(self, column: NDArray[Any]) -> NDArray[Any]:
-        """An array like a column, for all rows."""
+    def _empty_rows(self, column: NDArray[Any]) -> NDArray[Any]:
+        """Return an uninitialized array like a column, for all rows."""
         return np.empty((self._count, *column.shape[1:]), column.dtype.newbyteorder("="))
 
     def _put(self, chunk: Chunk, rows: slice) -> None:
@@ -50,7 +50,7 @@ class Filling:
 
         def put(into: NDArray[Any]) -> NDArray[Any]:
             column = next(columns)
-            into = into.astype(np.result_type(into, column), copy=False)  # later text may have the first fraction
+            into = into.astype(np.result_type(into, column), copy=False)  # in text, a later chunk may have fractions
             _copy(column, into[rows])
             return into
 
@@ -58,7 +58,7 @@ class Filling:
 
 
 def _copy(column: NDArray[Any], into: NDArray[Any]) -> None:
-    """Copy rows. Those whose numbers lie side by side are copied as one piece each, in half of the time."""
+    """Copy rows. Rows contiguous in memory are copied as one item each, in half of the time."""
     if column.ndim == 2 and column.dtype == into.dtype and column.strides[1] == column.itemsize:
         piece = np.dtype((np.void, column.shape[1] * column.itemsize))
         into.view(piece)[:] = column.view(piece)

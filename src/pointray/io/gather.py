@@ -1,4 +1,4 @@
-"""Gathering: the chunks of one file or of several become one cloud in memory."""
+"""Assembly of the chunks of one file or several into one cloud in memory."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from .joining import (
 )
 from .locating import locate, origin_of, sample_step, surveyed
 from .missing_columns import warn_missing_columns
-from .opening import Opener, announced_rows, check_some, chosen_of, listings_of, name_of, named, shares_of
+from .opening import Opener, announced_rows, check_selected, listings_of, name_of, named, selected_chunks, shares_of
 from .selection import Selection, Thinning
 
-READ = 0.8  # the share of the time after which files are read, and their chunks are joined
-WAYS_OUT = "read fewer points: --max-points, --every, or what `pointray prepare --tolerance` leaves on a larger machine"
+READ = 0.8  # fraction of the time that reading takes; joining the chunks takes the rest
+WAYS_OUT = "read fewer points with --max-points or --every, or run `pointray prepare --tolerance` on a larger machine"
 
 Arrays = list[NDArray[Any]]
 
@@ -41,14 +41,14 @@ Arrays = list[NDArray[Any]]
 def gather(files: Sequence[Opener], selection: Selection, progress: Progress | None) -> Points:
     """Read files one after the other into one cloud.
 
-    Columns that only some files have are filled in the others: NaN in floats, 0 in whole numbers, grey, and the
-    normal 0, which stands for one that is missing; a warning tells.
+    A column that only some files have is filled in the others, with a warning: NaN in floats, 0 in integers, grey for
+    colours, and a zero vector for normals, which marks a missing normal.
 
     Raises
     ------
     ValueError
-        If a file is damaged, the files have different coordinate systems, nothing is chosen, or more memory is needed
-        than is available.
+        If a file is damaged, the files have different coordinate systems, no row is selected, or memory is
+        insufficient.
     """
     listings = listings_of(files)
     with named(name_of(files)):
@@ -60,16 +60,16 @@ def gather(files: Sequence[Opener], selection: Selection, progress: Progress | N
     for file, begin, end in zip(files, shares[:-1], shares[1:], strict=True):
         with named(file.name):
             parts.append(_read(file, selection, thinning, parts, part_of(progress, begin, end)))
-    check_some(files, selection, sum(len(chunk.positions) for part in parts for chunk in part.chunks))
+    check_selected(files, selection, sum(len(chunk.positions) for part in parts for chunk in part.chunks))
     with named(files[0].name) if len(files) == 1 else nullcontext():
         return _joined(parts, part_of(progress, READ, 1.0))
 
 
 def _check_memory(listings: Sequence[Listing], selection: Selection) -> None:
-    """ValueError if the chosen rows do not fit into memory."""
+    """Raise ValueError if the selected rows do not fit into memory."""
     rows = announced_rows(listings, selection)
     if selection.filters:
-        return  # how many are chosen is not known
+        return  # the number of selected rows is unknown
     chosen = min(sum(rows), selection.max_points or sum(rows))
     check_count(chosen)
     need = int(chosen / max(sum(rows), 1) * sum(n * x.row for n, x in zip(rows, listings, strict=True)))
@@ -86,12 +86,12 @@ def _check_bytes(need: int, what: str) -> None:
 def _read(
     file: Opener, selection: Selection, thinning: Thinning, before: list[Part], progress: Progress | None
 ) -> Part:
-    """The chosen rows of a file; `before`, the parts of earlier files, is thinned with it if there are too many."""
+    """Return the selected rows of a file; if there are too many, `before`, the earlier parts, is thinned too."""
     chunks: list[Chunk] = []
     with file.open() as source:
         listing = source.listing
         filling = Filling(listing.count) if selection.is_all and listing.count else None
-        for chunk in chosen_of(file.name, source, selection, progress):
+        for chunk in selected_chunks(file.name, source, selection, progress):
             chosen = thinning.apply(chunk)
             if filling:
                 filling.add(chosen)
@@ -111,7 +111,7 @@ def _read(
 
 
 def _joined(parts: list[Part], progress: Progress | None) -> Points:
-    """One cloud of all parts, whose chunks are freed on the way."""
+    """Join all parts into one cloud; their chunks are freed as they are copied."""
     ranges = [ColorRange.of([c.colors[:, :3] for c in part.chunks if c.colors is not None]) for part in parts]
     parts = [colored(part, known) for part, known in zip(parts, ranges, strict=True)]
     known = [known for part, known in zip(parts, ranges, strict=True) if part.chunks]
@@ -146,7 +146,7 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
 def _column(
     name: str, columns: list[NDArray[Any] | None], counts: list[list[int]], missing: float | None = None
 ) -> NDArray[Any] | None:
-    """The column of all chunks; chunks without it get a value that says so. None if no chunk has it."""
+    """Return the column of all chunks, with a fill value where a chunk lacks it; None if no chunk has it."""
     kind = kind_of(name, columns)
     if kind is None:
         return None
@@ -165,7 +165,7 @@ def _column(
 
 
 def _colors(parts: list[Part], ranges: list[ColorRange]) -> NDArray[np.uint8] | None:
-    """As 8 bits, by the range of each file; grey where a file has none. None if no file has any."""
+    """Return 8-bit colours, by the range of each file; grey for files without colours. None if no file has colours."""
     columns: list[NDArray[np.uint8]] = []
     for part, known in zip(parts, ranges, strict=True):
         kind = color_kind(part)
@@ -180,7 +180,7 @@ def _colors(parts: list[Part], ranges: list[ColorRange]) -> NDArray[np.uint8] | 
 
 
 def _scans(parts: list[Part]) -> NDArray[np.int32] | None:
-    """The station of each row, counted over all parts; None if parts are as read."""
+    """Return the station of each row, numbered over all parts; None if the parts keep their own numbers."""
     firsts = first_stations(parts)
     if firsts is None:
         return None
@@ -191,7 +191,7 @@ def _scans(parts: list[Part]) -> NDArray[np.int32] | None:
 def _about_origin(
     positions: Arrays, survey: Survey
 ) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[Any] | None, Survey]:
-    """The origin, positions about it, what these lose of a file's whole numbers, None if nothing, and the survey."""
+    """Return the origin, positions relative to it, the integer steps that float32 loses (None: none), the survey."""
     total = sum(map(len, positions))
     step, start, sample = sample_step(total), 0, []
     for chunk in positions:
@@ -203,7 +203,7 @@ def _about_origin(
     if plain and len(positions) == 1 and positions[0].dtype == np.float32:
         return origin, positions[0], None, survey
     local, residual, end = np.empty((total, 3), np.float32), None, total
-    for k in reversed(range(len(positions))):  # the heap gives back memory from its end only: 120 of 420 MB
+    for k in reversed(range(len(positions))):  # malloc returns memory from the end of its heap: saves 120 of 420 MB
         chunk = positions[k]
         begin = end - len(chunk)
         for rows, lost in locate(chunk, origin, survey, local[begin:end]):

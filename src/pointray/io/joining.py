@@ -1,4 +1,4 @@
-"""Joining: what the parts of a cloud, which are of different files, have in common: types, coordinates, stations."""
+"""Properties that the parts of a cloud, read from different files, must share: types, coordinates, stations."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ..cloud.georeference import Survey
 from .colors import ColorRange
 from .formats._source import Chunk
 
-NO_SCAN = -1  # the station of points whose file has none, beside files that have
+NO_SCAN = -1  # station of points from files without stations, if other files have stations
 
 Column = NDArray[Any]
 
 
 class Part(NamedTuple):
-    """What is read of a file. chunks : without rows they tell the types of the columns"""
+    """Rows read from one file. chunks : may have zero rows, to carry the types of the columns only"""
 
     name: str
     chunks: list[Chunk]
@@ -27,28 +27,28 @@ class Part(NamedTuple):
 
 
 def attributes_of(parts: Sequence[Part]) -> list[str]:
-    """The names of the attributes that any part has, in the order in which they come."""
+    """Return the names of the attributes of all parts, in order of first appearance."""
     return list(dict.fromkeys(name for part in parts for name in part.chunks[0].attributes))
 
 
 def kind_of(name: str, columns: Sequence[Column | None]) -> tuple[np.dtype[Any], tuple[int, ...]] | None:
-    """The dtype and the shape of a row that hold the values of all chunks; None if no chunk has the column."""
+    """Return the dtype and the row shape that hold the values of all chunks; None if no chunk has the column."""
     some = [column for column in columns if column is not None]
     if not some:
         return None
     shapes = {column.shape[1:] for column in some}
     if len(shapes) > 1:
-        raise ValueError(f"the attribute {name!r} has different numbers of columns in the files")
+        raise ValueError(f"attribute {name!r} has different numbers of columns in the files")
     return np.result_type(*(column.dtype.newbyteorder("=") for column in some)), shapes.pop()
 
 
 def missing_of(dtype: np.dtype[Any]) -> float:
-    """The value of an attribute in files that lack it."""
+    """Return the fill value of an attribute for files that lack it."""
     return np.nan if dtype.kind == "f" else 0
 
 
-def alike(columns: Sequence[Column | None]) -> list[Column | None]:
-    """A file's columns in one dtype: text may show only in a later chunk that its numbers are not whole."""
+def in_common_dtype(columns: Sequence[Column | None]) -> list[Column | None]:
+    """Return a file's columns in one dtype. In text, a later chunk may be the first with a fraction."""
     dtypes = {column.dtype for column in columns if column is not None}
     if len(dtypes) < 2:
         return list(columns)
@@ -59,18 +59,18 @@ def alike(columns: Sequence[Column | None]) -> list[Column | None]:
 
 
 def color_kind(part: Part) -> np.dtype[Any] | None:
-    """The dtype that holds all colours of a file; None if it has none."""
-    columns = [column for column in alike([chunk.colors for chunk in part.chunks]) if column is not None]
+    """Return the dtype that holds all colours of a file; None if it has none."""
+    columns = [column for column in in_common_dtype([chunk.colors for chunk in part.chunks]) if column is not None]
     return columns[0].dtype.newbyteorder("=") if columns else None
 
 
 def colored(part: Part, known: ColorRange) -> Part:
-    """A file's part, without its colours if these are none; a warning says what happens to them."""
+    """Return the part of a file, without its colours if they are empty; warn of what is done with them."""
     kind = color_kind(part)
     if kind is None:
         return part
     if known.is_empty:
-        note = "all of its colours are zero or missing: it is shown as if it had none"
+        note = "all colours are zero or missing: they are ignored"
         part = part._replace(chunks=[chunk._replace(colors=None) for chunk in part.chunks])
     else:
         note = known.note(kind)
@@ -83,9 +83,9 @@ def colored(part: Part, known: ColorRange) -> Part:
 
 
 def common_survey(parts: Sequence[Part]) -> Survey:
-    """What all parts say of their coordinates; ValueError if they say different things."""
-    crs = _agreed({part.name: part.survey.crs for part in parts}, "coordinate systems")
-    unit = _agreed({part.name: part.survey.unit for part in parts}, "units")
+    """Return the survey that all parts share; raise ValueError if they contradict each other."""
+    crs = _common_value({part.name: part.survey.crs for part in parts}, "coordinate systems")
+    unit = _common_value({part.name: part.survey.unit for part in parts}, "units")
     stations = tuple(station for part in parts for station in part.survey.stations)
     first = parts[0].survey
     same = first.scale is not None and all(_same_grid(first, part.survey) for part in parts[1:])
@@ -94,10 +94,10 @@ def common_survey(parts: Sequence[Part]) -> Survey:
     return Survey(crs, unit, *grid, stations, format=formats.pop() if len(formats) == 1 else None)
 
 
-def _agreed(said: dict[str, str | None], noun: str) -> str | None:
-    """The one value that files have, by their names; ValueError if there are two."""
+def _common_value(stated: dict[str, str | None], noun: str) -> str | None:
+    """Return the one value that the files have; raise ValueError if there are two. stated : values by file name"""
     known: dict[str, str] = {}
-    for name, value in said.items():
+    for name, value in stated.items():
         if value is not None:
             known.setdefault(value, name)
     if len(known) > 1:
@@ -107,7 +107,7 @@ def _agreed(said: dict[str, str | None], noun: str) -> str | None:
 
 
 def _same_grid(one: Survey, other: Survey) -> bool:
-    """Whether the whole numbers of one file are whole numbers of the other."""
+    """Whether the grids of integer coordinates of two files coincide."""
     if one.scale is None or one.scale != other.scale:
         return False
     steps = (np.array(other.offset) - np.array(one.offset)) / np.array(one.scale)
@@ -118,9 +118,9 @@ def _same_grid(one: Survey, other: Survey) -> bool:
 
 
 def first_stations(parts: Sequence[Part]) -> list[int | None] | None:
-    """The number of each part's first station, counted over all parts; None for a part without stations.
+    """Return the number of each part's first station, numbered over all parts; None for a part without stations.
 
-    None for all where parts stay as they are read: there is one, or none has stations.
+    Return None if parts keep their numbers: there is only one part, or no part has stations.
     """
     if len(parts) == 1 or not any(part.survey.stations for part in parts):
         return None
@@ -129,9 +129,9 @@ def first_stations(parts: Sequence[Part]) -> list[int | None] | None:
 
 
 def scans_of(own: Column | None, rows: int, first: int | None) -> NDArray[np.int32]:
-    """The station of each of some rows, counted over all parts. own : counted over the rows' part; None: its only one
+    """Return the station of each row, numbered over all parts.
 
-    first : see `first_stations`
+    own : stations numbered within the part; None if it has only one. first : see `first_stations`
     """
     if first is None:
         return np.full(rows, NO_SCAN, np.int32)

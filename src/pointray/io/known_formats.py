@@ -1,4 +1,4 @@
-"""Which formats there are, which one a file has, and what each keeps."""
+"""Registry of the formats: detection of a file's format, extensions, writers."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ..base.extras import require
 from .formats._source import HEAD, NO, Format, Writer
 from .unpacking import PACKED
 
-# What to do with files of other programs, by their extensions.
-_SPLATS, _SCANNER = "convert it to .ply, with SuperSplat for instance", "export it as E57 with the scanner's program"
-_MESH = "export it as .glb or .obj, with Blender for instance"
+# Advice for files of other programs, by extension.
+_SPLATS, _SCANNER = "convert it to .ply, for example with SuperSplat", "export it as E57 from the scanner software"
+_MESH = "export it as .glb or .obj, for example with Blender"
 HINTS = {
     **dict.fromkeys((".sog", ".lcc"), _SPLATS),
     **dict.fromkeys((".rcp", ".rcs", ".fls", ".lsproj", ".zfs", ".imp", ".rdbx", ".rxp"), _SCANNER),
@@ -27,7 +27,7 @@ HINTS = {
 
 @cache
 def _formats() -> dict[str, Format]:
-    """All formats, by the names of their files: those in `formats/` and its folders that do not begin with _."""
+    """Return all formats by module name: the modules in `formats/` and its folders that do not begin with _."""
     root = Path(__file__).parent
     files = sorted(path.relative_to(root) for path in (root / "formats").rglob("[!_]*.py"))
     names = [".".join((__package__, *file.with_suffix("").parts)) for file in files]
@@ -35,9 +35,9 @@ def _formats() -> dict[str, Format]:
 
 
 def format_of(path: Path, named: Path | None = None) -> Format:
-    """The format of a file. ValueError if none knows it.
+    """Return the format of a file; raise ValueError if it is unknown.
 
-    named : the file as its user calls it, if it is read from another place
+    named : the file as the user calls it, if its contents are read from another place
     """
     file = named or path
     with path.open("rb") as stream:
@@ -49,14 +49,16 @@ def format_of(path: Path, named: Path | None = None) -> Format:
     best = max(certain, key=lambda name: certain[name])
     if certain[best] == NO:
         meant = [x for x in _formats().values() if inner.suffix.lower() in x.extensions]
-        # Splats are PLY files too, of a kind that is only read.
+        # Splats are stored in PLY files too, but that format is read only.
         names = [x.name for x in meant if x.write is not None] or [x.name for x in meant]
         what = (
-            f"is no {' or '.join(names)} file" if meant else f"cannot read {inner.suffix or 'a file without extension'}"
+            f"invalid {' or '.join(names)} file"
+            if meant
+            else f"unsupported file type {inner.suffix or '(no extension)'}"
         )
         if not meant and inner.suffix.lower() in HINTS:
             raise ValueError(f"{file}: {what}: {HINTS[inner.suffix.lower()]}")
-        raise ValueError(f"{file}: {what}: it begins with {head[:12]!r}; can read {', '.join(extensions())}")
+        raise ValueError(f"{file}: {what}: begins with {head[:12]!r}; supported formats: {', '.join(extensions())}")
     found = _formats()[best]
     if found.extra is not None:
         require(found.extra[0], found.extra[1], str(file))
@@ -64,29 +66,29 @@ def format_of(path: Path, named: Path | None = None) -> Format:
 
 
 def extensions() -> list[str]:
-    """The extensions of files that can be read."""
+    """Return the extensions of files that can be read."""
     return sorted({extension for format in _formats().values() for extension in format.extensions})
 
 
 def written() -> list[str]:
-    """The extensions of files that can be written."""
+    """Return the extensions of files that can be written."""
     return sorted({x for format in _formats().values() if format.write is not None for x in format.extensions})
 
 
 @dataclass(frozen=True)
 class FormatFacts:
-    """What is known of a format.
+    """Description of a format.
 
     Attributes
     ----------
     name : str
     extensions : tuple of str
     writes : bool
-        Whether it can be written too.
+        Whether it can be written as well as read.
     extra : str or None
-        The extra of pointray that it needs: pip install 'pointray[extra]'.
+        The optional dependency group of pointray it needs: pip install 'pointray[extra]'.
     keeps : dict of str to str
-        What is kept of a file, in words.
+        What is read from a file, in words: "positions", "normals", "colors", "attributes", "survey", "note".
     """
 
     name: str
@@ -97,7 +99,7 @@ class FormatFacts:
 
 
 def formats() -> list[FormatFacts]:
-    """What can be read and written, and what each format keeps."""
+    """List the supported formats, what each stores, and whether it can be written."""
     return [
         FormatFacts(x.name, x.extensions, x.write is not None, x.extra[1] if x.extra else None, dict(x.keeps))
         for x in sorted(_formats().values(), key=lambda x: x.name.lower())
@@ -105,7 +107,7 @@ def formats() -> list[FormatFacts]:
 
 
 def writer_of(path: str | os.PathLike[str]) -> Writer:
-    """The writer of the format that a file's extension names; ValueError if there is none."""
+    """Return the writer for the extension of a file; raise ValueError if there is none."""
     file = check_path(path)
     for format in _formats().values():
         if format.write is not None and file.suffix.lower() in format.extensions:
@@ -113,4 +115,4 @@ def writer_of(path: str | os.PathLike[str]) -> Writer:
                 require(format.extra[0], format.extra[1], str(file))
             return format.write
     known = ", ".join(written())
-    raise ValueError(f"{file}: cannot write {file.suffix or 'a file without extension'}; can write {known}")
+    raise ValueError(f"{file}: cannot write {file.suffix or 'files without extension'}; can write {known}")

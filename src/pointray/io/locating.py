@@ -1,4 +1,4 @@
-"""Locating: positions about an origin in float32, and what these lose of a file's whole numbers."""
+"""Positions in float32 relative to an origin, and the integer steps of the file's grid that are lost in rounding."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from ..cloud.geographic import LocalFrame, in_file, projected
 from ..cloud.georeference import Survey, numbers_of
 from ..cloud.points import SAMPLE, choose_origin
 
-BLOCK = 1 << 15  # rows whose positions are moved at once: they stay in the processor's cache
-SAFE = 2**22  # of whole numbers as large float32 loses nothing
+BLOCK = 1 << 15  # rows converted at a time: they stay in the processor's cache
+SAFE = 2**22  # grid steps up to this number are exact in float32
 
 
 def sample_step(total: int) -> int:
-    """Of so many rows every so manieth tells where the origin is."""
+    """Return the step between the rows sampled to find the origin of `total` rows."""
     return -(-total // SAMPLE)
 
 
 def surveyed(sample: Sequence[NDArray[Any]], survey: Survey) -> tuple[Survey, list[NDArray[Any]]]:
-    """Return the survey and a sample of positions, in pieces, projected if the coordinates are geographic."""
+    """Return the survey and a sample of positions, projected if the coordinates are geographic."""
     with np.errstate(invalid="ignore", over="ignore"):
         found = projected(survey, np.concatenate(sample))
         frame = LocalFrame.of(found)
@@ -30,23 +30,23 @@ def surveyed(sample: Sequence[NDArray[Any]], survey: Survey) -> tuple[Survey, li
 
 
 def origin_of(sample: Sequence[NDArray[Any]], total: int) -> NDArray[np.float64]:
-    """The origin that suits `total` rows, of which a sample (m, 3) is given, in pieces."""
-    with np.errstate(invalid="ignore", over="ignore"):  # signalling NaNs of a damaged file
+    """Return the origin for `total` rows, given a sample in (m, 3) pieces."""
+    with np.errstate(invalid="ignore", over="ignore"):  # a damaged file may contain signalling NaNs
         return choose_origin(np.concatenate(sample), total)
 
 
 def locate(
     world: NDArray[Any], origin: NDArray[np.float64], survey: Survey, local: NDArray[np.float32]
 ) -> Iterator[tuple[slice, NDArray[np.int64]]]:
-    """Fill `local` with positions about the origin; yields what these lose of whole numbers, by rows that lose any.
+    """Fill `local` with positions relative to the origin; yield the ranges of rows where grid steps are lost.
 
-    world : the file's coordinates, which are projected here if the survey has a projection
+    world : the file's coordinates, projected here if the survey has a projection
     """
     frame = LocalFrame.of(survey)
-    origins = np.tile(origin, (min(BLOCK, len(world)), 1))  # rows of three would take three times as long
+    origins = np.tile(origin, (min(BLOCK, len(world)), 1))  # broadcasting over rows of three takes three times as long
     for start in range(0, len(world), BLOCK):
         part, rows = world[start : start + BLOCK], slice(start, min(start + BLOCK, len(world)))
-        with np.errstate(over="ignore", invalid="ignore"):  # signalling NaNs; a number that overflows becomes infinite
+        with np.errstate(over="ignore", invalid="ignore"):  # signalling NaNs; overflow to infinity
             moved = part if frame is None else frame.to_local(part)
             local[rows].reshape(-1)[:] = moved.reshape(-1) - origins[: len(part)].reshape(-1)
         lost = _lost(part, local[rows], origin, survey)
@@ -57,10 +57,10 @@ def locate(
 def _lost(
     rows: NDArray[Any], local: NDArray[np.float32], origin: NDArray[np.float64], survey: Survey
 ) -> NDArray[np.int64] | None:
-    """What float32 loses of the whole numbers of some rows, (n, 3); None if nothing, or if the file has none."""
+    """Return the grid steps that float32 loses, (n, 3); None if nothing is lost or the file has no grid."""
     if survey.scale is None:
         return None
-    if max(-local.min(), local.max()) < SAFE * min(survey.scale):  # by axes it takes ten times as long
+    if max(-local.min(), local.max()) < SAFE * min(survey.scale):  # per axis it takes ten times as long
         return None
     lost = numbers_of(survey, rows) - numbers_of(survey, in_file(survey, local + origin))
     return lost if lost.any() else None

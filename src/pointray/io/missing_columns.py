@@ -1,4 +1,4 @@
-"""Lacking: columns that some of several files have and others do not."""
+"""Columns that only some of several files have."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from ..base.warning_log import warn
 from .formats._source import Chunk
 
-FEW = 5  # files that a warning names
+FEW = 5  # maximum number of files named in a warning
 
 
 def warn_missing_columns(files: Sequence[tuple[str, Chunk]]) -> None:
-    """Warn of columns that only some files have: one line for all files that lack the same.
+    """Warn of columns that only some files have, in one line for all files that lack the same ones.
 
     files : names, each with a chunk of the file
     """
@@ -24,10 +24,10 @@ def warn_missing_columns(files: Sequence[tuple[str, Chunk]]) -> None:
             lacking.setdefault(missing, []).append(file)
     for missing, those in lacking.items():
         more = f" and {len(those) - FEW:,} more" if len(those) > FEW else ""
-        warn(f"without {missing}, which other files have: {', '.join(those[:FEW])}{more}", stacklevel=2)
+        warn(f"columns that only some files have: {missing}; missing in: {', '.join(those[:FEW])}{more}", stacklevel=2)
 
 
 def _names(chunk: Chunk) -> list[str]:
-    """The columns besides positions."""
-    known = {"normals": chunk.normals, "colors (grey here)": chunk.colors, **chunk.attributes}
+    """Return the names of the columns other than positions."""
+    known = {"normals": chunk.normals, "colors (set to grey)": chunk.colors, **chunk.attributes}
     return [name for name, values in known.items() if values is not None]

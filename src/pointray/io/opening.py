@@ -1,4 +1,4 @@
-"""Opening: the files that are read, what they announce, and their chosen rows as they come."""
+"""Opening of files: their listings, and their selected rows chunk by chunk."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .selection import Selection, lengths
 
 
 class Opener(NamedTuple):
-    """A file: its name for messages, and what opens it."""
+    """A file to open: its name for messages, and the function that opens it."""
 
     name: str
     open: Callable[[], Source]
@@ -22,7 +22,7 @@ class Opener(NamedTuple):
 
 @contextmanager
 def named(name: str) -> Iterator[None]:
-    """Put a file's name before its ValueError, in one line."""
+    """Prefix ValueErrors with the name of a file, and join their lines."""
     try:
         yield
     except ValueError as error:
@@ -30,12 +30,12 @@ def named(name: str) -> Iterator[None]:
 
 
 def name_of(files: Sequence[Opener]) -> str:
-    """What messages call all files together."""
+    """Return the name of all files together, for messages."""
     return files[0].name if len(files) == 1 else f"{len(files)} files"
 
 
 def listings_of(files: Sequence[Opener]) -> list[Listing]:
-    """What each file announces; ValueError names a file whose header is wrong."""
+    """Return the listing of each file; a ValueError for an invalid header names the file."""
     listings = []
     for file in files:
         with named(file.name), file.open() as source:
@@ -44,12 +44,12 @@ def listings_of(files: Sequence[Opener]) -> list[Listing]:
 
 
 def announced_rows(listings: Sequence[Listing], selection: Selection) -> list[int]:
-    """The rows of each file that are chosen, about, whatever filters leave of them."""
+    """Return the approximate number of rows selected in each file, before filters."""
     return [-(-listing.rows // selection.every) for listing in listings]
 
 
 def shares_of(listings: Sequence[Listing]) -> list[float]:
-    """The share of all rows that are announced before each file, and 1."""
+    """Return the cumulative fraction of the expected rows before each file, followed by 1."""
     rows = [listing.rows for listing in listings]
     if not sum(rows):
         rows = [1] * len(rows)
@@ -57,10 +57,10 @@ def shares_of(listings: Sequence[Listing]) -> list[float]:
     return [end / total for end in accumulate(rows, initial=0)]
 
 
-def chosen_of(name: str, source: Source, selection: Selection, progress: Progress | None) -> Iterator[Chunk]:
-    """The chunks of a file, each with those of its rows that are chosen by all but `max_points`.
+def selected_chunks(name: str, source: Source, selection: Selection, progress: Progress | None) -> Iterator[Chunk]:
+    """Yield the chunks of a file with the rows selected by everything but `max_points`.
 
-    Warns of the faults that were repaired, and of what the reader chose by itself, once.
+    Warns once of the faults that were repaired and of the reader's automatic choices.
     """
     some = False
     for chunk, start in lengths(source.chunks()):
@@ -74,11 +74,11 @@ def chosen_of(name: str, source: Source, selection: Selection, progress: Progres
         warn(f"{name}: {text}", stacklevel=2)
 
 
-def check_some(files: Sequence[Opener], selection: Selection, rows: int) -> None:
-    """ValueError if no row of any file is chosen."""
+def check_selected(files: Sequence[Opener], selection: Selection, rows: int) -> None:
+    """Raise ValueError if no row of any file is selected."""
     if rows:
         return
-    what = "no points" if selection.is_all else "no points that are chosen"
+    what = "points" if selection.is_all else "selected points"
     raise ValueError(
-        f"{files[0].name}: holds {what}" if len(files) == 1 else f"none of the {len(files)} files holds {what}"
+        f"{files[0].name}: contains no {what}" if len(files) == 1 else f"none of the {len(files)} files contains {what}"
     )

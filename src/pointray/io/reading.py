@@ -1,4 +1,4 @@
-"""Reading: what `read` is asked for, checked before a file is opened."""
+"""Validation of the arguments of `read` before a file is opened."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ CHOICES = [name for name in signature(read).parameters if name not in ("path", "
 
 
 def check_reading(choices: dict[str, Any]) -> None:
-    """ValueError if one of the arguments of `read`, those in `CHOICES`, is wrong; its message begins with the name."""
+    """Raise ValueError if one of the arguments of `read` listed in `CHOICES` is invalid; the message names it."""
     of_formats = signature(request_of).parameters
     request_of(**{name: value for name, value in choices.items() if name in of_formats})
     Selection(**{name: value for name, value in choices.items() if name in Selection.__dataclass_fields__})

@@ -1,4 +1,4 @@
-"""Selection: which rows of a file become points."""
+"""Selection of the rows of a file."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ Values = Mapping[str, tuple[float, ...]]
 
 @dataclass(frozen=True)
 class Selection:
-    """Which rows of a file become points: all of these conditions hold.
+    """Conditions on the rows to read, all of which must hold.
 
     Attributes
     ----------
     every : int
-        Every so many rows one: the first, and so on. It counts rows of the file, whatever else is left out.
+        Every n-th row of the file, beginning with the first, independent of the other conditions.
     max_points : int or None
-        At most so many, evenly spread over the rows.
+        Maximum number of rows, evenly spread.
     bounds : (2, 3) float64 or None
-        World box, its faces included.
+        World box, including its faces.
     keep, drop : dict of str to tuple of float
-        Values of an attribute: rows with one of these, rows with none of these.
+        Attribute values of the rows to keep or to drop.
     """
 
     every: int = 1
@@ -57,7 +57,7 @@ class Selection:
         return self.every == 1 and self.max_points is None and not self.filters
 
     def apply(self, chunk: Chunk, start: int) -> Chunk:
-        """The rows of a chunk that are chosen by all but `max_points`; start : the number of its first row."""
+        """Return the selected rows of a chunk, ignoring `max_points`. start : file row number of its first row"""
         if self.every > 1:
             chunk = chunk.select(slice(-start % self.every, None, self.every))
         if not self.filters or not len(chunk.positions):
@@ -75,27 +75,27 @@ class Selection:
 
 
 def checked_bounds(value: Any) -> NDArray[np.float64]:
-    """Two opposite corners of a box, (2, 3) float64, as an array or as six numbers: the least ones, the greatest."""
+    """Return a box as (2, 3) float64, from two corners or six numbers, minimum first."""
     box = check_numbers(value, "bounds", "x0,y0,z0,x1,y1,z1").astype(np.float64)
     if box.shape not in ((2, 3), (6,)):
         raise wrong("bounds", "x0,y0,z0,x1,y1,z1", value)
     box = box.reshape(2, 3)
     if np.isnan(box).any() or not (box[0] <= box[1]).all():
-        raise ValueError(f"bounds must be x0,y0,z0,x1,y1,z1, the least ones first, not {box.reshape(-1).tolist()}")
+        raise ValueError(f"bounds must be x0,y0,z0,x1,y1,z1, minimum first, not {box.reshape(-1).tolist()}")
     return box
 
 
 class Thinning:
-    """Keeps at most so many of the chunks' rows, evenly spread, however many come.
+    """Reduction of a stream of chunks to at most `limit` evenly spread rows.
 
-    With a known number of rows exactly `limit` are kept. Otherwise every so manieth row is; whenever there are too
-    many, every second one of them goes.
+    If the number of rows is known, exactly `limit` are kept. Otherwise every n-th row is kept, and n is doubled
+    whenever there are too many.
 
     Parameters
     ----------
     limit : int or None
     count : int or None
-        The number of rows that will come.
+        Number of rows to come, if known.
     """
 
     def __init__(self, limit: int | None, count: int | None) -> None:
@@ -105,7 +105,7 @@ class Thinning:
         self._step, self._seen, self._kept = 1, 0, 0
 
     def apply(self, chunk: Chunk) -> Chunk:
-        """The rows of the next chunk that stay."""
+        """Return the rows of the next chunk to keep."""
         n, start = len(chunk.positions), self._seen
         self._seen += n
         if self._whole or not n:
@@ -117,12 +117,12 @@ class Thinning:
         return chunk.select(slice(-start % self._step, None, self._step))
 
     def is_over(self, more: int) -> bool:
-        """Whether there are too many rows, with so many more that are kept: `halve` is due."""
+        """Count `more` kept rows; return whether there are too many and `halve` must be called."""
         self._kept += more
         return not self._whole and self._count is None and self.limit is not None and self._kept > self.limit
 
     def halve(self, chunks: list[Chunk]) -> list[Chunk]:
-        """All chunks so far, thinned until they fit."""
+        """Thin all chunks so far until they fit the limit."""
         assert self.limit is not None
         while self._kept > self.limit:
             self._step *= 2
@@ -137,10 +137,10 @@ class Thinning:
 def _column(chunk: Chunk, name: str) -> NDArray[Any]:
     if name not in chunk.attributes:
         known = ", ".join(sorted(chunk.attributes)) or "none"
-        raise ValueError(f"has no attribute {name!r} to choose by; there are: {known}")
+        raise ValueError(f"attribute {name!r} not found (keep, drop); available: {known}")
     values = chunk.attributes[name]
     if values.ndim > 1:
-        raise ValueError(f"cannot choose by the attribute {name!r}: it has {values.shape[1]} columns")
+        raise ValueError(f"attribute {name!r} has {values.shape[1]} columns; keep and drop need one")
     return values
 
 
@@ -163,7 +163,7 @@ def _numbers(some: Any, name: str) -> tuple[float, ...]:
 
 
 def lengths(chunks: Iterator[Chunk]) -> Iterator[tuple[Chunk, int]]:
-    """Chunks with the number of the row that each begins with."""
+    """Yield each chunk with the row number at which it begins."""
     start = 0
     for chunk in chunks:
         yield chunk, start

@@ -1,4 +1,4 @@
-"""Packed files, .gz and .zst: unpacked into a temporary file, as readers need to seek."""
+"""Decompression of .gz and .zst files into a temporary file, because readers need to seek."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from typing import IO, Any
 from ..base.extras import require
 from ..base.warning_log import warn
 
-PACKED = {".gz": b"\x1f\x8b", ".zst": b"\x28\xb5\x2f\xfd"}  # by the usual extension: the first bytes
+PACKED = {".gz": b"\x1f\x8b", ".zst": b"\x28\xb5\x2f\xfd"}  # usual extension -> first bytes
 BLOCK = 1 << 20  # bytes
-SPARE = 1 << 28  # bytes of the disk that stay free
+SPARE = 1 << 28  # bytes of the disk to leave free
 
 
 def packing_of(file: Path) -> str | None:
-    """How a file is packed, as an extension; None if it is not, or cannot be opened."""
+    """Return the compression of a file as an extension; None if it is not compressed."""
     with file.open("rb") as stream:
         head = stream.read(4)
     return next((name for name, magic in PACKED.items() if head.startswith(magic)), None)
@@ -28,9 +28,9 @@ def packing_of(file: Path) -> str | None:
 
 @contextmanager
 def unpacked(file: Path, strict: bool = True) -> Iterator[Path]:
-    """A temporary file with the contents of a packed one; ValueError if these are damaged or do not fit on the disk.
+    """Decompress a file into a temporary one. Raise ValueError if it is damaged or does not fit on the disk.
 
-    strict : refuse a file that is cut off; otherwise a warning says so
+    strict : refuse a truncated file; otherwise warn
     """
     packing = packing_of(file)
     with tempfile.TemporaryDirectory(prefix="pointray-") as folder:
@@ -39,7 +39,7 @@ def unpacked(file: Path, strict: bool = True) -> Iterator[Path]:
             with file.open("rb") as raw, _reader(raw, packing, file) as stream, path.open("wb") as out:
                 while block := _next(stream, file, out.tell(), strict):
                     if shutil.disk_usage(folder).free < len(block) + SPARE:
-                        raise ValueError(f"{file}: is too large to unpack: the disk of {folder} is full")
+                        raise ValueError(f"{file}: cannot be decompressed: the disk of {folder} is full")
                     out.write(block)
         except (EOFError, gzip.BadGzipFile) as error:
             raise ValueError(f"{file}: is damaged or cut off: {error}") from error
@@ -51,13 +51,13 @@ def unpacked(file: Path, strict: bool = True) -> Iterator[Path]:
 
 
 def _next(stream: Any, file: Path, done: int, strict: bool) -> bytes:
-    """Some more bytes; none at the end, or, with a warning, where the file is cut off."""
+    """Return more bytes; none at the end or, with a warning, where the file is cut off."""
     try:
         return bytes(stream.read1(BLOCK))
     except EOFError:
         if strict or not done:
             raise
-        warn(f"{file}: is cut off: {done:,} bytes can be unpacked", stacklevel=2)
+        warn(f"{file}: is cut off: only {done:,} bytes could be decompressed", stacklevel=2)
         return b""
 
 

@@ -1,6 +1,6 @@
-"""Files of arrays: one after the other, each as NumPy's .npy, behind one that names them in JSON. Read by mapping.
+"""Files of arrays: consecutive .npy arrays, named by a JSON description at the beginning. Read by memory mapping.
 
-A file is not trusted: names, types and lengths are checked here; who reads it checks the numbers.
+Files are not trusted: names, types and lengths are validated here; the caller validates the values.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 
 from ..base.atomic_write import check_regular, replacing
 
-SMALL = 1 << 20  # bytes: smaller files are read, not mapped, which would take a file descriptor each
-ALIGN = 64  # bytes: arrays begin at multiples of it, and as much follows the last one, for loads past its end
-CHUNK = 1 << 24  # items that are written between two progress reports
+SMALL = 1 << 20  # bytes: smaller files are read instead of mapped, as each mapping takes a file descriptor
+ALIGN = 64  # bytes: alignment of arrays, and padding after the last one, for loads past its end
+CHUNK = 1 << 24  # items written between two progress reports
 
 Say = Callable[[float], None]
 Arrays = dict[str, NDArray[Any]]
 
 
 class Pieces(Protocol):
-    """An array, or what can be read like one, piece by piece."""
+    """Array, or an object that can be read like one, piece by piece."""
 
     @property
     def dtype(self) -> np.dtype[Any]: ...
@@ -38,21 +38,21 @@ class Pieces(Protocol):
 
 
 class Kind(NamedTuple):
-    """A kind of file.
+    """Kind of file.
 
     Attributes
     ----------
     format : str
-        What its description calls it.
+        Its name in the description.
     version : int
     layout : list of int
-        Sizes of the records in its arrays: a file with others cannot be read.
+        Sizes of the records in its arrays; files with other sizes cannot be read.
     noun : str
-        What messages call it.
+        Its name in messages.
     outdated : str
-        What a message says of another version or layout.
+        Message for another version or layout.
     older : tuple of int
-        Earlier versions that are read too.
+        Earlier versions that can be read.
     """
 
     format: str
@@ -64,18 +64,18 @@ class Kind(NamedTuple):
 
 
 def write_arrays(
-    path: str | os.PathLike[str], kind: Kind, about: Mapping[str, Any], arrays: Mapping[str, Pieces], say: Say
+    path: str | os.PathLike[str], kind: Kind, about: Mapping[str, Any], arrays: Mapping[str, Pieces], report: Say
 ) -> None:
-    """Write a file that `read_arrays` reads; the file gets its name when all is written.
+    """Write a file for `read_arrays`; it gets its name when it is complete.
 
     Parameters
     ----------
     about : dict
-        What the description says besides, in a form that JSON can hold.
+        Additional entries of the description, as JSON types.
     arrays : dict of str to array
-        Or to what gives arrays for slices, and has their dtype and shape.
-    say : callable
-        Told the share done.
+        Or objects that return arrays for slices, and have dtype and shape.
+    report : callable
+        Called with the fraction done.
     """
     known = {"format": kind.format, "version": kind.version, "layout": kind.layout, "arrays": list(arrays)}
     head = np.frombuffer(json.dumps({**known, **about}).encode(), np.uint8)
@@ -90,27 +90,27 @@ def write_arrays(
                 file.write(piece.reshape(-1).data)
                 if array is not head:
                     done += piece.size
-                    say(done / total)
+                    report(done / total)
             file.write(bytes(-file.tell() % ALIGN))
         file.write(bytes(ALIGN))
 
 
 def read_arrays(path: str | os.PathLike[str], kind: Kind) -> tuple[dict[str, Any], Arrays]:
-    """The description of a file and the arrays that it names, mapped.
+    """Return the description of a file and its named arrays, mapped.
 
     Raises
     ------
     OSError
         If the file cannot be opened.
     ValueError
-        If it is of another kind or version, or is cut off; the message does not name the file.
+        If the file is of another kind or version, or is truncated; the message does not name the file.
     """
     with check_regular(path).open("rb") as stream:
         size = os.fstat(stream.fileno()).st_size
         if stream.read(6) != b"\x93NUMPY":
             raise ValueError(f"not {kind.noun}")
         stream.seek(0)
-        # Pages of a mapped file are copied when written to: the file does not change.
+        # Pages of a mapped file are copied on write: the file does not change.
         is_small, number = size <= SMALL, stream.fileno()
         memory = bytearray(stream.read()) if is_small else mmap.mmap(number, 0, access=mmap.ACCESS_COPY)
         stream.seek(0)
@@ -122,7 +122,7 @@ def read_arrays(path: str | os.PathLike[str], kind: Kind) -> tuple[dict[str, Any
 
 
 def _description(head: NDArray[Any], kind: Kind) -> dict[str, Any]:
-    """What the first array says, its names as strings."""
+    """Parse the description in the first array."""
     try:
         about = json.loads(head.tobytes())
         names = [str(name) for name in about["arrays"]]
@@ -137,15 +137,15 @@ def _description(head: NDArray[Any], kind: Kind) -> dict[str, Any]:
 
 
 def _next_array(stream: IO[bytes], memory: mmap.mmap | bytearray, size: int, name: str) -> NDArray[Any]:
-    """The array that begins at the stream's position; leaves the stream at the array's end."""
+    """Return the array at the stream's position; move the stream to its end."""
     try:
         if npy.read_magic(stream) != (1, 0):
-            raise ValueError("of another version")
+            raise ValueError("unsupported version")
         shape, fortran, dtype = npy.read_array_header_1_0(stream)
-    except Exception as error:  # NumPy's parser lets a header's text raise nearly anything
+    except Exception as error:  # NumPy's parser raises nearly anything for a malformed header
         raise ValueError(f"the header of {name} is damaged") from error
     if fortran or dtype.hasobject or dtype.newbyteorder("=") != dtype or min(shape, default=0) < 0 or len(shape) > 2:
-        raise ValueError(f"{name} has an array of another kind")
+        raise ValueError(f"{name} is an unsupported kind of array")
     start, count = stream.tell(), math.prod(shape)
     if start + count * dtype.itemsize > size:
         raise ValueError(f"the file is cut off in {name}")
@@ -157,9 +157,9 @@ def _next_array(stream: IO[bytes], memory: mmap.mmap | bytearray, size: int, nam
 
 
 def drop_pages(arrays: Iterable[NDArray[Any]]) -> None:
-    """Give the memory of mapped arrays back to the system, which reads it from the file again where it is needed.
+    """Release the memory of mapped arrays; the system reads it from the file again when needed.
 
-    What has been written to them is lost. Nothing happens where the system cannot do that.
+    Changes to the arrays are lost. Does nothing on systems without support.
     """
     files = {id(file): file for file in map(_mapping_of, arrays) if file is not None}
     for file in files.values():
@@ -168,7 +168,7 @@ def drop_pages(arrays: Iterable[NDArray[Any]]) -> None:
 
 
 def _mapping_of(array: NDArray[Any]) -> mmap.mmap | None:
-    """The file in which an array lies."""
+    """Return the mapped file of an array."""
     base: Any = array
     while isinstance(base, np.ndarray | memoryview):
         base = base.base if isinstance(base, np.ndarray) else base.obj
@@ -176,11 +176,11 @@ def _mapping_of(array: NDArray[Any]) -> mmap.mmap | None:
 
 
 def take_array(found: Arrays, name: str, dtype: type, shape: tuple[int, ...]) -> NDArray[Any]:
-    """An array of the file, out of `found`; -1 in `shape` stands for any length. ValueError if it differs."""
+    """Remove an array from `found` and return it; -1 in `shape` is any length. Raises a ValueError if it differs."""
     if name not in found:
         raise ValueError(f"{name} is missing")
     array = found.pop(name)
     right = array.ndim == len(shape) and all(a in (b, -1) for a, b in zip(shape, array.shape, strict=True))
     if array.dtype != dtype or not right:
-        raise ValueError(f"{name} is {array.dtype} {array.shape}")
+        raise ValueError(f"{name} is of unexpected type or shape: {array.dtype} {array.shape}")
     return array

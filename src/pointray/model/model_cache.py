@@ -1,8 +1,8 @@
-"""Models of scans that were built before, in the user's cache: the next time they are mapped at once.
+"""Cache of models in the user's cache folder: the next start maps the prepared model.
 
-A model is known by its files (path, size, time of the last change), by how they were read and built, and by the
-package's sources. It is written beside and renamed, so that processes never see half of one; the least recently used
-ones go when all together are too large.
+The key of a model consists of its files (path, size, modification time), how they were read and built, and the
+package's sources. Models are written to a temporary file and renamed, so that processes never see half of one; the
+least recently used ones are removed when the cache is too large.
 """
 
 from __future__ import annotations
@@ -28,34 +28,34 @@ from .model import Model
 from .model_file import SAVED
 
 FOLDER = "models"
-MOST_BYTES = 16 << 30  # of all models together, but never more than MOST_SHARE of the disk's free space
+MOST_BYTES = 16 << 30  # of all models, but never more than MOST_SHARE of the disk's free space
 MOST_SHARE = 0.5
-WORTH = 50_000  # points from which a model is kept: smaller ones are built in less than half a second
-SETTLED = 2.0  # seconds since a file's last change: one that changes again within its clock's tick looks unchanged
+WORTH = 50_000  # points from which a model is cached: smaller ones are built in less than half a second
+SETTLED = 2.0  # seconds since a file's last change: a second change within the clock's tick would go unnoticed
 
 
 @dataclass(frozen=True)
 class Entry:
-    """The place of a model in the cache.
+    """Place of a model in the cache.
 
     Attributes
     ----------
     path : path
-        The saved model; beside it lies what `describe` tells, as JSON.
+        The saved model; its description is stored next to it as JSON.
     about : dict
-        What the model is made of, in values of JSON.
+        What the model was made of, as JSON types.
     """
 
     path: Path
     about: Mapping[str, Any]
 
     def load(self) -> Model | None:
-        """The model; None if it is not there, or is damaged. Notes that building it gave are given again."""
+        """Load the model; None if it is missing or damaged. Warnings given when it was built are repeated."""
         if not self.path.exists():
             return None
         try:
             model = Model.load(self.path)
-            os.utime(self.path)  # it is the most recently used one now
+            os.utime(self.path)  # marks it as most recently used
         except (OSError, ValueError):
             _remove(self.path)
             return None
@@ -64,8 +64,8 @@ class Entry:
         return model
 
     def store(self, model: Model, notes: Sequence[str] = (), progress: Callable[[float], None] | None = None) -> bool:
-        """Keep a model for the next time; returns whether that was done. Errors of the disk are no errors here."""
-        if len(model.points) < WORTH or not self._settled() or model.nbytes > _limit():
+        """Store a model; return whether that was done. Disk errors are ignored."""
+        if len(model.points) < WORTH or not self._is_unchanged() or model.nbytes > _limit():
             return False
         description = {**self.about, "notes": list(notes), "points": len(model.points)}
         try:
@@ -78,8 +78,8 @@ class Entry:
             return False
         return True
 
-    def _settled(self) -> bool:
-        """Whether the files are as they were, and were not written just now."""
+    def _is_unchanged(self) -> bool:
+        """Return whether the files are unchanged, and were not written just now."""
         with suppress(OSError):
             files = [Path(facts["path"]) for facts in self.about["files"]]
             return _facts_of(files) == self.about["files"] and all(
@@ -89,13 +89,13 @@ class Entry:
 
 
 def entry_of(files: Sequence[Path], made: Mapping[str, Any]) -> Entry:
-    """The place of the model of some files.
+    """Return the cache entry for the model of some files.
 
     Parameters
     ----------
     files : sequence of path
     made : dict
-        How they are read and built, in values of JSON.
+        How they are read and built, as JSON types.
     """
     about = {"files": _facts_of(files), "made": dict(made)}
     text = json.dumps([about, source_key()], sort_keys=True)
@@ -103,7 +103,7 @@ def entry_of(files: Sequence[Path], made: Mapping[str, Any]) -> Entry:
 
 
 def built(build: Callable[[], Model]) -> tuple[Model, list[str]]:
-    """A model that is built, and the notes that this gave, which are given as usual."""
+    """Build a model; return it and the warnings that building gave, which are also passed on."""
     with heard() as notes:
         model = build()
     for note in notes:
@@ -112,13 +112,13 @@ def built(build: Callable[[], Model]) -> tuple[Model, list[str]]:
 
 
 def folder() -> Path:
-    """Where models are kept: in POINTRAY_CACHE, else in the user's cache."""
+    """Return the folder of cached models: in POINTRAY_CACHE, else in the user's cache."""
     base = os.environ.get("POINTRAY_CACHE") or platformdirs.user_cache_dir("pointray", appauthor=False)
     return Path(base) / FOLDER
 
 
 def describe() -> list[dict[str, Any]]:
-    """The models that are kept, the most recently used first: path, bytes, used (time), and what each is made of."""
+    """Describe the cached models, most recently used first: path, bytes, used (time), and what each was made of."""
     found = []
     for path in _by_age():
         with suppress(OSError):
@@ -128,7 +128,7 @@ def describe() -> list[dict[str, Any]]:
 
 
 def clear() -> tuple[int, int]:
-    """Remove all models; returns their number and bytes."""
+    """Remove all models; return their number and bytes."""
     models = describe()
     sweep(folder())
     for model in models:
@@ -156,8 +156,8 @@ def _facts_of(files: Sequence[Path]) -> list[dict[str, Any]]:
 
 
 def _description(path: Path) -> dict[str, Any]:
-    """What lies beside a model; empty if it is damaged."""
-    with suppress(OSError, ValueError, RecursionError):  # thousands of brackets
+    """Return the description of a model; empty if it is damaged."""
+    with suppress(OSError, ValueError, RecursionError):  # RecursionError: deeply nested brackets
         found = json.loads(path.with_suffix(".json").read_bytes())
         if isinstance(found, dict) and _is_sound(found):
             return found
@@ -165,7 +165,7 @@ def _description(path: Path) -> dict[str, Any]:
 
 
 def _is_sound(description: dict[str, Any]) -> bool:
-    """Whether all that is used of a description has its type."""
+    """Return whether the entries of a description have the right types."""
     files, notes = description.get("files"), description.get("notes")
     return (
         isinstance(files, list)
@@ -176,7 +176,7 @@ def _is_sound(description: dict[str, Any]) -> bool:
 
 
 def _by_age() -> list[Path]:
-    """The models, the least recently used first."""
+    """Return the models, least recently used first."""
     ages = []
     for path in folder().glob(f"*{SAVED}"):
         with suppress(OSError):
@@ -186,7 +186,7 @@ def _by_age() -> list[Path]:
 
 
 def _limit() -> float:
-    """Bytes that all models together may take."""
+    """Return the largest total size of all models, in bytes."""
     place = folder()
     while not place.exists():
         place = place.parent
@@ -195,7 +195,7 @@ def _limit() -> float:
 
 
 def _prune(keep: Path) -> None:
-    """Remove the least recently used models until the others fit, and those of other versions of the sources."""
+    """Remove the least recently used models until the others fit, including those of other versions of the sources."""
     limit, paths = _limit(), _by_age()
     sizes = {path: path.stat().st_size for path in paths if path.exists()}
     total = sum(sizes.values())
@@ -208,7 +208,7 @@ def _prune(keep: Path) -> None:
 
 
 def _remove(path: Path) -> None:
-    """Remove a model and what lies beside it; one that another process has mapped stays readable there."""
+    """Remove a model and its description; other processes can still read it if they have mapped it."""
     for one in (path, path.with_suffix(".json")):
         with suppress(OSError):
             one.unlink()

@@ -1,7 +1,7 @@
-"""Models as files, see `array_file`. A model's levels of detail follow it, as models of their own.
+"""Model files, see `array_file`. Levels of detail follow the model, each stored like a model.
 
-A file is not trusted: names, types, lengths and every number that a ray follows are checked before the first ray, so
-that a damaged one is an error.
+Files are not trusted: names, types, lengths and every number that a ray follows are validated before the first ray, so
+that a damaged file raises an error.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from ..engine.kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH
 from ..surface.tree.indices import check_indices
 from .array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
 
-SAVED = ".pointray"  # the usual end of such a file's name
+SAVED = ".pointray"  # usual file extension
 LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]
 # Version 3 has leaves of scattered points; a model without any is written as version 2, which earlier releases read.
-# Another number of LEAF_BLOCKS needs another version.
+# Changing LEAF_BLOCKS requires a new version.
 SURFACE_ONLY = 2
 KIND = Kind(
-    "pointray model", 3, LAYOUT, "a saved model", "saved by another version of pointray: save it anew", (SURFACE_ONLY,)
+    "pointray model", 3, LAYOUT, "a saved model", "saved by another version of pointray: save it again", (SURFACE_ONLY,)
 )
 
 
 class Level(NamedTuple):
-    """A model, or one of its levels of detail, as a file keeps it.
+    """Model, or one of its levels of detail, as stored in a file.
 
     Attributes
     ----------
     settings : dict
-        In a form that JSON can hold.
+        As JSON types.
     points : Points
     radii : (n,) float32
     bounds : (2, 3) float64
@@ -52,13 +52,13 @@ class Level(NamedTuple):
 
 @dataclass(frozen=True)
 class Place:
-    """A file that holds a model, as it was at one moment.
+    """File that holds a model, with its state at one moment.
 
     path : absolute
     size : bytes
-    written : when, in nanoseconds
+    written : modification time in nanoseconds
     leveled : whether its levels of detail belong to the model
-    index : of a folder, the file in it whose size and time these are; else empty
+    index : for a folder, the file in it that size and time refer to; else empty
     """
 
     path: str
@@ -77,73 +77,73 @@ class Place:
 
 
 def place_of(path: str | os.PathLike[str], index: str = "") -> Place:
-    """The place of a file. index : of a folder, the name of the file in it that stands for all"""
+    """Return the place of a file. index : for a folder, the name of the file in it that represents it"""
     facts = os.stat(os.path.join(path, index) if index else path)
     return Place(os.path.abspath(path), facts.st_size, facts.st_mtime_ns, index=index)
 
 
 def write_model(
-    path: str | os.PathLike[str], levels: Sequence[Level], say: Say, more: Mapping[str, Any] | None = None
+    path: str | os.PathLike[str], levels: Sequence[Level], report: Say, more: Mapping[str, Any] | None = None
 ) -> None:
-    """Write a file that `read_model` reads; the file gets its name when all is written.
+    """Write a file for `read_model`; it gets its name when it is complete.
 
     Parameters
     ----------
     levels : sequence of Level
         The model, then its levels of detail.
-    say : callable
-        Told the share done.
+    report : callable
+        Called with the fraction done.
     more : dict, optional
-        What the description says besides, in a form that JSON can hold.
+        Additional entries of the description, as JSON types.
     """
-    named = {
+    arrays = {
         f"{_prefix(k)}{name}": array for k, level in enumerate(levels) for name, array in _arrays_of(level).items()
     }
     settings = [level.settings for level in levels]
     about = {"settings": settings[0], "levels": settings[1:], "survey": levels[0].points.survey.facts}
     scattered = any(level.tree.head[SCATTER] for level in levels)
     kind = KIND if scattered else KIND._replace(version=SURFACE_ONLY)
-    write_arrays(path, kind, {**about, **(more or {})}, named, say)
+    write_arrays(path, kind, {**about, **(more or {})}, arrays, report)
 
 
 def _prefix(k: int) -> str:
-    """The prefix of the names of a level's arrays: empty for the model itself."""
+    """Return the prefix of a level's array names: empty for the full model."""
     return f"level{k}." if k else ""
 
 
 def _arrays_of(level: Level) -> Arrays:
-    """A level's arrays, by their names in a file."""
+    """Return a level's arrays by their names in the file."""
     points = level.points
-    named = {f"points.{name}": getattr(points, name) for name in ("positions", "origin", "normals", "colors")}
-    named |= {f"attribute.{name}": values for name, values in points.attributes.items()}
-    named |= {"radii": level.radii, "bounds": level.bounds}
-    named |= {f"tree.{name}": array for name, array in zip(Tree._fields, level.tree, strict=True)}
-    return {name: array for name, array in named.items() if array is not None}
+    arrays = {f"points.{name}": getattr(points, name) for name in ("positions", "origin", "normals", "colors")}
+    arrays |= {f"attribute.{name}": values for name, values in points.attributes.items()}
+    arrays |= {"radii": level.radii, "bounds": level.bounds}
+    arrays |= {f"tree.{name}": array for name, array in zip(Tree._fields, level.tree, strict=True)}
+    return {name: array for name, array in arrays.items() if array is not None}
 
 
 def read_model(
-    path: str | os.PathLike[str], among: Mapping[str, Any] | None = None, is_sound: bool = False
+    path: str | os.PathLike[str], expected: Mapping[str, Any] | None = None, is_sound: bool = False
 ) -> list[Level]:
-    """The model of a file and its levels of detail: mapped, so that they are ready at once.
+    """Read the model of a file and its levels of detail; arrays are mapped, so this is immediate.
 
     Parameters
     ----------
-    among : dict, optional
-        What the description must say besides.
+    expected : dict, optional
+        Entries that the description must have.
     is_sound : bool
-        Whether the file has been checked before, and is the same.
+        Whether the file has been validated before and is unchanged.
 
     Raises
     ------
     OSError
         If the file cannot be opened.
     ValueError
-        If it is no model, has another version, or is damaged.
+        If the file is not a model, has another version, or is damaged.
     """
     try:
         about, found = read_arrays(path, KIND)
-        if any(about.get(name) != value for name, value in (among or {}).items()):
-            raise ValueError("it is another part, or of another folder")
+        if any(about.get(name) != value for name, value in (expected or {}).items()):
+            raise ValueError("part does not belong to this folder")
         survey = survey_of(about)
         given = [(settings, _prefix(k)) for k, settings in enumerate(_settings_in(about))]
         levels = [_take_level(settings, found, prefix, survey, is_sound) for settings, prefix in given]
@@ -155,19 +155,19 @@ def read_model(
 
 
 def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
-    """The settings of the model and of its levels of detail; an older file has no levels."""
+    """Return the settings of the model and of its levels of detail; older files have no levels."""
     settings = [about.get("settings"), *_listed(about.get("levels", []))]
     if not all(isinstance(one, dict) for one in settings):
-        raise ValueError("the model is damaged: its settings are none")
+        raise ValueError("the model is damaged: invalid settings")
     return settings
 
 
 def survey_of(about: dict[str, Any]) -> Survey:
-    """What is known of the coordinates; an older file says nothing."""
+    """Return the georeference; empty for older files."""
     try:
         return Survey(**about.get("survey", {}))
     except (TypeError, ValueError) as error:
-        raise ValueError(f"the model is damaged: its survey is none: {error}") from error
+        raise ValueError(f"the model is damaged: invalid georeference: {error}") from error
 
 
 def _listed(value: Any) -> list[Any]:
@@ -175,29 +175,29 @@ def _listed(value: Any) -> list[Any]:
 
 
 def check_columns(level: Level, model: Level) -> None:
-    """ValueError if a level of detail has not the columns and the origin of its model."""
+    """Raise a ValueError if a level of detail differs from its model in columns or origin."""
     if _columns_of(level.points) != _columns_of(model.points):
-        raise ValueError("the model is damaged: a level of detail has other attributes or colors")
+        raise ValueError("the model is damaged: a level of detail has different attributes or colors")
     if not np.array_equal(level.points.origin, model.points.origin):
-        raise ValueError("the model is damaged: a level of detail has another origin")
+        raise ValueError("the model is damaged: a level of detail has a different origin")
 
 
 def _columns_of(points: Points) -> dict[str, Any]:
-    """The columns that all levels of a model share."""
+    """Return the columns that all levels of a model share."""
     return {"": points.colors is None, **{name: (v.dtype, v.shape[1:]) for name, v in points.attributes.items()}}
 
 
 def _take_level(settings: dict[str, Any], found: Arrays, prefix: str, survey: Survey, is_sound: bool) -> Level:
-    """The level whose arrays' names begin with a prefix, checked."""
+    """Return the validated level whose array names begin with a prefix."""
     mine = {name.removeprefix(prefix): array for name, array in found.items() if name.startswith(prefix)}
     points = points_of(mine, survey)
     radii, bounds = (
         take_array(mine, "radii", np.float32, (len(points),)),
         take_array(mine, "bounds", np.float64, (2, 3)),
     )
-    within = np.abs(bounds - points.origin) <= 2.0 * FARTHEST  # also false for NaN
+    within = np.abs(bounds - points.origin) <= 2.0 * FARTHEST  # false for NaN as well
     if not (within.all() and (bounds[0] <= bounds[1]).all()):
-        raise ValueError("the model is damaged: its bounds are none")
+        raise ValueError("the model is damaged: invalid bounds")
     level = Level(settings, points, radii, bounds, take_tree(mine))
     if not is_sound:
         check_level(level.tree, len(points))
@@ -205,7 +205,7 @@ def _take_level(settings: dict[str, Any], found: Arrays, prefix: str, survey: Su
 
 
 def check_level(tree: Tree, points: int) -> None:
-    """ValueError if a ray could leave a tree that names so many points, see `check_indices`."""
+    """Raise a ValueError if a ray could leave a tree over `points` points, see `check_indices`."""
     problems = check_indices(tree, points)
     if problems:
         raise ValueError(f"the model is damaged: {problems[0]}")
@@ -224,9 +224,9 @@ def take_tree(found: Arrays) -> Tree:
     whole = {"children", "spans", "refs", "order", "colors"}
     small = {"borders", "facing"}
     types = {name: np.int32 if name in whole else np.int8 if name in small else np.float32 for name in Tree._fields}
-    found.setdefault("tree.noise", np.zeros(0, np.float32))  # a file that was saved before it was kept
+    found.setdefault("tree.noise", np.zeros(0, np.float32))  # missing in older files
     tree = Tree(*(take_array(found, f"tree.{name}", types[name], (-1,)) for name in Tree._fields))
     tree = tree._replace(head=tree.head.copy())  # the only array that is written to
-    if len(tree.head) == HEAD and tree.head[LONGEST] == 0.0:  # the file was saved before this number was kept
+    if len(tree.head) == HEAD and tree.head[LONGEST] == 0.0:  # missing in older files
         tree.head[LONGEST] = tree.leaves[STEP::LEAF].max(initial=0.0)
     return tree

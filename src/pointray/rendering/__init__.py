@@ -1,12 +1,12 @@
-"""A scene and a camera -> a picture of linear light.
+"""A scene and a camera -> an image of linear radiance.
 
-camera, lens : where the picture is taken from; a point in a pixel becomes a ray
-settings : how the picture is made; picture: pass after pass of samples
-film : where samples lie in pixels, and the sums of their light; integrate: the kernels of a pass
-lod, window : which level of detail is shown, and in which part of the picture models can be
-layers : what each pixel shows, as numbers
-camera_path : a camera in each frame of a movie
-warmup : compiles kernels before they are needed
+camera, lens : cameras; camera rays in kernels
+settings : `Settings`; picture : `render`, and passes of samples
+film : sample positions and pixel sums; integrate : the kernels of a pass
+lod, window : selection of levels of detail; the part of the image that models can cover
+layers : AOVs, such as depth and normals
+camera_path, sequence : cameras of a film; `animate`
+warmup : compilation of kernels before they are needed
 
-Begin with picture, then integrate. The folder is not called render: its name would take the place of `pr.render`.
+Begin with picture, then integrate. The folder is not called render, as it would hide `pr.render`.
 """

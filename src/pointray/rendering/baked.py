@@ -1,4 +1,4 @@
-"""The integrator "baked": direct light with sharp shadows, all other light as it is baked; mirrors and glass.
+"""The integrator "baked": direct light with sharp shadows, indirect light from the bake, mirrors and glass.
 
 See `shade/baked_light.py`.
 """
@@ -22,7 +22,7 @@ from .integrate import Pass, render_tiles
 
 @inline
 def _receive(world: World, job: Pass, first: bool, scratch: Scratch) -> Bits:
-    """Add the light of lamps and sky that the tile's rays meet; returns the rays that have met anything."""
+    """Add the light of lamps and sky that the tile's rays hit; return the rays that have hit anything (bits)."""
     met = meet_lamps(world, scratch)
     for i in range(TILE):
         if is_shaded(scratch, i):
@@ -35,13 +35,13 @@ def _receive(world: World, job: Pass, first: bool, scratch: Scratch) -> Bits:
 
 @inline
 def _sees_nothing(world: World, job: Pass, scratch: Scratch) -> bool:
-    """Whether only the background is behind the tile: it takes 0.6 of the time of the rest."""
+    """Return whether only the background is visible: empty frames then take 0.6 of the time."""
     return meets_nothing(scratch) and not job.sky_shows and world.lamps.lights.size == 0
 
 
 @inline
 def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Direct light, and what is baked."""
+    """Add direct and baked light."""
     draw = sample if job.draws else -1
     begin_radiance(scratch)
     begin_specular(scratch)
@@ -68,6 +68,6 @@ def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratc
 
 @kernel
 def baked_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Baked light."""
+    """Render with baked light."""
     render_tiles(_integrate_baked, work, world, camera, job, film, image)
     return 0

@@ -1,4 +1,4 @@
-"""Cameras: from a pixel to a ray."""
+"""`Camera`, and its rays."""
 
 from __future__ import annotations
 
@@ -35,29 +35,29 @@ from ..engine.kernels.records import (
 
 SIZE = (640, 480)
 LARGEST = 32768  # pixels a side
-MARGIN = 1.05  # how much larger than a framed box the picture is
-THREE_QUARTER = (0.45, -1.0, 0.35)  # from the front, a little to the right and above
+MARGIN = 1.05  # size of the image relative to a framed box
+THREE_QUARTER = (0.45, -1.0, 0.35)  # default direction of `frame`: front, slightly right and above
 
 
 @dataclass(frozen=True, slots=True)
 class Camera:
-    """Where and how a picture is taken; make it with `look_at` or `frame`, which explain the parts.
+    """Perspective, orthographic or panoramic camera; created by `look_at` or `frame`, which describe the parameters.
 
     Attributes
     ----------
     eye, target : (3,) float
         World coordinates.
     up : (3,) float
-        Which way is up in the picture; need not be perpendicular to the view.
+        Up direction of the image; need not be perpendicular to the view.
     fov : float
         Vertical field of view, degrees.
     size : (2,) int
         Width and height in pixels.
     projection : {"perspective", "orthographic", "panorama"}
     aperture : float
-        Diameter of the lens in world units; 0: a pinhole.
+        Diameter of the lens in world units; 0: pinhole.
     focus : float, optional
-        Distance along the view of the plane in focus; None: the target's distance.
+        Distance of the plane in focus along the view; None: the target's distance.
     """
 
     eye: Vector
@@ -83,7 +83,7 @@ class Camera:
         for name, value in checked.items():
             object.__setattr__(self, name, value)
         if self.eye == self.target:
-            raise ValueError(f"eye and target are the same point, {self.eye}: there is no direction to look in")
+            raise ValueError(f"eye and target are the same point, {self.eye}: the view has no direction")
 
     @classmethod
     def look_at(
@@ -97,36 +97,36 @@ class Camera:
         aperture: float = 0.0,
         focus: float | None = None,
     ) -> Camera:
-        """A camera at `eye` with `target` in the middle of its picture.
+        """Create a camera at `eye` with `target` in the centre of the image.
 
         Parameters
         ----------
         eye, target : (3,) array_like
             World coordinates.
         up : (3,) array_like
-            Which way is up in the picture; where it is parallel to the view, another axis is taken.
+            Up direction of the image; if it is parallel to the view, +y is used, else +x.
         fov : float
-            Vertical field of view, degrees, between 0 and 180; a panorama has none.
+            Vertical field of view, degrees, between 0 and 180; ignored for a panorama.
         size : (int, int)
             Width and height in pixels, 1 to 32768.
         projection : {"perspective", "orthographic", "panorama"}
-            Orthographic rays are parallel; they begin in the plane through the eye across the view, and nothing behind
-            it is seen. The picture is as high as a perspective one is at the target, 2 tan(fov / 2) times the
-            distance of eye and target, so that one can be exchanged for the other.
-            A panorama is the whole sphere around the eye, 360 degrees across and 180 high (equirectangular), with the
-            target in its middle; `up`, made perpendicular to the view, is its upper edge. 2 : 1 gives square degrees.
+            Orthographic: parallel rays from the plane through the eye perpendicular to the view; geometry behind it is
+            not visible. The image height is that of the perspective image at the target, 2 tan(fov / 2) times the
+            distance of eye and target, so that the projections are interchangeable.
+            Panorama: the sphere around the eye, equirectangular, 360 by 180 degrees, with the target in the centre and
+            `up`, made perpendicular to the view, at the upper edge. The size 2 : 1 gives equal degrees a pixel.
         aperture : float
-            Diameter of the lens in world units, not negative; 0: a pinhole, all is sharp. A thin lens: a point at
-            distance z along the view is spread over a disc of aperture |z - focus| / focus, in the world at its own
-            distance (the circle of confusion). In an orthographic picture each ray has such a lens around its origin;
-            a panorama has none. The blur needs several samples a pixel.
+            Diameter of the lens in world units, not negative; 0: pinhole. A thin lens spreads a point at distance z
+            along the view over a disc of diameter aperture |z - focus| / focus, in world units at its distance (circle
+            of confusion). In an orthographic image each ray has such a lens around its origin; a panorama has none. The
+            blur needs several samples a pixel.
         focus : float, optional
-            Distance along the view of the plane in focus, positive, inf: the farthest; None: the target's distance.
+            Distance of the plane in focus along the view, positive, may be inf; None: the target's distance.
 
         Raises
         ------
         ValueError
-            If eye and target are the same, a panorama has an aperture, or a value is not finite or out of its range.
+            If eye and target are the same, a panorama has an aperture, or a value is out of its range.
         """
         return cls(eye, target, up, fov, size, projection, aperture, focus)  # type: ignore[arg-type]  # checked there
 
@@ -140,18 +140,18 @@ class Camera:
         up: ArrayLike = (0, 0, 1),
         projection: str = "perspective",
     ) -> Camera:
-        """A camera that sees a whole box, as large as fits with a margin of 5%; a panorama from the box's middle.
+        """Create a camera that frames a box with a margin of 5%; for a panorama, a camera at the centre of the box.
 
         Parameters
         ----------
         bounds : (2, 3) array_like
-            Least and greatest world coordinates; a box without size is seen from one unit away.
+            Minimum and maximum world coordinates; a box of zero size is viewed from one unit away.
         direction : (3,) array_like
-            From the box towards the camera. Default: from the front, a little from the right and from above, whichever
-            way is `up`; the front is -y where z is up, and +z where y is. A panorama looks the opposite way, level.
+            From the box towards the camera. Default: from the front, slightly from the right and above, relative to
+            `up`; the front is -y if z is up, and +z if y is up. A panorama looks horizontally, the opposite way.
         fov, size, up, projection
-            As for `look_at`. The eye of an orthographic camera stays out of the box: where `fov` is wide, the target,
-            whose distance gives the picture's height, lies before the box's middle.
+            As for `look_at`. The eye of an orthographic camera stays outside the box: with a wide `fov` the target,
+            whose distance gives the image height, is in front of the box's centre.
 
         Raises
         ------
@@ -160,7 +160,7 @@ class Camera:
         """
         box = check_numbers(bounds, "bounds").astype(np.float64)
         if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
-            raise ValueError(f"bounds must be finite, (2, 3), the least row first, not {box.tolist()}")
+            raise ValueError(f"bounds must be finite, (2, 3), the minimum first, not {box.tolist()}")
         middle = (box[0] + box[1]) / 2
         above = np.asarray(check_direction(up, "up"))
         towards = _upright(above) if direction is None else np.asarray(check_direction(direction, "direction"))
@@ -169,7 +169,7 @@ class Camera:
         half = np.tan(np.radians(_check_fov(fov)) / 2) / MARGIN
         corners = np.stack(np.meshgrid(*(box - middle).T), axis=-1).reshape(-1, 3)
         depth = corners @ forward
-        nearest = float(-depth.min())  # the eye stays in front of this corner, also where the box is only a line
+        nearest = float(-depth.min())  # the eye stays in front of this corner, even if the box is only a line
         if _check_projection(projection) == "panorama":
             ahead = np.cross(unit(above), right) * (nearest or 1.0)
             return cls.look_at(middle, middle + ahead, up, fov, size, projection)
@@ -185,7 +185,7 @@ class Camera:
         return cls.look_at(aim - distance * forward, aim, up, fov, size)
 
     def record(self) -> NDArray[np.float64]:
-        """The camera as kernels read it, (16,) float64: see `records.CAMERA`."""
+        """Return the record for kernels, (16,) float64, see `records.CAMERA`."""
         out = np.zeros(CAMERA)
         eye = np.asarray(self.eye)
         forward, right, up = view_axes(np.asarray(self.target) - eye, np.asarray(self.up))
@@ -200,18 +200,18 @@ class Camera:
         return out
 
     def rays(self, rows: slice = slice(None)) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The rays through the middle of each pixel and the middle of the lens.
+        """Return the rays through the centre of each pixel and of the lens.
 
         Parameters
         ----------
         rows : slice
-            Rows of the picture to take; h is their number.
+            Rows of the image; h is their number.
 
         Returns
         -------
         origins : (h, w, 3) float64
         directions : (h, w, 3) float64
-            Unit; row 0 is the top of the picture.
+            World, unit length; row 0 is the top of the image.
         """
         check_kind(rows, "rows", slice, "a slice")
         width, height = self.size
@@ -220,12 +220,12 @@ class Camera:
         return self.rays_through(u, v)
 
     def rays_through(self, u: Any, v: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Rays through points of the picture and the middle of the lens.
+        """Return the rays through points of the image and the centre of the lens.
 
         Parameters
         ----------
         u, v : array_like, broadcast against each other
-            From -1 at the left edge to 1 at the right one, and from -1 at the bottom to 1 at the top.
+            -1 at the left edge to 1 at the right edge, and -1 at the bottom to 1 at the top.
 
         Returns
         -------
@@ -252,15 +252,15 @@ class Camera:
 
 
 def _fit(offset: NDArray[np.float64], depth: NDArray[np.float64], half: float) -> tuple[float, float]:
-    """Where along one axis a camera stands, and how far back, so that all corners lie within its two side planes."""
+    """Return position along one axis and distance of a camera whose two side planes enclose all corners."""
     high, low = np.max(offset - depth * half), np.max(-offset - depth * half)
     return float(high - low) / 2, float(high + low) / (2 * half)
 
 
 def view_axes(view: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Unit vectors forward, right and up."""
+    """Return the unit vectors forward, right and up."""
     forward = unit(view)
-    # Straight down, the picture's top is +y, as on a map.
+    # Looking straight down, +y is up, as on a map.
     for choice in (unit(up), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])):
         right = np.cross(forward, choice)
         if np.linalg.norm(right) > 1e-6:
@@ -270,7 +270,7 @@ def view_axes(view: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArr
 
 
 def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """THREE_QUARTER, turned the shortest way that takes z to up; about x where that is down."""
+    """Return THREE_QUARTER, rotated by the smallest rotation from z to up; about x if up is -z."""
     direction, up = np.array(THREE_QUARTER), unit(up)
     if np.abs(up[:2]).max() < 1e-6:
         return direction if up[2] >= 0 else direction * (1.0, -1.0, -1.0)
@@ -279,8 +279,8 @@ def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The vector of length 1."""
-    scaled = vector / np.abs(vector).max()  # the square of 1e-200 is 0
+    """Normalize a vector."""
+    scaled = vector / np.abs(vector).max()  # avoids underflow of squares
     return np.asarray(scaled / np.linalg.norm(scaled))
 
 
@@ -295,7 +295,7 @@ def _check_projection(projection: Any) -> str:
 def _check_aperture(aperture: Any, projection: str) -> float:
     width = check_number(aperture, "aperture", "a finite number, not negative", lambda x: 0 <= x < np.inf)
     if width and projection == "panorama":
-        raise ValueError("a panorama has no lens: aperture must be 0")
+        raise ValueError("aperture must be 0 for a panorama, which has no lens")
     return width
 
 

@@ -1,4 +1,4 @@
-"""Films: where the camera is in each frame, on a turntable or along keyframes."""
+"""Cameras of the frames of a film: on a turntable, or along keyframes."""
 
 from __future__ import annotations
 
@@ -16,25 +16,30 @@ from .camera import Camera, unit
 Floats = NDArray[np.float64]
 
 MOST_FRAMES = 100_000
-STEP = np.radians(45.0)  # a curve through directions farther apart than this gets some of the arc between them
-SAME = 1e-9  # seconds: a frame this close to a key is the key
+STEP = np.radians(45.0)  # between directions farther apart than this, points on the arc are inserted
+SAME = 1e-9  # seconds: a frame this close to a key has the key's camera
 
 
 def turntable(camera: Camera, frames: int, turns: float = 1.0) -> list[Camera]:
-    """Cameras on a circle: the target of the first one seems to turn on a table.
+    """Return cameras on a circle around the target, as if it stood on a turntable.
 
     Parameters
     ----------
     camera : Camera
-        The camera of the first frame. The axis of the circle goes through its target, along its `up`.
+        Camera of the first frame. The axis of the circle is through its target, along its `up`.
     frames : int
-        The last frame is one step before the first one, so that a film of whole turns loops.
+        Number of frames, 1 to 100,000. The last frame is one step before the first, so that whole turns loop.
     turns : float
-        Counter-clockwise as seen from above; negative: the other way.
+        Number of turns, counter-clockwise as seen from above; negative: clockwise.
 
     Returns
     -------
     list of Camera
+
+    Raises
+    ------
+    ValueError
+        If a value is invalid or out of its range.
 
     Examples
     --------
@@ -47,39 +52,44 @@ def turntable(camera: Camera, frames: int, turns: float = 1.0) -> list[Camera]:
     target, axis = np.asarray(camera.target), unit(np.asarray(camera.up))
     arm, up = np.asarray(camera.eye) - target, np.asarray(camera.up)
     if np.linalg.norm(np.cross(unit(arm), axis)) < 1e-6:
-        up = camera.record()[UPWARD : UPWARD + 3]  # straight above the axis the picture turns, and so does its top
+        up = camera.record()[UPWARD : UPWARD + 3]  # on the axis the image itself rotates
     angles = 2 * np.pi * turns * np.arange(1, frames) / frames
     others = [(target + _turned(arm, axis, angle), _turned(up, axis, angle)) for angle in angles]
     return [camera, *(replace(camera, eye=tuple(eye), up=tuple(top)) for eye, top in others)]
 
 
 def fly(keys: Sequence[tuple[float, Camera]], fps: float = 24.0) -> list[Camera]:
-    """Cameras along a smooth path through keys.
+    """Return cameras along a smooth path through keyframes.
 
     Parameters
     ----------
     keys : sequence of (float, Camera)
-        At least two: the time in seconds, increasing, and the camera at that time. All have the size of the first.
+        At least two pairs of time in seconds, increasing, and camera. All frames have the size of the first camera.
     fps : float
         Frames a second. The first frame is the first key; the last is the last key or less than a frame before it.
 
     Returns
     -------
     list of Camera
-        A frame that falls on a key has the key's camera.
+        A frame at the time of a key has the key's camera.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than two keys, times do not increase, or there are more than 100,000 frames.
 
     Notes
     -----
-    Eye and target follow cubics through the keys (Catmull and Rom), directions follow the sphere: the view does not
-    collapse where it turns by 180 degrees. Between keys with the same target the eye goes around it, between keys with
-    the same eye the camera pans, between equal keys it is still; in general what moves less leads.
-    Field of view and distance of the target stay between those of the two keys.
+    Eye and target follow cubic splines through the keys (Catmull-Rom); view directions are interpolated on the sphere,
+    so that a turn of 180 degrees is well defined. Between keys with the same target the camera orbits it, between keys
+    with the same eye it pans, between equal keys it is still; in general the point that moves less is interpolated
+    directly. Field of view and distance of the target stay between those of the two keys.
     """
     times = _times_of(keys)
     if len(times) < 2:
-        raise ValueError(f"a film needs two keys or more, not {len(times)}")
+        raise ValueError(f"keys: expected at least two, got {len(times)}")
     if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-        raise ValueError(f"the times of keys must be finite and rise, not {times.tolist()}")
+        raise ValueError(f"the times of keys must be finite and increase, not {times.tolist()}")
     fps = check_positive(fps, "fps")
     count = np.floor((times[-1] - times[0] + SAME) * fps) + 1
     if count > MOST_FRAMES:
@@ -103,14 +113,14 @@ def _times_of(keys: Any) -> Floats:
             raise wrong("keys", wanted, keys)
     return np.array(
         [
-            check_number(time, f"keys[{k}]: its time", "a finite number, and times must rise")
+            check_number(time, f"keys[{k}]: its time", "a finite number, and times must increase")
             for k, (time, _) in enumerate(keys)
         ]
     )
 
 
 def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camera]:
-    """The cameras at given times, from the curves through the keys."""
+    """Interpolate the cameras at given times."""
     from scipy.interpolate import PchipInterpolator
 
     eyes, targets, ups = (np.array([getattr(camera, name) for camera in cameras]) for name in ("eye", "target", "up"))
@@ -119,9 +129,9 @@ def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camer
     logs, fov = PchipInterpolator(times, scalars)(at).T
     view = np.exp(logs)[:, None] * _directions_between(times, targets - eyes, at)
     moves = [np.linalg.norm(np.diff(points, axis=0), axis=1) for points in (eyes, targets)]
-    shares = moves[0] / np.maximum(moves[0] + moves[1], 1e-300)  # 1: the target leads, 0: the eye
+    shares = moves[0] / np.maximum(moves[0] + moves[1], 1e-300)  # 1: interpolate the target, 0: the eye
     lead = np.interp(at, (times[1:] + times[:-1]) / 2, shares)[:, None]
-    # At a key the two agree, so the one that leads may change there.
+    # Both agree at keys, so the weights may change there.
     eye = (1 - lead) * _curve(times, eyes, at) + lead * (_curve(times, targets, at) - view)
     target, up = eye + view, _directions_between(times, ups, at)
     return [
@@ -131,7 +141,7 @@ def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camer
 
 
 def _curve(times: Floats, values: Floats, at: Floats) -> Floats:
-    """A cubic through (n, k) values, with the slope of the parabola through each and its neighbours; (m, k)."""
+    """Interpolate (n, k) values by a cubic with the slopes of parabolas through neighbours; return (m, k)."""
     from scipy.interpolate import CubicHermiteSpline
 
     slopes = np.gradient(values, times, axis=0)
@@ -141,7 +151,7 @@ def _curve(times: Floats, values: Floats, at: Floats) -> Floats:
 
 
 def _directions_between(times: Floats, directions: Floats, at: Floats) -> Floats:
-    """Unit vectors along a smooth path on the sphere through (n, 3) directions; (m, 3)."""
+    """Interpolate (n, 3) directions on the sphere; return (m, 3) unit vectors."""
     units = np.array([unit(direction) for direction in directions])
     passed, when = [units[0]], [times[0]]
     for k in range(len(units) - 1):
@@ -157,7 +167,7 @@ def _directions_between(times: Floats, directions: Floats, at: Floats) -> Floats
 
 
 def _turn_between(a: Floats, b: Floats) -> tuple[Floats, float]:
-    """Axis and angle of the shortest turn from one unit vector to another; opposite ones have a level axis if any."""
+    """Return axis and angle of the rotation between unit vectors; for opposite ones a horizontal axis if possible."""
     axis = np.cross(a, b)
     angle = float(np.arctan2(np.linalg.norm(axis), a @ b))
     if np.linalg.norm(axis) < 1e-9:
@@ -167,6 +177,6 @@ def _turn_between(a: Floats, b: Floats) -> tuple[Floats, float]:
 
 
 def _turned(vectors: Floats, axis: Floats, angle: float) -> Floats:
-    """Vectors, (..., 3), turned about a unit axis (Rodrigues)."""
+    """Rotate vectors, (..., 3), about a unit axis (Rodrigues)."""
     along = (vectors @ axis)[..., None] * axis
     return np.asarray(along + (vectors - along) * np.cos(angle) + np.cross(axis, vectors) * np.sin(angle))

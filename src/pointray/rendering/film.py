@@ -1,9 +1,8 @@
-"""Tiles of 8 x 8 pixels: the rays of one sample in each pixel, and the sums of the light that these bring.
+"""Tiles of 8 x 8 pixels: camera rays of one sample a pixel, and the pixel sums.
 
-Pixels follow a Morton curve: four consecutive rays are neighbours. Decisions that depend on the camera are made once
-for each tile, not for each ray, so that rays are processed as vectors: with branches in the loops both sides of each
-were computed, and also the sines of panoramas and the logarithms of filters, which took 75 ns a pixel, two thirds of
-an empty frame.
+Pixels follow a Morton curve, so that four consecutive rays are neighbours. Branches on the camera are outside the loops
+over rays, which are vectorized. Branches inside would compute both sides, including the sines of panoramas and the
+logarithms of filters: 75 ns a pixel, two thirds of an empty frame.
 """
 
 from __future__ import annotations
@@ -48,21 +47,20 @@ Background: TypeAlias = tuple[float, float, float, float]  # RGB and alpha
 
 EDGE = 8  # pixels a side of a tile
 LONGEST_PASS = 64  # samples
-# Numbers for each pixel of a film: the light, and how often something was met; also the squares where noise is
-# measured; all of them where there are shadow catchers.
+# Sums a pixel: RGB and number of hits; also squares, if noise is measured; all of them with shadow catchers.
 LIGHT_SUMS, NOISE_SUMS, ALL_SUMS = 4, 5, 8
 
 
 @inline
 def pixel_of(corner: Corner, i: int) -> Corner:
-    """(column, row) of pixel i of a tile."""
+    """Return (column, row) of pixel i of a tile."""
     x, y = along_curve(i)
     return corner[0] + x, corner[1] + y
 
 
 @inline
 def begin_tile(corner: Corner, size: Size, seed: int, scratch: Scratch) -> None:
-    """Set the keys of the samples of a tile's pixels; pixels beyond the image's edge repeat its last ones."""
+    """Set the random keys of a tile's pixels; pixels beyond the image's edge repeat its last ones."""
     for i in range(TILE):
         x, y = pixel_of(corner, i)
         scratch.shading_points[KEY + i] = pixel_key(min(x, size[0] - 1), min(y, size[1] - 1), seed)
@@ -77,7 +75,7 @@ def _middles(corner: Corner, size: Size, wide: Array) -> None:
 
 @inline
 def _move(sample: int, shape: int, scratch: Scratch) -> None:
-    """Move rays from their pixels' middles to the positions of a sample."""
+    """Move positions from the pixel centres to those of a sample."""
     for i in range(TILE):
         right, down = position_in_pixel(int(scratch.shading_points[KEY + i]), sample, shape)
         scratch.world[IMAGE_X + i] += right
@@ -86,7 +84,7 @@ def _move(sample: int, shape: int, scratch: Scratch) -> None:
 
 @inline
 def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> None:
-    """Turn positions in the image into rays, whose directions may have any length."""
+    """Set rays from positions in the image; directions are not normalized."""
     wide = scratch.world
     for i in range(TILE):
         u, v = on_screen(size, wide[IMAGE_X + i], wide[IMAGE_Y + i])
@@ -96,7 +94,7 @@ def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> No
 
 @inline
 def _blur(camera: Array, sample: int, scratch: Scratch) -> None:
-    """Send the rays through points of the lens."""
+    """Move the rays to sampled points on the lens."""
     wide = scratch.world
     for i in range(TILE):
         u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_LENS)
@@ -109,9 +107,9 @@ def _blur(camera: Array, sample: int, scratch: Scratch) -> None:
 def set_pixel_rays(
     camera: Array, size: Size, corner: Corner, sample: int, drawn: tuple[int, int], scratch: Scratch
 ) -> None:
-    """Set the tile's rays to those of one sample of its pixels; a single sample goes through the middles.
+    """Set the tile's rays to one sample of its pixels; a single sample goes through the pixel centres.
 
-    camera : see `records.CAMERA`; size : width, height of the image; drawn : samples for each pixel, filter
+    camera : see `records.CAMERA`; size : (width, height) of the image; drawn : (samples a pixel, filter)
     """
     spp, shape = drawn
     _middles(corner, size, scratch.world)
@@ -138,7 +136,7 @@ def set_pixel_rays(
 
 @inline
 def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> None:
-    """Load the sums of a tile's pixels after `first` samples. Sums that the film does not keep are 0."""
+    """Load the sums of a tile's pixels after `first` samples; sums that are not in the film are 0."""
     sums = scratch.sums
     sums[:] = 0.0
     if first == 0:
@@ -152,9 +150,9 @@ def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> Non
 
 @inline
 def round_sums(sample: int, first: int, scratch: Scratch) -> None:
-    """Round a tile's sums to float32 before a sample with which a pass may begin, as a film would have rounded them.
+    """Round a tile's sums to float32 where a pass may begin, as the film does.
 
-    So the picture is the same whether it is made in one pass or in passes of 1, 1, 2, 4 and so on.
+    The image is then the same in one pass and in passes of 1, 1, 2, 4 and so on.
     """
     if sample > first and (sample % LONGEST_PASS == 0 or (sample < LONGEST_PASS and sample & (sample - 1) == 0)):
         for k in range(scratch.sums.size):
@@ -163,7 +161,7 @@ def round_sums(sample: int, first: int, scratch: Scratch) -> None:
 
 @inline
 def add_color(scratch: Scratch, i: int, color: Vec3) -> None:
-    """Add a sample that has met something to the sums of pixel i."""
+    """Add a sample with a hit to the sums of pixel i."""
     _add(scratch.sums, i, color, 1.0)
 
 
@@ -178,7 +176,7 @@ def _add(sums: Array, i: int, color: Vec3, met: float) -> None:
 
 @inline
 def add_sample(met: Bits, scratch: Scratch) -> None:
-    """Add a sample of the tile's radiance to its pixels. met : the rays that have met anything (bits)"""
+    """Add a sample of the tile's radiance to its pixels. met : rays that have hit anything (bits)"""
     points, sums, caught = scratch.shading_points, scratch.sums, scratch.counts[CAUGHT]
     met &= ~caught
     for i in range(TILE):
@@ -195,7 +193,7 @@ def add_sample(met: Bits, scratch: Scratch) -> None:
 def _average(done: int, background: Background, sums: Array) -> None:
     """Replace the first four rows of the sums by the means over the background, and alpha.
 
-    Shadow catchers cover a pixel by the share of the light that is missing on them.
+    Shadow catchers cover a pixel by the blocked fraction of their light.
     """
     share = 1.0 / done
     for i in range(TILE):
@@ -208,7 +206,7 @@ def _average(done: int, background: Background, sums: Array) -> None:
 
 @inline
 def fill_tile(corner: Corner, background: Background, image: Array) -> None:
-    """Write the background into a tile of the image in which nothing is met. Its sums stay 0, as in a new film."""
+    """Fill a tile without hits with the background. Its sums stay 0, as in a new film."""
     for y in range(corner[1], min(corner[1] + EDGE, image.shape[0])):
         for x in range(corner[0], min(corner[0] + EDGE, image.shape[1])):
             for c in range(4):
@@ -217,7 +215,7 @@ def fill_tile(corner: Corner, background: Background, image: Array) -> None:
 
 @inline
 def finish_sums(corner: Corner, done: int, background: Background, film: Array, image: Array, scratch: Scratch) -> None:
-    """Store the sums of a tile's pixels in the film, if any, and write the image: means over the background."""
+    """Store the sums of a tile's pixels in the film, if any, and write their means over the background to the image."""
     sums, height, width = scratch.sums, image.shape[0], image.shape[1]
     if film.size > 0:
         for i in range(TILE):

@@ -1,15 +1,14 @@
-"""The kernels of a pass: threads take blocks of pixels, which hold tiles of 8 x 8 pixels, and trace their samples.
+"""Kernels of a pass: threads take blocks of pixels and trace the samples of their tiles of 8 x 8 pixels.
 
-A frame may be one pass or several. `film` (h, w, k) float32 keeps the first k sums of the samples so far (RGB, how
-often something was met, the square of the luminance; how often a shadow catcher was met, the light that would arrive
-there and the light that does; see `film.LIGHT_SUMS`); it is empty where one pass is all. Within a pass sums are
-float64, for which a large picture's film has no room; they are rounded where passes may end (`film.round_sums`), so
-that the picture does not depend on how it is cut into passes. After 65,536 samples a sum is off by 2e-5 or less.
-`image` (h, w, 4) holds the means, over the background.
+A frame is one pass or several. `film` (h, w, k) float32 keeps the first k sums of the samples so far: RGB, number of
+hits, squared luminance; hits of shadow catchers, their unoccluded light and their arriving light (`film.LIGHT_SUMS`).
+It is empty for a single pass. Within a pass sums are float64, which would be too large for the film; they are rounded
+where passes may end (`film.round_sums`), so that the image does not depend on the passes. After 65,536 samples the
+error of a sum is at most 2e-5. `image` (h, w, 4) holds the means over the background.
 
-An integrator is a function for one sample of a tile: it adds the light along the tile's rays to the sums of its
-pixels. Those of pointray share the two kernels at the end of this file. A new one is a file of its own, with a kernel
-made of `render_tiles`, a word in `choices.INTEGRATORS` and a line in `picture.KERNELS`.
+An integrator is a function of one sample of a tile, which adds the light along the tile's rays to the pixel sums. The
+two kernels at the end of this file contain several. A new one is a file with a kernel made of `render_tiles`, an entry
+in `choices.INTEGRATORS` and a line in `picture.KERNELS`.
 """
 
 from __future__ import annotations
@@ -65,22 +64,22 @@ from .film import (
 from .lens import depth_of
 from .settings import AO, COLOR, COST, DEPTH, NORMAL, PHONG
 
-BLOCK_EDGE = 16  # pixels a side of the block that a thread takes at a time: 4 tiles of 8 x 8
+BLOCK_EDGE = 16  # pixels a side of a block, the unit of work of a thread: 4 tiles of 8 x 8
 RayPair: TypeAlias = tuple[Vec3, Vec3]  # origin and direction, world
 
 
 class Pass(NamedTuple):
-    """What kernels need to know of a pass of samples, besides the world and the camera.
+    """Parameters of a pass for kernels, besides the world and the camera.
 
-    integrator : number in `choices.INTEGRATORS`; shadows : whether direct light has shadows
+    integrator : number in `choices.INTEGRATORS`; shadows : whether direct light casts shadows
     muted : whether back faces are muted, see `shade/backfaces.py`
-    max_depth : limit of scatterings, or of mirrors and panes one behind the other
-    sky_shows : whether a camera's ray that meets nothing sees the sky
-    sky_rays, ao_distance : number of rays that look for the sky, and how far these and ambient occlusion look
-    seed, spp, filter : of the samples: spp is the final number a pixel; filter is a number of `choices.FILTERS`
+    max_depth : maximum number of bounces, or of successive mirrors and glass surfaces
+    sky_shows : whether camera rays that hit nothing see the sky
+    sky_rays, ao_distance : rays a sample for sky visibility; length of these rays and of ambient occlusion
+    seed, spp, filter : of the samples; spp is the final number a pixel; filter is a number in `choices.FILTERS`
     draws : whether random numbers are drawn
-    first, end : numbers of the first sample and of the one after the last
-    window : pixels (left, top, right, bottom) outside of which nothing is met
+    first, end : range of sample indices
+    window : pixels (left, top, right, bottom) outside of which rays hit nothing
     background : RGB and alpha
     """
 
@@ -103,14 +102,14 @@ class Pass(NamedTuple):
 
 @inline
 def _corner(block: int, tile: int, width: int) -> Corner:
-    """The first pixel of a tile in a block."""
+    """Return the first pixel of a tile in a block."""
     across = (width + BLOCK_EDGE - 1) // BLOCK_EDGE
     return block % across * BLOCK_EDGE + tile % 2 * EDGE, block // across * BLOCK_EDGE + tile // 2 * EDGE
 
 
 @inline
 def _is_beside(corner: Corner, window: Window) -> bool:
-    """Whether a tile lies outside the window."""
+    """Return whether a tile is outside the window."""
     beside = (corner[0] + EDGE <= window[0]) | (corner[0] >= window[2])
     return beside | (corner[1] + EDGE <= window[1]) | (corner[1] >= window[3])
 
@@ -125,7 +124,7 @@ def render_tiles(
     film: Array,
     image: Array,
 ) -> None:
-    """The loop of all kernels: an integrator brings the light of a tile's rays to its pixels."""
+    """Render blocks of tiles with an integrator; the loop of all kernels."""
     memory = new_scratch(world.longest)
     scratch, world, camera = borrow(memory), borrow(world), borrow(camera)
     height, width = image.shape[:2]
@@ -138,11 +137,11 @@ def render_tiles(
             if _is_beside(corner, job.window):
                 fill_tile(corner, job.background, image)
                 continue
-            if job.draws:  # it takes 2% of a lit frame
+            if job.draws:  # saves 2% of a lit frame
                 begin_tile(corner, (width, height), job.seed, scratch)
             begin_sums(corner, job.first, film, scratch)
             for sample in range(job.first, job.end):
-                if cancelled(work):  # a block of many samples takes long
+                if cancelled(work):  # a block of many samples takes long, so poll here
                     break
                 round_sums(sample, job.first, scratch)
                 set_pixel_rays(camera, (width, height), corner, sample, (job.spp, job.filter), scratch)
@@ -159,7 +158,7 @@ def _tile_ray(scratch: Scratch, i: int) -> RayPair:
 
 @inline
 def _look(world: World, hit: WorldHit, ray: RayPair, camera: Array, integrator: int) -> Vec3:
-    """A colour for what a camera ray has hit."""
+    """Return a colour for the hit of a camera ray."""
     if integrator == NORMAL:
         return add(scale(hit.normal, 0.5), (0.5, 0.5, 0.5))
     if integrator == DEPTH:
@@ -170,7 +169,7 @@ def _look(world: World, hit: WorldHit, ray: RayPair, camera: Array, integrator: 
 
 @inline
 def _cost(world: World, ray: RayPair, scratch: Scratch) -> Vec3:
-    """Nodes and leaves that a ray visits when it is traced singly, as a colour."""
+    """Return the nodes and leaves that a single ray visits, as a colour."""
     scratch.counts[COUNT_NODES], scratch.counts[COUNT_LEAVES] = 0, 0
     set_ray(scratch, 0, (ray[0], ray[1], 0.0, np.inf))
     for k in range(1, TILE):
@@ -182,7 +181,7 @@ def _cost(world: World, ray: RayPair, scratch: Scratch) -> Vec3:
 
 @inline
 def _add_costs(world: World, scratch: Scratch) -> None:
-    """Add the costs of the tile's rays, each traced singly."""
+    """Add the traversal costs of the tile's rays, traced one by one."""
     points = scratch.shading_points
     for i in range(TILE):
         o, d = _tile_ray(scratch, i)
@@ -196,7 +195,7 @@ def _add_costs(world: World, scratch: Scratch) -> None:
 
 @inline
 def _integrate_first_hit(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """The normal, depth or colour of the first hit, or what it costs to find it."""
+    """Add the normal, depth or colour of first hits, or the cost of their traversal."""
     if job.integrator == COST:
         _add_costs(world, scratch)
         return
@@ -213,9 +212,9 @@ def _integrate_first_hit(world: World, camera: Array, job: Pass, sample: int, sc
 
 @inline
 def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bits:
-    """Radiance along the tile's traced rays: direct light, and light from mirrors and glass.
+    """Compute direct light along the tile's traced rays, through mirrors and glass.
 
-    Returns the rays that have met anything.
+    Returns the rays that have hit anything (bits).
     """
     met = i64(0)
     begin_radiance(scratch)
@@ -234,7 +233,7 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
         if first and find_caught(world, scratch) != 0:
             catch_direct(world, scratch.counts[CAUGHT], job.shadows, scratch)
             show_caught(world, job.sky_shows, scratch)
-        # Shadow rays replace the tile's rays, so the specular ones are stored before.
+        # Shadow rays overwrite the tile's rays, so specular rays are stored first.
         spawn_specular(world, job.max_depth, scratch)
         light_tile(world, job.shadows, (sample, job.sky_rays, job.ao_distance), scratch)
         if first and job.muted:
@@ -249,9 +248,9 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
 
 @inline
 def _integrate_direct(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """The integrator "phong": direct light with hard shadows, mirrors and glass."""
+    """Integrator "phong": direct light with hard shadows, mirrors and glass."""
     trace_tile(world, scratch)
-    if meets_nothing(scratch) and not job.sky_shows:  # only background: empty frames take 0.6 of the time
+    if meets_nothing(scratch) and not job.sky_shows:  # only background: saves 40% of an empty frame
         return
     describe_tile(world, True, scratch)
     add_sample(_direct_light(world, job, sample, scratch), scratch)
@@ -259,7 +258,7 @@ def _integrate_direct(world: World, camera: Array, job: Pass, sample: int, scrat
 
 @inline
 def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Ambient occlusion."""
+    """Integrator "ao": ambient occlusion."""
     begin_radiance(scratch)
     trace_tile(world, scratch)
     describe_tile(world, True, scratch)
@@ -279,7 +278,7 @@ def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, sc
 
 @inline
 def _integrate_paths(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """All light, by path tracing."""
+    """Integrator "path": path tracing."""
     begin_radiance(scratch)
     begin_paths(scratch)
     add_sample(trace_paths(world, sample, job.max_depth, job.sky_shows, scratch), scratch)
@@ -301,16 +300,16 @@ def _integrate_sampled(world: World, camera: Array, job: Pass, sample: int, scra
         _integrate_paths(world, camera, job, sample, scratch)
 
 
-# Two kernels, not one for each integrator: tracing is most of each kernel, and takes some 20 seconds to compile.
+# Two kernels, not one an integrator: the traversal in each takes about 20 s to compile.
 @kernel
 def quick_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Direct light, and integrators that show the first hit."""
+    """Render with "phong", "normal", "depth", "color" or "cost"."""
     render_tiles(_integrate_quick, work, world, camera, job, film, image)
     return 0
 
 
 @kernel
 def sampled_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Ambient occlusion and path tracing."""
+    """Render with "ao" or "path"."""
     render_tiles(_integrate_sampled, work, world, camera, job, film, image)
     return 0

@@ -1,4 +1,4 @@
-"""A picture in layers for other programs: its light, and what each pixel shows."""
+"""`render_layers`: radiance with AOVs (depth, normal, position, albedo, ids) for other programs."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from .picture import check_picture, check_view, picture_bytes, render_snapshot
 from .ray_forwarding.spread import check_spread
 from .settings import Settings
 
-LAYER_BYTES = 80  # a pixel, of all layers
-BAND, SQUARE = 1 << 13, 32  # pixels whose rays are traced together, in squares of this edge
+LAYER_BYTES = 80  # bytes of a pixel, in all layers
+BAND, SQUARE = 1 << 13, 32  # pixels a band of rays, and the edge of the squares in which rays are traced
 
 
 def render_layers(
@@ -30,42 +30,49 @@ def render_layers(
     progress: Callable[[float], None] | None = None,
     client: Client = None,
 ) -> dict[str, NDArray[Any]]:
-    """Render a scene, and tell for each pixel what it shows.
+    """Render a scene as layers: radiance, and geometry at the first hit of each pixel. The scene is not modified.
 
     Parameters
     ----------
+    scene : Scene
+    camera : Camera
     settings : Settings, optional
-        For the radiance. The other layers take one ray, through the pixel's middle: edges are not blended in them.
+        For the radiance. The other layers take one ray through the centre of the pixel, without antialiasing.
     progress : callable, optional
-        Called with the share done, some ten times a second.
+        Called with the completed fraction, 0 to 1, about ten times a second.
     client : dask.distributed.Client, optional
-        As for `render`, for the radiance.
+        As for `render`; only the radiance is rendered on the cluster.
 
     Returns
     -------
     dict
         radiance : (h, w, 4) float32
-            What `render` returns.
+            Result of `render`.
         depth : (h, w) float32
-            Distance along the view, in a panorama from the eye; inf where nothing is.
+            Distance along the view, in a panorama from the eye; inf for a miss.
         normal : (h, w, 3) float32
-            World, unit, where the points' normals point; 0 where nothing is.
+            Unit normal in world space, on the side of the points' normals; 0 for a miss.
         position : (h, w, 3) float64
-            World; NaN where nothing is.
+            World; NaN for a miss.
         albedo : (h, w, 3) float32
-            Linear colour of the surface: the material's, else the points' own; 0 where nothing is.
+            Linear colour of the material, else of the points; 0 for a miss.
         instance : (h, w) int32
-            What `Scene.add` returned; -1 where nothing is.
+            Id that `Scene.add` returned; -1 for a miss.
         point : (h, w) int64
-            Row, in the caller's points, of the splat of most weight; -1 for planes and where nothing is.
+            Row of the splat with the greatest weight in the model's points; -1 for planes and for a miss.
+
+    Raises
+    ------
+    ValueError
+        If an argument is invalid, or the layers do not fit into the available memory.
 
     See Also
     --------
-    write_layers : writes them as .npz, or as .exr for other programs.
+    write_layers : writes the layers as .npz, or as .exr for other programs.
     """
-    settings = check_view(scene, camera, settings, progress)
+    scene, settings = check_view(scene, camera, settings, progress)
     check_picture(camera.size, max(picture_bytes(settings), LAYER_BYTES))
-    share = settings.spp / (settings.spp + 1)  # the layers take one ray for each pixel
+    share = settings.spp / (settings.spp + 1)  # the layers count as one sample
 
     def show(done: float) -> None:
         if progress is not None:
@@ -84,7 +91,7 @@ def render_layers(
         "point": np.empty(shape, np.int64),
     }
     rows = max(BAND // shape[1], 1) * SQUARE
-    tops = list(range(0, max(shape[0] - 1, 1), rows))  # no single row at the end: it would not be traced in squares
+    tops = list(range(0, max(shape[0] - 1, 1), rows))  # no single row at the end, as it could not be traced in squares
     for top, end in zip(tops, [*tops[1:], shape[0]], strict=True):
         _trace_band(now, camera, slice(top, end), layers)
         show(share + (1 - share) * end / shape[0])
@@ -92,7 +99,7 @@ def render_layers(
 
 
 def _trace_band(scene: Snapshot, camera: Camera, band: slice, layers: dict[str, NDArray[Any]]) -> None:
-    """Fill some rows of all layers but the radiance: rays and hits of all rows would take more memory than these."""
+    """Fill some rows of all layers but the radiance; rays and hits of the whole image would need more memory."""
     origins, directions = camera.rays(band)
     hits = intersect_snapshot(scene, *check_rays(origins, directions, 0, np.inf))
     view = directions @ camera.record()[FORWARD : FORWARD + 3] if camera.projection != "panorama" else 1.0
@@ -103,7 +110,7 @@ def _trace_band(scene: Snapshot, camera: Camera, band: slice, layers: dict[str, 
 
 
 def _albedo(scene: Snapshot, hits: Hits) -> NDArray[np.float32]:
-    """The colours of hits, or the material's colour where it has one of its own."""
+    """Return the material's colour at hits, or the points' colour if the material has none."""
     records = scene.world.instances.reshape(-1, INSTANCE)
     materials = scene.world.materials.reshape(-1, MATERIAL_SIZE)[records[:, MATERIAL].astype(int)]
     row = np.searchsorted(scene.numbers[:-1], hits.instance)

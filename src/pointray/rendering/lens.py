@@ -1,7 +1,7 @@
-"""From a pixel to a ray, for kernels: the position in the pixel, the projection, the lens.
+"""Camera rays in kernels: sample positions in a pixel, projections, thin lens.
 
-Pixels are filtered by where their samples lie, not by weights (filter importance sampling: Ernst, Stamminger and
-Greiner 2006): positions are drawn from the filter, all samples count the same, no pixel needs another one's.
+Filter importance sampling (Ernst, Stamminger and Greiner 2006): sample positions are distributed as the filter and have
+equal weights, so that pixels do not share samples.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ BOX, TENT, GAUSSIAN, BLACKMAN_HARRIS = (
     number_of(FILTERS, name) for name in ("box", "tent", "gaussian", "blackman-harris")
 )
 
-# In pixels, from the pixel's middle. The box ends at 0.5, the tent at 1.
+# In pixels from the pixel centre. The radius of the box is 0.5, of the tent 1.
 SIGMA, GAUSSIAN_END = 0.5, 1.5
 BLACKMAN_HARRIS_END = 1.5
 WINDOW = (0.35875, 0.48829, 0.14128, 0.01168)  # a0 to a3 (Harris 1978)
 
-_WITHIN = 1.0 - math.exp(-0.5 * (GAUSSIAN_END / SIGMA) ** 2)  # share of the Gaussian that is kept
+_WITHIN = 1.0 - math.exp(-0.5 * (GAUSSIAN_END / SIGMA) ** 2)  # integral of the truncated Gaussian
 _STEPS = 64
 
 
 def _quantiles() -> Array:
-    """How far out, in pixels, a share w^2 of one half of the Blackman-Harris window lies still farther: w = 0 .. 1.
+    """Tabulate the distance, in pixels, beyond which a fraction w^2 of one half of the Blackman-Harris window lies.
 
-    Against the root of the share, as the window is flat at its ends; interpolated, shares are right to 3e-5.
+    w is uniform from 0 to 1. The square resolves the flat ends of the window; the error of interpolation is 3e-5.
     """
-    x = np.linspace(0.0, 1.0, 4097)  # from the end to the middle
+    x = np.linspace(0.0, 1.0, 4097)  # from the end to the centre
     share = x + sum((-1) ** k * WINDOW[k] / WINDOW[0] * np.sin(k * np.pi * x) / (k * np.pi) for k in (1, 2, 3))
     return BLACKMAN_HARRIS_END * (1.0 - np.interp(np.linspace(0.0, 1.0, _STEPS + 1) ** 2, share, x))
 
@@ -54,20 +54,20 @@ _QUANTILES = _quantiles()
 
 @inline
 def _tent(u: float) -> float:
-    """The position below which a share u of the tent lies."""
+    """Return the quantile u of the tent filter."""
     return math.sqrt(2.0 * u) - 1.0 if u < 0.5 else 1.0 - math.sqrt(2.0 - 2.0 * u)
 
 
 @inline
 def _gaussian(u: float, v: float) -> tuple[float, float]:
-    """A position of the Gaussian that ends on a circle (Box and Muller 1958)."""
+    """Sample a position of the Gaussian truncated at a circle (Box and Muller 1958)."""
     radius = SIGMA * math.sqrt(-2.0 * math.log(1.0 - u * _WITHIN))
     return radius * math.cos(2.0 * math.pi * v), radius * math.sin(2.0 * math.pi * v)
 
 
 @inline
 def _blackman_harris(u: float) -> float:
-    """The position below which a share u of the Blackman-Harris window lies."""
+    """Return the quantile u of the Blackman-Harris window."""
     w = _STEPS * math.sqrt(2.0 * min(u, 1.0 - u))
     k = min(int(w), _STEPS - 1)
     away = _QUANTILES[k] + (w - k) * (_QUANTILES[k + 1] - _QUANTILES[k])
@@ -76,7 +76,7 @@ def _blackman_harris(u: float) -> float:
 
 @inline
 def position_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
-    """Where a sample lies, in pixels from the pixel's middle, to the right and down. shape : the filter's number"""
+    """Return a sample position, in pixels right and down from the pixel centre. shape : number of the filter"""
     u, v = sample_pair(key, sample, IN_PIXEL)
     if shape == TENT:
         return _tent(u), _tent(v)
@@ -89,15 +89,15 @@ def position_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
 
 @inline
 def on_screen(size: tuple[int, int], x: float, y: float) -> tuple[float, float]:
-    """A position in an image, in pixels, as (u, v): -1 to 1 from left to right and from bottom to top."""
+    """Map a position in pixels to (u, v): -1 to 1 from left to right and from bottom to top."""
     return 2.0 * x / size[0] - 1.0, 1.0 - 2.0 * y / size[1]
 
 
 @inline
 def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, Vec3]:
-    """(o, d) through the lens's middle at (u, v) of the screen.
+    """Return the ray (o, d) through the centre of the lens at (u, v) of the image.
 
-    d goes on by 1 along the view; of a panorama it is a unit vector.
+    The component of d along the view is 1; for a panorama d is a unit vector.
     """
     eye, forward = load3_flat(camera, EYE), load3_flat(camera, FORWARD)
     across, upward = load3_flat(camera, ACROSS), load3_flat(camera, UPWARD)
@@ -113,7 +113,7 @@ def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, V
 
 @inline
 def through_lens(camera: Array, ray: tuple[Vec3, Vec3], position: tuple[float, float]) -> tuple[Vec3, Vec3]:
-    """A ray (o, d) through another point of the lens, on the unit disc: they meet in the plane that is sharp."""
+    """Move a ray (o, d) to a point of the lens, given on the unit disc; both rays meet in the plane in focus."""
     x, y = position[0] * camera[LENS_RADIUS], position[1] * camera[LENS_RADIUS]
     aside = add(scale(unit(load3_flat(camera, ACROSS)), x), scale(unit(load3_flat(camera, UPWARD)), y))
     return add(ray[0], aside), sub(ray[1], scale(aside, camera[NEARNESS]))
@@ -121,5 +121,5 @@ def through_lens(camera: Array, ray: tuple[Vec3, Vec3], position: tuple[float, f
 
 @inline
 def depth_of(camera: Array, ray: tuple[Vec3, Vec3], t: float) -> float:
-    """How far a point on a camera ray (o, d) is along the view; in a panorama, which has none, from the eye."""
+    """Return the depth along the view of a point on a camera ray (o, d); in a panorama the distance from the eye."""
     return t if camera[PROJECTION] == PANORAMA else t * dot(ray[1], load3_flat(camera, FORWARD))

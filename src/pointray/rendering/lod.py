@@ -1,4 +1,4 @@
-"""Which level of detail of an instance is shown: the coarsest whose points are still finer than a pixel."""
+"""Selection of levels of detail: the coarsest level whose points are finer than a pixel."""
 
 from __future__ import annotations
 
@@ -29,26 +29,26 @@ from ..surface.splats.levels import SUPPORT
 from .camera import Camera
 from .window import may_see
 
-# Pixels: the largest support, in the median. With 1.2, 1.6, 2.0 and 2.6, frames of 24 statues of a million points, 100
-# pixels high, change by 0.81, 0.78, 0.75 and 0.65 of what they do with all points, and their error is 0.0065, 0.0068,
-# 0.0071 and 0.0086; it is 0.0070 with all points.
+# Largest median support, in pixels. With 1.2, 1.6, 2.0 and 2.6, frames of 24 statues of a million points, 100 pixels
+# high, change by 0.81, 0.78, 0.75 and 0.65 of what they do with all points, and their error is 0.0065, 0.0068, 0.0071
+# and 0.0086; it is 0.0070 with all points.
 FINENESS = 1.9
-SKIPPED = 2  # levels: what is so much finer is shown for one that is not open, and one so much coarser is opened first
-AROUND = 0.05  # share of a part's box: how far its surface may extend beyond its points
-FINEST = 0.25  # share of FINENESS: the limit, however many samples a pixel has
+SKIPPED = 2  # levels by which a substitute may be finer, and by which a level opened first is coarser
+AROUND = 0.05  # extent of a part's surface beyond its points, relative to its box
+FINEST = 0.25  # lower limit of the size for many samples a pixel, relative to FINENESS
 
 
 class Fetch(Protocol):
-    """Opens models that lie on disk, while pictures show what is there."""
+    """Opens models on disk in the background."""
 
     def want(self, models: list[Model]) -> None:
-        """Open these in their order, as far as there is memory, and forget what was wanted before.
+        """Open these models in their order, as far as memory allows, replacing earlier requests.
 
-        A level is left out if there is memory for a finer one of the same part that stands before it.
+        A level is skipped if a finer one of the same part, earlier in the list, fits into memory.
         """
 
     def open(self, model: Model) -> bool:
-        """Open one at once; False: it cannot be opened."""
+        """Open a model now; return whether it is open."""
 
 
 def at_distance(
@@ -58,20 +58,18 @@ def at_distance(
     fetch: Fetch | None = None,
     held: NDArray[np.int64] | None = None,
 ) -> tuple[World, NDArray[np.int64]]:
-    """The scene's world with the fitting level for each instance; the world itself where no model has levels.
-
-    Also returns which level each instance has, (instances,): 0 is the model itself.
+    """Return the scene's world with a suitable level for each instance, and these levels, (instances,): 0 is the model.
 
     Instances coloured by classes of an attribute keep their finest model, unless they are parts on disk.
 
     Parameters
     ----------
     spp : int or None
-        Samples for each pixel: the more there are, the finer a level is. None: no level is wanted.
+        Samples a pixel: more samples select finer levels. None: no levels.
     fetch : Fetch, optional
-        Opens what lies on disk and is not open yet; until then other levels are shown. None: it is waited for.
+        Opens models on disk in the background; until then other levels are shown. None: open them now.
     held : (n,) int64, optional
-        Rows of instances: of others that lie on disk nothing is opened, and rays hit nothing. None: all.
+        Rows of instances to open. Rays miss other instances whose models are on disk. None: all.
     """
     families = [(model, *model.levels) for model in scene.models]
     shown = np.zeros(scene.world.instances.size // INSTANCE, np.int64)
@@ -83,7 +81,7 @@ def at_distance(
     fitting = Fitting(scene, camera, rows, families)
     wanted = fitting.levels(_finest(spp))
     if fetch is not None:
-        wanted = _there(fetch, fitting, wanted, spp)
+        wanted = _open_levels(fetch, fitting, wanted, spp)
     first = np.cumsum([0, *(len(family) for family in families)])
     for k, family in enumerate(families):
         mine = rows[fitting.shapes == k]
@@ -99,18 +97,18 @@ def at_distance(
 
 
 class Fitting:
-    """The instances of models, and which levels of detail fit their distances.
+    """Selection of levels of detail for instances of models, by distance.
 
     Attributes
     ----------
     families : list of tuple of Model
-        Each model of the scene, with its levels.
+        Each model of the scene with its levels.
     shapes : (n,) int64
-        The row in `families` of each instance.
+        Row in `families` of each instance.
     pixels : (n,) float64
-        The size of a pixel at its nearest point, in the model's unit.
+        Size of a pixel at the nearest point of each instance, in model units.
     is_seen : (n,) bool
-        Whether the camera may see it.
+        Whether the camera may see each instance.
     """
 
     def __init__(
@@ -128,9 +126,9 @@ class Fitting:
         return may_see(camera, np.concatenate([boxes[:, :3] - beyond, boxes[:, 3:] + beyond], axis=1))
 
     def levels(self, finest: float) -> NDArray[np.int64]:
-        """The level of each that fits; parts on disk that are not seen, but may cast shadows, have coarser ones.
+        """Return the level of each instance; parts on disk outside the view, which may cast shadows, get coarser ones.
 
-        finest : pixels, the largest spacing of points that is shown
+        finest : largest spacing of points, in pixels
         """
         found = np.zeros(len(self.shapes), np.int64)
         for k, family in enumerate(self.families):
@@ -142,10 +140,10 @@ class Fitting:
         return found
 
 
-def _there(fetch: Fetch, fitting: Fitting, wanted: NDArray[np.int64], spp: int | None) -> NDArray[np.int64]:
-    """Levels that are open, near to the wanted ones; tells what is to be opened, what is seen and near first.
+def _open_levels(fetch: Fetch, fitting: Fitting, wanted: NDArray[np.int64], spp: int | None) -> NDArray[np.int64]:
+    """Return open levels close to the wanted ones, and request the wanted ones, visible and near ones first.
 
-    Those for one sample are wanted first, so that both the first picture and the ones that refine it find theirs.
+    Levels for a single sample are requested first, so that they are open for the first image and its refinement.
     """
     order = np.lexsort((fitting.pixels, ~fitting.is_seen)).tolist()
     families, shapes = fitting.families, fitting.shapes
@@ -159,31 +157,31 @@ def _there(fetch: Fetch, fitting: Fitting, wanted: NDArray[np.int64], spp: int |
         if level > middle:
             soon.append(family[middle])
     rough = fitting.levels(_finest(1)) if spp is not None and spp > 1 else wanted
-    coarser = np.minimum(wanted + 1, [len(families[shape]) - 1 for shape in shapes])  # where there is no room for more
+    coarser = np.minimum(wanted + 1, [len(families[shape]) - 1 for shape in shapes])  # if memory is short
     later = [families[shapes[k]][int(levels[k])] for levels in (rough, wanted, coarser) for k in order]
     fetch.want(list(dict.fromkeys(model for model in (*soon, *later) if model.source is not None)))
     return shown
 
 
 def _nearest_open(fetch: Fetch, family: tuple[Model, ...], level: int) -> int:
-    """The level of a part that is shown in place of one, until that is open; itself, if there is none."""
+    """Return the open level shown in place of a level, or the level itself if none can be opened."""
     finer, coarser = range(level, max(level - SKIPPED, 0) - 1, -1), range(level + 1, len(family))
     for near in (*finer, *coarser):
         source = family[near].source
         if source is not None and source.is_open:
             return near
-    last = len(family) - 1  # it is small, and stays open from now on
+    last = len(family) - 1  # small, and stays open
     return last if last > 0 and fetch.open(family[last]) else level
 
 
 def is_far(model: Model, camera: Camera, spp: int) -> bool:
-    """Whether a picture of the model, where it was scanned, would show one of its levels of detail, if it had any."""
+    """Return whether an image of the untransformed model would use a level of detail, if it had any."""
     pixel = float(_pixel_sizes(camera, model.bounds.reshape(1, 6))[0])
     return COARSER * SUPPORT * model.spacing <= _finest(spp) * pixel
 
 
 def _finest(spp: int | None) -> float:
-    """Pixels: the largest spacing of points that is shown; 0: all points."""
+    """Return the largest spacing of points, in pixels; 0: all points."""
     if spp is None:
         return 0.0
     return float(FINENESS * max(spp**-0.5, FINEST))
@@ -192,9 +190,9 @@ def _finest(spp: int | None) -> float:
 def _repaint(
     world: World, instances: NDArray[np.float64], rows: NDArray[np.int64], level: NDArray[np.int64], count: int
 ) -> NDArray[np.int64]:
-    """Give instances the paints of their levels of detail; returns the levels, 0 where a level has no such paint.
+    """Set the paints of instances to those of their levels; return the levels, 0 where the paints have no levels.
 
-    count : number of levels of each model, which may have been made after the paints
+    count : levels of each model, which may have been made after the paints
     """
     painted = np.flatnonzero(instances[rows, PAINT] >= 0)
     records = world.paints.reshape(-1, PAINT_SIZE)[instances[rows[painted], PAINT].astype(int)]
@@ -205,14 +203,14 @@ def _repaint(
 
 
 def _scales(instances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """By how much the transforms from the world into the models enlarge, (n,)."""
+    """Return the scale factors of the transforms from world to model space, (n,)."""
     a, b, c = (instances[:, TO_MODEL + 4 * k : TO_MODEL + 4 * k + 3].T for k in range(3))
     volume = sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
     return np.asarray(np.cbrt(np.abs(volume)))
 
 
 def _pixel_sizes(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """World size of a pixel at the nearest points of boxes, (n,)."""
+    """Return the world size of a pixel at the nearest points of boxes, (n,)."""
     eye = np.asarray(camera.eye)
     away = np.linalg.norm(np.maximum(np.maximum(boxes[:, :3] - eye, eye - boxes[:, 3:]), 0.0), axis=1)
     height = camera.size[1]

@@ -1,4 +1,4 @@
-"""What the sums of a picture's samples tell: its light, and how noisy it is."""
+"""Light and noise of an image, from its film."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from numpy.typing import NDArray
 
 from ..engine.kernels.vec import LUMINANCE
 
-ROUNDING = 4e-6  # share of a squared mean: the variance that sums of equal samples may have by rounding
-BAND = 1 << 17  # pixels that are processed together where noise is measured
+ROUNDING = 4e-6  # variance of equal samples by rounding of their sums, relative to the squared mean
+BAND = 1 << 17  # pixels processed together, to save memory
 
 Floats = NDArray[np.float32]
 
 
 def light_of(film: Floats, done: int) -> tuple[Floats, Floats]:
-    """Light along the rays without the background, (h, w, 4); and 1 where samples differ, else 0, (h, w).
+    """Return the light without background, (h, w, 4), and a mask of noisy pixels, (h, w): 1 where samples differ.
 
-    One sample a pixel cannot tell that, nor can samples that are all dark: what they met counts as noisy.
+    With one sample, or only black samples, pixels with a hit count as noisy.
 
-    film : (h, w, k) float32, see `integrate`; done : samples in it
+    film : (h, w, k) float32, see `integrate`; done : number of its samples
     """
     light, noisy = np.zeros((*film.shape[:2], 4), np.float32), np.empty(film.shape[:2], np.float32)
     for row, differs, sums in zip(light, noisy, film, strict=True):
@@ -31,7 +31,7 @@ def light_of(film: Floats, done: int) -> tuple[Floats, Floats]:
 
 
 def noise_of(film: Floats, done: int) -> float:
-    """Standard error of the pixels, root mean square, as a share of the picture's mean."""
+    """Return the standard error of the pixels, root mean square, relative to the image's mean."""
     light, variance = 0.0, 0.0
     rows = max(BAND // film.shape[1], 1)
     for top in range(0, len(film), rows):

@@ -1,4 +1,4 @@
-"""From a scene to a picture: passes of samples until there are enough."""
+"""`render`: passes of samples until the settings' limit is reached."""
 
 from __future__ import annotations
 
@@ -29,9 +29,12 @@ from .plan import plan
 from .ray_forwarding.spread import NOTHING, check_spread
 from .settings import Settings
 
-IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes of a pixel, and of each of its numbers in a film
-DENOISE_BYTES = 68  # a pixel: its light, its noisy share, colours and normals, and what Open Image Denoise takes
-SURFACE_SAMPLES = 16  # samples of the colours and normals that the denoiser gets
+IMAGE_BYTES, FILM_NUMBER = 16, 4  # bytes of a pixel of the image, and of each of its sums in the film
+DENOISE_BYTES = 68  # bytes of a pixel: light, noise mask, albedo, normal, and the buffers of Open Image Denoise
+NOT_BAKED = (
+    "the scene has no baked light: it is baked for this call only; to reuse it, set scene.baked = pr.bake(scene)"
+)
+SURFACE_SAMPLES = 16  # samples of the denoiser's albedo and normal
 
 Progress = Callable[[float], None]
 
@@ -44,30 +47,38 @@ def render(
     client: Client = None,
     spread: bool | None = None,
 ) -> NDArray[np.float32]:
-    """Render a scene.
+    """Render a scene. The scene is not modified.
 
     Parameters
     ----------
+    scene : Scene
+    camera : Camera
+    settings : Settings, optional
     progress : callable, optional
-        Called with the share done, some ten times a second. An error in it ends the work.
+        Called with the completed fraction, 0 to 1, about ten times a second. An exception raised in it ends the call.
     client : dask.distributed.Client, optional
-        The workers of a cluster render, each with all of its threads (`pip install 'pointray[cluster]'`). The picture
-        is the same, on processors of one kind to the last bit, unless a time limit ends it. See docs/scale.md.
+        Render on the workers of a cluster, with all of their threads (`pip install 'pointray[cluster]'`). The image is
+        the same, to the last bit if all processors are of one kind, unless a time limit ends it. See docs/scale.md.
     spread : bool, optional
-        Whether each worker holds only some parts of models in parts, and rays travel to them; not for "baked" and
-        "cost". None: where all parts of a model do not fit into the memory of a worker.
+        Distribute the parts of models in parts over the workers and send rays to them; not for "baked" and "cost".
+        None: if a model's parts do not fit into the memory of a worker.
 
     Returns
     -------
     (h, w, 4) float32
-        Linear RGB, premultiplied, and alpha: the share of the pixel that is covered (1 with a background).
+        Linear RGB, premultiplied, and alpha, the covered fraction of the pixel (1 with a background).
+
+    Raises
+    ------
+    ValueError
+        If an argument is invalid, or the image does not fit into the available memory.
 
     Notes
     -----
-    A scene without lights is lit by a headlight at the camera; for "path", if nothing in it emits light, by an even
-    white sky of radiance 1. "baked" shows `Scene.baked`; without it, light is baked first, and a warning says so.
+    A scene without lights is lit by a headlight at the camera; for "path", if nothing emits light, by a uniform white
+    sky of radiance 1. "baked" uses `Scene.baked`; without it, light is baked for this call only, with a warning.
     """
-    settings = check_view(scene, camera, settings, progress)
+    scene, settings = check_view(scene, camera, settings, progress)
     now, executor = snapshot_and_executor(scene, client, check_spread(spread, client, settings))
     return render_snapshot(now, camera, settings, progress, executor)
 
@@ -75,7 +86,7 @@ def render(
 def render_snapshot(
     scene: Snapshot, camera: Camera, settings: Settings, progress: Progress | None, executor: Executor | None = None
 ) -> NDArray[np.float32]:
-    """See `render`."""
+    """Render a snapshot, see `render`."""
     if settings.denoised:
         check_denoise()
     picture = Picture(scene, camera, settings, executor=executor)
@@ -85,13 +96,13 @@ def render_snapshot(
     if not settings.denoised:
         return picture.image
     image, (light, noisy) = picture.image, picture.light()
-    del picture  # all that it holds besides the image is freed
+    del picture  # frees all but the image
     albedo, normal = (_surfaces(scene, camera, replace(settings, integrator=i), executor) for i in ("color", "normal"))
-    for row in normal:  # they are stored as 0 to 1, times alpha
+    for row in normal:  # stored as 0 to 1, times alpha
         row[:, :3] = 2.0 * row[:, :3] - row[:, 3:]
-    if scene.shows_sky:  # its samples differ, but not by chance: only the rest of a pixel is noisy
+    if scene.shows_sky:  # the visible sky has no noise: only the covered fraction of a pixel is noisy
         noisy *= albedo[..., 3]
-    # Only the light is denoised: a background has no noise, and alpha puts it behind as before.
+    # Only the light is denoised: the background has no noise, and is composited by alpha as before.
     without = light[..., :3].copy()
     denoise(light, albedo, normal)
     for row, clean, old, share in zip(image, light, without, noisy, strict=True):
@@ -101,44 +112,49 @@ def render_snapshot(
 
 
 def picture_bytes(settings: Settings, catchers: bool = True, written: int = 0) -> int:
-    """Bytes of a pixel while a picture is made, or later, when writing it takes `written` bytes more."""
+    """Return the bytes a pixel needs while rendering, or when `written` more are needed to write the image."""
     one_pass = settings.time_limit is None and settings.noise is None and not settings.denoised
     film = 0 if one_pass else FILM_NUMBER * _sums(settings, catchers)
     return IMAGE_BYTES + max(film, DENOISE_BYTES if settings.denoised else 0, written)
 
 
 def check_picture(size: tuple[int, int], bytes_a_pixel: int) -> None:
-    """ValueError if a picture does not fit into the available memory."""
+    """Raise ValueError if an image does not fit into the available memory."""
     check_memory(size[0] * size[1] * bytes_a_pixel, f"for a picture of {size[0]}x{size[1]}")
 
 
 def _sums(settings: Settings, catchers: bool) -> int:
-    """How many numbers a film keeps for each pixel of a picture that is made in passes."""
+    """Return the number of sums a pixel in the film of an image rendered in passes."""
     return ALL_SUMS if catchers else NOISE_SUMS if settings.noise is not None or settings.denoised else LIGHT_SUMS
 
 
-def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> Settings:
-    """The settings, or the default ones for None; ValueError if an argument of `render` has a wrong type."""
+def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> tuple[Scene, Settings]:
+    """Validate the arguments of `render`; see `check_scene`."""
     check_kind(camera, "camera", Camera, "a Camera")
     return check_scene(scene, settings, progress, 4)
 
 
-def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -> Settings:
-    """The same for pictures from any camera. stacklevel : of the caller's caller, whom a warning names"""
+def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -> tuple[Scene, Settings]:
+    """Validate arguments; return the scene to render, a copy if its light has to be baked first, and the settings.
+
+    stacklevel : of the frame that a warning names
+    """
     check_kind(scene, "scene", Scene, "a Scene")
     check_callback(progress)
     settings = Settings() if settings is None else check_kind(settings, "settings", Settings, "Settings, or None")
     if settings.integrator == "baked" and scene.baked is None:
-        from ..baking.baked import bake  # a tenth of a second, which other pictures need not wait for
+        from ..baking.baked import bake  # importing takes 0.1 s, which other integrators save
         from ..baking.settings import BakeSettings
 
-        warn("no light is baked: it is baked first, and kept as scene.baked", stacklevel=stacklevel)
-        scene.baked = bake(scene, BakeSettings(seed=settings.seed, threads=settings.threads))
-    return settings
+        warn(NOT_BAKED, stacklevel=stacklevel)
+        lit = scene.copy()
+        lit.baked = bake(scene, BakeSettings(seed=settings.seed, threads=settings.threads))
+        scene = lit
+    return scene, settings
 
 
 def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, executor: Executor | None) -> NDArray[np.float32]:
-    """Colours or normals of the first hits, without a background, from 16 or fewer of the picture's own samples."""
+    """Render albedo or normals of the first hits, without a background, from up to 16 of the image's own samples."""
     spp = min(settings.most, SURFACE_SAMPLES)
     few = replace(settings, spp=spp, time_limit=None, noise=None, denoise=False)
     picture = Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0), executor=executor)
@@ -148,25 +164,24 @@ def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, executor: Exe
 
 
 class Picture:
-    """A picture in progress: samples are added until there are enough.
+    """Image in progress, to which passes of samples are added.
 
     Parameters
     ----------
     scene : Snapshot
-        The result of `Scene.snapshot`; later changes of the scene change nothing here.
     in_passes : bool
-        Keep the sums of the samples, so that they can be added bit by bit even if the settings have no limit.
+        Keep the sums of samples, so that samples can be added in passes even if the settings have no limit.
     executor : Executor, optional
-        Those who add the samples, of the same scene.
+        Workers of the same scene that add the samples; None: this process.
     in_part : bool
-        Only a piece of it will be made: no memory is asked for, and what is not touched takes none.
+        Only a piece will be rendered: memory is not checked, as untouched pages are not allocated.
     fetch : Fetch, optional
-        Opens what lies on disk, see `at_distance`; None: it is waited for.
+        Opens models on disk in the background, see `at_distance`; None: they are opened at once.
 
     Attributes
     ----------
     image : (h, w, 4) float32
-        What `render` returns, from the samples so far.
+        Result of `render` from the samples so far.
     """
 
     def __init__(
@@ -201,7 +216,7 @@ class Picture:
         self._done = 0  # samples
 
     def passes(self, progress: Progress | None) -> Iterator[float]:
-        """Add samples until there are enough; yields the share done."""
+        """Add samples until the settings' limit is reached; yield the completed fraction after each pass."""
         settings, begun, done, step = self._settings, time.perf_counter(), 0, 1
         most = settings.most
         while done < most:
@@ -218,18 +233,19 @@ class Picture:
             if max(shares) >= 1.0:
                 return
             step = min(max(done, 1), LONGEST_PASS)
-            if settings.time_limit is not None:  # no pass longer than what is left
+            if settings.time_limit is not None:  # no pass longer than the remaining time
                 step = max(min(step, int((settings.time_limit - spent) / spent * done)), 1)
 
     def add(self, first: int, end: int, progress: Progress | None = None, cancel: Cancel | None = None) -> None:
-        """Add the samples from one number up to another.
+        """Add the samples from index first up to end.
 
-        A cancelled call has added samples to some tiles only: no more can be added. A executor cannot be cancelled so.
+        A cancelled call has added samples to some tiles only, so no more can be added. `cancel` has no effect with an
+        executor.
         """
         if self._executor is None:
             self._run((first, end), (0, self._blocks), progress, cancel)
         elif self._executor.spread:
-            self._travel(self._executor, (first, end), progress)
+            self._forward_rays(self._executor, (first, end), progress)
         else:
             order = Order(self._seen, self._settings, self._background, (first, end))
             add_in_pieces(self._executor, render_piece, order, (self.image, self._film), progress)
@@ -238,7 +254,7 @@ class Picture:
     def _run(
         self, samples: tuple[int, int], blocks: tuple[int, int], progress: Progress | None, cancel: Cancel | None = None
     ) -> None:
-        """Add samples to some blocks. blocks : the number of the first one, and how many there are"""
+        """Add samples to some blocks. blocks : number of the first block, and their count"""
         args = (
             self._world,
             self._camera,
@@ -249,20 +265,20 @@ class Picture:
         threads = self._settings.threads
         run(self._kernel, blocks[1], *args, threads=threads, progress=progress, cancel=cancel, first=blocks[0])
 
-    def _travel(self, executor: Executor, samples: tuple[int, int], progress: Progress | None) -> None:
-        """Add samples to all blocks, with workers who hold the models."""
+    def _forward_rays(self, executor: Executor, samples: tuple[int, int], progress: Progress | None) -> None:
+        """Add samples to all blocks, with rays sent to the workers that hold the models."""
         from .ray_forwarding.ray_exchange import View, add_by_waves
-        from .ray_forwarding.replay import recalled_for
+        from .ray_forwarding.replay import replay_kernel_for
         from .ray_forwarding.wave import KernelArguments
 
         settings = self._settings
         fixed = self._world, self._camera, self._pass
-        picture = KernelArguments(recalled_for(self._kernel), *fixed, self._film, self.image, settings.threads)
+        picture = KernelArguments(replay_kernel_for(self._kernel), *fixed, self._film, self.image, settings.threads)
         view = View(self._seen, settings.most if settings.levels else None)
         add_by_waves(executor, self._scene, view, picture, samples, progress)
 
     def add_to(self, order: Order, progress: Progress | None) -> tuple[Floats, Floats | None]:
-        """Add samples to a piece; returns its image, and its sums if they are wanted."""
+        """Add samples to a piece; return its image, and its sums if the order requests them."""
         piece = order.piece
         if order.sums is not None:
             piece.of(self._film)[:] = order.sums
@@ -270,20 +286,20 @@ class Picture:
         return piece.of(self.image).copy(), piece.of(self._film).copy() if order.returns else None
 
     def light(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """See `light_of`."""
+        """Return the light and the noise mask, see `light_of`."""
         return light_of(self._film, self._done)
 
 
 def render_piece(
     scene: Snapshot, order: Order, threads: int, progress: Progress | None
 ) -> tuple[Floats, Floats | None]:
-    """Do an order on a worker; returns the piece of the image, and its sums if they are wanted."""
+    """Render an order on a worker; return the piece of the image, and its sums if the order requests them."""
     settings, in_passes = replace(order.settings, threads=threads), order.returns or order.sums is not None
     picture = Picture(scene, order.camera, settings, order.background, in_passes, in_part=True)
     return picture.add_to(order, progress)
 
 
-# The kernel of each of `choices.INTEGRATORS`.
+# Kernel of each of `choices.INTEGRATORS`.
 KERNELS: dict[str, Any] = {
     **dict.fromkeys(("phong", "normal", "depth", "color", "cost"), quick_frame),
     **dict.fromkeys(("ao", "path"), sampled_frame),
@@ -292,5 +308,5 @@ KERNELS: dict[str, Any] = {
 
 
 def kernel_for(settings: Settings) -> Any:
-    """The kernel that makes pictures with an integrator."""
+    """Return the kernel of the settings' integrator."""
     return KERNELS[settings.integrator]

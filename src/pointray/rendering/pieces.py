@@ -1,7 +1,7 @@
-"""A picture in pieces of whole blocks, whose samples the workers of a cluster add.
+"""Rendering of an image in pieces of whole blocks, on the workers of a cluster.
 
-Samples are the same, and are summed in the same order, as when a picture is made at once: a piece is given the numbers
-of its samples, and the sums of those before, and may be interrupted only where sums are rounded (`film.round_sums`).
+Samples and their order of summation are those of an undivided image: an order carries a range of sample indices and the
+sums so far, and ends only where sums are rounded (`film.round_sums`).
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from .film import LONGEST_PASS
 from .integrate import BLOCK_EDGE
 from .settings import Settings
 
-PIECES = 8  # for each worker, so that all end at about the same time
-FEWEST_BLOCKS = 4  # of a piece, for each thread of a worker
-MOST_PIXELS = 1 << 16  # of a piece, or twice that where rows are long: it is sent in one message, with its sums
+PIECES = 8  # pieces a worker, for load balance
+FEWEST_BLOCKS = 4  # minimum blocks of a piece, for each thread of a worker
+MOST_PIXELS = 1 << 16  # pixels of a piece, or twice that with long rows, as a message holds a piece with its sums
 
 Floats = NDArray[np.float32]
 
 
 class Piece(NamedTuple):
-    """A part of a picture.
+    """Part of an image.
 
-    block, blocks : number of its first block, and how many there are
-    rows, columns : of pixels: first one, and the one after the last
+    block, blocks : number of its first block, and count of blocks
+    rows, columns : ranges (begin, end) of pixels
     """
 
     block: int
@@ -40,24 +40,24 @@ class Piece(NamedTuple):
     columns: tuple[int, int]
 
     def of(self, image: Floats) -> Floats:
-        """The piece of an array of the whole picture."""
+        """Return the piece of an array of the whole image, as a view."""
         return image[slice(*self.rows), slice(*self.columns)]
 
 
 @dataclass(frozen=True)
 class Order:
-    """Samples of a piece of a picture.
+    """Request for samples of a piece of an image.
 
     Attributes
     ----------
     background : RGB and alpha, or None
         None: the scene's.
     samples : (int, int)
-        The number of the first one, and of the one after the last.
+        Range of sample indices.
     sums : (h, w, k) float32, or None
-        Of the samples before; None: there are none.
+        Sums of earlier samples; None: no earlier samples.
     returns : bool
-        Whether the sums are wanted.
+        Whether to return the sums.
     """
 
     camera: Camera
@@ -73,7 +73,7 @@ Work = Callable[..., tuple[Floats, Floats | None]]
 
 
 def cut(size: tuple[int, int], wanted: int) -> list[Piece]:
-    """Cut a picture into about so many pieces: bands, or parts of rows of blocks."""
+    """Divide an image into about `wanted` pieces: bands, or parts of rows of blocks."""
     width, height = size
     across, down = -(-width // BLOCK_EDGE), -(-height // BLOCK_EDGE)
     bands = _shares(down, min(wanted, down))
@@ -91,13 +91,13 @@ def cut(size: tuple[int, int], wanted: int) -> list[Piece]:
 
 
 def _shares(count: int, wanted: int) -> list[tuple[int, int]]:
-    """Cut a row of things into parts of about the same number."""
+    """Divide range(count) into `wanted` ranges of similar length."""
     ends = [count * k // wanted for k in range(wanted + 1)]
     return list(zip(ends, ends[1:], strict=False))
 
 
 def pieces_for(size: tuple[int, int], workers: dict[str, int]) -> list[Piece]:
-    """The pieces of a picture for some workers, of whom the numbers of threads are given."""
+    """Return the pieces of an image for workers. workers : their numbers of threads"""
     pixels, threads = size[0] * size[1], max(workers.values(), default=1)
     most = pixels // (FEWEST_BLOCKS * BLOCK_EDGE**2 * threads)
     return cut(size, max(min(PIECES * len(workers), most), -(-pixels // MOST_PIXELS), 1))
@@ -110,11 +110,11 @@ def add_in_pieces(
     target: tuple[Floats, Floats],
     progress: Callable[[float], None] | None,
 ) -> None:
-    """Add samples to all of a picture by an executor.
+    """Add samples to the whole image by an executor.
 
-    work : makes a piece, on a worker
-    order : of no piece yet
-    target : the image, and the sums so far; these are empty if nobody wants them
+    work : renders a piece on a worker
+    order : template without a piece
+    target : image and film; an empty film is not updated
     """
     image, film = target
     pieces = pieces_for(order.camera.size, executor.workers)
@@ -146,7 +146,7 @@ def add_in_pieces(
 
 
 def in_order(results: Iterator[tuple[int, Any]]) -> Iterator[Any]:
-    """Results that come with their numbers, in the order of these."""
+    """Yield numbered results in the order of their numbers."""
     early: dict[int, Any] = {}
     number = 0
     for k, result in results:

@@ -1,4 +1,4 @@
-"""From a scene and settings to what the kernel of a picture reads."""
+"""Preparation of kernel arguments from a scene and settings."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ from .lod import Fetch, at_distance
 from .settings import AO, BAKED, COST, PATH, PHONG, Settings
 from .window import EVERYWHERE, window_of
 
-AO_SHARE = 0.2  # share of the scene's diagonal: how far ambient occlusion looks
-MOST_SPECULAR = 32  # limit of mirrors and panes one behind the other
-SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # lights that paths see
+AO_SHARE = 0.2  # default length of ambient occlusion rays, relative to the scene's diagonal
+MOST_SPECULAR = 32  # maximum number of successive mirrors and glass surfaces
+SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # lights visible to paths
 
 
 def plan(
@@ -41,7 +41,7 @@ def plan(
     fetch: Fetch | None = None,
     held: NDArray[np.int64] | None = None,
 ) -> tuple[World, Pass]:
-    """The world as the integrator needs it, and what the kernel needs to know of all samples.
+    """Return the world for the integrator, and the parameters of a pass of all samples.
 
     fetch, held : see `at_distance`
     """
@@ -55,7 +55,7 @@ def plan(
     world = _lit(world) if lit else world
     if integrator == BAKED:
         if scene.baked is None:
-            raise ValueError("no light is baked: set scene.baked = pr.bake(scene)")
+            raise ValueError("the scene has no baked light: set scene.baked = pr.bake(scene)")
         baked, frames = scene.baked.tables(scene, levels)
         world = world._replace(baked=baked, baked_frames=frames)
     looks_up = integrator == PHONG and settings.sky_rays > 0 and world.sky[SKY_KIND] != NO_SKY
@@ -80,12 +80,12 @@ def plan(
 
 
 def _ao_distance(scene: Snapshot, settings: Settings) -> float:
-    """How far ambient occlusion looks."""
+    """Return the length of ambient occlusion rays."""
     return float(settings.ao_distance or AO_SHARE * np.linalg.norm(np.diff(scene.bounds, axis=0)))
 
 
 def _window(camera: Camera, world: World, job: Pass) -> Window:
-    """The part of the picture in which something can be met: only models have known bounds."""
+    """Return the part of the image in which rays may hit anything, known if only models can be hit."""
     lights = job.integrator == PATH and np.isin(world.lights[LIGHT_KIND::LIGHT], SIZED_LIGHTS).any()
     if job.integrator == COST or job.sky_shows or lights or world.planes.size > 0 or world.table.size == 0:
         return EVERYWHERE
@@ -93,7 +93,7 @@ def _window(camera: Camera, world: World, job: Pass) -> Window:
 
 
 def _lit(world: World) -> World:
-    """The world with an even sky if there is no light in it at all."""
+    """Return the world, with a uniform white sky if nothing emits light."""
     if world.lights.size > 0 or world.sky[SKY_KIND] != NO_SKY:
         return world
     if (world.materials[MATERIAL_KIND::MATERIAL_SIZE] == EMISSIVE).any():

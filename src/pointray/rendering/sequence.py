@@ -1,4 +1,4 @@
-"""Pictures of one scene from several cameras, in their order: those of a film."""
+"""`animate`: images of one scene from a sequence of cameras."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from .pieces import in_order
 from .ray_forwarding.spread import check_spread
 from .settings import Settings
 
-AHEAD = 4  # pictures for each worker that are begun, or wait, before the first of them is taken
+AHEAD = 4  # images a worker that are in progress or finished ahead of the first missing one
 
 Floats = NDArray[np.float32]
 
@@ -39,30 +39,33 @@ def animate(
     client: Client = None,
     spread: bool | None = None,
 ) -> Iterator[NDArray[np.float32]]:
-    """Render the pictures of a film, one for each camera: see `turntable` and `fly`.
+    """Render the frames of a film, one for each camera; see `turntable` and `fly`. The scene is not modified.
 
     Parameters
     ----------
+    scene : Scene
     cameras : sequence of Camera
+    settings : Settings, optional
+        With "baked", if `Scene.baked` is None, light is baked once for the whole film, with a warning.
     progress : callable, optional
-        Called with the share of the film that is done, some ten times a second while a picture is waited for. An error
-        in it ends the work.
+        Called with the completed fraction of the film, 0 to 1, about ten times a second while a frame is rendered. An
+        exception raised in it ends the film.
     client : dask.distributed.Client, optional
-        The workers of a cluster render, each whole pictures, some ahead of the one that is taken. The pictures are the
-        same, see `render`.
+        Render on the workers of a cluster, a frame at a time on each, some frames ahead. The frames are the same, see
+        `render`.
     spread : bool, optional
-        As for `render`; then all workers render one picture after the other.
+        As for `render`; all workers then render each frame together.
 
     Returns
     -------
     iterator of (h, w, 4) float32
-        The pictures in the order of the cameras, as `render` returns them; each is rendered when it is asked for. The
-        scene is that of the call, whatever is changed while the pictures are taken.
+        Frames as returned by `render`, in the order of the cameras, rendered on demand. Changes to the scene after the
+        call have no effect.
 
     Raises
     ------
     ValueError
-        At the call, if an argument is wrong or a picture would not fit into the available memory.
+        At the call, if an argument is invalid or an image does not fit into the available memory.
 
     Examples
     --------
@@ -73,7 +76,7 @@ def animate(
         raise wrong("cameras", "a sequence of Camera", cameras)
     for k, camera in enumerate(cameras):
         check_kind(camera, f"cameras[{k}]", Camera, "a Camera")
-    settings = check_scene(scene, settings, progress)
+    scene, settings = check_scene(scene, settings, progress)
     for size in {camera.size for camera in cameras}:
         check_picture(size, picture_bytes(settings))
     spread = check_spread(spread, client, settings)
@@ -89,11 +92,11 @@ def render_each(
     numbers: Sequence[int] | None = None,
     spread: bool | None = None,
 ) -> Iterator[Floats]:
-    """The pictures of `animate`, of checked arguments.
+    """Render the frames of `animate`, with validated arguments.
 
-    Each worker renders whole pictures. Where they are denoised, or models are spread, all render one after the other.
+    Each worker renders whole frames. With denoising or spread models, all render one frame after the other.
 
-    numbers : what the dashboard calls the pictures; None: 0 and so on
+    numbers : frame numbers for the dashboard; None: from 0
     spread : see `check_spread`
     """
     now, executor = snapshot_and_executor(scene, client, spread)
@@ -105,15 +108,17 @@ def render_each(
 
 
 def _part(progress: Progress | None, k: int, count: int) -> Progress | None:
-    """The progress of one of several pictures."""
+    """Return the progress callback of one of several frames."""
     return None if progress is None else lambda share: progress((k + share) / count)
 
 
 def _render_whole(
     executor: Executor, cameras: Sequence[Camera], settings: Settings, names: Sequence[str], progress: Progress | None
 ) -> Iterator[tuple[int, Floats]]:
-    """Render pictures; yields each with its number as it is ready. No more are begun than a while ahead of the first
-    that is missing, as all that are ready are kept."""
+    """Render frames; yield each with its number when it is finished.
+
+    At most AHEAD frames a worker are ahead of the first missing one, as finished frames are kept in memory.
+    """
     number_of: dict[Job, int] = {}
     jobs = deque[Job]()
     missing, begun = set(range(len(cameras))), 0
@@ -140,5 +145,5 @@ def _render_whole(
 
 
 def render_whole(scene: Snapshot, camera: Camera, settings: Settings, threads: int, progress: Progress) -> Floats:
-    """Render a picture on a worker."""
+    """Render a frame on a worker."""
     return render_snapshot(scene, camera, replace(settings, threads=threads), progress)

@@ -1,4 +1,4 @@
-"""How a picture is made: everything that is neither scene nor camera."""
+"""`Settings`: parameters of rendering besides scene and camera."""
 
 from __future__ import annotations
 
@@ -13,59 +13,62 @@ PHONG, AO, PATH, NORMAL, DEPTH, COLOR, COST, BAKED = (
 )
 MOST_SAMPLES = 65536
 MOST_SKY_RAYS = 64
-DEEPEST = 1000  # scatterings of a path without limit
+DEEPEST = 1000  # bounces of a path without a limit
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How a picture is made.
+    """Rendering parameters besides scene and camera.
 
     Parameters
     ----------
     integrator : str
-        "phong": direct light, hard shadows, mirrors and glass. "ao": ambient occlusion, no light needed. "path": all
-        light there is, with noise that falls as samples grow. "baked": all light at once, direct light with sharp
-        shadows, the rest as `Scene.baked` keeps it; more samples make shadows of large lights soft. Or what
-        is at the first hit: "normal" (world, -1 to 1
-        shown as 0 to 1), "depth" (distance along the view, in a panorama from the eye), "color" (unlit), "cost" (red:
-        nodes, green: leaves visited, blue: both / 64).
+        "phong": direct light with hard shadows, mirrors and glass. "ao": ambient occlusion, without lights. "path":
+        path tracing. "baked": direct light with sharp shadows, soft for area lights with several samples, and indirect
+        light from `Scene.baked`. Or a value at the first hit: "normal" (world, -1 to 1 mapped to 0 to 1), "depth"
+        (distance along the view, in a panorama from the eye), "color" (unlit), "cost" (red: nodes visited, green:
+        leaves visited, blue: both / 64).
     spp : int
-        Samples a pixel; 1 goes through the middle of the pixel and of the lens. Where `time_limit` or `noise` may end
-        the work earlier it is the most; 1 then stands for no such limit (65,536).
+        Samples a pixel, 1 to 65,536; a single one goes through the centre of the pixel and of the lens. The maximum if
+        `time_limit` or `noise` is given, where 1 stands for 65,536.
     max_depth : int, optional
-        Scatterings along a path, 1: direct light only, None: no limit. For "phong", the mirrors and panes one behind
-        the other, at most 32.
+        Maximum number of bounces of a path, 0 to 1000; 1: direct light only; None: 1000. For "phong" and "baked", the
+        maximum number of successive mirrors and glass surfaces, at most 32.
     shadows : bool
-        Of "phong".
+        Whether direct light of "phong" and "baked" casts shadows.
     ao_distance : float, optional
-        How far "ao" and `sky_rays` look, in the world's units; None: a fifth of the scene's diagonal.
+        Length of the rays of "ao" and `sky_rays`, in world units; None: a fifth of the scene's diagonal.
     seed : int
-        Of all that is left to chance.
+        Seed of random numbers.
     threads : int, optional
-        None: `POINTRAY_THREADS`, else all. The picture does not depend on it.
+        None: `POINTRAY_THREADS`, else all. The image does not depend on it.
     time_limit : float, optional
-        Seconds after which no more samples are begun; there is at least one.
+        Stop adding samples after this many seconds; at least one is taken.
     noise : float, optional
-        Stop once the standard error of the pixels, root mean square, is below this share of the picture's mean. It is
-        told from the samples' differences (they are better spread than at random: it is less than told).
+        Stop when the standard error of the pixels, root mean square, is below this fraction of the image's mean. It is
+        estimated as for independent samples; as samples are stratified, the actual error is lower.
     denoise : bool
-        Take the noise that is left out of "path" and "ao": Intel's Open Image Denoise (`pip install
-        'pointray[denoise]'`), told the surfaces' colours and normals.
+        Denoise "path" and "ao" with Intel's Open Image Denoise (`pip install 'pointray[denoise]'`), guided by albedo
+        and normals.
     levels : bool
-        Take models that have levels of detail (`Model.make_levels`) as coarse as their distance allows.
+        Use levels of detail of models that have them (`Model.make_levels`), by distance.
     filter : str
-        How pixels are made of their samples, if there are several: "box" (the pixel itself), "tent" (2 pixels wide),
-        "gaussian" (standard deviation 0.5 pixels, ends 1.5 from the middle), "blackman-harris" (3 pixels wide). On a
-        checkerboard too fine for the pixels the last leaves a third of the box's moire (tent the same, gaussian a
-        seventh), and edges are smooth where the box leaves steps; 4 samples have 20% more noise than in a box
-        (gaussian 39%, and blurred detail).
+        Pixel filter for several samples: "box" (1 pixel wide), "tent" (2 pixels wide), "gaussian" (standard deviation
+        0.5 pixels, radius 1.5), "blackman-harris" (3 pixels wide). On a checkerboard finer than the pixels, the last
+        leaves a third of the moire of the box (tent the same, gaussian a seventh), and edges are smooth. With 4 samples
+        it has 20% more noise than the box (gaussian 39%, and blurred detail).
     sky_rays : int
-        Of "phong": rays a sample, 0 to 64, that find how much of the sky a surface point sees, no farther than
-        `ao_distance`: contact shadows. 0: all of it, nothing is in the way of its light.
+        Rays a sample, 0 to 64, for contact shadows in "phong": the visible fraction of the sky within `ao_distance`. 0:
+        light of the sky is not occluded.
     backfaces : {"same", "muted"}
-        Of "phong" and "baked": how the inner side of models is shown, from which normals point away. "same": by the
-        light that arrives there. "muted": greyer, and lit by the sky or the headlight without shadows, so that holes of
-        a scan are not black. Mirrors and glass stay as they are, and so does everything if only lamps give light.
+        Back faces of models in "phong" and "baked". "same": shaded like front faces. "muted": desaturated, and lit by
+        the sky or the headlight without shadows, so that holes of a scan are not black. Mirrors and glass are
+        unchanged, and so is a scene lit by lamps only.
+
+    Raises
+    ------
+    ValueError
+        If a value is invalid or out of its range.
     """
 
     integrator: str = "phong"
@@ -101,21 +104,21 @@ class Settings:
         for name in ("ao_distance", "time_limit", "noise"):
             if getattr(self, name) is not None:
                 checked[name] = check_positive(getattr(self, name), name, "a positive number, or None")
-        for name, value in checked.items():  # Python's own types: another one would compile a kernel anew
+        for name, value in checked.items():  # Python's own types: others would compile kernels again
             object.__setattr__(self, name, value)
 
     @property
     def most(self) -> int:
-        """Samples a pixel at most."""
+        """Return the maximum number of samples a pixel."""
         open_ended = self.spp == 1 and (self.time_limit is not None or self.noise is not None)
         return MOST_SAMPLES if open_ended else self.spp
 
     @property
     def denoised(self) -> bool:
-        """Whether noise is taken out: where it is asked for, and there is any."""
+        """Return whether the image is denoised: if requested, and the integrator has noise."""
         return self.denoise and self.integrator in NOISY
 
     @property
     def depth(self) -> int:
-        """Scatterings at most."""
+        """Return the maximum number of bounces."""
         return DEEPEST if self.max_depth is None else self.max_depth

@@ -1,8 +1,8 @@
-"""Compile kernels before they are needed, in a second process: `python -m pointray.rendering.warmup NAME...`.
+"""Compilation of kernels in a second process: `python -m pointray.rendering.warmup NAME...`.
 
-The kernel of pictures takes three times as long to compile as all kernels together that build a model, so both are
-compiled at once; the kernels that a click in the viewer needs come after that. Kernels that send the rays of a bake
-come before that of pictures that show its light, and after that of pictures that are shown until it is baked.
+The rendering kernel takes three times as long to compile as all kernels that build a model, so both are compiled in
+parallel. The order is: the kernel of images shown until light is baked, the kernels of the bake, the kernel of images
+with baked light, the kernel for clicks in the viewer.
 """
 
 from __future__ import annotations
@@ -33,24 +33,24 @@ from .picture import kernel_for, render
 from .settings import Settings
 
 PACKAGE = (__package__ or "").split(".")[0]
-# What a first start compiled, and for how long; written by `bench/maintenance/record_kernels.py`. A faster or slower
-# machine is noticed, see `jit.Backlog`.
+# Kernels compiled on a first start, with seconds; written by `bench/maintenance/record_kernels.py`. `jit.Backlog`
+# corrects for the speed of the machine.
 RECORD: dict[str, Any] = json.loads(Path(__file__).with_name("first_start.json").read_text())
-BUILD, NORMALS = RECORD["build"], RECORD["normals"]  # of a model; also if it has no normals
-BAKE, BLEND = RECORD["bake"], RECORD["blend"]  # of a bake; also if there are models
-PICTURES = RECORD["pictures"]  # besides what is shared by all kernels that trace rays, as are those of rays
+BUILD, NORMALS = RECORD["build"], RECORD["normals"]  # kernels of a model; additional ones without normals
+BAKE, BLEND = RECORD["bake"], RECORD["blend"]  # kernels of a bake; additional ones with models
+PICTURES = RECORD["pictures"]  # without the shared time, as RECORD["rays"]
 CLICK, RAYS = "surface.trace.cast._closest", "baking.gather.send_rays"
-SHARED: float = RECORD["shared"]  # seconds that the first kernel that traces rays takes longer, for all of a process
+SHARED: float = RECORD["shared"]  # additional seconds of the first kernel of a process that traces rays
 
 
 def warm_up(
     settings: Settings | None, clicks: bool = False, bakes: bool = False, before: Settings | None = None
 ) -> None:
-    """Begin to compile what pictures of a scan need, if not yet compiled.
+    """Start compiling the missing kernels for images of a scan.
 
-    settings : None: no pictures are wanted
-    clicks, bakes : whether what clicks need, and what baking light needs, is wanted too
-    before : of pictures that are shown until light is baked
+    settings : of the images; None: no images
+    clicks, bakes : also compile the kernels for clicks, and for baking
+    before : settings of images shown until light is baked
     """
     wanted = _of_pictures(before)
     wanted |= {_full(name): cost for name, cost in (RECORD["rays"] | BAKE).items()} if bakes else {}
@@ -64,7 +64,7 @@ def warm_up(
 
 
 def _of_pictures(settings: Settings | None) -> dict[str, float]:
-    """The kernel of pictures, and its cost."""
+    """Return the rendering kernel, and its compile time in seconds."""
     if settings is None:
         return {}
     name = kernel_for(settings).name
@@ -72,27 +72,27 @@ def _of_pictures(settings: Settings | None) -> dict[str, float]:
 
 
 def expect(kernels: dict[str, float]) -> None:
-    """Announce that this process compiles kernels soon, with the seconds that each takes."""
+    """Announce kernels that this process will compile, with the seconds for each."""
     BACKLOG.expect({_full(k): cost for k, cost in kernels.items() if not KERNELS[_full(k)].is_compiled})
 
 
 def is_warm(settings: Settings) -> bool:
-    """Whether pictures can be drawn at once."""
+    """Return whether the rendering kernel is compiled."""
     return kernel_for(settings).is_compiled
 
 
 def has_clicks() -> bool:
-    """Whether `Scene.intersect` answers at once."""
+    """Return whether the kernel of `Scene.intersect` is compiled."""
     return bool(KERNELS[_full(CLICK)].is_compiled)
 
 
 def wait_until_warm(settings: Settings | None) -> None:
-    """Wait until another process has compiled the kernel of pictures; None: that of the rays of a bake."""
+    """Wait until another process has compiled the rendering kernel; None: the kernel of the rays of a bake."""
     wait_for(send_rays if settings is None else kernel_for(settings), lambda: False)
 
 
 class _NoLight:
-    """Baked light that is black everywhere: pictures compile their kernel with it, and nothing is baked."""
+    """Black baked light, to compile the rendering kernel without a bake."""
 
     def tables(self, scene: Snapshot, levels: Any) -> tuple[Any, Any]:
         return np.zeros(BAKED * len(levels), np.int64), np.zeros(BAKED_FRAME * len(levels))
@@ -106,9 +106,9 @@ def _full(name: str) -> str:
 
 
 def _compile(names: Sequence[str]) -> None:
-    """Compile kernels by using them; print the name of each when it is done."""
+    """Compile kernels by calling them; print the name of each when it is compiled."""
     scene = Scene()
-    scene.add(Plane((0, 0, 0), (0, 0, 1)))  # signatures are the same for any scene
+    scene.add(Plane((0, 0, 0), (0, 0, 1)))  # signatures do not depend on the scene
     scene.add_light(EnvironmentLight())
     scene.add_light(SphereLight((0, 0, 2), 0.1, 1.0))  # a lamp, which hides links
     scene.baked = _NoLight()
@@ -125,7 +125,7 @@ def _compile(names: Sequence[str]) -> None:
 
 
 def _end_with_input() -> None:
-    """End when the process that started this one ends, for any reason."""
+    """Exit when the parent process ends, for any reason."""
 
     def watch() -> None:
         sys.stdin.buffer.read()
@@ -139,4 +139,4 @@ if __name__ == "__main__":
     try:
         _compile(sys.argv[1:])
     finally:
-        os._exit(0)  # the thread that reads the input would be in the way
+        os._exit(0)  # the thread that reads the input would block a normal exit

@@ -1,4 +1,4 @@
-"""Where in a picture models can be seen: tiles outside are background, and none of their rays is traced."""
+"""The part of an image that models can cover: tiles outside are filled with the background without tracing."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ EVERYWHERE: Window = (-np.inf, -np.inf, np.inf, np.inf)
 
 
 def window_of(camera: Camera, top: NDArray[np.float64]) -> Window:
-    """Pixels (left, top, right, bottom) outside of which no ray of a camera meets a model.
+    """Return the window (left, top, right, bottom), in pixels, outside of which no camera ray hits a model.
 
-    It is the whole picture for panoramas, through lenses, and where the camera stands among the models.
+    It is unbounded for panoramas, with a lens, and if the camera is among the models.
 
     Parameters
     ----------
     top : (9,) float64
-        The bounds of the models, see `records.World`.
+        Bounds of the models, see `records.World`.
     """
     if _sees_all(camera):
         return EVERYWHERE
@@ -41,12 +41,12 @@ def window_of(camera: Camera, top: NDArray[np.float64]) -> Window:
 
 
 def may_see(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether rays of a camera may enter boxes, (n,); True for all if it is a panorama or has a lens.
+    """Return whether camera rays may enter boxes, (n,); True for all with a panorama or a lens.
 
     Parameters
     ----------
     boxes : (n, 6) float64
-        lo x y z, hi x y z, in the world.
+        Minimum x y z, maximum x y z, world.
     """
     if _sees_all(camera):
         return np.ones(len(boxes), np.bool_)
@@ -55,7 +55,7 @@ def may_see(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
     corners = boxes.reshape(-1, 2, 3)[:, np.array(list(itertools.product((0, 1), repeat=3))), np.arange(3)] - eye
     x, y = (corners @ axis / (axis @ axis) for axis in (across, upward))
     depth = corners @ forward if camera.projection == "perspective" else np.ones(x.shape)
-    # A box that lies beyond one side of the picture with all its corners is not seen.
+    # A box is outside the view if all its corners are beyond one side of the image.
     sides = (x - depth, -x - depth, y - depth, -y - depth)
     beyond = [(side > 0).all(axis=1) for side in sides]
     if camera.projection == "perspective":
@@ -64,5 +64,5 @@ def may_see(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _sees_all(camera: Camera) -> bool:
-    """Whether the rays of a camera do not all lie in the pyramid, or the box, of its picture."""
+    """Return whether camera rays may leave the view frustum (panorama or lens)."""
     return camera.projection == "panorama" or camera.aperture > 0

@@ -166,7 +166,7 @@ class Scene:
 
     @property
     def baked(self) -> BakedLight | None:
-        """Light returned by `bake`, which the integrator "baked" shows; None: that integrator bakes first."""
+        """Light shown by the integrator "baked", as returned by `bake`; None: each call of `render` bakes its own."""
         return self._baked
 
     @baked.setter

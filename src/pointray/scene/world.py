@@ -26,7 +26,7 @@ from ..image.tone import srgb_to_linear
 from ..model.model import Model
 from ..shade.attributes import Attribute
 from ..shade.environment import EnvironmentLight, Lights, no_sky
-from ..shade.lights import Light, fixed, goes_along
+from ..shade.lights import Light, fixed, follows_camera
 from ..shade.tables import light_shares, light_trees
 from ..surface.tree.instance_bvh import boxes_around, build_top
 from .clips import clip_records
@@ -132,7 +132,7 @@ class Snapshot(NamedTuple):
 
         `lamps` stays unchanged: it shows which lights follow the camera.
         """
-        if not any(goes_along(light) for light in self.lamps):
+        if not any(follows_camera(light) for light in self.lamps):
             return self
         right, up, ahead = (record[k : k + 3] / np.linalg.norm(record[k : k + 3]) for k in (ACROSS, UPWARD, FORWARD))
         axes = np.stack([right, up, -ahead])
@@ -141,9 +141,9 @@ class Snapshot(NamedTuple):
 
     def without_camera_lights(self) -> Snapshot:
         """Return the scene without the lights that follow the camera."""
-        if not any(goes_along(light) for light in self.lamps):
+        if not any(follows_camera(light) for light in self.lamps):
             return self
-        return self._with_lamps(tuple(light for light in self.lamps if not goes_along(light)))
+        return self._with_lamps(tuple(light for light in self.lamps if not follows_camera(light)))
 
     def _with_lamps(self, lamps: tuple[Light, ...]) -> Snapshot:
         """Return the scene with other lamps."""

@@ -12,7 +12,7 @@ from ..base.arguments import check_positive
 from ..base.atomic_write import check_regular
 from ..base.choices import NORMALS
 from ..cloud.denoising.smooth import check_sigma
-from ..cloud.normals.validation import trusted
+from ..cloud.normals.validation import select_normals
 from ..io.files import check_readable, read
 from ..io.known_formats import extensions
 from ..io.reading import check_reading
@@ -52,7 +52,7 @@ class Recipe(NamedTuple):
     levels : bool
         Whether to make levels of detail.
     normals : {"auto", "file", "fit"}
-        The normals of a scan, as for `trusted`.
+        The normals of a scan, as for `select_normals`.
     reading : dict
         Arguments of `read`.
     """
@@ -149,6 +149,6 @@ def _load(source: Source, recipe: Recipe, say: Say) -> Model:
         points = read(file, progress=partial(say, "reading"), **recipe.reading)
     say("normals", 0.0)
     with source.errors_at((*recipe.key, "normals") if recipe.normals == "file" else recipe.key):
-        points = trusted(points, recipe.normals, 'normals = "file"', partial(say, "normals"))
+        points = select_normals(points, recipe.normals, 'normals = "file"', partial(say, "normals"))
     with source.errors_at(recipe.key):
         return Model(points, radii_in(points), **recipe.arguments, progress=say)

@@ -1,4 +1,4 @@
-"""Ambient occlusion: how much of the sky each surface point sees, if only surfaces within a distance can block it."""
+"""Ambient occlusion: the visible fraction of the sky, where only surfaces within a distance occlude."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .shading_points import add_radiance, is_shaded, shading_point, start_of
 
 @inline
 def _look_up(sample: int, distance: float, scratch: Scratch) -> Bits:
-    """Send the tile's rays from its surface points in cosine-distributed directions; returns the rays sent (bits)."""
+    """Set cosine-distributed rays from the tile's surface points; return which rays are set (bits)."""
     points, asked = scratch.shading_points, i64(0)
     for i in range(TILE):
         if is_shaded(scratch, i):
@@ -30,7 +30,7 @@ def _look_up(sample: int, distance: float, scratch: Scratch) -> Bits:
 
 @inline
 def see_sky(world: World, sample: int, distance: float, scratch: Scratch) -> None:
-    """Add the surface's colour where one cosine-distributed direction is free up to a distance (Landis 2002)."""
+    """Add the surface colour where one cosine-distributed ray is unoccluded up to a distance (Landis 2002)."""
     asked = _look_up(sample, distance, scratch)
     if asked == 0:
         return
@@ -42,9 +42,9 @@ def see_sky(world: World, sample: int, distance: float, scratch: Scratch) -> Non
 
 @inline
 def find_sky_seen(world: World, look: tuple[int, int, float], scratch: Scratch) -> None:
-    """Store in SKY_SEEN what share of the sky the tile's surface points see. Uses the tile's rays.
+    """Store the visible fraction of the sky at the tile's surface points in SKY_SEEN. Overwrites the tile's rays.
 
-    look : the number of the sample, how many rays it casts from each point (0: all of the sky is seen), their length
+    look : (sample index, rays per point, ray length); 0 rays: the whole sky is visible
     """
     sample, rays, distance = look
     points = scratch.shading_points

@@ -1,4 +1,4 @@
-"""Attribute: colours a surface by values of its points, instead of one colour or the points' own colours."""
+"""`Attribute`: a surface colour taken from values of the points through a colour map."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from .colormaps import colormap, shows_classes
 
 COORDINATES = ("x", "y", "z")
 USUAL = "viridis"
-FIRST_MANY = 11  # categories: from this number on they need tab20, not tab10
-HUE = 0.618034  # of the circle: from one of many categories to the next of the same tone, so that no two are alike
-TONES = (0.55, 0.95), (0.9, 0.75), (0.4, 0.7), (0.75, 0.5)  # saturation and value, by turns
-# The meaning of classes in LAS files (ASPRS LAS 1.4, table 17), in the colours of QGIS.
+FIRST_MANY = 11  # number of categories from which tab20 replaces tab10
+HUE = 0.618034  # hue step between categories of the same tone: the golden ratio, so that hues do not repeat
+TONES = (0.55, 0.95), (0.9, 0.75), (0.4, 0.7), (0.75, 0.5)  # (saturation, value), used in turn
+# Classes of LAS files (ASPRS LAS 1.4, table 17), in the colours of QGIS.
 ASPRS = {
     0: ("never classified", 0xBABABA),
     1: ("unassigned", 0xAAAAAA),
@@ -43,35 +43,41 @@ ASPRS = {
 
 @dataclass(frozen=True)
 class Attribute:
-    """A colour for materials: an attribute of the points, through a colour map.
+    """Colour of a material, taken from an attribute of the points through a colour map.
 
-    Between points the value is blended, with the surface's own weights, and then looked up, so that the colours follow
-    the map. A map of classes (under 64 colours: tab10) shows the class of the splat of greatest weight instead: between
-    classes 2 and 6 there is no 4. Categories do so with any map.
+    Values are blended between points with the weights of the surface, then looked up in the map. Maps of classes (fewer
+    than 64 colours, such as tab10) and categories are not blended: a hit shows the value of the splat with the greatest
+    weight.
 
     Parameters
     ----------
     name : str
-        An attribute of the points; one with several columns shows its length, "name[0]" its first column. "x", "y",
-        "z": the coordinate in the world, whatever attributes there are.
+        Attribute of the points. A vector attribute shows its length, "name[0]" its first column. "x", "y" and "z" are
+        always the world coordinates.
     colormap : str
-        Categories take evenly spaced colours of the map, except with the default "viridis": then they have distinct
-        colours (tab10, tab20), and those of "classification" have the usual colours of LAS files.
         "viridis", "magma", "inferno", "plasma", "cividis", "turbo", "gray", "coolwarm", "RdBu", "terrain",
-        "twilight", "tab10" or "tab20", each also reversed ("viridis_r"); where matplotlib is installed, any of its.
+        "twilight", "tab10" or "tab20", each also reversed ("viridis_r"); with matplotlib installed, any of its maps.
+        Categories take evenly spaced colours of the map. With the default "viridis" they take distinct colours (tab10,
+        tab20), and those of "classification" the standard colours of LAS files.
     range : (2,) float, optional
-        The values with the map's first and last colour; values beyond them show these colours. None: the 2nd and the
-        98th percentile of the finite values; over several models of a scene the least and the greatest of these.
-        For a map of classes the first and the last class; None: class k shows colour k, and the colours repeat.
+        Values of the map's first and last colour; values outside are clamped. None: 2nd and 98th percentile of the
+        finite values; the union of these ranges over the models of a scene.
+        For a map of classes: first and last class; None: class k shows colour k, and the colours repeat.
     categories : sequence of int, or False, optional
-        The values that are categories, never blended; other values show a neutral grey. None: found, where all values
-        are whole numbers, at most 32 different ones (256 of "classification", "point_source_id" and "scan"), or bools,
-        and no range is given; bools are called no and yes. False: none, values are blended.
+        Values that are categories and never blended; other values show a neutral grey. None: detected if no range is
+        given and all values are bools, shown as no and yes, or whole numbers, at most 32 different ones (256 of
+        "classification", "point_source_id" and "scan"). False: no categories, values are blended.
+
+    Raises
+    ------
+    ValueError
+        If the colour map is unknown, the range is invalid, or categories are combined with a coordinate, a range or a
+        map of classes.
 
     Notes
     -----
-    Values that are NaN are left out of the blend; where they have most of the weight, a neutral grey (sRGB 128) shows.
-    A range that is found is that of the points: the range of a coordinate moves with the instance.
+    NaN values are left out of the blend; where they have most of the weight, a neutral grey (sRGB 128) is shown.
+    A detected range is that of the points: the range of a coordinate moves with the instance.
     """
 
     name: str
@@ -84,28 +90,28 @@ class Attribute:
             object.__setattr__(self, what, check_text(getattr(self, what), what))
         colormap(self.colormap)
         if self.name in COORDINATES and shows_classes(self.colormap):
-            raise ValueError(f"{self.colormap} is a map of classes, and {self.name} is none")
+            raise ValueError(f"{self.colormap} is a map of classes; the coordinate {self.name} has no classes")
         if self.range is not None:
             object.__setattr__(self, "range", _checked_range(self.range))
         if self.categories is not None and self.categories is not False:
             object.__setattr__(self, "categories", _checked_categories(self.categories))
             if self.name in COORDINATES or self.range is not None or shows_classes(self.colormap):
-                raise ValueError("categories are for an attribute, without a range and in no map of classes")
+                raise ValueError("categories cannot be combined with a coordinate, a range or a map of classes")
 
     @property
     def values(self) -> tuple[int, ...]:
-        """The categories, if there are any."""
+        """Return the categories, or an empty tuple."""
         return self.categories if isinstance(self.categories, tuple) else ()
 
     @property
     def may_have_categories(self) -> bool:
-        """Whether categories are looked for."""
+        """Return whether categories are detected from the values."""
         plain = self.range is None and self.name not in COORDINATES and not shows_classes(self.colormap)
         return self.categories is None and plain
 
 
 def category_colors(attribute: Attribute) -> NDArray[np.uint8]:
-    """The colours of an attribute's categories, (n, 3) uint8 sRGB."""
+    """Return the colours of an attribute's categories, (n, 3) uint8 sRGB."""
     values = attribute.values
     if attribute.colormap != USUAL:
         table = colormap(attribute.colormap)
@@ -120,7 +126,7 @@ def category_colors(attribute: Attribute) -> NDArray[np.uint8]:
 
 
 def _distinct_colors(count: int) -> list[tuple[int, ...]]:
-    """Colours that are all different: those of tab10 or tab20 if they are enough."""
+    """Return distinct colours: tab10 or tab20 if these have enough, else generated ones."""
     table = colormap("tab10" if count < FIRST_MANY else "tab20")
     if count <= len(table):
         return [tuple(color) for color in table[:count].tolist()]
@@ -130,7 +136,7 @@ def _distinct_colors(count: int) -> list[tuple[int, ...]]:
 
 
 def category_name(attribute: Attribute, value: int) -> str:
-    """The name of a category, in legends and for a click."""
+    """Return the label of a category, for legends and for points clicked in the viewer."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     known = is_classification(attribute.name) and value in ASPRS
@@ -138,7 +144,7 @@ def category_name(attribute: Attribute, value: int) -> str:
 
 
 def is_classification(name: str) -> bool:
-    """Whether an attribute has the name of classes in LAS files, which PLY files made of them may use too."""
+    """Return whether an attribute has the name of LAS classes, perhaps with CloudCompare's prefix "scalar_"."""
     return name.lower().removeprefix("scalar_") == "classification"
 
 
@@ -157,5 +163,7 @@ def _checked_range(pair: tuple[float, float]) -> tuple[float, float]:
         raise wrong("range", "two numbers", pair)
     low, high = map(float, limits)
     if not (np.isfinite([low, high]).all() and low < high):
-        raise ValueError(f"range must be two finite numbers, the lower first, not {pair!r}; viridis_r is reversed")
+        raise ValueError(
+            f"range must be two finite numbers, the lower first, not {pair!r}; to reverse a map, use viridis_r"
+        )
     return low, high

@@ -1,6 +1,6 @@
-"""Muted back faces: the inner side of a surface has a duller colour, and the light of the sky without shadows.
+"""Muted back faces: desaturated colour, lit by the sky or the headlight without shadows.
 
-Holes of a scan show the back of the surface, where little light arrives: they would be black.
+Through holes of a scan the back of the surface is visible. Little light arrives there, so it would be black.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from .bsdf import emitted, is_specular
 from .shading_points import is_shaded, shading_point
 from .sky import has_sky, sky_irradiance
 
-SATURATION = 0.75  # share of the surface's colour; the rest is grey of the same luminance
-LEVEL = 0.8  # share of the sky's light, or the headlight's, on a surface that faces the camera
-EDGE_LEVEL = 0.6  # and on one seen edge-on
+SATURATION = 0.75  # weight of the surface colour; the rest is grey of the same luminance
+LEVEL = 0.8  # fraction of the light of the sky or headlight on a surface that faces the camera
+EDGE_LEVEL = 0.6  # the same at grazing view
 
 
 @inline
 def mute_back_faces(world: World, scratch: Scratch) -> None:
-    """Replace the radiance of the camera's first hits on back faces of models; mirrors, glass and lamps stay."""
+    """Replace the radiance at first hits on back faces of models; mirrors and glass are unchanged."""
     points = scratch.shading_points
     for i in range(TILE):
         if not is_shaded(scratch, i) or points[SHADING_SIDE + i] > 0.0:
@@ -31,7 +31,7 @@ def mute_back_faces(world: World, scratch: Scratch) -> None:
         material, point = shading_point(world, scratch, i)
         if world.instances[instance * INSTANCE + KIND] != MODEL or is_specular(world, material):
             continue
-        if not has_sky(world) and world.lights.size > 0:  # lamps alone: nothing tells how bright even light is
+        if not has_sky(world) and world.lights.size > 0:  # lamps only: no level for uniform light
             continue
         light = 1.0
         if has_sky(world):

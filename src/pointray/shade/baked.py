@@ -1,8 +1,8 @@
-"""Baked light at the hits of a tile: which records it is blended from.
+"""Lookup of baked light at the hits of a tile: selection and weights of records.
 
-At a hit the light of splats is blended by the weights of the surface, less where their normals differ from the hit's:
-a splat across an edge sees another light. On a plane that of the four cells around the hit is blended. Coarser light
-has fewer records than splats: the light of each splat is blended from four of them, see `records.SPREAD`.
+On a model, records of splats are blended with the weights of the surface, reduced where a splat's normal differs from
+the hit's: a splat across an edge receives other light. On a plane the four cells around the hit are blended. Coarser
+light has fewer records than splats: each splat blends four of them, see `records.SPREAD`.
 """
 
 from __future__ import annotations
@@ -66,10 +66,10 @@ from .baked_sums import (
     SUM_DIRECT,
     SUM_LIGHT,
     SUM_WEIGHTS,
-    keep_light,
-    keep_moments,
     list_record,
     spread_out,
+    store_light,
+    store_moments,
     sum_light,
     sum_moments,
 )
@@ -79,7 +79,7 @@ from .lobes import is_wide, lobe_of
 
 @inline
 def _records(world: World, instance: int, side: float) -> Array:
-    """The records of one side of an instance; of length 0 where it is dark."""
+    """Return the records of one side of an instance; empty if the side is dark."""
     row = instance * BAKED
     address = world.baked[row + (BAKED_FRONT if side > 0.0 else BAKED_BACK)]
     return array_at(address, RECORD * world.baked[row + BAKED_COUNT] if address != 0 else i64(0), i32(0))
@@ -87,14 +87,14 @@ def _records(world: World, instance: int, side: float) -> Array:
 
 @inline
 def _spread(world: World, instance: int) -> Array:
-    """How an instance's records are spread over its splats; of length 0 where each has its own."""
+    """Return the table from splats to records of an instance; empty if each splat has its own record."""
     row = instance * BAKED
     return array_at(world.baked[row + BAKED_SPREAD], world.baked[row + BAKED_SPREAD_COUNT], i32(0))
 
 
 @inline
 def _normals(world: World, instance: int, four: Four, scratch: Scratch) -> FourPoints:
-    """Unit normals of four hits, a quarter each, in model space, as seen from the side where normals point."""
+    """Return the front-facing unit normals of four hits in model space, a quarter of each vector for each hit."""
     points, m = scratch.shading_points, of_size_one(matrix_at(world, instance * INSTANCE))
     side = points[SHADING_SIDE + four[0]]
     a, b = load3(points, SHADING_NORMAL + four[0]), load3(points, SHADING_NORMAL + four[1])
@@ -111,10 +111,10 @@ def _normals(world: World, instance: int, four: Four, scratch: Scratch) -> FourP
 
 @inline
 def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
-    """List the blocks that have weight at one of four hits of one leaf, and store the weights: in `Scratch.splats`.
+    """List the blocks with weight at any of four hits in one leaf, and store the weights in `Scratch.splats`.
 
-    Lane 4 r + j is that of splat j at point r. Where no splat has weight, the nearest one has. A scattered point has
-    its own record.
+    Lane 4 r + j holds the weight of splat j at point r. If no splat has weight, the nearest one gets weight 1. A
+    scattered point has its own record.
     """
     part, splats = scratch.part, scratch.splats
     leaf, instance = scratch.numbers[LEAF_OF + four[0]], scratch.numbers[INSTANCE_OF + four[0]]
@@ -132,7 +132,7 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
     for k in range(scratch.counts[COUNT_NEAR]):
         block = i64(scratch.near[k])
         w = weights_seen(tree, block, places, sheet, part)
-        if bits(w > zero) == 0:  # its records need not be read
+        if bits(w > zero) == 0:  # saves reading its records
             continue
         at = block * BLOCK
         cosine = (
@@ -159,14 +159,14 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
 
 @inline
 def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
-    """List the four cells around each of four hits on a plane, and store their shares, as `_weigh` does."""
+    """List the four cells around each of four hits on a plane, and store their weights, as `_weigh` does."""
     instance = scratch.numbers[INSTANCE_OF + four[0]]
     plane = int(world.instances[instance * INSTANCE + SHAPE_ROW]) * PLANE_SIZE
     frame = grid_frame(world.baked_frames, instance)
     scratch.counts[COUNT_NEAR] = 0
     for r in range(4):
         scratch.part[SUM_WEIGHTS + 4 * r] = f32(1.0)
-        if r > 0 and four[r] == four[0]:  # its sums are not asked for
+        if r > 0 and four[r] == four[0]:  # a repeated hit: its sums are not used
             continue
         x, total = load3(scratch.shading_points, SHADING_POINT + four[r]), 0.0
         for corner in range(4):
@@ -182,7 +182,7 @@ def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
 
 @inline
 def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
-    """Keep what arrives at four hits of one leaf or one plane, on the same side."""
+    """Store the light that arrives at four hits on the same side of one leaf or plane."""
     instance, points = scratch.numbers[INSTANCE_OF + four[0]], scratch.shading_points
     records = _records(world, instance, points[SHADING_SIDE + four[0]])
     if records.size == 0:
@@ -195,7 +195,7 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
             spread_out(_spread(world, instance), scratch)
     else:
         _weigh_cells(world, four, scratch)
-    # Other materials need none: a diffuse floor below a glossy statue.
+    # Only materials with a wide lobe need moments.
     moments = first and is_wide(lobe_of(world, material_at(world, instance)))
     if moments:
         sum_moments(records, scratch)
@@ -206,20 +206,20 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
     unit_of = world.baked_frames[instance * BAKED_FRAME + BAKED_UNIT]
     for r in range(4):
         if r == 0 or four[r] != four[0]:
-            keep_light(four[r], r, unit_of, not first, scratch)
+            store_light(four[r], r, unit_of, not first, scratch)
             if moments:
-                keep_moments(four[r], r, unit_of, scratch)
+                store_moments(four[r], r, unit_of, scratch)
 
 
 @inline
 def _same_side(points: Array, i: int, k: int) -> int:
-    """k if its surface point is seen from the same side as that of i, else i."""
+    """Return k if hits k and i are on the same side, else i."""
     return k if points[SHADING_SIDE + k] == points[SHADING_SIDE + i] else i
 
 
 @inline
 def _is_sheeted(world: World, i: int, scratch: Scratch) -> bool:
-    """Whether a hit is in a leaf with two sheets close together: each ray sees its own."""
+    """Return whether a hit is in a leaf with two sheets: weights then depend on the sheet that a ray meets."""
     instance = scratch.numbers[INSTANCE_OF + i] * INSTANCE
     if world.instances[instance + KIND] != MODEL:
         return False
@@ -230,10 +230,10 @@ def _is_sheeted(world: World, i: int, scratch: Scratch) -> bool:
 
 @routine
 def find_baked(world: World, first: bool, scratch: Scratch) -> None:
-    """Find the baked light at the tile's surface points, whose hits are still known: the rows ARRIVING.
+    """Look up the baked light at the tile's hits; store it in the rows ARRIVING.
 
-    first : whether these are the camera's first hits: moments are found where a material has a wide lobe; at others
-        that of lights is added
+    first : whether these are the camera's first hits. If so, moments are stored for materials with a wide lobe; else
+        the baked direct light is added.
     """
     scratch, world = borrow(scratch), borrow(world)
     numbers, points, left = scratch.numbers, scratch.shading_points, i64(0)

@@ -1,7 +1,7 @@
-"""Shading by baked light: direct light is live, with sharp shadows; that of the sky and of surfaces is looked up.
+"""Shading with baked light: direct light is computed with sharp shadows; light of the sky and of surfaces is looked up.
 
-A wide lobe is evaluated from what is baked; a narrower one sends one more ray, which reads what is baked where it
-lands. There, as behind mirrors and glass, direct light is looked up too.
+Wide lobes are evaluated from the baked moments. Narrower lobes send one more ray and read the baked light where it
+hits. There, as behind mirrors and glass, direct light is looked up too.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ from .baked import find_baked
 from .bsdf import emitted, eval_bsdf, lobes_of
 from .choice import nearest_lamp
 from .direct import shade_gains
-from .emitters import from_middle, light_radiance, sample_light
-from .lobes import Lobe, is_wide, lobe_of, lobe_of_baked
+from .emitters import from_center, light_radiance, sample_light
+from .lobes import Lobe, is_wide, lobe_of, reflect_baked
 from .shading_points import add_radiance, is_shaded, shading_point, start_of
-from .specular_rays import send_later
+from .specular_rays import push_ray
 
 
 @inline
 def meet_lamps(world: World, scratch: Scratch) -> Bits:
-    """Add the light of lamps that the tile's rays meet; what lies behind them is no surface point. Returns the rays."""
+    """Add the radiance of lamps that the tile's rays hit, and discard the hits behind; return these rays (bits)."""
     met = i64(0)
     if world.lamps.lights.size == 0:
         return met
@@ -57,7 +57,7 @@ def meet_lamps(world: World, scratch: Scratch) -> Bits:
 
 @inline
 def _reflect_narrow(world: World, i: int, gloss: Vec3, lobe: Lobe, sample: int, scratch: Scratch) -> None:
-    """Send a ray into a narrow lobe about the mirrored direction. sample : its number; -1: the lobe's middle"""
+    """Send a ray into a narrow lobe about the mirrored direction. sample : index; -1: the lobe's centre"""
     points, (kind, e) = scratch.shading_points, lobe
     point = shading_point(world, scratch, i)[1]
     d = mirrored(point.wo, point.normal)
@@ -69,16 +69,16 @@ def _reflect_narrow(world: World, i: int, gloss: Vec3, lobe: Lobe, sample: int, 
         return
     share = cosine * (e + 2.0) / (e + 1.0) if kind == PHONG else 1.0
     weight = multiply(load3(points, THROUGHPUT + i), scale(gloss, share))
-    send_later(scratch, i, d, weight, points[SHADING_SIDE + i])
+    push_ray(scratch, i, d, weight, points[SHADING_SIDE + i])
 
 
 @inline
 def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
     """Add emitted light and baked light at the tile's surface points.
 
-    first : whether these are the camera's first hits, whose narrow lobes send rays, and whose direct light is live;
-        others reflect all light evenly
-    sample : the number of the sample; -1: lobes are seen in their middle
+    first : whether these are the camera's first hits, whose narrow lobes send rays and whose direct light is computed;
+        other hits reflect all light diffusely
+    sample : sample index; -1: rays follow the centre of a lobe
     """
     find_baked(world, first, scratch)
     for i in range(TILE):
@@ -94,7 +94,7 @@ def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
             lobe = lobe_of(world, material)
             if is_wide(lobe):
                 r = mirrored(point.wo, point.normal)
-                light = add(light, multiply(gloss, lobe_of_baked(scratch, i, lobe, point.normal, r)))
+                light = add(light, multiply(gloss, reflect_baked(scratch, i, lobe, point.normal, r)))
             else:
                 _reflect_narrow(world, i, gloss, lobe, sample, scratch)
         add_radiance(scratch, i, light)
@@ -102,7 +102,7 @@ def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
 
 @inline
 def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
-    """Set what one light adds at the camera's first hits, and the rays that test it; whether it adds any light."""
+    """Set the gain of one light at the camera's first hits and its shadow rays; return whether it adds any light."""
     points, lit = scratch.shading_points, False
     for i in range(TILE):
         store3(points, GAIN + i, BLACK)
@@ -111,7 +111,7 @@ def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
             continue
         material, point = shading_point(world, scratch, i)
         x = start_of(scratch, i, point.side)
-        incoming = from_middle(world, light, world.lights[light + LIGHT_KIND], x)
+        incoming = from_center(world, light, world.lights[light + LIGHT_KIND], x)
         if sample >= 0:
             u, v = sample_pair(int(points[KEY + i]), sample, ON_PATH + ON_LIGHT + PER_SCATTERING * (light // LIGHT))
             incoming = sample_light(world, light, x, u, v)
@@ -125,9 +125,9 @@ def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
 
 @inline
 def add_live(world: World, shadows: bool, sample: int, scratch: Scratch) -> None:
-    """Add the direct light of all lights at the tile's surface points. Uses the tile's rays as shadow rays.
+    """Add the direct light of all lights at the tile's surface points. Overwrites the tile's rays.
 
-    sample : the number of the sample, which chooses a point on each light; -1: its middle
+    sample : sample index, which chooses a point on each light; -1: its centre
     """
     for light in range(0, world.lights.size, LIGHT):
         if not _set_light(world, light, sample, scratch):

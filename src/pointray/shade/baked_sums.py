@@ -1,9 +1,9 @@
-"""Baked light blended from records, at four points at once, and kept where shading reads it.
+"""Blending of baked light from records, at four points at once.
 
-A record keeps irradiance, that without lights and that of lights (`rgbe.py`), and the moments of the former
-(`baked_code.py`). Records are read four at a time: those of a block of splats, or of four cells of a plane in a row.
-`Scratch.near` lists such fours. Lane 4 r + j of their weights, 16 numbers each in `Scratch.splats`, is that of record j
-at point r. The sums are in `Scratch.part`: of the weights at point r in SUM_WEIGHTS + 4 r, others as `_store` does it.
+A record holds indirect and direct irradiance (`rgbe.py`) and the moments of the indirect light (`baked_code.py`).
+Records are read in groups of four: a block of splats, or four consecutive cells of a plane. `Scratch.near` lists the
+groups; `Scratch.splats` holds 16 weights a group, lane 4 r + j for record j at point r. Sums go to `Scratch.part`: the
+weights at point r to SUM_WEIGHTS + 4 r, others as `_store` writes them.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ from .baked_code import COLORS, MOMENTS_OF_GRAY, REACH_1, REACH_2, REACH_COLOR, 
 from .rgbe import unpack_four
 
 Sums: TypeAlias = tuple[F16, F16, F16, F16]  # of four points
-FOUR = 4 * RECORD  # numbers of four records
+FOUR = 4 * RECORD  # length of a group of records
 ONE_SHARE = f32(1.0 / 255.0)  # see `records.SPREAD_SHARES`
-# Where sums begin: of four vectors of moments, of irradiance, of that of lights, and of the weights.
+# Offsets of the sums: four vectors of moments, indirect irradiance, direct irradiance, weights.
 SUM_MOMENTS, SUM_LIGHT, SUM_DIRECT, SUM_WEIGHTS = 0, 4 * LANES, 5 * LANES, 6 * LANES
 
 
 @inline
 def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> None:
-    """List a record, number k of four records, for point r, where it has this share of the light."""
+    """Add a weight for record k of a group at point r, listing the group if needed."""
     count, at = scratch.counts[COUNT_NEAR], 0
     while at < count and i64(scratch.near[at]) != four:  # neighbours on a plane mostly share their cells
         at += 1
@@ -49,9 +49,9 @@ def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> No
 
 @inline
 def spread_out(spread: Array, scratch: Scratch) -> None:
-    """List the records of coarser light in place of the blocks that they are spread over, see `records.SPREAD`."""
+    """Replace the listed blocks by the records of coarser light that they blend, see `records.SPREAD`."""
     blocks, splats, count = scratch.listed, scratch.splats, scratch.counts[COUNT_NEAR]
-    kept = splats.size - count * LANES  # there is room for four times as many, and these
+    kept = splats.size - count * LANES  # the buffer holds four times as many, plus these
     for m in range(count):
         blocks[m] = scratch.near[m]
         for lane in range(LANES):
@@ -72,7 +72,7 @@ def spread_out(spread: Array, scratch: Scratch) -> None:
 
 @inline
 def _add(sums: Sums, value: F16, weights: Array, at: int) -> Sums:
-    """Add a value of four records, times their weights at each of four points."""
+    """Add the values of four records, times their weights at each of four points."""
     return (
         sums[0] + value * repeat4(weights, at),
         sums[1] + value * repeat4(weights, at + 4),
@@ -83,13 +83,13 @@ def _add(sums: Sums, value: F16, weights: Array, at: int) -> Sums:
 
 @inline
 def _store(to: int, sums: Sums, scratch: Scratch) -> None:
-    """Store what four records and their weights sum up to: number q at point r to `Scratch.part`[to + 4 q + r]."""
+    """Store sums over four records: component q at point r to `Scratch.part`[to + 4 q + r]."""
     store(scratch.part, to, sums_of_fours(sums[0], sums[1], sums[2], sums[3]))
 
 
 @inline
 def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
-    """Sum irradiance, RGB, over the listed records, times weights. column : INDIRECT or DIRECT; to : see `_store`"""
+    """Sum weighted RGB irradiance over the listed records. column : INDIRECT or DIRECT; to : see `_store`"""
     zero = broadcast16(ZERO)
     sums = zero, zero, zero, zero
     for k in range(scratch.counts[COUNT_NEAR]):
@@ -101,7 +101,7 @@ def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
 
 @inline
 def sum_moments(records: Array, scratch: Scratch) -> None:
-    """Sum irradiance without that of lights, and the moments as `unpack_moments` has them: SUM_LIGHT, SUM_MOMENTS."""
+    """Sum weighted indirect irradiance and the moments of `unpack_moments` in SUM_LIGHT and SUM_MOMENTS."""
     zero = broadcast16(ZERO)
     sums = a = b = c = d = (zero, zero, zero, zero)
     for k in range(scratch.counts[COUNT_NEAR]):
@@ -119,8 +119,8 @@ def sum_moments(records: Array, scratch: Scratch) -> None:
 
 
 @inline
-def keep_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scratch) -> None:
-    """Keep the irradiance at surface point i, from the sums of point r. unit_of : see `records.BAKED_UNIT`"""
+def store_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scratch) -> None:
+    """Store the irradiance at surface point i from the sums of point r. unit_of : see `records.BAKED_UNIT`"""
     part = scratch.part
     share = unit_of / f64(part[SUM_WEIGHTS + 4 * r])
     light = f64(part[SUM_LIGHT + r]), f64(part[SUM_LIGHT + 4 + r]), f64(part[SUM_LIGHT + 8 + r])
@@ -131,8 +131,8 @@ def keep_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scrat
 
 
 @inline
-def keep_moments(i: int, r: int, unit_of: float, scratch: Scratch) -> None:
-    """Keep the moments at surface point i, from the sums of point r."""
+def store_moments(i: int, r: int, unit_of: float, scratch: Scratch) -> None:
+    """Store the moments at surface point i from the sums of point r."""
     part, points, at = scratch.part, scratch.shading_points, SUM_MOMENTS + r
     share = unit_of / f64(part[SUM_WEIGHTS + 4 * r])
     for k in range(MOMENTS_OF_GRAY):

@@ -1,9 +1,9 @@
-"""How light is scattered at a surface point: the functions of a material that every integrator calls.
+"""Evaluation and sampling of BSDFs, for all integrators.
 
-BSDFs are reciprocal, colours are linear RGB, pdfs are per solid angle. Rays carry radiance divided by the square of
-the index of refraction, which refraction does not change (Nicodemus 1963, 'basic radiance'), so no weight has a factor
-(n1 / n2)^2. In air, where eyes and lights are, it is the radiance itself. With the factor a path would lose n^2 where
-it enters a closed body and gain it where it leaves: the same picture, unless a light is inside.
+BSDFs are reciprocal, colours are linear RGB, pdfs are per solid angle. Rays carry basic radiance (Nicodemus 1963), that
+is radiance divided by the square of the index of refraction. Refraction does not change it, so no weight has a factor
+(n1 / n2)^2. In air, where cameras and lights are, it equals radiance. With the factor a path would lose n^2 on entering
+a closed body and regain it on leaving: the same image, unless a light is inside.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from .materials.phong import eval_phong, lobes_of_phong, sample_phong
 from .materials.principled import eval_principled, exponent_of_facets, lobes_of_principled, sample_principled
 from .materials.specular import sample_specular
 
-LEAST_PDF = 1e-200  # below it a quotient by the pdf may overflow
+LEAST_PDF = 1e-200  # smaller ones may overflow as divisors
 
 
 @inline
 def base_color(world: World, material: int, color: Vec3) -> Vec3:
-    """The material's colour, or the given colour of the surface where the material has none."""
+    """Return the material's colour, or the given surface colour if the material has none."""
     if world.materials[material + OWN_COLOR] != 0.0:
         return color
     return load3_flat(world.materials, material + BASE_COLOR)
@@ -44,7 +44,7 @@ def base_color(world: World, material: int, color: Vec3) -> Vec3:
 
 @inline
 def emitted(world: World, material: int) -> Vec3:
-    """Radiance that the surface emits by itself, to both sides."""
+    """Return the radiance that the surface emits, on both sides."""
     if world.materials[material + MATERIAL_KIND] == EMISSIVE:
         return load3_flat(world.materials, material + EMITTED)
     return BLACK
@@ -52,14 +52,14 @@ def emitted(world: World, material: int) -> Vec3:
 
 @inline
 def is_specular(world: World, material: int) -> bool:
-    """Whether light is scattered into one or two directions only."""
+    """Return whether the BSDF consists of delta distributions only."""
     kind = world.materials[material + MATERIAL_KIND]
     return kind in (MIRROR, DIELECTRIC)
 
 
 @inline
 def ambient(world: World, material: int, point: ShadingPoint) -> Vec3:
-    """The share of even light from all around that is reflected, highlights left out."""
+    """Return the diffuse albedo; black for specular materials."""
     if is_specular(world, material):
         return BLACK
     share = 1.0 - world.materials[material + SPECULAR] if world.materials[material + MATERIAL_KIND] == PHONG else 1.0
@@ -68,9 +68,9 @@ def ambient(world: World, material: int, point: ShadingPoint) -> Vec3:
 
 @inline
 def lobes_of(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3]:
-    """The weights of a material as an even lobe, and a lobe about the mirrored direction; see `lobe_exponent`.
+    """Return the albedos of a material's diffuse lobe and of that about the mirrored direction, see `lobe_exponent`.
 
-    Each is the share of even light that the lobe reflects; black for specular materials.
+    An albedo is the fraction of uniform light that the lobe reflects; black for specular materials.
     """
     if is_specular(world, material):
         return BLACK, BLACK
@@ -84,7 +84,7 @@ def lobes_of(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Ve
 
 @inline
 def lobe_exponent(world: World, material: int) -> float:
-    """The exponent of a material's lobe about the mirrored direction; -1.0: it has none."""
+    """Return the exponent of a material's lobe about the mirrored direction, or -1.0 without such a lobe."""
     kind = world.materials[material + MATERIAL_KIND]
     if kind == PHONG:
         return world.materials[material + EXPONENT] if world.materials[material + SPECULAR] > 0.0 else -1.0
@@ -93,9 +93,9 @@ def lobe_exponent(world: World, material: int) -> float:
 
 @inline
 def eval_bsdf(world: World, material: int, point: ShadingPoint, wi: Vec3) -> tuple[Vec3, float]:
-    """(BSDF times cosine as RGB, pdf with which `sample_bsdf` chooses this direction).
+    """Return (BSDF times cosine as RGB, pdf of `sample_bsdf` for this direction).
 
-    wi : unit. Black and 0 where light or eye is not on the normal's side, and for specular materials.
+    Both are 0 if wi (unit) or wo is below the surface, and for specular materials.
     """
     cosine = dot(point.normal, wi)
     if cosine <= 0.0 or dot(point.normal, point.wo) <= 0.0 or is_specular(world, material):
@@ -110,7 +110,7 @@ def eval_bsdf(world: World, material: int, point: ShadingPoint, wi: Vec3) -> tup
 
 @inline
 def _direction(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
-    """A direction chosen with the pdf of `eval_bsdf`; it may lie below the surface."""
+    """Sample a direction with the pdf of `eval_bsdf`; it may lie below the surface."""
     kind = world.materials[material + MATERIAL_KIND]
     if kind == PHONG:
         return sample_phong(world, material, point, which, u, v)
@@ -123,11 +123,11 @@ def _direction(world: World, material: int, point: ShadingPoint, which: float, u
 def sample_bsdf(
     world: World, material: int, point: ShadingPoint, which: float, u: float, v: float
 ) -> tuple[Vec3, Vec3, float, float]:
-    """Choose where a path continues: (unit direction, weight, pdf, side).
+    """Sample the BSDF: return (unit direction, weight, pdf, side).
 
-    which : chooses the lobe; u, v : the direction; all 0 <= x < 1
-    weight : BSDF times cosine over the pdf, RGB; black where nothing is scattered
-    pdf : 0.0 where the lobe is specular; side : of the surface, +1.0 or -1.0, on which the new ray leaves
+    which : random number in [0, 1) that chooses the lobe; u, v : random numbers in [0, 1) that choose the direction
+    weight : BSDF times cosine over the pdf, RGB; black if nothing is scattered
+    pdf : 0.0 for a specular lobe; side : side of the surface, +1.0 or -1.0, on which the new ray leaves
     """
     if dot(point.normal, point.wo) <= 0.0:
         return point.normal, BLACK, 0.0, point.side

@@ -1,8 +1,8 @@
-"""Shadow catchers: planes that show only shadows; the light that arrives at them, and the light that would arrive.
+"""Shadow catchers: planes that show only shadows, from the light that arrives and the light without occlusion.
 
-Blocked light is 1 - LIT / UNLIT, with sums over a pixel's samples (`rendering/film.py`): the same samples find both
-sums, so that nothing is taken away where nothing blocks. Light is counted as luminance, weighted by its cosine; light
-that other surfaces reflect onto a catcher is not counted.
+The shadow is 1 - LIT / UNLIT, of sums over a pixel's samples (`rendering/film.py`). Both sums use the same samples, so
+that it is exactly 0 without occlusion. Light is counted as luminance times cosine; light that other surfaces reflect
+onto a catcher is not counted.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from ..engine.kernels.vec import BLACK, Vec3, dot, luminance, scale
 from ..engine.simd import Bits, count_trailing_zeros
 from ..surface.trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .choice import meets_lamp
-from .emitters import from_middle, sample_light
+from .emitters import from_center, sample_light
 from .materials.diffuse import sample_diffuse
 from .shading_points import add_radiance
-from .sky import has_sky, is_chosen, sample_sky, sky_irradiance, sky_radiance
+from .sky import has_sky, is_importance_sampled, sample_sky, sky_irradiance, sky_radiance
 
 
 @inline
 def find_caught(world: World, scratch: Scratch) -> Bits:
-    """Store in CAUGHT which of the tile's surface points, at the camera's first hits, are a catcher's; returns them."""
+    """Store in CAUGHT which of the camera's first hits are on catchers; return them (bits)."""
     bits, points = i64(0), scratch.shading_points
     if world.catchers > 0:
         for i in range(TILE):
@@ -56,14 +56,14 @@ def find_caught(world: World, scratch: Scratch) -> Bits:
 
 
 @inline
-def _ask_nothing(scratch: Scratch) -> None:
+def _clear_rays(scratch: Scratch) -> None:
     for i in range(TILE):
         set_ray(scratch, i, NO_RAY)
 
 
 @inline
-def _ask(scratch: Scratch, i: int, light: float, wi: Vec3, distance: float) -> None:
-    """Store light that would arrive at catcher i, and set the ray that tells whether it does."""
+def _set_shadow_ray(scratch: Scratch, i: int, light: float, wi: Vec3, distance: float) -> None:
+    """Store the unoccluded light at catcher i, and set its shadow ray."""
     scratch.shading_points[GAIN + i] = light
     if light > 0.0:
         ray = load3(scratch.shading_points, SHADING_POINT + i), wi, 0.0, distance
@@ -71,8 +71,8 @@ def _ask(scratch: Scratch, i: int, light: float, wi: Vec3, distance: float) -> N
 
 
 @inline
-def _answer(world: World, caught: Bits, shadows: bool, scratch: Scratch) -> None:
-    """Add the stored light to what would arrive, and, where nothing blocks it, to what does arrive."""
+def _add_unblocked(world: World, caught: Bits, shadows: bool, scratch: Scratch) -> None:
+    """Trace the shadow rays; add the stored light to UNLIT and, where not blocked, to LIT."""
     points = scratch.shading_points
     if shadows:
         occlude_tile(world, scratch)
@@ -85,8 +85,8 @@ def _answer(world: World, caught: Bits, shadows: bool, scratch: Scratch) -> None
 
 
 @inline
-def _leave(caught: Bits, scratch: Scratch) -> None:
-    """Exclude catchers from the surface points that are shaded."""
+def _exclude(caught: Bits, scratch: Scratch) -> None:
+    """Exclude catchers from shading."""
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
             scratch.shading_points[SHADING_INSTANCE + i] = -1.0
@@ -95,7 +95,7 @@ def _leave(caught: Bits, scratch: Scratch) -> None:
 
 @inline
 def _unshadowed(world: World, i: int, scratch: Scratch) -> float:
-    """Light at catcher i that has no shadows with direct light: the sky's, or a headlight's."""
+    """Return the light at catcher i that casts no shadows in direct lighting: of the sky, or of the headlight."""
     if has_sky(world):
         return luminance(sky_irradiance(world, load3(scratch.shading_points, SHADING_NORMAL + i)))
     return 1.0 if world.lights.size == 0 else 0.0
@@ -103,90 +103,90 @@ def _unshadowed(world: World, i: int, scratch: Scratch) -> float:
 
 @inline
 def catch_direct(world: World, caught: Bits, shadows: bool, scratch: Scratch) -> None:
-    """Direct light at the tile's catchers (bits), each light from its middle. Uses the tile's rays."""
+    """Compute direct light at the tile's catchers (bits), from the centre of each light. Overwrites the tile's rays."""
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
             light = _unshadowed(world, i, scratch)
             scratch.shading_points[UNLIT + i], scratch.shading_points[LIT + i] = light, light
     for at in range(0, world.lights.size, LIGHT):
-        _ask_nothing(scratch)
+        _clear_rays(scratch)
         for i in range(TILE):
             if (caught >> i) & 1 != 0:
-                incoming = from_middle(
+                incoming = from_center(
                     world, at, world.lights[at + LIGHT_KIND], load3(scratch.shading_points, SHADING_POINT + i)
                 )
                 cosine = max(dot(load3(scratch.shading_points, SHADING_NORMAL + i), incoming.wi), 0.0)
-                _ask(scratch, i, luminance(incoming.light) * cosine, incoming.wi, incoming.distance)
-        _answer(world, caught, shadows, scratch)
-    _leave(caught, scratch)
+                _set_shadow_ray(scratch, i, luminance(incoming.light) * cosine, incoming.wi, incoming.distance)
+        _add_unblocked(world, caught, shadows, scratch)
+    _exclude(caught, scratch)
 
 
 @inline
 def catch_occlusion(caught: Bits, scratch: Scratch) -> None:
-    """Count which rays of ambient occlusion are free, after they are traced."""
+    """Store the result of traced ambient occlusion rays at catchers."""
     for i in range(TILE):
         if (caught >> i) & 1 != 0:
             scratch.shading_points[UNLIT + i] = 1.0
             scratch.shading_points[LIT + i] = 0.0 if is_blocked(scratch, i) else 1.0
-    _leave(caught, scratch)
+    _exclude(caught, scratch)
 
 
 @inline
-def _ask_lamp(world: World, light: int, i: int, sample: int, scratch: Scratch) -> None:
-    """Ask at catcher i for light from a point on a light."""
+def _sample_lamp_at(world: World, light: int, i: int, sample: int, scratch: Scratch) -> None:
+    """Sample a point on a light at catcher i, and set its shadow ray."""
     x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
     u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + ON_LIGHT)
     incoming = sample_light(world, light, x, u, v)
     cosine = max(dot(normal, incoming.wi), 0.0)
-    _ask(scratch, i, luminance(incoming.light) * cosine, incoming.wi, incoming.distance)
+    _set_shadow_ray(scratch, i, luminance(incoming.light) * cosine, incoming.wi, incoming.distance)
 
 
 @inline
-def _ask_sky(world: World, i: int, sample: int, scratch: Scratch) -> None:
-    """Ask at catcher i for light from all around: a direction chosen by a sky picture's light, else by the cosine."""
+def _sample_sky_at(world: World, i: int, sample: int, scratch: Scratch) -> None:
+    """Sample the environment light at catcher i, by its image if it has one, else by the cosine; set the shadow ray."""
     x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
     u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
-    if is_chosen(world):
+    if is_importance_sampled(world):
         incoming = sample_sky(world, u, v)
         d, light = incoming.wi, scale(incoming.light, max(dot(normal, incoming.wi), 0.0))
     else:
         d = sample_diffuse(normal, u, v)
         light = scale(sky_radiance(world, d), math.pi)
-    _ask(scratch, i, 0.0 if meets_lamp(world, (x, d), np.inf) else luminance(light), d, np.inf)
+    _set_shadow_ray(scratch, i, 0.0 if meets_lamp(world, (x, d), np.inf) else luminance(light), d, np.inf)
 
 
 @inline
 def catch_paths(world: World, sample: int, sky_shows: bool, scratch: Scratch) -> Bits:
-    """All light at the tile's catchers, from a point on each light and from one direction of the sky.
+    """Sample a point on each light, and one direction of the sky, at the tile's catchers; return those left in CAUGHT.
 
-    Every light is sampled, not one by chance: what would arrive is nearly the same in all samples, so a quotient of few
-    sums is nearly right. Half below a rectangle whose light differs threefold from end to end, the quotient is 0.40 on
-    average with 1 sample, 0.307 with 4, 0.303 with 64.
+    All lights are sampled, not a random one: UNLIT then varies little between samples, which keeps the bias of the
+    quotient LIT / UNLIT small. Half below a rectangle whose light varies threefold, the mean quotient is 0.40 with 1
+    sample, 0.307 with 4, 0.303 with 64.
 
-    sky_shows : whether the sky is seen behind them; catchers then darken it. Else they stay in CAUGHT, to become alpha.
-    Returns those that stay.
+    sky_shows : whether the sky is visible behind catchers, which then darken it. Else they stay in CAUGHT and become
+        alpha.
     """
     caught, sky = scratch.counts[CAUGHT], world.lights.size
     for light in range(0, sky + LIGHT, LIGHT):
         if light == sky and not has_sky(world):
             continue
-        _ask_nothing(scratch)
+        _clear_rays(scratch)
         for i in range(TILE):
             if (caught >> i) & 1 != 0:
                 if light == sky:
-                    _ask_sky(world, i, sample, scratch)
+                    _sample_sky_at(world, i, sample, scratch)
                 else:
-                    _ask_lamp(world, light, i, sample, scratch)
-        _answer(world, caught, True, scratch)
-    _leave(caught, scratch)
+                    _sample_lamp_at(world, light, i, sample, scratch)
+        _add_unblocked(world, caught, True, scratch)
+    _exclude(caught, scratch)
     return show_caught(world, sky_shows, scratch)
 
 
 @inline
 def show_caught(world: World, sky_shows: bool, scratch: Scratch) -> Bits:
-    """Where the sky shows, catchers show it, scaled by their share of the light, and are no longer in CAUGHT.
+    """Add the sky behind catchers, darkened by their shadow, and clear CAUGHT; without a visible sky change nothing.
 
-    Returns those that still are, to become alpha.
+    Returns the catchers left in CAUGHT, which become alpha.
     """
     caught, points = scratch.counts[CAUGHT], scratch.shading_points
     if not sky_shows:

@@ -1,6 +1,6 @@
-"""Many lights, for paths: a table chooses one of them, and a tree finds those that a ray meets.
+"""Selection of lights by paths, from a table, and intersection of rays with lights, in a tree.
 
-No loop visits all lights: with 5,000 lamps a path tests some dozen. See `shade/tables.py`.
+No loop visits all lights: with 5,000 lamps a path tests about a dozen. See `shade/tables.py`.
 """
 
 from __future__ import annotations
@@ -11,45 +11,45 @@ from ..engine.kernels.sampling import find_share
 from ..engine.kernels.vec import BLACK, Vec3
 from .emitters import intersect_light, sun_in
 
-FLAT = 1e-200  # a direction's component is no smaller, so that no box test divides by zero
+FLAT = 1e-200  # smallest component of a direction, so that box tests do not divide by zero
 
 
 @inline
 def choose_light(world: World, u: float) -> tuple[int, float]:
-    """(the light that a number in 0..1 chooses, its probability): -1 and 0 if none shines.
+    """Return (light chosen by a random number in [0, 1), its probability); (-1, 0) if no light shines.
 
-    The sky's picture is counted after all lights.
+    An environment image has the number after the last light.
     """
     count = world.light_shares.size - 1
     if count < 1:
         return -1, 0.0
     which = find_share(world.light_shares, 0, count, u)
-    return which, chance_of(world, which)
+    return which, light_probability(world, which)
 
 
 @inline
-def chance_of(world: World, which: int) -> float:
-    """The probability with which `choose_light` chooses a light; 0 for one that does not shine."""
+def light_probability(world: World, which: int) -> float:
+    """Return the probability with which `choose_light` chooses a light; 0 for a black light."""
     if which + 1 >= world.light_shares.size:
         return 0.0
     return world.light_shares[which + 1] - world.light_shares[which]
 
 
 @inline
-def sky_chance(world: World) -> float:
-    """The probability with which `choose_light` chooses the sky's picture."""
-    return chance_of(world, world.lights.size // LIGHT)
+def sky_probability(world: World) -> float:
+    """Return the probability with which `choose_light` chooses the environment image."""
+    return light_probability(world, world.lights.size // LIGHT)
 
 
 @inline
-def _steady(x: float) -> float:
-    """A direction's component, kept away from zero."""
+def _nonzero(x: float) -> float:
+    """Return a component of a direction, kept away from zero."""
     return x if abs(x) >= FLAT else FLAT
 
 
 @inline
 def _enters(boxes: Array, offset: int, o: Vec3, inverse: Vec3, nearest: float) -> bool:
-    """Whether a ray enters a box before `nearest`."""
+    """Return whether a ray enters a box before `nearest`."""
     ax, bx = (boxes[offset] - o[0]) * inverse[0], (boxes[offset + 3] - o[0]) * inverse[0]
     ay, by = (boxes[offset + 1] - o[1]) * inverse[1], (boxes[offset + 4] - o[1]) * inverse[1]
     az, bz = (boxes[offset + 2] - o[2]) * inverse[2], (boxes[offset + 5] - o[2]) * inverse[2]
@@ -60,10 +60,10 @@ def _enters(boxes: Array, offset: int, o: Vec3, inverse: Vec3, nearest: float) -
 
 @inline
 def nearest_lamp(world: World, ray: tuple[Vec3, Vec3], nearest: float) -> tuple[float, int]:
-    """(t, offset of its record) of the nearest light that a ray (o, d) meets before `nearest`; -1 for none."""
+    """Return (t, record offset) of the nearest light that a ray (o, d) hits before `nearest`; offset -1 for a miss."""
     lamps, found, k = world.lamps, -1, 0
     d = ray[1]
-    inverse = 1.0 / _steady(d[0]), 1.0 / _steady(d[1]), 1.0 / _steady(d[2])
+    inverse = 1.0 / _nonzero(d[0]), 1.0 / _nonzero(d[1]), 1.0 / _nonzero(d[2])
     while k < lamps.lights.size:
         light = lamps.lights[k]
         if light >= 0:
@@ -79,13 +79,13 @@ def nearest_lamp(world: World, ray: tuple[Vec3, Vec3], nearest: float) -> tuple[
 
 @inline
 def meets_lamp(world: World, ray: tuple[Vec3, Vec3], end: float) -> bool:
-    """Whether a ray (o, d) meets the front of a light before `end`."""
+    """Return whether a ray (o, d) hits the front of a light before `end`."""
     return nearest_lamp(world, ray, end)[1] >= 0
 
 
 @inline
 def _is_within(boxes: Array, offset: int, d: Vec3) -> bool:
-    """Whether a direction points into a box."""
+    """Return whether a direction, as a point, is inside a box."""
     x = (boxes[offset] <= d[0]) & (d[0] <= boxes[offset + 3])
     y = (boxes[offset + 1] <= d[1]) & (d[1] <= boxes[offset + 4])
     return x & y & (boxes[offset + 2] <= d[2]) & (d[2] <= boxes[offset + 5])
@@ -93,9 +93,9 @@ def _is_within(boxes: Array, offset: int, d: Vec3) -> bool:
 
 @inline
 def sun_after(world: World, k: int, d: Vec3) -> tuple[int, int, Vec3, float]:
-    """The first sun, from entry k on, whose disk contains a unit direction.
+    """Find the first sun, from entry k on, whose disk contains a unit direction.
 
-    Returns the entry that follows it (0 for none), the number of the light, its radiance, and its pdf.
+    Returns (next entry, or 0 if none is found; number of the light; radiance; pdf).
     """
     suns = world.suns
     while k < suns.lights.size:

@@ -1,4 +1,4 @@
-"""Colour maps by matplotlib's names: a dozen that every installation has, the others where matplotlib is installed.
+"""Colour maps by matplotlib's names: a dozen are included, the others need matplotlib.
 
 The tables in `colormaps.npz` are matplotlib's, see `tests/helpers/matplotlib_maps.py`: viridis, magma, inferno, plasma
 and twilight are CC0; cividis (Nuñez, Anderton and Renslow 2018), turbo (Mikhailov 2019), coolwarm (Moreland 2009),
@@ -20,14 +20,14 @@ from ..base.choices import COLORMAPS
 
 TABLES = Path(__file__).with_name("colormaps.npz")
 REVERSED = "_r"
-MOST_CLASSES = 64  # a map with fewer colours is one of classes
+MOST_CLASSES = 64  # maps with fewer colours are maps of classes
 
 
 @cache
 def colormap(name: str) -> NDArray[np.uint8]:
-    """A colour map, (n, 3) uint8 sRGB from the least value to the greatest; ValueError if there is none of that name.
+    """Return a colour map, (n, 3) uint8 sRGB from the lowest to the highest value; ValueError if the name is unknown.
 
-    A name that ends in "_r" is the reversed map, as in matplotlib.
+    The suffix "_r" reverses a map, as in matplotlib.
     """
     plain = name.removesuffix(REVERSED)
     if plain not in COLORMAPS:
@@ -38,17 +38,17 @@ def colormap(name: str) -> NDArray[np.uint8]:
 
 
 def shows_classes(name: str) -> bool:
-    """Whether a colour map has a few colours that tell classes apart."""
+    """Return whether a colour map is one of classes, with few distinct colours."""
     return len(colormap(name)) < MOST_CLASSES
 
 
 def _of_matplotlib(name: str) -> NDArray[np.uint8]:
     try:
         known: Any = import_module("matplotlib").colormaps
-        more = "and what else matplotlib has"
+        more = "or any other map of matplotlib"
     except ImportError:
-        known, more = {}, "with matplotlib (pip install 'pointray[plot]') all of its"
+        known, more = {}, "or with matplotlib (pip install 'pointray[plot]') any of its maps"
     if name not in known:
-        raise ValueError(f"unknown colormap {name!r}: there are {', '.join(COLORMAPS)}, {more}; reversed: viridis_r")
+        raise ValueError(f"unknown colormap {name!r}: expected {', '.join(COLORMAPS)}, {more}; add _r to reverse")
     colors: NDArray[np.float64] = known[name](np.arange(known[name].N))
     return np.rint(255 * colors[:, :3]).astype(np.uint8)

@@ -1,6 +1,6 @@
-"""Direct light at the hits of a tile: each light from its middle, all its shadow rays together; the sky's as a mean.
+"""Direct light at the hits of a tile: one shadow ray to the centre of each light; the sky by its irradiance.
 
-Light from mirrors and glass is in `shade/specular_rays.py`.
+Rays of mirrors and glass are in `shade/specular_rays.py`.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from ..engine.kernels.vec import BLACK, either, multiply, scale
 from ..surface.trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .ambient import find_sky_seen
 from .bsdf import ambient, emitted, eval_bsdf
-from .emitters import from_middle
+from .emitters import from_center
 from .shading_points import add_radiance, is_shaded, shading_point, start_of
 from .sky import has_sky, sky_irradiance
 
 
 @inline
 def _arrive(world: World, light: int, kind: float, scratch: Scratch) -> None:
-    """Set the tile's rays from its surface points to the middle of a light; GAIN is the light that arrives from there.
+    """Set the tile's rays from its surface points to the centre of a light; store the unoccluded light in GAIN.
 
-    No branches for most kinds: rays are processed as vectors, also those without a surface point.
+    Rays without a surface point are computed too: a loop without branches is vectorized.
     """
     points = scratch.shading_points
     for i in range(TILE):
         x = start_of(scratch, i, points[SHADING_SIDE + i])
-        incoming = from_middle(world, light, kind, x)
+        incoming = from_center(world, light, kind, x)
         store3(points, GAIN + i, incoming.light)
         set_ray_from(scratch, i, (x, incoming.wi, 0.0, incoming.distance), points[SHADING_SIDE + i])
 
 
 @inline
 def _light_from(world: World, light: int, scratch: Scratch) -> bool:
-    """Set what one light adds where nothing blocks it, and the rays that test it; returns whether it adds any light."""
+    """Set the unoccluded gain of one light and its shadow rays; return whether it adds any light."""
     points, lit, kind = scratch.shading_points, False, world.lights[light + LIGHT_KIND]
     if kind == POINT_LIGHT:
         _arrive(world, light, POINT_LIGHT, scratch)
@@ -69,7 +69,7 @@ def _light_from(world: World, light: int, scratch: Scratch) -> bool:
 
 @inline
 def shade_gains(scratch: Scratch) -> None:
-    """Remove the gain where something blocks the shadow rays, after these are traced. No branches."""
+    """Clear the gain where traced shadow rays are blocked. Branchless, so that it is vectorized."""
     points = scratch.shading_points
     for i in range(TILE):
         store3(points, GAIN + i, either(is_blocked(scratch, i), BLACK, load3(points, GAIN + i)))
@@ -77,10 +77,10 @@ def shade_gains(scratch: Scratch) -> None:
 
 @inline
 def light_tile(world: World, shadows: bool, look: tuple[int, int, float], scratch: Scratch) -> None:
-    """Add the radiance that the tile's surface points reflect along its rays. Uses the rays as shadow rays.
+    """Add the radiance that the tile's surface points reflect along its rays. Overwrites the rays.
 
-    look : how the sky is sampled, see `find_sky_seen`. A scene without lights has a headlight: where rays begin,
-    without fall-off and shadows, irradiance pi.
+    look : how the sky is sampled, see `find_sky_seen`. A scene without lights has a headlight at the origin of the
+    rays, of irradiance pi, without fall-off and shadows.
     """
     dark = world.lights.size == 0 and not has_sky(world)
     if has_sky(world):

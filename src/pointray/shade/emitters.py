@@ -1,6 +1,6 @@
-"""Lights as rays meet them: the light that arrives from one, a random point on it, and where a ray hits it.
+"""Sampling of lights, and intersection of rays with them.
 
-Pdfs are per solid angle; 0 stands for a light that is met with a pdf of 0, because it has no size.
+Pdfs are per solid angle; 0 stands for a light without size, which rays cannot hit.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ TINY = 1e-300
 
 
 class LightSample(NamedTuple):
-    """Light at a surface point: unit direction to the light and the distance.
+    """Light at a surface point, with the unit direction and the distance to the light.
 
-    light : RGB, radiance over the pdf; for a light without size, and for a whole one seen from afar, the irradiance
-        of a surface that faces it
-    pdf : density per solid angle with which the direction was chosen
+    light : RGB, radiance over the pdf; for a light without size, or taken as a whole, the irradiance of a surface that
+        faces it
+    pdf : density per solid angle with which the direction was sampled
     """
 
     wi: Vec3
@@ -53,7 +53,7 @@ def _nothing() -> LightSample:
 
 @inline
 def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
-    """A direction in a cone about an axis, uniformly distributed. missing : 1 - cosine of the cone's half angle."""
+    """Sample a direction uniformly in a cone about an axis. missing : 1 - cosine of the half angle"""
     x, y = on_disc(u, v)
     square = x * x + y * y
     drop = missing * square  # 1 - cosine, without cancellation
@@ -64,7 +64,7 @@ def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
 
 @inline
 def _cone_of_sphere(world: World, light: int, x: Vec3) -> tuple[Vec3, float, float]:
-    """(unit direction to a sphere's middle, distance, 1 - cosine of half the angle it fills; 0 inside the sphere)."""
+    """Return (unit direction to a sphere's centre, distance, 1 - cosine of its half angle; 0 inside the sphere)."""
     v = sub(load3_flat(world.lights, light + LIGHT_POSITION), x)
     distance, radius = length(v), world.lights[light + LIGHT_RADIUS]
     if distance <= radius:
@@ -74,8 +74,8 @@ def _cone_of_sphere(world: World, light: int, x: Vec3) -> tuple[Vec3, float, flo
 
 
 @inline
-def from_middle(world: World, light: int, kind: float, x: Vec3) -> LightSample:
-    """The light at x if all of a light of that kind came from its middle: hard shadows."""
+def from_center(world: World, light: int, kind: float, x: Vec3) -> LightSample:
+    """Return the light at x as if all of it came from the centre of the light: hard shadows."""
     position, power = load3_flat(world.lights, light + LIGHT_POSITION), load3_flat(world.lights, light + LIGHT_POWER)
     if kind == SUN_LIGHT:
         return LightSample(scale(position, -1.0), np.inf, power, 0.0)
@@ -91,22 +91,22 @@ def from_middle(world: World, light: int, kind: float, x: Vec3) -> LightSample:
             return _nothing()
         return LightSample(wi, distance - radius, scale(power, math.pi * radius * radius / square), 0.0)
     cosine = max(-dot(load3_flat(world.lights, light + LIGHT_FACING), wi), 0.0)
-    # A disk seen from its axis has pi r^2 / (d^2 + r^2): close to it the square of the distance alone is too much.
+    # On its axis a disk of radius r at distance d gives pi r^2 / (d^2 + r^2); 1 / d^2 alone is too bright close by.
     area = world.lights[light + LIGHT_AREA]
     return LightSample(wi, distance, scale(power, area * cosine / (square + area / math.pi)), 0.0)
 
 
 @inline
 def sample_light(world: World, light: int, x: Vec3, u: float, v: float) -> LightSample:
-    """The light that arrives at x from a point on a light; two numbers in 0..1 choose the point."""
+    """Return the unoccluded light at x from a point on a light, chosen by two random numbers in [0, 1)."""
     kind, power = world.lights[light + LIGHT_KIND], load3_flat(world.lights, light + LIGHT_POWER)
     position = load3_flat(world.lights, light + LIGHT_POSITION)
     if kind == POINT_LIGHT:
-        return from_middle(world, light, kind, x)
+        return from_center(world, light, kind, x)
     if kind == SUN_LIGHT:
         missing = world.lights[light + LIGHT_RADIUS]
         if missing == 0.0:
-            return from_middle(world, light, kind, x)
+            return from_center(world, light, kind, x)
         wi = _in_cone(scale(position, -1.0), missing, u, v)
         return LightSample(wi, np.inf, _sun_share(power, missing), 1.0 / (2.0 * math.pi * missing))
     if kind == SPHERE_LIGHT:
@@ -136,21 +136,21 @@ def sample_light(world: World, light: int, x: Vec3, u: float, v: float) -> Light
 
 @inline
 def _sun_share(irradiance: Vec3, missing: float) -> Vec3:
-    """Radiance over the pdf of directions towards the sun's disk: its projected solid angle is pi sin^2."""
+    """Return radiance over pdf for directions to the sun's disk, whose projected solid angle is pi sin^2."""
     sine_square = missing * (2.0 - missing)
     return scale(irradiance, 2.0 * missing / sine_square)
 
 
 @inline
 def _flat_pdf(world: World, light: int, wi: Vec3, distance: float) -> float:
-    """The pdf of a direction to a point on a flat light at a distance; 0 behind it."""
+    """Return the pdf of a direction to a point on a flat light at a distance; 0 behind the light."""
     cosine = -dot(load3_flat(world.lights, light + LIGHT_FACING), wi)
     return distance * distance / (cosine * world.lights[light + LIGHT_AREA]) if cosine > 1e-12 else 0.0
 
 
 @inline
 def _intersect_sphere(to_middle: Vec3, radius: float, d: Vec3) -> float:
-    """t of a ray of unit direction with a sphere whose middle is at to_middle, from outside; inf for none."""
+    """Return t of a ray of unit direction with a sphere centred at `to_middle`, from outside; inf for a miss."""
     along = dot(to_middle, d)
     aside = sub(to_middle, scale(d, along))
     rest = radius * radius - dot(aside, aside)
@@ -160,7 +160,7 @@ def _intersect_sphere(to_middle: Vec3, radius: float, d: Vec3) -> float:
 
 @inline
 def intersect_light(world: World, light: int, o: Vec3, d: Vec3) -> float:
-    """t of a ray of unit direction with the shining side of a light; inf for none, and for lights without size."""
+    """Return t of a ray of unit direction with the front of a light; inf for a miss and for lights without size."""
     kind, position = world.lights[light + LIGHT_KIND], load3_flat(world.lights, light + LIGHT_POSITION)
     if kind in (POINT_LIGHT, SUN_LIGHT):
         return np.inf
@@ -173,7 +173,7 @@ def intersect_light(world: World, light: int, o: Vec3, d: Vec3) -> float:
     t = dot(facing, sub(o, position)) / fall
     x = sub(add(o, scale(d, t)), position)
     u, v = load3_flat(world.lights, light + LIGHT_U), load3_flat(world.lights, light + LIGHT_V)
-    # The coordinates in u and v, which need not be at right angles.
+    # Coordinates along u and v, which need not be orthogonal.
     uu, uv, vv, xu, xv = dot(u, u), dot(u, v), dot(v, v), dot(x, u), dot(x, v)
     whole = uu * vv - uv * uv
     a, b = (xu * vv - xv * uv) / whole, (xv * uu - xu * uv) / whole
@@ -183,7 +183,7 @@ def intersect_light(world: World, light: int, o: Vec3, d: Vec3) -> float:
 
 @inline
 def light_pdf(world: World, light: int, o: Vec3, d: Vec3, t: float) -> float:
-    """The pdf with which `sample_light` at o would have chosen the direction d, in which the light is met at t."""
+    """Return the pdf of `sample_light` at o for the direction d, in which the light is hit at t."""
     if world.lights[light + LIGHT_KIND] == SPHERE_LIGHT:
         missing = _cone_of_sphere(world, light, o)[2]
         return 1.0 / (2.0 * math.pi * missing) if missing > 0.0 else 0.0
@@ -192,13 +192,13 @@ def light_pdf(world: World, light: int, o: Vec3, d: Vec3, t: float) -> float:
 
 @inline
 def light_radiance(world: World, light: int) -> Vec3:
-    """Radiance of a light that a ray meets."""
+    """Return the radiance of a light that a ray hits."""
     return load3_flat(world.lights, light + LIGHT_POWER)
 
 
 @inline
 def sun_in(world: World, light: int, d: Vec3) -> tuple[Vec3, float]:
-    """(radiance, pdf) of the sun's disk in a direction; black outside of it, and for a sun without size."""
+    """Return (radiance, pdf) of a sun's disk in a direction; black outside the disk and for other lights."""
     missing = world.lights[light + LIGHT_RADIUS]
     if world.lights[light + LIGHT_KIND] != SUN_LIGHT or missing == 0.0:
         return BLACK, 0.0

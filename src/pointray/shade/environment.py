@@ -1,4 +1,4 @@
-"""The light from all around: constant, a gradient from the ground to the zenith, or a picture of the whole sphere."""
+"""Environment light: constant, a gradient from ground to zenith, or an image of the sphere."""
 
 from __future__ import annotations
 
@@ -33,31 +33,32 @@ Floats = NDArray[np.float64]
 
 LARGEST = 16384  # pixels a side
 BRIGHTEST = 1e9
-FINE = 64  # rows of the grid over which a gradient is summed
-# The share of each degree of spherical harmonics that a cosine lobe keeps (Ramamoorthi and Hanrahan 2001).
+FINE = 64  # rows of the grid for integrals of a gradient
+# Spherical harmonics of the clamped cosine, by degree (Ramamoorthi and Hanrahan 2001).
 COSINE_LOBE = np.repeat([np.pi, 2 * np.pi / 3, np.pi / 4], [1, 3, 5])
 
 
 @dataclass(frozen=True, eq=False)
 class EnvironmentLight:
-    """Light from all around, from an infinite distance.
+    """Light from all directions, at infinite distance.
 
     Parameters
     ----------
     radiance : float or (3,) float
-        W/(m2 sr), from everywhere; with `horizon` or `ground` only from the zenith. It scales an image.
+        W/(m2 sr), constant; with `horizon` or `ground`, the radiance of the zenith; with `image`, a factor.
     horizon, ground : float or (3,) float, optional
-        Makes a gradient: above, from the horizon to the zenith, linear in the sine of the height; below, constant.
-        None: the value of the other one; without both the light is constant.
+        Radiance of a gradient: linear in the sine of the elevation from horizon to zenith, constant below the horizon.
+        If one is None it equals the other; if both are, the light is constant.
     image : (h, w, 3) float array_like, or path of an .hdr or .exr file, optional
-        Linear radiance of the whole sphere, equirectangular: row 0 is up, the middle column ahead (+y where up is z);
-        the right half is to the right of a viewer who looks ahead.
+        Linear radiance of the sphere, equirectangular. Row 0 is up, the middle column ahead (+y if up is z), and the
+        right half is to the right of an observer who looks ahead.
     up : (3,) float, world
 
     Raises
     ------
     ValueError
-        If a value is negative, NaN, infinite or beyond 1e9, or an image has a wrong shape.
+        If a value is negative, NaN, infinite or above 1e9, an image has a wrong shape, or both an image and a gradient
+        are given.
     """
 
     radiance: ArrayLike = 1.0
@@ -78,7 +79,7 @@ class EnvironmentLight:
             object.__setattr__(self, "image", _check_image(self.image))
 
     def tables(self) -> tuple[NDArray[Any], ...]:
-        """What kernels read: sky, sky_colors, sky_rows, sky_columns, sky_mean, see `records.World`."""
+        """Return the tables for kernels: sky, sky_colors, sky_rows, sky_columns, sky_mean, see `records.World`."""
         sky, scale = np.zeros(SKY), rgb(self.radiance, "radiance")
         x, y, z = _axes(unit_vector(self.up, "up"))
         sky[SKY_X : SKY_X + 3], sky[SKY_Y : SKY_Y + 3], sky[SKY_Z : SKY_Z + 3] = x, y, z
@@ -93,27 +94,27 @@ class EnvironmentLight:
         colors = np.asarray(self.image, np.float32) * scale.astype(np.float32)
         sky[SKY_KIND], sky[SKY_WIDTH] = PICTURE_SKY, colors.shape[1]
         rows, columns = _shares(colors)
-        if rows[-1] == 0.0:  # a black picture gives no light
+        if rows[-1] == 0.0:  # a black image
             sky[SKY_KIND] = NO_SKY
         return sky, colors.reshape(-1), rows, columns, _irradiance(colors, (x, y, z))
 
 
 def no_sky() -> tuple[NDArray[Any], ...]:
-    """The tables of a scene without light from all around."""
+    """Return the tables of a scene without environment light."""
     return np.zeros(SKY), np.zeros(0, np.float32), np.zeros(0), np.zeros(0), np.zeros(27)
 
 
 def _check_image(image: Any) -> NDArray[np.float32]:
-    """A picture of the sphere as (h, w, 3) float32."""
+    """Return a validated image of the sphere, (h, w, 3) float32."""
     name = "image"
     if isinstance(image, str | os.PathLike):
         name, image = os.fspath(image), read_picture(image)
-    array = check_numbers(image, name, "a picture of the sphere, or a path")
+    array = check_numbers(image, name, "an image of the sphere, or a path")
     if array.ndim != 3 or array.shape[2] not in (3, 4):
-        raise ValueError(f"{name}: a picture of the sphere has the shape (h, w, 3), not {array.shape}")
+        raise ValueError(f"{name}: expected the shape (h, w, 3), got {array.shape}")
     height, width = array.shape[:2]
     if not (2 <= height <= LARGEST and 2 <= width <= LARGEST):
-        raise ValueError(f"{name}: a picture of the sphere has 2 to {LARGEST} pixels a side, not {width}x{height}")
+        raise ValueError(f"{name}: expected 2 to {LARGEST} pixels a side, got {width}x{height}")
     colors = np.ascontiguousarray(array[..., :3], np.float32)
     bad = ~((colors >= 0) & (colors <= BRIGHTEST))  # true for NaN
     if bad.any():
@@ -124,7 +125,7 @@ def _check_image(image: Any) -> NDArray[np.float32]:
 
 
 def _axes(up: Floats) -> tuple[Floats, Floats, Floats]:
-    """x, y and z turned the shortest way that takes z to up."""
+    """Return x, y and z, rotated by the smallest rotation from z to up."""
     if up[2] < -1.0 + 1e-12:
         return np.array([1.0, 0.0, 0.0]), np.array([0.0, -1.0, 0.0]), up
     x, y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -133,7 +134,7 @@ def _axes(up: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _gradient(sky: Floats) -> Floats:
-    """The gradient as a picture, for its sums: (rows, 2 rows, 3)."""
+    """Return the gradient as an image, (rows, 2 rows, 3)."""
     height = np.cos((np.arange(FINE) + 0.5) / FINE * np.pi)[:, None]
     zenith, horizon, ground = (sky[k : k + 3] for k in (SKY_ZENITH, SKY_HORIZON, SKY_GROUND))
     rows = np.where(height >= 0, horizon + height * (zenith - horizon), ground)
@@ -141,13 +142,16 @@ def _gradient(sky: Floats) -> Floats:
 
 
 def _solid_angles(height: int, width: int) -> Floats:
-    """The solid angles of the pixels of each row, (h,)."""
+    """Return the solid angle of a pixel of each row, (h,)."""
     edges = np.cos(np.arange(height + 1) / height * np.pi)
     return np.asarray((edges[:-1] - edges[1:]) * 2.0 * np.pi / width)
 
 
 def _shares(colors: NDArray[np.float32]) -> tuple[Floats, Floats]:
-    """Cumulative shares of light by rows and within each row. Neighbours count too, as radiance is interpolated."""
+    """Return the cumulative distributions of rows and of pixels within rows.
+
+    A pixel counts with its brightest neighbour, as radiance is interpolated.
+    """
     light = colors.max(axis=2).astype(np.float64)
     light = np.maximum.reduce([light, np.roll(light, 1, axis=1), np.roll(light, -1, axis=1)])
     light = np.maximum.reduce([light, np.concatenate([light[:1], light[:-1]]), np.concatenate([light[1:], light[-1:]])])
@@ -159,7 +163,7 @@ def _shares(colors: NDArray[np.float32]) -> tuple[Floats, Floats]:
 
 
 def harmonics(d: Floats) -> Floats:
-    """The nine spherical harmonics up to degree 2 for unit directions (..., 3): (9, ...)."""
+    """Return the nine spherical harmonics up to degree 2 at unit directions (..., 3): (9, ...)."""
     x, y, z = np.moveaxis(d, -1, 0)
     return np.stack(
         [
@@ -177,13 +181,13 @@ def harmonics(d: Floats) -> Floats:
 
 
 def _irradiance(colors: NDArray[Any], axes: tuple[Floats, Floats, Floats]) -> Floats:
-    """Irradiance by the normal as spherical harmonics in the world, 9 times RGB: (27,)."""
+    """Return the irradiance as spherical harmonics of the world normal, 9 times RGB: (27,)."""
     height, width = colors.shape[:2]
     polar = (np.arange(height) + 0.5) / height * np.pi
     around = ((np.arange(width) + 0.5) / width - 0.5) * 2.0 * np.pi
     total = np.zeros((9, 3))
     angles = _solid_angles(height, width)
-    for k in range(height):  # a row at a time: pictures are large
+    for k in range(height):  # a row at a time, to save memory
         s, c = np.sin(polar[k]), np.cos(polar[k])
         d = (np.sin(around) * s)[:, None] * axes[0] + (np.cos(around) * s)[:, None] * axes[1] + c * axes[2]
         total += angles[k] * harmonics(d) @ colors[k].astype(np.float64)
@@ -191,15 +195,14 @@ def _irradiance(colors: NDArray[Any], axes: tuple[Floats, Floats, Floats]) -> Fl
 
 
 class Lights:
-    """The lights of a scene, each checked once, in the order of addition. A list never changes: see `plus`.
+    """Immutable list of the lights of a scene, in the order of addition.
 
-    Lists that grow out of one another share their items, and each knows how many of these are its own. So adding a
-    light takes as long after thousands as after none, and the holder of a list sees no light that is added later.
+    `plus` shares the items with the list that it extends, so adding a light takes constant time.
 
     Raises
     ------
     ValueError
-        If an item is no light, or two are from all around.
+        If an item is not a light, or there are two environment lights.
     """
 
     def __init__(self, lights: Iterable[Any] = ()) -> None:
@@ -217,23 +220,23 @@ class Lights:
         return islice(self._items, self._count)
 
     def plus(self, light: Any) -> Lights:
-        """These lights and another one."""
+        """Return a list with one more light."""
         more = Lights()
         more._around, more._count = self._check(light, "light") or self._around, self._count + 1
         more._items = self._items
         if len(self._items) == self._count:
             more._items.append(light)
-        if more._items[self._count] is not light:  # another list has already grown out of this one
+        if more._items[self._count] is not light:  # this list has been extended before
             more._items = [*self, light]
         return more
 
     def _check(self, light: Any, name: str = "lights") -> bool:
-        """Whether a light that may join these comes from all around."""
+        """Validate a light to add; return whether it is an environment light."""
         if isinstance(light, EnvironmentLight):
             if self._around:
                 raise ValueError("the scene has an EnvironmentLight already")
             return True
         if not isinstance(light, Light):
             known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
-            raise ValueError(f"{name}: each is one of {known}, not {type(light).__name__}")
+            raise ValueError(f"{name}: expected {known}, got {type(light).__name__}")
         return False

@@ -1,7 +1,7 @@
-"""The grid in which light is baked on a plane: even around the scene's middle, it reaches to infinity beyond it.
+"""The grid of baked light on a plane: fine around the centre of the scene, extending to infinity.
 
-A coordinate x of the plane, in half widths of the middle part, becomes x / (1 + |x|), from -1 to 1. So cells grow with
-the square of their distance: far from everything light changes slowly.
+A plane coordinate x, in half widths of the central part, maps to x / (1 + |x|), from -1 to 1. Cells thus grow with the
+square of the distance: far from the scene light varies slowly.
 """
 
 from __future__ import annotations
@@ -23,27 +23,27 @@ from ..engine.kernels.records import (
 )
 from ..engine.kernels.vec import Vec3, add, dot, load3_flat, scale, sub
 
-MOST_WALLS = 64  # planes up to which each is asked whether it stands between two points
+MOST_WALLS = 64  # with more planes, cells are not tested for planes in between
 
 Frames = tuple[float, float, float, float]
 
 
 @inline
 def to_grid(x: float) -> float:
-    """From half widths, any number, to -1..1."""
+    """Map a coordinate, in half widths, to -1..1."""
     return x / (1.0 + abs(x))
 
 
 @inline
 def grid_frame(frames: Array, instance: int) -> Frames:
-    """The grid of a plane: its middle (u, v), half width, and cells a side. frames : see `records.BAKED_FRAME`"""
+    """Return the grid of a plane: centre (u, v), half width, cells a side. frames : see `records.BAKED_FRAME`"""
     k = instance * BAKED_FRAME
     return frames[k + GRID_MIDDLE], frames[k + GRID_MIDDLE + 1], frames[k + GRID_HALF], frames[k + GRID_EDGE]
 
 
 @inline
 def grid_place(world: World, plane: int, frame: Frames, x: Vec3) -> tuple[float, float]:
-    """(column, row) of a point of a plane in its grid, in cells; whole numbers are the cells' edges."""
+    """Return (column, row) of a point of a plane in its grid; cell edges are at whole numbers."""
     v = sub(x, load3_flat(world.planes, plane + PLANE_POINT))
     a = (dot(v, load3_flat(world.planes, plane + PLANE_U)) - frame[0]) / frame[2]
     b = (dot(v, load3_flat(world.planes, plane + PLANE_V)) - frame[1]) / frame[2]
@@ -52,7 +52,7 @@ def grid_place(world: World, plane: int, frame: Frames, x: Vec3) -> tuple[float,
 
 @inline
 def in_grid(row: int, column: int, edge: int) -> int:
-    """The number of a cell; beyond the grid's edge that of the nearest one."""
+    """Return the number of a cell, clamped to the grid."""
     return min(max(row, 0), edge - 1) * edge + min(max(column, 0), edge - 1)
 
 
@@ -62,8 +62,8 @@ def _from_grid(u: float) -> float:
 
 
 @inline
-def cell_middle(world: World, plane: int, frame: Frames, cell: int) -> Vec3:
-    """The middle of a cell, in the world."""
+def cell_center(world: World, plane: int, frame: Frames, cell: int) -> Vec3:
+    """Return the centre of a cell in world space."""
     edge = int(frame[3])
     a = _from_grid((cell % edge + 0.5) / frame[3] * 2.0 - 1.0) * frame[2] + frame[0]
     b = _from_grid((cell // edge + 0.5) / frame[3] * 2.0 - 1.0) * frame[2] + frame[1]
@@ -73,7 +73,7 @@ def cell_middle(world: World, plane: int, frame: Frames, cell: int) -> Vec3:
 
 @inline
 def _is_walled_off(world: World, plane: int, x: Vec3, y: Vec3) -> bool:
-    """Whether another plane stands between two points of a plane."""
+    """Return whether another plane separates two points of a plane."""
     if world.planes.size > MOST_WALLS * PLANE_SIZE:
         return False
     for other in range(0, world.planes.size, PLANE_SIZE):
@@ -89,9 +89,9 @@ def _is_walled_off(world: World, plane: int, x: Vec3, y: Vec3) -> bool:
 
 @inline
 def corner_cell(world: World, plane: int, frame: Frames, x: Vec3, corner: int) -> tuple[int, float]:
-    """(one of the four cells around a point of a plane, its share of the light there); the shares sum to 1 or less.
+    """Return (one of the four cells around a point of a plane, its bilinear weight); the weights sum to at most 1.
 
-    A cell behind another plane, which stands on this one as a wall, has no share.
+    A cell behind another plane, such as a wall, has weight 0.
     """
     column, row = grid_place(world, plane, frame, x)
     left, top = math.floor(column - 0.5), math.floor(row - 0.5)
@@ -99,14 +99,14 @@ def corner_cell(world: World, plane: int, frame: Frames, x: Vec3, corner: int) -
     right, below = corner % 2, corner // 2
     cell = in_grid(int(top) + below, int(left) + right, int(frame[3]))
     share = (across if right == 1 else 1.0 - across) * (down if below == 1 else 1.0 - down)
-    if world.planes.size > PLANE_SIZE and _is_walled_off(world, plane, x, cell_middle(world, plane, frame, cell)):
+    if world.planes.size > PLANE_SIZE and _is_walled_off(world, plane, x, cell_center(world, plane, frame, cell)):
         share = 0.0
     return cell, share
 
 
 @inline
 def grid_cell(world: World, plane: int, frame: Frames, x: Vec3) -> int:
-    """The number of the cell whose light is nearest to that of a point of a plane."""
+    """Return the number of the cell with the largest weight at a point of a plane."""
     best, most = corner_cell(world, plane, frame, x, 0)
     for corner in range(1, 4):
         cell, share = corner_cell(world, plane, frame, x, corner)

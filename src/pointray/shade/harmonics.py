@@ -1,4 +1,4 @@
-"""Real spherical harmonics of the bands 1 and 2, as a vector and a matrix too."""
+"""Real spherical harmonics of bands 1 and 2, also in the form of a vector and a matrix."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Five = tuple[float, float, float, float, float]
 
 @inline
 def band_1(v: Vec3) -> Vec3:
-    """Band 1 of a unit direction; or of light, given the sum of light times direction."""
+    """Return band 1 of a unit direction, or of light, given the sum of light times direction."""
     return BAND_1 * v[1], BAND_1 * v[2], BAND_1 * v[0]
 
 
 @inline
 def band_2(outer: Six) -> Five:
-    """Band 2 of a unit direction d, given d d^T; or of light, given the sum of light times that."""
+    """Return band 2 of a unit direction d, given d d^T, or of light, given the sum of light times d d^T."""
     xx, xy, xz, yy, yz, zz = outer
     return (
         2.0 * BAND_2_CROSS * xy,
@@ -34,13 +34,13 @@ def band_2(outer: Six) -> Five:
 
 @inline
 def as_vector(first: Vec3) -> Vec3:
-    """The vector v whose v.d is band 1 summed up at d, over BAND_1."""
+    """Return the vector v for which v.d is the function of band 1 at d, divided by BAND_1."""
     return first[2], first[0], first[1]
 
 
 @inline
 def times_matrix(second: Five, d: Vec3) -> Vec3:
-    """D d, of the symmetric matrix D whose d.D d is band 2 summed up at a unit d."""
+    """Return D d, for the symmetric matrix D for which d.D d is the function of band 2 at a unit d."""
     x, y, z = d
     even = BAND_2 * second[2]
     return (

@@ -1,4 +1,4 @@
-"""Lights with a position or a direction. Colours are linear RGB; a number means grey. None shines from its back."""
+"""Lights with a position or a direction. Colours are linear RGB, or a number for grey. Flat lights are one-sided."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from ..engine.kernels.records import (
 
 
 def length_of(value: float, name: str) -> float:
-    """A positive, finite length."""
+    """Return a validated length, positive and finite."""
     return check_number(value, name, "a positive length", lambda x: LEAST_LENGTH < x < np.inf)
 
 
 class _Checked:
-    """What lights share: they are checked when they are made."""
+    """Base class of lights: parameters are validated on construction."""
 
     def __post_init__(self) -> None:
         self.record()
 
     def record(self) -> NDArray[np.float64]:
-        """The light as kernels read it, (18,) float64; ValueError if a value is out of range."""
+        """Return the record for kernels, (18,) float64; ValueError if a value is out of range."""
         raise NotImplementedError
 
 
@@ -52,7 +52,7 @@ def _record(kind: int, position: NDArray[np.float64], power: NDArray[np.float64]
 def _flat_record(
     kind: int, center: NDArray[np.float64], u: NDArray[np.float64], v: NDArray[np.float64], radiance: ArrayLike
 ) -> NDArray[np.float64]:
-    """The record of a light that spans u and v; it shines to the side of their cross product."""
+    """Return the record of a light spanned by u and v, which emits on the side of u x v."""
     out = _record(kind, center, rgb(radiance, "radiance"))
     cross = np.cross(u, v)
     out[LIGHT_U : LIGHT_U + 3], out[LIGHT_V : LIGHT_V + 3] = u, v
@@ -63,7 +63,7 @@ def _flat_record(
 
 @dataclass(frozen=True)
 class PointLight(_Checked):
-    """A light without size at a point; irradiance falls with the square of the distance.
+    """Point light; irradiance falls with the square of the distance.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class PointLight(_Checked):
     intensity : float or (3,) float
         Radiant intensity, W/sr.
     camera : bool
-        Whether it follows the camera: the position then counts from the eye: to the right, upwards and backwards.
+        Attach the light to the camera: the position is then relative to the eye, (right, up, backward).
     """
 
     position: ArrayLike
@@ -79,25 +79,25 @@ class PointLight(_Checked):
     camera: bool = False
 
     def record(self) -> NDArray[np.float64]:
-        """The light as kernels read it, (18,) float64."""
+        """Return the record for kernels, (18,) float64."""
         check_flag(self.camera, "camera")
         return _record(POINT_LIGHT, vector(self.position, "position"), rgb(self.intensity, "intensity"))
 
 
 @dataclass(frozen=True)
 class SunLight(_Checked):
-    """Parallel light, or nearly: from a disk at infinity.
+    """Directional light, from a disk at infinity.
 
     Parameters
     ----------
     direction : (3,) float, world
-        The direction in which the light travels.
+        Direction in which the light travels.
     irradiance : float or (3,) float
-        On a surface that faces it, W/m2. A white diffuse surface under irradiance pi has radiance 1.
+        Irradiance of a surface that faces the light, W/m2. A white diffuse surface under irradiance pi has radiance 1.
     angle : float
-        Diameter of the disk, degrees, 0 to 180: it softens the path tracer's shadows. 0.53 is the sun's.
+        Angular diameter of the disk, degrees, 0 to 180, which softens shadows of "path" and "baked". The sun has 0.53.
     camera : bool
-        Whether it follows the camera: the direction then counts to the right, upwards, and towards the eye.
+        Attach the light to the camera: the direction is then (right, up, backward).
     """
 
     direction: ArrayLike
@@ -106,7 +106,7 @@ class SunLight(_Checked):
     camera: bool = False
 
     def record(self) -> NDArray[np.float64]:
-        """The light as kernels read it, (18,) float64."""
+        """Return the record for kernels, (18,) float64."""
         check_flag(self.camera, "camera")
         angle = check_number(self.angle, "angle", "from 0 to 180 degrees", lambda x: 0 <= x <= 180)
         out = _record(SUN_LIGHT, unit_vector(self.direction, "direction"), rgb(self.irradiance, "irradiance"))
@@ -116,13 +116,13 @@ class SunLight(_Checked):
 
 @dataclass(frozen=True)
 class RectLight(_Checked):
-    """A parallelogram that shines to the side of u x v, evenly in all directions.
+    """Diffuse area light, a parallelogram that emits on the side of u x v.
 
     Parameters
     ----------
     center : (3,) float, world
     u, v : (3,) float, world
-        From the middle to the middles of two edges.
+        From the centre to the midpoints of two edges; not parallel.
     radiance : float or (3,) float
         W/(m2 sr).
     """
@@ -133,7 +133,7 @@ class RectLight(_Checked):
     radiance: ArrayLike
 
     def record(self) -> NDArray[np.float64]:
-        """The light as kernels read it, (18,) float64."""
+        """Return the record for kernels, (18,) float64."""
         u, v = vector(self.u, "u"), vector(self.v, "v")
         across = np.cross(unit_vector(u, "u"), unit_vector(v, "v"))
         if np.linalg.norm(across) < 1e-9:
@@ -143,7 +143,7 @@ class RectLight(_Checked):
 
 @dataclass(frozen=True)
 class DiskLight(_Checked):
-    """A disk that shines to the side of its normal, evenly in all directions.
+    """Diffuse area light, a disk that emits on the side of its normal.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class DiskLight(_Checked):
     radiance: ArrayLike
 
     def record(self) -> NDArray[np.float64]:
-        """The light as kernels read it, (18,) float64."""
+        """Return the record for kernels, (18,) float64."""
         normal, radius = unit_vector(self.normal, "normal"), length_of(self.radius, "radius")
         u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         u *= radius / np.linalg.norm(u)
@@ -168,7 +168,7 @@ class DiskLight(_Checked):
 
 @dataclass(frozen=True)
 class SphereLight(_Checked):
-    """A sphere that shines outwards, evenly in all directions.
+    """Diffuse area light, a sphere that emits outwards.
 
     Parameters
     ----------
@@ -183,20 +183,20 @@ class SphereLight(_Checked):
     radiance: ArrayLike
 
     def record(self) -> NDArray[np.float64]:
-        """The light as kernels read it, (18,) float64."""
+        """Return the record for kernels, (18,) float64."""
         out = _record(SPHERE_LIGHT, vector(self.center, "center"), rgb(self.radiance, "radiance"))
         out[LIGHT_RADIUS] = radius = length_of(self.radius, "radius")
         out[LIGHT_AREA] = 4.0 * np.pi * radius * radius
         return out
 
 
-def goes_along(light: object) -> bool:
-    """Whether a light follows the camera."""
+def follows_camera(light: object) -> bool:
+    """Return whether a light is attached to the camera."""
     return isinstance(light, PointLight | SunLight) and light.camera
 
 
 def fixed(light: Light, eye: NDArray[np.float64], axes: NDArray[np.float64]) -> Light:
-    """A light at its position in the world. axes : (3, 3), to the right, upwards and towards the eye, rows"""
+    """Return a light in world space. axes : (3, 3), rows: right, up and backward"""
     if isinstance(light, SunLight) and light.camera:
         return replace(light, direction=vector(light.direction, "direction") @ axes, camera=False)
     if isinstance(light, PointLight) and light.camera:

@@ -1,19 +1,18 @@
-"""What lobes reflect of light of which only the irradiance and a few moments are known: tables of kernels.
+"""Tables for estimates of what a lobe reflects, given the irradiance and a few moments of the arriving light.
 
-The unknown radiance is taken for a random field over directions: a level that may be anything, and deviations that are
-correlated as exp(-angle). The estimate is what a lobe reflects on average of all fields that have the known moments,
-these being uncertain by NOISE of the irradiance (kriging; Rasmussen and Williams 2006, equation 2.41). It is linear in
-the differences from the moments of even light (`baked_code.py`). With the irradiance E, the normal n and the unit
-direction r of the lobe it is
+The unknown radiance is modelled as a random field over directions: an arbitrary level, plus deviations with the
+correlation exp(-angle). The estimate is the mean reflected light of all fields with the known moments, whose error is
+NOISE of the irradiance (kriging; Rasmussen and Williams 2006, equation 2.41). It is linear in the differences from the
+moments of uniform light (`baked_code.py`). With the irradiance E, the normal n and the unit direction r of the lobe:
 
     E even + d.(a n + b r) + n.D (p n + q r) + s r.D r + c.(a' n + b' r)
 
-where the vector d and the symmetric matrix D are bands 1 and 2 of luminance, and the vector c is band 1 of what one
-channel has more than luminance. By symmetry the numbers even, a, b, p, q, s, a', b' depend only on n.r and on the width
-of the lobe. They stand in this order in a row of the table, which is read between its rows and columns (`lobes.py`).
+The vector d and the symmetric matrix D are bands 1 and 2 of luminance; the vector c is band 1 of a channel minus that
+of luminance. By symmetry the coefficients even, a, b, p, q, s, a', b' depend only on n.r and on the width of the lobe.
+Each entry of the table holds them in this order; `lobes.py` interpolates between entries.
 
-The integrals are sums over half of the hemisphere: the other side of the plane of n and r is its mirror image. Both
-tables take 12 ms.
+Integrals are sums over half of the hemisphere, as the integrands are symmetric about the plane of n and r. Both tables
+take 12 ms.
 """
 
 from __future__ import annotations
@@ -28,34 +27,33 @@ from ..engine.jit import Table
 from .harmonics import BAND_0, BAND_1, BAND_2, BAND_2_CROSS
 
 NUMBERS = 8
-COLUMNS = 16  # even steps of n.r from 0 to 1
-ROWS, HALFWAY, LAST = 16, 4.0, 2.0 / 3.0  # even steps of exponent / (exponent + HALFWAY) from 0 to LAST
-RINGS, TURNS = 24, 24  # of the sums: heights and azimuths
+COLUMNS = 16  # uniform steps of n.r from 0 to 1
+ROWS, HALFWAY, LAST = 16, 4.0, 2.0 / 3.0  # uniform steps of exponent / (exponent + HALFWAY) from 0 to LAST
+RINGS, TURNS = 24, 24  # elevations and azimuths of the quadrature
 NOISE = 0.02
-LEVEL = 100.0  # the variance of the level, in variances of the deviations
-GRAZING = 1e-4  # 1 - n.r of the last column: there n and r still tell a plane
+LEVEL = 100.0  # variance of the level, relative to that of the deviations
+GRAZING = 1e-4  # 1 - n.r of the last column, where n and r still span a plane
 
 Floats = NDArray[np.float64]
 PHONG_LOBES, FACETS = 0, 1  # kinds of lobes
 
 
 def exponents() -> Floats:
-    """The exponents of the rows."""
+    """Return the exponents of the rows."""
     u = np.linspace(0.0, LAST, ROWS)
     return np.asarray(HALFWAY * u / (1.0 - u))
 
 
 def phong_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
-    """Phong's lobe times the cosine. w : (n, 3), z along the normal; cosine : (k,), n.r"""
+    """Evaluate Phong's lobe times the cosine. w : (n, 3), z along the normal; cosine : (k,), n.r"""
     along = w[:, :1] * np.sqrt(1.0 - cosine**2) + w[:, 2:] * cosine
     lobe = np.where(along > 0.0, np.abs(along) ** exponent, 0.0)
     return np.asarray((exponent + 2.0) / (2.0 * math.pi) * lobe * w[:, 2:])
 
 
 def facet_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
-    """GGX without Fresnel's share, times the cosine (`materials/principled.py`), whose width has this exponent there.
-
-    The eye is at the mirrored r.
+    """Evaluate GGX without Fresnel, times the cosine, for the roughness that has this exponent in
+    `materials/principled.py`. The eye is in the mirrored direction of r.
     """
     square, i = 1.0 / (2.0 * exponent + 1.0), w[:, 2:]
     half = np.stack([w[:, :1] - np.sqrt(1.0 - cosine**2), w[:, 1:2] + 0.0 * cosine, i + cosine])
@@ -65,7 +63,7 @@ def facet_lobes(w: Floats, cosine: Floats, exponent: float) -> Floats:
 
 
 def _sums() -> tuple[Floats, Floats]:
-    """Directions (n, 3) of a hemisphere with y > 0, heights one by one, denser at the horizon; and their weights."""
+    """Return quadrature directions (n, 3) with y > 0, by elevation, denser at the horizon; and their weights."""
     u, weights = np.polynomial.legendre.leggauss(RINGS)
     u = 0.5 * u + 0.5
     z, turn = u * u, (np.arange(TURNS) + 0.5) * math.pi / TURNS
@@ -75,21 +73,21 @@ def _sums() -> tuple[Floats, Floats]:
 
 
 def _moments(w: Floats) -> tuple[Floats, Floats, Floats]:
-    """Harmonics that are even in y, by the azimuth: those that do not depend on it, then of cos and of cos of twice."""
+    """Return the harmonics even in y, grouped by azimuthal order: 0, 1 and 2."""
     x, y, z = w.T
     steady = np.array([np.full_like(z, BAND_0), BAND_1 * z, BAND_2 * (3.0 * z * z - 1.0)])
     return steady, np.array([BAND_1 * x, 2.0 * BAND_2_CROSS * x * z]), np.array([BAND_2_CROSS * (x * x - y * y)])
 
 
 class _Estimate:
-    """From lobes to the factors of moments. `colors`: of those of bands 0 and 1 only."""
+    """Estimator of the coefficients of moments for lobes; with `colors` from bands 0 and 1 only."""
 
     def __init__(self) -> None:
         w, self.weights = _sums()
         self.w = w
         ring = w[::TURNS] * (0, 0, 1)
         ring[:, 0] = np.sqrt(1.0 - ring[:, 2] ** 2)
-        apart = np.exp(-np.arccos(np.clip(ring @ w.T, -1.0, 1.0)))  # from the directions of azimuth 0
+        apart = np.exp(-np.arccos(np.clip(ring @ w.T, -1.0, 1.0)))  # correlation with the directions of azimuth 0
         turn = np.arctan2(w[:, 1], w[:, 0])
         self._with_lobes, self._with_each = [], []
         noise = 0.0
@@ -106,7 +104,7 @@ class _Estimate:
             self._with_each.append(of_field @ weighted.T + np.diag(uncertain))
 
     def __call__(self, lobes: Floats, colors: bool) -> list[Floats]:
-        """The factors of the moments by their azimuth, (moments, k). lobes : (n, k), times weights"""
+        """Return the coefficients of the moments by azimuthal order, (moments, k). lobes : (n, k), times weights"""
         used = (2, 1) if colors else (3, 2, 1)
         return [
             np.asarray(np.linalg.solve(each[:m, :m], with_lobes[:m] @ lobes))
@@ -115,7 +113,7 @@ class _Estimate:
 
 
 def make_table() -> NDArray[np.float32]:
-    """The table, (kinds * ROWS * COLUMNS * NUMBERS,) float32. Lobes of facets are scaled to reflect all even light."""
+    """Return the table, (kinds * ROWS * COLUMNS * NUMBERS,) float32. Facet lobes are normalized to albedo 1."""
     cosine = np.minimum(np.linspace(0.0, 1.0, COLUMNS), 1.0 - GRAZING)
     estimate = _Estimate()
     of_phong = [phong_lobes(estimate.w, cosine, e) for e in exponents()]
@@ -128,7 +126,7 @@ def make_table() -> NDArray[np.float32]:
     shape = even.shape
     steady, once, twice = (part.reshape(-1, *shape) for part in estimate(flat, colors=False))
     level, tilt = (part.reshape(-1, *shape) for part in estimate(flat, colors=True))
-    # Across n lies the unit vector t = (r - (n.r) n) / sine.
+    # t = (r - (n.r) n) / sine is the unit vector perpendicular to n.
     b, b_color = once[0] / sine, tilt[0] / sine
     nn, nt, tt = steady[2] / (2.0 * BAND_2) + 0.5 * twice[0] / BAND_2_CROSS, once[1] / sine, twice[0] / sine**2
     nt, tt = nt / BAND_2_CROSS, tt / BAND_2_CROSS
@@ -139,10 +137,10 @@ def make_table() -> NDArray[np.float32]:
 
 
 def facet_shares() -> NDArray[np.float32]:
-    """The share of even light that facets reflect which reflect all they meet, (ROWS * COLUMNS,) float32.
+    """Return the albedo of facets without Fresnel loss, (ROWS * COLUMNS,) float32.
 
-    Rows are even steps of alpha from 0 to 1, columns as in the other table. The mean over visible facets, chosen as
-    `materials/principled.py` does, is that of their masking.
+    Rows are uniform steps of alpha from 0 to 1, columns as in the other table. The albedo is the mean masking over
+    visible facets, sampled as in `materials/principled.py`.
     """
     alpha = np.maximum(np.linspace(0.0, 1.0, ROWS), 1e-3)[:, None, None, None]
     o = np.maximum(np.linspace(0.0, 1.0, COLUMNS), 1e-3)[:, None, None]

@@ -1,4 +1,4 @@
-"""What a wide lobe about the mirrored direction reflects of baked light, by the table of `lobe_tables.py`."""
+"""Reflection of baked light by a wide lobe about the mirrored direction, from the table of `lobe_tables.py`."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from .lobe_tables import COLUMNS, FACETS, HALFWAY, LAST, LOBES, NUMBERS, PHONG_L
 
 Lobe: TypeAlias = tuple[float, float]  # kind of its material, exponent
 
-# Exponents up to which a lobe is evaluated from what is baked (docs/decisions/baked-light.md): Phong's, and those of
-# facets, which have longer tails.
+# Largest exponents of lobes evaluated from baked moments (docs/decisions/baked-light.md): of Phong, and of facets,
+# whose tails are longer.
 WIDE, WIDE_FACETS = 8.0, 3.0
 
 
 @inline
 def is_wide(lobe: Lobe) -> bool:
-    """Whether a lobe is as wide as what is baked can tell."""
+    """Return whether a lobe is wide enough to be evaluated from baked moments."""
     return 0.0 <= lobe[1] <= (WIDE if lobe[0] == PHONG else WIDE_FACETS)
 
 
 @inline
 def lobe_of(world: World, material: int) -> Lobe:
-    """The lobe of a material about the mirrored direction, see `bsdf.lobe_exponent`."""
+    """Return the lobe of a material about the mirrored direction, see `bsdf.lobe_exponent`."""
     return world.materials[material + MATERIAL_KIND], lobe_exponent(world, material)
 
 
 @inline
 def lobe_numbers(lobe: Lobe, cosine: float) -> F8:
-    """The numbers of a lobe, as `lobe_tables.py` has them. cosine : between normal and mirrored direction"""
+    """Interpolate the coefficients of `lobe_tables.py`. cosine : of normal and mirrored direction"""
     x = min(max(cosine, 0.0), 1.0) * (COLUMNS - 1)
     y = min(lobe[1] / (lobe[1] + HALFWAY) * ((ROWS - 1) / LAST), ROWS - 1.0)
     column, row = min(int(x), COLUMNS - 2), min(int(y), ROWS - 2)
@@ -48,7 +48,7 @@ def lobe_numbers(lobe: Lobe, cosine: float) -> F8:
 
 @inline
 def _moments(scratch: Scratch, i: int) -> tuple[Vec3, Five]:
-    """By how much the moments of luminance at surface point i differ from those of even light: bands 1 and 2."""
+    """Return bands 1 and 2 of luminance at surface point i, minus those of uniform light."""
     points, at = scratch.shading_points, ARRIVING_MOMENTS + i
     second = at + 3 * TILE
     return load3(points, at), (
@@ -61,10 +61,10 @@ def _moments(scratch: Scratch, i: int) -> tuple[Vec3, Five]:
 
 
 @inline
-def lobe_of_baked(scratch: Scratch, i: int, lobe: Lobe, normal: Vec3, r: Vec3) -> Vec3:
-    """The radiance that a lobe of weight 1 about r, a unit vector, reflects of the light that arrives at point i.
+def reflect_baked(scratch: Scratch, i: int, lobe: Lobe, normal: Vec3, r: Vec3) -> Vec3:
+    """Return the radiance reflected at point i by a lobe of weight 1 about the unit vector r.
 
-    Phong's lobe is (exponent + 2) / (2 pi) max(0, w.r)^exponent; that of facets reflects all even light.
+    Phong's lobe is (exponent + 2) / (2 pi) max(0, w.r)^exponent; the facet lobe has albedo 1.
     """
     light = load3(scratch.shading_points, ARRIVING + i)
     gray = luminance(light)

@@ -1,8 +1,8 @@
-"""Path tracing (Kajiya 1986): the 64 paths of a tile are traced together, one scattering after the other.
+"""Path tracing (Kajiya 1986): the 64 paths of a tile are traced together, one bounce at a time.
 
-At each surface point a light and a point on it are chosen, and the material chooses where the path continues. Light
-that both samplings can find is weighted by the power heuristic (Veach and Guibas 1995). Paths of low throughput end by
-chance, and the others are weighted for them. So the mean is exact for any number of samples.
+At each surface point a point on one light is sampled, and the BSDF is sampled to continue the path. Both strategies are
+combined by the power heuristic (Veach and Guibas 1995). Russian roulette ends paths of low throughput. The estimate is
+unbiased for any number of samples.
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ from ..surface.trace.hits import describe_tile, tile_hit
 from ..surface.trace.world import NO_RAY, occlude_tile, set_ray, set_ray_from, trace_tile
 from .bsdf import emitted, eval_bsdf, is_specular, sample_bsdf
 from .catcher import catch_paths, find_caught
-from .choice import chance_of, choose_light, meets_lamp, nearest_lamp, sky_chance, sun_after
+from .choice import choose_light, light_probability, meets_lamp, nearest_lamp, sky_probability, sun_after
 from .direct import shade_gains
 from .emitters import LightSample, light_pdf, light_radiance, sample_light
 from .shading_points import add_radiance, is_shaded, shading_point, start_of, store_shading_points
 from .sky import sample_sky, sky_pdf, sky_radiance
 
-FAINT = 0.05  # a path with a lower throughput continues with this one, or ends by chance
+FAINT = 0.05  # below this throughput Russian roulette ends a path or raises it to this throughput
 
 
 @inline
 def begin_paths(scratch: Scratch) -> None:
-    """Start the paths: the tile's rays are the camera's."""
+    """Start paths with the tile's camera rays."""
     for i in range(TILE):
         scratch.shading_points[PDF + i] = 0.0
 
 
 @inline
 def mis_weight(pdf: float, other: float) -> float:
-    """The weight of light found with one pdf that might have been found with another: the power heuristic.
+    """Return the weight of the power heuristic for a sample of one pdf, with the pdf of the other strategy.
 
-    A pdf of 0 for the light that was found stands for a direction that only this sampling can choose.
+    A pdf of 0 stands for a direction that only this strategy can sample.
     """
     if pdf == 0.0:
         return 1.0
@@ -65,23 +65,23 @@ def mis_weight(pdf: float, other: float) -> float:
 
 @inline
 def _add_distant(world: World, i: int, ray: tuple[Vec3, Vec3], scratch: Scratch) -> None:
-    """Add light from infinitely far along ray i, which has met nothing."""
+    """Add the light of sky and suns along ray i, which has hit nothing."""
     pdf = scratch.shading_points[PDF + i]
-    light = scale(sky_radiance(world, ray[1]), mis_weight(pdf, sky_pdf(world, ray[1]) * sky_chance(world)))
+    light = scale(sky_radiance(world, ray[1]), mis_weight(pdf, sky_pdf(world, ray[1]) * sky_probability(world)))
     k = 0
     while True:
         k, sun, radiance, chosen = sun_after(world, k, ray[1])
         if k == 0:
             break
-        light = add(light, scale(radiance, mis_weight(pdf, chosen * chance_of(world, sun))))
+        light = add(light, scale(radiance, mis_weight(pdf, chosen * light_probability(world, sun))))
     add_radiance(scratch, i, light)
 
 
 @inline
 def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits:
-    """Add the light that the tile's rays have met, and store where the paths continue.
+    """Add the light that the tile's rays hit, store their surface points; return the rays that hit anything (bits).
 
-    sky_shows : whether a camera's ray that meets nothing sees the sky. Returns the rays that have met anything (bits).
+    sky_shows : whether camera rays that hit nothing see the sky
     """
     points, met = scratch.shading_points, i64(0)
     store_shading_points(world, scratch)
@@ -93,7 +93,7 @@ def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits
         ray, hit = (load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
         t, light = nearest_lamp(world, ray, hit.t)
         if light >= 0:
-            chosen = light_pdf(world, light, ray[0], ray[1], t) * chance_of(world, light // LIGHT)
+            chosen = light_pdf(world, light, ray[0], ray[1], t) * light_probability(world, light // LIGHT)
             radiance = light_radiance(world, light)
             add_radiance(scratch, i, scale(radiance, mis_weight(points[PDF + i], chosen)))
             points[SHADING_INSTANCE + i] = -1.0
@@ -110,13 +110,13 @@ def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits
 
 @inline
 def _pair(scratch: Scratch, i: int, sample: int, depth: int, which: int) -> tuple[float, float]:
-    """Two random numbers in 0..1 for a decision at a scattering."""
+    """Return two random numbers in [0, 1) for a decision at a bounce."""
     return sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + depth * PER_SCATTERING + which)
 
 
 @inline
 def _light_at(world: World, x: Vec3, which: int, random: tuple[float, float]) -> LightSample:
-    """The light at x from a point on a light; the sky's picture is counted after all lights."""
+    """Sample a light at x; the environment image has the number after the last light."""
     u, v = random
     if which * LIGHT < world.lights.size:
         return sample_light(world, which * LIGHT, x, u, v)
@@ -124,8 +124,8 @@ def _light_at(world: World, x: Vec3, which: int, random: tuple[float, float]) ->
 
 
 @inline
-def _go_on(world: World, i: int, sample: int, depth: int, lobe: float, scratch: Scratch) -> None:
-    """Choose whether and where a path continues from surface point i."""
+def _continue(world: World, i: int, sample: int, depth: int, lobe: float, scratch: Scratch) -> None:
+    """Sample whether and where a path continues from surface point i."""
     points = scratch.shading_points
     material, point = shading_point(world, scratch, i)
     u, v = _pair(scratch, i, sample, depth, DIRECTION_OF)
@@ -142,7 +142,7 @@ def _go_on(world: World, i: int, sample: int, depth: int, lobe: float, scratch: 
 
 @inline
 def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> None:
-    """Scatter at the tile's surface points: shadowed light from a light, and the rays on which the paths continue."""
+    """Sample one light with a shadow ray and the next ray of the path, at each of the tile's surface points."""
     points, lit = scratch.shading_points, False
     for i in range(TILE):
         store3(points, GAIN + i, BLACK)
@@ -151,7 +151,7 @@ def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> No
         if not is_shaded(scratch, i):
             continue
         choice, lobe = _pair(scratch, i, sample, depth, WHICH)
-        _go_on(world, i, sample, depth, lobe, scratch)
+        _continue(world, i, sample, depth, lobe, scratch)
         material, point = shading_point(world, scratch, i)
         which, chance = choose_light(world, choice)
         if chance == 0.0 or is_specular(world, material):
@@ -160,7 +160,7 @@ def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> No
         incoming = _light_at(world, x, which, _pair(scratch, i, sample, depth, ON_LIGHT))
         share, pdf = eval_bsdf(world, material, point, incoming.wi)
         gain = multiply(share, scale(incoming.light, mis_weight(incoming.pdf * chance, pdf) / chance))
-        # The front of another light ends the paths' rays, so it blocks this one too.
+        # Paths end at the front of a light, so other lights must block this one too.
         end = incoming.distance * (1.0 - 1e-6)
         if gain[0] + gain[1] + gain[2] > 0.0 and not meets_lamp(world, (x, incoming.wi), end):
             store3(points, GAIN + i, gain)
@@ -175,7 +175,7 @@ def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> No
 
 @inline
 def follow(scratch: Scratch) -> bool:
-    """Set the tile's rays to those on which the paths continue; returns whether there are any."""
+    """Set the tile's rays to the next rays of the paths; return whether there are any."""
     points, some = scratch.shading_points, False
     for i in range(TILE):
         weight = load3(points, NEXT_THROUGHPUT + i)
@@ -192,9 +192,9 @@ def follow(scratch: Scratch) -> bool:
 
 @inline
 def trace_paths(world: World, sample: int, max_depth: int, sky_shows: bool, scratch: Scratch) -> Bits:
-    """From the tile's camera rays, already set, to radiance in RADIANCE; returns the rays that met anything (bits).
+    """Trace paths from the tile's camera rays, adding to RADIANCE; return the camera rays that hit anything (bits).
 
-    max_depth : limit of scatterings
+    max_depth : maximum number of bounces
     """
     covered = i64(0)
     for depth in range(max_depth + 1):

@@ -1,4 +1,4 @@
-"""Pictures of light, from files: Radiance .hdr and .exr, by OpenImageIO."""
+"""Reading of environment images, Radiance .hdr and .exr, with OpenImageIO."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..base.extras import require
 
 
 def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
-    """The pixels of a picture, unchanged and linear.
+    """Read the linear pixels of an image file.
 
     Returns
     -------
@@ -20,11 +20,11 @@ def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     Raises
     ------
     OSError
-        If there is no such file.
+        If the file does not exist or cannot be opened.
     ValueError
-        If it is no picture, or is damaged, or OpenImageIO is not installed.
+        If the file is not a valid image, or OpenImageIO is not installed.
     """
-    with open(path, "rb"):  # raises the system's own error
+    with open(path, "rb"):  # raises OSError
         pass
     name = os.fspath(path)
     oiio = require("OpenImageIO", "files", name)
@@ -39,5 +39,5 @@ def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
 
 
 def _reason(text: str) -> str:
-    """The first line of an error."""
-    return text.strip().splitlines()[0] if text.strip() else "not a picture that can be read"
+    """Return the first line of an error message."""
+    return text.strip().splitlines()[0] if text.strip() else "unsupported or damaged image"

@@ -1,4 +1,4 @@
-"""The shading points of a tile: what is kept of each, and how a material sees it."""
+"""Surface points of a tile: storage, and the `ShadingPoint` that materials take."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ from ..surface.trace.hits import material_at
 from ..surface.trace.space import matrix_at, of_size_one
 from .bsdf import base_color
 
-SOFTNESS = 0.6  # share of the mean direction in the normal of a sphere, chosen by looking at crowns
-LEAST_COSINE = 0.05  # between that normal and the direction to the eye
+SOFTNESS = 0.6  # weight of the mean direction in the normal of a sphere, chosen by eye on tree crowns
+LEAST_COSINE = 0.05  # smallest cosine between that normal and the direction to the eye
 
 
 @inline
 def begin_radiance(scratch: Scratch) -> None:
-    """Start with the camera's rays: nothing has come along them yet, and their throughput is 1."""
+    """Reset radiance to 0 and throughput to 1 for the camera's rays."""
     for i in range(TILE):
         store3(scratch.shading_points, RADIANCE + i, BLACK)
         store3(scratch.shading_points, THROUGHPUT + i, WHITE)
@@ -58,17 +58,17 @@ def begin_radiance(scratch: Scratch) -> None:
 
 @inline
 def add_radiance(scratch: Scratch, i: int, light: Vec3) -> None:
-    """Add radiance along ray i, weighted by its throughput in the pixel."""
+    """Add radiance along ray i, weighted by its throughput."""
     points = scratch.shading_points
     store3(points, RADIANCE + i, add(load3(points, RADIANCE + i), multiply(load3(points, THROUGHPUT + i), light)))
 
 
 @inline
 def _margin(world: World, scratch: Scratch, i: int) -> float:
-    """How far off the surface rays leave it where ray i has hit: as far as the noise that was smoothed away there.
+    """Return the offset of new rays from the surface at hit i: the noise removed there by smoothing.
 
-    What smoothing leaves of it are bumps of a quarter of that, which would shade each other under a grazing sun: at 2
-    degrees 23% of a wall with 0.3 spacings of noise, with half of this margin 0.3%, with it none.
+    Smoothing leaves bumps of a quarter of the noise, which shadow each other under a grazing sun. At 2 degrees, on a
+    wall with noise of 0.3 spacings, 23% is in shadow without an offset, 0.3% with half of it, none with all of it.
     """
     instance, leaf = scratch.numbers[INSTANCE_OF + i], scratch.numbers[LEAF_OF + i]
     if instance < 0 or leaf < 0 or leaf >= SCATTERED:
@@ -83,9 +83,9 @@ def _margin(world: World, scratch: Scratch, i: int) -> float:
 
 @inline
 def _soften(world: World, scratch: Scratch, i: int) -> None:
-    """Blend the normal where ray i has hit a sphere with the mean direction of the sphere's neighbourhood.
+    """Blend the normal at hit i on a sphere with the mean direction of the sphere's neighbourhood.
 
-    Crowns of trees look round then, not like salt and pepper. The normal stays on the side of the eye.
+    This gives tree crowns smooth shading instead of speckle. The normal stays on the side of the eye.
     """
     points, offset = scratch.shading_points, scratch.numbers[INSTANCE_OF + i] * INSTANCE
     tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
@@ -105,10 +105,9 @@ def _soften(world: World, scratch: Scratch, i: int) -> None:
 
 @inline
 def store_shading_points(world: World, scratch: Scratch) -> None:
-    """Store the surface points that the tile's rays have hit: surfaces shade both sides.
+    """Store the surface points of the tile's hits; surfaces are shaded on both sides.
 
-    No branches but for margins and scattered points: rays are processed as vectors; for those that have hit nothing
-    only that fact matters.
+    The main loop has no branches, so that it is vectorized; rays without a hit only need SHADING_INSTANCE.
     """
     points, wide = scratch.shading_points, scratch.world
     for i in range(TILE):
@@ -116,7 +115,7 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
     for i in range(TILE):
         d, normal = load3(wide, DIRECTION + i), load3(wide, NORMAL + i)
         wo = scale(unit(d), -1.0)
-        # The side of the eye: the start rule puts shadow rays there, and the normal is turned to it.
+        # Side of the eye: shadow rays start there, and the normal is flipped to it.
         side = 1.0 if dot(normal, wo) >= 0.0 else -1.0
         store3(points, SHADING_POINT + i, add(load3(wide, ORIGIN + i), scale(d, wide[NEAREST + i])))
         store3(points, SHADING_NORMAL + i, scale(normal, side))
@@ -131,7 +130,7 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
 
 @inline
 def start_of(scratch: Scratch, i: int, side: float) -> Vec3:
-    """Where rays leave surface point i on one side, +1 or -1: off the surface by its margin."""
+    """Return the origin of rays that leave surface point i on one side, +1 or -1: offset by its margin."""
     points = scratch.shading_points
     away = side * points[SHADING_SIDE + i] * points[SHADING_MARGIN + i]
     return add(load3(points, SHADING_POINT + i), scale(load3(points, SHADING_NORMAL + i), away))
@@ -139,13 +138,13 @@ def start_of(scratch: Scratch, i: int, side: float) -> Vec3:
 
 @inline
 def is_shaded(scratch: Scratch, i: int) -> bool:
-    """Whether ray i of the tile has hit a surface."""
+    """Return whether ray i of the tile has hit a surface to shade."""
     return scratch.shading_points[SHADING_INSTANCE + i] >= 0.0
 
 
 @inline
 def shading_point(world: World, scratch: Scratch, i: int) -> tuple[int, ShadingPoint]:
-    """(where its material begins in world.materials, the `ShadingPoint`) of a surface point."""
+    """Return (offset of the material in world.materials, `ShadingPoint`) of a surface point."""
     points = scratch.shading_points
     material = material_at(world, int(points[SHADING_INSTANCE + i]))
     color = base_color(world, material, load3(points, SHADING_COLOR + i))

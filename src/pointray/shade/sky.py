@@ -1,4 +1,4 @@
-"""The light from all around, for rays: its radiance, directions sampled by it, and its irradiance."""
+"""The environment light in kernels: radiance, importance sampling and irradiance."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ from .emitters import LightSample
 
 @inline
 def has_sky(world: World) -> bool:
-    """Whether light comes from all around."""
+    """Return whether there is an environment light."""
     return world.sky[SKY_KIND] != NO_SKY
 
 
 @inline
-def is_chosen(world: World) -> bool:
-    """Whether directions are sampled by the sky's light: only for a picture. For others a path's own are as good."""
+def is_importance_sampled(world: World) -> bool:
+    """Return whether the sky is importance sampled: only images are; for others BSDF sampling is as good."""
     return world.sky[SKY_KIND] == PICTURE_SKY
 
 
 @inline
 def _size(world: World) -> tuple[int, int]:
-    """Height and width of the picture."""
+    """Return height and width of the image."""
     return world.sky_rows.size - 1, int(world.sky[SKY_WIDTH])
 
 
 @inline
-def _place_of(world: World, d: Vec3) -> tuple[float, float]:
-    """The position of a unit direction in the picture, in pixels from the upper left corner: (row, column)."""
+def _image_position(world: World, d: Vec3) -> tuple[float, float]:
+    """Return (row, column) of a unit direction in the image, in pixels from the upper left corner."""
     height, width = _size(world)
     axes = load3_flat(world.sky, SKY_X), load3_flat(world.sky, SKY_Y), load3_flat(world.sky, SKY_Z)
     x, y, z = dot(axes[0], d), dot(axes[1], d), dot(axes[2], d)
@@ -55,7 +55,7 @@ def _place_of(world: World, d: Vec3) -> tuple[float, float]:
 
 @inline
 def _pixel(world: World, row: int, column: int) -> Vec3:
-    """Radiance of a pixel; beyond the edge that of the pixel across it."""
+    """Return the radiance of a pixel; columns wrap around, rows are clamped."""
     height, width = _size(world)
     row = min(max(row, 0), height - 1)
     column = column % width
@@ -65,7 +65,7 @@ def _pixel(world: World, row: int, column: int) -> Vec3:
 
 @inline
 def sky_radiance(world: World, d: Vec3) -> Vec3:
-    """Radiance from a unit direction."""
+    """Return the radiance from a unit direction."""
     if world.sky[SKY_KIND] != PICTURE_SKY:
         if world.sky[SKY_KIND] == NO_SKY:
             return BLACK
@@ -74,7 +74,7 @@ def sky_radiance(world: World, d: Vec3) -> Vec3:
         if up < 0.0:
             return load3_flat(world.sky, SKY_GROUND)
         return add(horizon, scale(sub(load3_flat(world.sky, SKY_ZENITH), horizon), up))
-    row, column = _place_of(world, d)
+    row, column = _image_position(world, d)
     row, column = row - 0.5, column - 0.5
     top, left = math.floor(row), math.floor(column)
     down, right = row - top, column - left
@@ -86,11 +86,11 @@ def sky_radiance(world: World, d: Vec3) -> Vec3:
 
 @inline
 def sky_pdf(world: World, d: Vec3) -> float:
-    """The pdf with which `sample_sky` chooses a direction; 0 where it never does."""
+    """Return the pdf of `sample_sky` for a direction; 0 without an image."""
     if world.sky[SKY_KIND] != PICTURE_SKY:
         return 0.0
     height, width = _size(world)
-    row, column = _place_of(world, d)
+    row, column = _image_position(world, d)
     row, column = min(int(row), height - 1), min(int(column), width - 1)
     at = row * (width + 1) + column
     share = (world.sky_rows[row + 1] - world.sky_rows[row]) * (world.sky_columns[at + 1] - world.sky_columns[at])
@@ -99,14 +99,14 @@ def sky_pdf(world: World, d: Vec3) -> float:
 
 @inline
 def _solid_angle(row: int, height: int, width: int) -> float:
-    """The solid angle of a pixel of a row."""
+    """Return the solid angle of a pixel of a row."""
     above, below = math.cos(row * math.pi / height), math.cos((row + 1) * math.pi / height)
     return (above - below) * 2.0 * math.pi / width
 
 
 @inline
 def sample_sky(world: World, u: float, v: float) -> LightSample:
-    """Light from a direction that two numbers in 0..1 choose, sampled by the picture's own light."""
+    """Importance-sample the image by two random numbers in [0, 1)."""
     height, width = _size(world)
     row = find_share(world.sky_rows, 0, height, v)
     at = row * (width + 1)
@@ -115,7 +115,7 @@ def sample_sky(world: World, u: float, v: float) -> LightSample:
     down = (v - low) / (high - low) if high > low else 0.5
     left, right = world.sky_columns[at + column], world.sky_columns[at + column + 1]
     along = (u - left) / (right - left) if right > left else 0.5
-    # Uniform over the pixel's solid angle: between the cosines of its edges.
+    # Uniform over the pixel's solid angle: linear in the cosine of the polar angle.
     above, below = math.cos(row * math.pi / height), math.cos((row + 1) * math.pi / height)
     z = above + (below - above) * down
     s = math.sqrt(max(1.0 - z * z, 0.0))
@@ -131,9 +131,9 @@ def sample_sky(world: World, u: float, v: float) -> LightSample:
 
 @inline
 def sky_irradiance(world: World, n: Vec3) -> Vec3:
-    """Unoccluded irradiance from all around on a surface with a unit normal: spherical harmonics of degree 2.
+    """Return the unoccluded irradiance of a surface with a unit normal, by spherical harmonics of degree 2.
 
-    It is off by 1% for light from one half, and by some 5% and more for small bright spots (Ramamoorthi and Hanrahan
+    The error is 1% for light from one hemisphere, and about 5% or more for small bright spots (Ramamoorthi and Hanrahan
     2001).
     """
     x, y, z = n

@@ -1,4 +1,4 @@
-"""Rays from mirrors and glass: they wait on a stack for each slot of the tile, until all are traced."""
+"""Rays from mirrors, glass and narrow lobes, kept on a stack for each ray of the tile until they are traced."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from .bsdf import is_specular, sample_bsdf
 from .materials.specular import glass
 from .shading_points import is_shaded, shading_point, start_of
 
-FAINT = 1e-3  # a ray with a lower throughput is not traced
+FAINT = 1e-3  # rays of lower throughput are not traced
 
 
 @inline
 def begin_specular(scratch: Scratch) -> None:
-    """Nothing waits."""
+    """Clear the stacks."""
     for i in range(TILE):
         scratch.numbers[WAITING_COUNT + i] = 0
         scratch.shading_points[SHADING_DEPTH + i] = 0.0
 
 
 @inline
-def send_later(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
-    """Put a ray from surface point i on the stack: unit direction, throughput, the side of the surface it leaves on."""
+def push_ray(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> None:
+    """Push a ray from surface point i. weight : its throughput; side : on which it leaves the surface"""
     count = scratch.numbers[WAITING_COUNT + i]
     if max(weight[0], weight[1], weight[2]) < FAINT or count == MOST_WAITING:
         return
@@ -58,7 +58,7 @@ def send_later(scratch: Scratch, i: int, d: Vec3, weight: Vec3, side: float) -> 
 
 @inline
 def spawn_specular(world: World, max_depth: int, scratch: Scratch) -> None:
-    """Send rays on from the tile's specular surface points, up to a depth; glass sends both of its rays on."""
+    """Push the reflected and refracted rays of the tile's specular surface points, up to a depth."""
     for i in range(TILE):
         if not is_shaded(scratch, i) or scratch.shading_points[SHADING_DEPTH + i] >= max_depth:
             continue
@@ -68,22 +68,22 @@ def spawn_specular(world: World, max_depth: int, scratch: Scratch) -> None:
         weight, side = load3(scratch.shading_points, THROUGHPUT + i), scratch.shading_points[SHADING_SIDE + i]
         if world.materials[material + MATERIAL_KIND] == DIELECTRIC:
             reflected, refracted, share = glass(world, material, point)
-            send_later(scratch, i, reflected, scale(weight, share), side)
-            send_later(scratch, i, refracted, scale(weight, 1.0 - share), -side)
+            push_ray(scratch, i, reflected, scale(weight, share), side)
+            push_ray(scratch, i, refracted, scale(weight, 1.0 - share), -side)
         else:
             d, tint, _, side = sample_bsdf(world, material, point, 0.0, 0.0, 0.0)
-            send_later(scratch, i, d, multiply(weight, tint), side)
+            push_ray(scratch, i, d, multiply(weight, tint), side)
 
 
 @inline
 def set_specular_rays(scratch: Scratch) -> bool:
-    """Set the tile's rays to those that wait, one for each slot; returns whether there are any."""
+    """Pop one ray for each ray of the tile; return whether there are any."""
     some = False
     for i in range(TILE):
         count = scratch.numbers[WAITING_COUNT + i] - 1
         if count < 0:
             set_ray(scratch, i, NO_RAY)
-            # It meets nothing, and the background behind it does not count.
+            # It hits nothing, and must not add the background.
             store3(scratch.shading_points, THROUGHPUT + i, BLACK)
             continue
         some = True

@@ -1,9 +1,9 @@
-"""What is built once from a scene's lights: the table by which paths choose a light, and trees to find lights.
+"""Tables built from a scene's lights: the distribution by which paths choose a light, and trees of lights.
 
-A path chooses by emitted power (Shirley, Wang and Zimmerman 1996), without knowing how much of it arrives: so a share
-of the choices is uniform. With 50 to 5,000 lamps over a floor, one strong lamp far off costs 9 times the noise of the
-uniform choice if all choices are by power, and one strong lamp close by costs 11 times the noise of the choice by
-power if all are uniform; half and half is within 1.4 of the better one, which is a bound.
+Lights are chosen by emitted power (Shirley, Wang and Zimmerman 1996), mixed half and half with a uniform choice, as the
+arriving power is unknown. With 50 to 5,000 lamps over a floor, choice by power alone has 9 times the noise of the
+uniform one if a strong lamp is far away; uniform choice alone has 11 times the noise of choice by power if a strong
+lamp is close. The mixture is within 1.4 of the better one, which is a bound.
 """
 
 from __future__ import annotations
@@ -33,37 +33,36 @@ from ..surface.tree.instance_bvh import build_top
 
 Floats = NDArray[np.float64]
 
-FEW_LIGHTS = 8  # up to this number all lights that shine are equally likely
-EVEN = 0.5  # the share of uniform choices among many lights
-TOGETHER = 4  # this many lights are tested without a box around them
-PAD = 1e-9  # share of their coordinates by which boxes grow
-FAR = 1e30  # boxes extend no farther
-EVEN_SKY = np.pi * 0.282095  # its irradiance's first harmonic over the sum of its radiance
+FEW_LIGHTS = 8  # up to this number the choice is uniform
+EVEN = 0.5  # weight of the uniform choice with more lights
+TOGETHER = 4  # lights of a leaf of the tree
+PAD = 1e-9  # growth of boxes, relative to their coordinates
+FAR = 1e30  # limit of box coordinates
+EVEN_SKY = np.pi * 0.282095  # first harmonic of the irradiance, divided by the integral of the radiance
 
 
 def light_shares(lights: Floats, sky: Floats, sky_mean: Floats, bounds: Floats) -> Floats:
-    """The table by which paths choose a light: cumulative shares, from 0 to 1.
+    """Return the cumulative distribution by which paths choose a light.
 
     Parameters
     ----------
     lights : (n * 18,) float64
         See `records.LIGHT`.
     sky, sky_mean : (20,) and (27,) float64
-        See `records.World`; a picture of the sky is the last of the lights.
+        See `records.World`; an environment image follows the last light.
     bounds : (2, 3) float64
-        Bounds of the scene's models; infinite the wrong way round if there are none.
+        Bounds of the scene's models; inf and -inf without models.
 
     Returns
     -------
     (m + 1,) float64
-        m : the number of lights, plus one if the sky is a picture. Numbers from shares[k] to shares[k + 1] choose
-        light k; no number chooses a light that does not shine. Empty if none shines.
+        m is the number of lights, plus one for an environment image. Random numbers from shares[k] to shares[k + 1]
+        choose light k; black lights are never chosen. Empty if all are black.
 
     Notes
     -----
-    Suns and the sky have no finite power. They count with the light that they send through a disk as wide as the
-    diagonal of the box around all models and lights with a position, or of radius 1 if that has no size: this is more
-    than meets the scene.
+    Suns and the sky have infinite power. Instead the flux through a disk is used, whose diameter is the diagonal of the
+    box around all models and lights with a position, or 2 if that is zero: an upper bound of what reaches the scene.
     """
     records = lights.reshape(-1, LIGHT)
     power = _powers(records, _radius(records, bounds))
@@ -80,7 +79,7 @@ def light_shares(lights: Floats, sky: Floats, sky_mean: Floats, bounds: Floats) 
 
 
 def light_trees(lights: Floats) -> tuple[LightTree, LightTree]:
-    """The lights that rays can meet: those with a size, in the world, and suns with a disk, among unit directions."""
+    """Return trees of the lights that rays can hit: area lights in the world, and suns with a disk, by direction."""
     records = lights.reshape(-1, LIGHT)
     kind = records[:, LIGHT_KIND]
     sized = np.flatnonzero((kind != POINT_LIGHT) & (kind != SUN_LIGHT))
@@ -97,7 +96,7 @@ def _disk(radius: float) -> float:
 
 
 def _powers(records: Floats, radius: float) -> Floats:
-    """The power of each light, W, in its brightest channel. radius : for suns"""
+    """Return the power of each light, W, in its brightest channel. radius : of the disk for suns"""
     kind, area = records[:, LIGHT_KIND], records[:, LIGHT_AREA]
     factor = np.select([kind == POINT_LIGHT, kind == SUN_LIGHT], [4.0 * np.pi, _disk(radius)], np.pi * area)
     power = _brightest(records[:, LIGHT_POWER : LIGHT_POWER + 3])
@@ -106,7 +105,7 @@ def _powers(records: Floats, radius: float) -> Floats:
 
 
 def _radius(records: Floats, bounds: Floats) -> float:
-    """Half the diagonal of the box around all models and lights with a position; 1 if it has no size."""
+    """Return half the diagonal of the box around all models and lights with a position; 1 if that is zero."""
     boxes = _boxes(records[records[:, LIGHT_KIND] != SUN_LIGHT])
     low = np.minimum(bounds[0], boxes[:, :3].min(axis=0, initial=np.inf))
     high = np.maximum(bounds[1], boxes[:, 3:].max(axis=0, initial=-np.inf))
@@ -115,7 +114,7 @@ def _radius(records: Floats, bounds: Floats) -> float:
 
 
 def _boxes(records: Floats) -> Floats:
-    """The world boxes of lights with a position, (n, 6)."""
+    """Return the world bounds of lights with a position, (n, 6)."""
     kind, center = records[:, LIGHT_KIND, None], records[:, LIGHT_POSITION : LIGHT_POSITION + 3]
     u, v = np.abs(records[:, LIGHT_U : LIGHT_U + 3]), np.abs(records[:, LIGHT_V : LIGHT_V + 3])
     with np.errstate(over="ignore"):
@@ -129,17 +128,17 @@ def _boxes(records: Floats) -> Floats:
 
 
 def _caps(records: Floats) -> Floats:
-    """The boxes around suns' disks on the unit sphere, (n, 6)."""
+    """Return the bounds of suns' disks on the unit sphere, (n, 6)."""
     middle = -records[:, LIGHT_POSITION : LIGHT_POSITION + 3]
     turn = np.arccos(np.clip(middle, -1.0, 1.0))
-    half = np.arccos(np.clip(1.0 - records[:, LIGHT_RADIUS, None], -1.0, 1.0)) + 1e-7  # plus the rounding of a cosine
+    half = np.arccos(np.clip(1.0 - records[:, LIGHT_RADIUS, None], -1.0, 1.0)) + 1e-7  # covers the rounding of cosines
     low = np.cos(np.minimum(turn + half, np.pi))
     high = np.cos(np.maximum(turn - half, 0.0))
     return np.asarray(np.concatenate([low - PAD, high + PAD], axis=1))
 
 
 def _tree(boxes: Floats, numbers: NDArray[np.int64]) -> LightTree:
-    """Lights in a tree that is traversed from its first entry to its last, see `records.LightTree`."""
+    """Build a tree in depth-first order with skip indices, see `records.LightTree`."""
     count = len(boxes)
     if count <= TOGETHER:
         return LightTree(numbers.astype(np.int32), np.zeros(count, np.int32), np.zeros(6 * count))
@@ -149,9 +148,9 @@ def _tree(boxes: Floats, numbers: NDArray[np.int64]) -> LightTree:
         below[node] = sum(1 if k < 0 else below[k] for k in children[node])
     lights: list[int] = []
     skips: list[int] = []
-    rows: list[int] = []  # the lights alone, in this order: indices of boxes
-    spans: list[list[int]] = []  # for each box its entry, and in these rows its first light and the one after its last
-    waiting: list[tuple[int, int]] = [(0, -1)]  # nodes and lights; after the last one below a span, the span that ends
+    rows: list[int] = []  # indices of the lights' boxes, in the order of the tree
+    spans: list[list[int]] = []  # for each node: its entry, and the range of its lights in rows
+    waiting: list[tuple[int, int]] = [(0, -1)]  # stack of (node or light, -1), and of (0, span) where a span ends
     while waiting:
         k, span = waiting.pop()
         if span >= 0:
@@ -169,7 +168,7 @@ def _tree(boxes: Floats, numbers: NDArray[np.int64]) -> LightTree:
             waiting += [(child, -1) for child in reversed(children[k])]
     entry, first, end = np.array(spans).T
     held, ends = np.zeros((len(lights), 6)), np.stack([first, end], axis=1).ravel()
-    sorted_boxes = np.concatenate([boxes[rows], boxes[:1]])  # the last one: an end that is no light
+    sorted_boxes = np.concatenate([boxes[rows], boxes[:1]])  # a sentinel, so that all ends are valid indices
     held[entry, :3] = np.minimum.reduceat(sorted_boxes[:, :3], ends)[::2]
     held[entry, 3:] = np.maximum.reduceat(sorted_boxes[:, 3:], ends)[::2]
     return LightTree(np.array(lights, np.int32), np.array(skips, np.int32), held.reshape(-1))

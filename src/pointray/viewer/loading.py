@@ -14,7 +14,7 @@ import numpy as np
 from ..auto_view.first_view import Scan, ViewChoice
 from ..auto_view.studio import CLAY, with_direct_light
 from ..base.warning_log import heard
-from ..cloud.normals.validation import check_normals_choice, judged, replaced
+from ..cloud.normals.validation import check_normals_choice, refit_normals, validate_normals
 from ..cloud.outliers import without_strays
 from ..cloud.points import Points, spread_rows
 from ..io.files import read
@@ -165,7 +165,7 @@ class FileLoader:
         if isinstance(cloud, Model):
             return points
         with _with_file_name(self._groups[number]), heard():  # warnings follow when all points are processed
-            points, wrong = judged(points, self.normals)
+            points, wrong = validate_normals(points, self.normals)
         return points.with_normals(None) if wrong else points
 
     def _coarse(self, sample: Points, number: int) -> Model:
@@ -180,8 +180,8 @@ class FileLoader:
             shared.report(f"building: {stage}", share)
 
         def build() -> Model:
-            points, wrong = judged(cloud, self.normals)
-            points = replaced(points, partial(report, "normals")) if wrong else points
+            points, wrong = validate_normals(cloud, self.normals)
+            points = refit_normals(points, partial(report, "normals")) if wrong else points
             return Model(points, radii_in(points), **self.surface, progress=report)
 
         with _with_file_name(self._groups[number]):

@@ -33,7 +33,7 @@ OPTIONS |= {"splat": {"opacity": 0.0}, "packed": {"opacity": 0.0, "intrinsics": 
 KINDS = {".las": "las", ".laz": "laz", ".e57": "e57", ".pcd": "pcd", ".ptx": "ptx", ".ply": "ply", ".pts": "text"}
 KINDS |= {".xyz": "text"}
 # Warnings of a file that has other rows than it announces, or of a mesh that is sampled.
-REPAIRED = re.compile(r"cut off|announce|goes on|no multiple|of faces|is \d+ bytes|points are sampled|no rows of \d")
+REPAIRED = re.compile(r"cut off|announce|expected|more bytes|not a multiple of|points are sampled")
 
 
 class Seed(NamedTuple):

@@ -278,12 +278,12 @@ def test_a_top_view_has_north_up():
         *({"fov": 200}, {"size": (0, 1)}, {"projection": "fisheye"}),
     ],
 )
-def test_what_is_no_view_is_told(wrong):
+def test_an_invalid_view_is_reported(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         pr.frame(pr.procedural("torus", 2_000), **wrong)
 
 
-def test_what_is_found_is_told_in_words():
+def test_choices_are_described_in_words():
     found = Scan(statue(5_000), ViewChoice()).found
     assert found.endswith(" Change with --view and --up.") and "\n" not in found
     assert Scan(statue(5_000), ViewChoice((0, 0, 1), "front")).found == ""

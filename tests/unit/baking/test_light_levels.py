@@ -125,7 +125,7 @@ def budget_of(full, level, name="torus"):
     return total + 32 * sum(len(model.tree.order) // 4 for model in (body(name), sheet()))
 
 
-def test_the_least_budget_is_told_and_is_enough():
+def test_the_least_budget_is_reported_and_suffices():
     scene = room()
     least = least_of(scene)
     baked = baked_at(scene, least)

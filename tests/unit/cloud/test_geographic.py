@@ -93,7 +93,7 @@ def stored(path):
 
 @pytest.mark.parametrize("is_installed", [True, False])
 @pytest.mark.parametrize("suffix", ["las", "ply", "npz", "npy"])
-@pytest.mark.filterwarnings("ignore:.*cannot hold")
+@pytest.mark.filterwarnings("ignore:.*cannot store")
 def test_files_are_written_in_degrees(tmp_path, rng, monkeypatch, suffix, is_installed):
     if not is_installed:
         monkeypatch.setitem(sys.modules, "pyproj", None)

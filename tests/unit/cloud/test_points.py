@@ -174,7 +174,7 @@ ONE = [[1.0, 2.0, 3.0]]
         (ONE, {"origin": (1, 2, np.inf)}, "origin"),
     ],
 )
-def test_what_is_wrong_is_said(positions, others, words):
+def test_errors_are_reported(positions, others, words):
     with pytest.raises(ValueError, match=words):
         Points(positions, **others)
 

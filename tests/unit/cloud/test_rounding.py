@@ -118,7 +118,7 @@ SCANS = [
 
 @pytest.mark.scans
 @pytest.mark.parametrize("path", SCANS)
-def test_no_real_scan_is_said_to_be_rounded(path):
+def test_no_real_scan_is_reported_as_rounded(path):
     if "3dgs" in path.name:
         pytest.skip("no points of the usual kind")
     assert find_rounding(pr.read(path)) == ((0, 0, 0), None)

@@ -1,4 +1,4 @@
-"""What is usual in a cloud, and how exactly it is told."""
+"""Statistics of a cloud, and how exactly they are stored."""
 
 import math
 
@@ -9,7 +9,7 @@ from pointray.cloud.statistics import BITS, CloudStatistics, quantize
 
 
 @pytest.mark.parametrize("value", [1e-30, 0.0071279, 0.6, 1.0, 3.0, 12345.6])
-def test_numbers_that_hardly_differ_are_told_as_one(value: float) -> None:
+def test_numbers_that_hardly_differ_are_quantized_to_one(value: float) -> None:
     told = quantize(value)
     assert told == pytest.approx(value, rel=2.0**-BITS) and quantize(told) == told
     assert {quantize(value * (1 + share)) for share in np.linspace(-1e-6, 1e-6, 9)} == {told}
@@ -22,10 +22,10 @@ def test_numbers_without_bits_stay(value: float) -> None:
     assert math.isnan(quantize(math.nan))
 
 
-def test_a_cloud_is_told_by_steady_numbers() -> None:
+def test_a_cloud_is_described_by_quantized_numbers() -> None:
     values = np.random.default_rng(0).lognormal(size=5000).astype(np.float32)
-    usual = CloudStatistics()
-    found = usual.quantile("a", values, 0.5)
-    assert found == quantize(float(np.quantile(values, 0.5))) == usual.known["a"]
-    assert usual.share("b", values > 1) == quantize(float((values > 1).mean()))
-    assert usual.least("c", values) == values.min()  # what is compared with each value
+    statistics = CloudStatistics()
+    found = statistics.quantile("a", values, 0.5)
+    assert found == quantize(float(np.quantile(values, 0.5))) == statistics.known["a"]
+    assert statistics.share("b", values > 1) == quantize(float((values > 1).mean()))
+    assert statistics.least("c", values) == values.min()  # what is compared with each value

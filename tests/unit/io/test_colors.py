@@ -11,7 +11,7 @@ import pytest
 
 import pointray as pr
 from helpers.places import case_file
-from pointray.io.formats._unnamed_columns import UndecidedError, judge
+from pointray.io.formats._unnamed_columns import UndecidedError, recognise_columns
 
 BLUE, RED, GREEN = (40, 60, 220), (220, 60, 40), (60, 200, 80)
 
@@ -25,7 +25,7 @@ def room(rng, n=400):
 
 def names_of(*columns, **options):
     values = np.column_stack(columns).astype(float)
-    return judge(values, [bool((column == np.rint(column)).all()) for column in values.T], **options).names
+    return recognise_columns(values, [bool((column == np.rint(column)).all()) for column in values.T], **options).names
 
 
 def datasets(rng):
@@ -62,7 +62,7 @@ def test_columns_of_datasets(name, rng):
 
 def test_undecided_columns_are_refused_unless_the_extension_decides(rng):
     xyz, grey = rng.uniform(-3, 3, (400, 3)), rng.integers(0, 256, (400, 4))
-    with pytest.raises(UndecidedError, match="cannot be told"):
+    with pytest.raises(UndecidedError, match="cannot be told apart"):
         names_of(xyz, grey)
     assert names_of(xyz, grey, intensity_first=True)[3:] == ["intensity", "r", "g", "b"]
     assert names_of(xyz, grey, intensity_first=False)[3:] == ["r", "g", "b", "intensity"]
@@ -70,8 +70,8 @@ def test_undecided_columns_are_refused_unless_the_extension_decides(rng):
 
 def test_many_unrecognised_columns_are_one_short_note(rng):
     xyz, _ = room(rng)
-    found = judge(np.column_stack([xyz, rng.normal(size=(len(xyz), 600))]), [False] * 603)
-    assert found.note.startswith("600 of the columns 4 to 603 are not recognised: kept as column_4, ...; --columns")
+    found = recognise_columns(np.column_stack([xyz, rng.normal(size=(len(xyz), 600))]), [False] * 603)
+    assert found.note.startswith("600 of the columns 4 to 603 are not recognised: read as column_4, ...; name the")
 
 
 def test_pts_has_intensity_before_colours(tmp_path, rng):
@@ -82,7 +82,7 @@ def test_pts_has_intensity_before_colours(tmp_path, rng):
     np.testing.assert_array_equal(pr.read(tmp_path / "a.pts").colors, rgb)
     rows[:, 3] = 255 - rgb[::-1, 0]
     np.savetxt(tmp_path / "a.txt", rows, "%.3f %.3f %.3f %d %d %d %d")
-    with pytest.warns(UserWarning, match="columns 5 to 7 are taken for colours; --columns"):
+    with pytest.warns(UserWarning, match="columns 5 to 7 are read as colours; name the columns with --columns"):
         np.testing.assert_array_equal(pr.read(tmp_path / "a.txt").colors, rgb)
 
 
@@ -96,8 +96,8 @@ CASES = {
     "e57_rgb_float255.e57": None,
     "e57_color_invalid.e57": None,
     "ply_float_colour_neg.ply": None,
-    "las_rgb8_one_16bit_outlier.las": "1 of 12,300 colour values are not within 0 to 255: clipped",
-    "txt_id_xyz_noheader.txt": "column 1 numbers the points: x, y, z are columns 2 to 4; --columns",
+    "las_rgb8_one_16bit_outlier.las": "1 of 12,300 colour values are outside 0 to 255: clipped",
+    "txt_id_xyz_noheader.txt": "column 1 contains point numbers: x, y, z are columns 2 to 4; name the columns",
 }
 
 
@@ -144,15 +144,15 @@ def test_few_painted_points_keep_their_range(tmp_path):
 
 
 @pytest.mark.parametrize("value", [0, np.nan])
-def test_colours_that_are_all_zero_or_missing_are_none(tmp_path, value):
-    with pytest.warns(UserWarning, match="zero or missing: it is shown as if it had none"):
+def test_colours_that_are_all_zero_count_as_missing(tmp_path, value):
+    with pytest.warns(UserWarning, match="zero or missing: they are ignored"):
         assert pr.read(written(tmp_path / "a", np.full((50, 3), value))).colors is None
 
 
 def test_points_without_a_colour_are_grey(tmp_path):
     colors = np.tile(np.array(RED, np.float32) / 255, (50, 1))
     colors[3, 1], colors[5], colors[6, 0] = np.nan, np.nan, -1e-7
-    with pytest.warns(UserWarning, match="2 points have no colour"):
+    with pytest.warns(UserWarning, match="2 points without a colour"):
         found = pr.read(written(tmp_path / "a", colors)).colors
     assert found[[3, 5]].tolist() == [[128] * 3] * 2 and found[6].tolist() == [0, *RED[1:]]
 
@@ -161,7 +161,7 @@ def test_the_range_is_that_of_each_file(tmp_path):
     one = written(tmp_path / "a", np.tile(np.array(RED, np.uint16), (20, 1)))
     other = written(tmp_path / "b", np.tile(np.array(RED, np.uint16) * 257, (20, 1)))
     black = written(tmp_path / "c", np.zeros((20, 3), np.uint16))
-    with pytest.warns(UserWarning, match="zero or missing"), pytest.warns(UserWarning, match="without colors .*c.npy"):
+    with pytest.warns(UserWarning, match="zero or missing"), pytest.warns(UserWarning, match="have: colors .*c.npy"):
         found = pr.read([one, other, black]).colors
     assert found.tolist() == [[*RED]] * 40 + [[128] * 3] * 20
 

@@ -6,7 +6,7 @@ import pytest
 import pointray as pr
 from pointray import Points
 from pointray.cloud.georeference import SCAN, Survey
-from pointray.cloud.normals.stations import check_apart
+from pointray.cloud.normals.stations import check_outside
 from pointray.io.trajectory import read_trajectory
 
 FAR = np.array([512_345.678, 5_400_000.123, 321.5])
@@ -60,7 +60,7 @@ def test_a_cloud_is_a_trajectory(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("x,y,z\n1,2,3\n2,3,4\n", "no column gps_time or time"),
+        ("x,y,z\n1,2,3\n2,3,4\n", "expected a column gps_time or time"),
         ("time,x,y,z\n2,0,0,0\n1,0,0,0\n", "row 2 of the trajectory has an earlier time .* sort"),
         ("time,x,y,z\n2,0,0,0\nnan,0,0,0\n", "row 2 of the trajectory has a time"),
         ("time,x,y,z\n2,0,nan,0\n3,0,0,0\n", "row 1 of the trajectory has a time"),
@@ -76,33 +76,33 @@ def test_what_is_no_trajectory(tmp_path, text, words):
 
 
 def test_points_without_times(tmp_path):
-    with pytest.raises(ValueError, match="no attribute gps_time: pass a viewpoint"):
+    with pytest.raises(ValueError, match="the attribute gps_time of the points, which is missing: pass a viewpoint"):
         pr.eyes_along(Points(np.eye(3)), drive(tmp_path / "car.csv"))
 
 
-# ------------------------------------------------------------------------------------------- places that are none
+# ------------------------------------------------------------------------------------------------- invalid places
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.003])
 def test_a_viewpoint_in_a_wall_is_refused(shift):
     points, _ = street()
     eye = points.positions[7] + points.origin + shift
-    with pytest.raises(ValueError, match="lies among the points, .* where the scanner stood"):
+    with pytest.raises(ValueError, match="lies among the points, .* position of the scanner"):
         pr.estimate_normals(points, viewpoint=eye)
 
 
 def test_returns_that_a_scanner_lost_do_not_make_it_lie_among_the_points():
     ball = pr.procedural("sphere", 2000)
-    check_apart(np.concatenate([ball.positions, np.zeros((5, 3), np.float32)]), np.zeros(3))
+    check_outside(np.concatenate([ball.positions, np.zeros((5, 3), np.float32)]), np.zeros(3))
     found = pr.estimate_normals(Points(np.concatenate([ball.positions, [[0, 0, 0]]])), viewpoint=(0, 0, 0)).normals
     assert (np.sum(found[:-1] * ball.normals, axis=1) < 0).all()
     assert np.isfinite(found).all() and found[-1].any()
 
 
-def test_scans_without_a_station_are_told():
+def test_scans_without_a_station_are_reported():
     points, exact = street()
     scan = (exact[:, 0] > 0).astype(np.int32)
     scan[::10] = 7
     told = Points(points.positions, attributes={SCAN: scan}, survey=Survey(stations=((-5, 0, 0), (5, 0, 0))))
-    with pytest.warns(UserWarning, match="600 of 6,000 points are of scans like 7, and there are stations for 0 to 1"):
+    with pytest.warns(UserWarning, match="600 of 6,000 points belong to scans such as 7, .* only for 0 to 1"):
         pr.estimate_normals(told)

@@ -207,7 +207,7 @@ def test_a_damaged_level_is_an_error(tmp_path, leveled):
     model = pr.Model.load(leveled[1])
     del model.levels[0].points.attributes["heat"]
     model.save(tmp_path / "m")
-    with pytest.raises(ValueError, match="other attributes"):
+    with pytest.raises(ValueError, match="different attributes"):
         pr.Model.load(tmp_path / "m")
 
 
@@ -280,7 +280,7 @@ def test_what_is_part_of_a_saved_model_is_not_asked_for(saved, tmp_path, capsys)
     assert not (tmp_path / "a.png").exists()
 
 
-def test_what_cannot_be_a_model_is_told_with_its_file(tmp_path, capsys):
+def test_an_invalid_model_is_reported_with_its_file(tmp_path, capsys):
     pr.write(tmp_path / "one.ply", pr.Points(np.zeros((1, 3)), np.float32([[0, 0, 1]])))
     assert execute(["prepare", str(tmp_path / "one.ply"), "-o", str(tmp_path / "one.pointray")]) == 2
     assert "one.ply: " in capsys.readouterr().err

@@ -313,7 +313,7 @@ def test_light_is_baked_into_parts_as_into_the_whole(both: tuple[pr.Model, pr.Mo
     [
         (["-o", "city/"], "a folder whose name ends in .pointray"),
         (["-o", "none/city.pointray/"], "no such folder"),
-        (["-o", "full.pointray/"], "something already"),
+        (["-o", "full.pointray/"], "already exists and is not empty"),
         (["-o", "a.pointray/", "--part-points", "0"], "--part-points must be 1 or more"),
     ],
 )
@@ -346,6 +346,6 @@ def test_nothing_is_left_where_writing_fails(tmp_path: Path, monkeypatch: pytest
 
 def test_a_folder_with_files_is_not_written_to(tmp_path: Path) -> None:
     (tmp_path / "mine.txt").touch()
-    with pytest.raises(ValueError, match="something already"):
+    with pytest.raises(ValueError, match="already exists and is not empty"):
         split(pr.Model(pr.procedural("sphere", 1000)), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]

@@ -228,17 +228,17 @@ def test_levels_are_not_trusted(folder: Path) -> None:
         return ""
 
     assert written(level) == ""
-    assert "another folder" in written(level, id="another")
-    assert "another part" in written(level, part=5)
-    assert "another part" in written(level, number=2)
+    assert "not belong to this folder" in written(level, id="another")
+    assert "not belong to this folder" in written(level, part=5)
+    assert "not belong to this folder" in written(level, number=2)
     small = pr.Model(pr.procedural("sphere", 900))
-    assert "other attributes" in written(small)
+    assert "different attributes" in written(small)
     moved = pr.Model(
         pr.Points.about(
             (1, 2, 3), level.points.positions, colors=level.points.colors, attributes=level.points.attributes
         )
     )
-    assert "another origin" in written(moved)
+    assert "a different origin" in written(moved)
     tree = level.tree._replace(refs=level.tree.refs + 1_000_000)
     damaged = PrebuiltModel(level.data._replace(tree=tree))
     assert "a reference is not a block" in written(damaged)
@@ -608,7 +608,7 @@ def test_the_viewer_shows_coarser_levels_until_finer_ones_are_there(
     assert page.errors == other.errors == []
 
 
-def test_the_viewer_tells_of_a_damaged_part_and_shows_the_rest(folder: Path, pages: list[Page]) -> None:
+def test_the_viewer_reports_a_damaged_part_and_shows_the_rest(folder: Path, pages: list[Page]) -> None:
     first = along(pr.Model.load(folder))[0]
     spoil(folder / f"part-{first:04d}.pointray")
     model = pr.Model.load(folder)
@@ -621,7 +621,7 @@ def test_the_viewer_tells_of_a_damaged_part_and_shows_the_rest(folder: Path, pag
     page.wait(lambda: page.frames[-1].request.camera == FAR)
     page.look(NEAR)
     page.wait(lambda: page.frames[-1].request.camera == NEAR)
-    assert len(page.errors) == 1  # it is told once
+    assert len(page.errors) == 1  # reported once
     assert any(number == first and level > 0 for number, level in open_files(model))
 
 

@@ -215,7 +215,7 @@ def test_cameras_are_values():
         ({"aperture": np.nan}, "aperture"),
         ({"aperture": np.inf}, "aperture"),
         ({"aperture": "f/8"}, "aperture"),
-        ({"aperture": 0.1, "projection": "panorama"}, "panorama has no lens"),
+        ({"aperture": 0.1, "projection": "panorama"}, "aperture must be 0 for a panorama"),
         ({"focus": 0}, "focus"),
         ({"focus": -2.0}, "focus"),
         ({"focus": np.nan}, "focus"),

@@ -111,9 +111,9 @@ def test_a_last_key_between_two_frames():
 @pytest.mark.parametrize(
     ("times", "fps", "words"),
     [
-        ([0], 24, "two keys"),
-        ([0, 0], 24, "rise"),
-        ([0, np.nan], 24, "rise"),
+        ([0], 24, "at least two"),
+        ([0, 0], 24, "increase"),
+        ([0, np.nan], 24, "increase"),
         ([0, 1], 0, "fps"),
         ([0, 1e9], 24, "100000 frames"),
     ],

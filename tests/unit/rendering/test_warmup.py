@@ -182,7 +182,7 @@ def test_where_the_process_beside_fails_nobody_waits(tmp_path, monkeypatch, unco
     assert uncompiled not in beside._pending and jit.BACKLOG.state is None
 
 
-def test_who_waits_is_told_when_it_is_there_and_may_give_up(tmp_path, monkeypatch, uncompiled):
+def test_waiting_processes_are_notified_and_may_give_up(tmp_path, monkeypatch, uncompiled):
     may_end = tmp_path / "may end"
     (tmp_path / "slow_module.py").write_text(
         "import os, time\n"

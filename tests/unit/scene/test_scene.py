@@ -474,7 +474,7 @@ def test_hits_of_a_miss(scene):
     assert hits.point == -1 and hits.instance == -1
 
 
-def test_shapes_and_models_are_told_by_number() -> None:
+def test_shapes_and_models_are_identified_by_number() -> None:
     model, other = pr.Model(pr.procedural("sphere", 500)), pr.Model(pr.procedural("torus", 500))
     scene, plane = pr.Scene(), pr.Plane([0, 0, 0], [0, 0, 1])
     numbers = [scene.add(shape) for shape in (model, plane, other, model)]
@@ -503,5 +503,5 @@ def test_exchange_puts_models_in_the_place_of_others() -> None:
 
 def test_a_plane_reflects_no_more_than_there_is():
     """Otherwise light that bounces without end would overflow."""
-    with pytest.raises(ValueError, match="color must lie between 0 and 1"):
+    with pytest.raises(ValueError, match="color must be a reflectance from 0 to 1"):
         pr.Plane((0, 0, 0), (0, 0, 1), color=(0.5, 1.5, 0.5))

@@ -109,7 +109,7 @@ def test_lines_in_examples(name: str) -> None:
         assert line_of(text, key) == naive_line_of(text, key), key
 
 
-def test_what_is_wrong_behind_a_long_text_is_told_after_one_look_at_it(
+def test_errors_after_a_long_text_are_reported_after_one_scan_of_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """tomllib, which takes most of the time, reads the text once, and not again for each line."""

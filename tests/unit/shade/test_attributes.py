@@ -408,7 +408,7 @@ def test_height_is_along_up(model, tmp_path, capsys):
 
 @pytest.mark.parametrize("value", ["z:magenta", "z:gray:1", "z:gray:2,1", "z:gray:a,b", ":gray", "z:gray:1,2:3"])
 def test_color_by_is_checked_first(value, tmp_path, capsys):
-    """Bad options are told before the file is read, which is empty."""
+    """Bad options are reported before the file is read, which is empty."""
     (tmp_path / "broken.ply").write_text("nothing")
     arguments = ["render", str(tmp_path / "broken.ply"), "-o", str(tmp_path / "a.png"), "--color-by", value]
     assert execute(arguments) == 2
@@ -416,7 +416,7 @@ def test_color_by_is_checked_first(value, tmp_path, capsys):
     assert "broken.ply" not in said and said.count("\n") == 1
 
 
-def test_an_unknown_attribute_is_told_before_the_model_is_made(scan, monkeypatch, capsys):
+def test_an_unknown_attribute_is_reported_before_the_model_is_made(scan, monkeypatch, capsys):
     monkeypatch.setattr(pr, "Model", None)
     assert execute(["render", str(scan), "-o", str(scan.with_name("a.png")), "--color-by", "width"]) == 2
     said = capsys.readouterr().err

@@ -10,7 +10,7 @@ import pointray as pr
 from helpers.marks import long
 from pointray.engine.jit import borrow, kernel
 from pointray.engine.kernels.records import LIGHT, LIGHT_AREA, LIGHT_KIND, LIGHT_POWER, POINT_LIGHT, SUN_LIGHT
-from pointray.shade.choice import chance_of, choose_light, nearest_lamp, sun_after
+from pointray.shade.choice import choose_light, light_probability, nearest_lamp, sun_after
 from pointray.shade.emitters import intersect_light, sun_in
 
 
@@ -21,7 +21,7 @@ def _choose(world, numbers, out):
     for i in range(len(numbers)):
         which, chance = choose_light(world, numbers[i])
         out[i, 0], out[i, 1] = which, chance
-        out[i, 2] = chance_of(world, which) if which >= 0 else 0.0
+        out[i, 2] = light_probability(world, which) if which >= 0 else 0.0
 
 
 @kernel

@@ -9,7 +9,7 @@ import pointray as pr
 from pointray.engine.jit import borrow, kernel
 from pointray.engine.kernels.records import LIGHT_KIND, World
 from pointray.engine.kernels.sampling import pixel_key, sample_pair
-from pointray.shade.emitters import from_middle, intersect_light, light_pdf, sample_light, sun_in
+from pointray.shade.emitters import from_center, intersect_light, light_pdf, sample_light, sun_in
 from pointray.shade.sky import sample_sky, sky_irradiance, sky_pdf, sky_radiance
 
 COUNT = 4096
@@ -32,7 +32,7 @@ def _sample(world, x, out):
 
 @kernel
 def _middle(world, x, out):
-    a = from_middle(borrow(world), 0, world.lights[LIGHT_KIND], (x[0], x[1], x[2]))
+    a = from_center(borrow(world), 0, world.lights[LIGHT_KIND], (x[0], x[1], x[2]))
     for c in range(3):
         out[c], out[3 + c] = a.wi[c], a.light[c]
     out[6] = a.distance
@@ -339,7 +339,7 @@ def test_copies_grow_by_themselves():
     twin.add_light(d)
     scene.add_light(d)
     assert scene.lights == (a, b, d) and twin.lights == (a, c, d) and before == (a,)
-    with pytest.raises(ValueError, match="each is one of"):
+    with pytest.raises(ValueError, match="expected PointLight"):
         scene.add_light("sun")
     with pytest.raises(ValueError, match="already"):
         scene.lights = [pr.EnvironmentLight(), pr.EnvironmentLight()]

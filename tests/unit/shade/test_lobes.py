@@ -20,7 +20,7 @@ from pointray.shade.baked_code import (
     REACH_2,
     REACH_COLOR,
 )
-from pointray.shade.baked_sums import SUM_WEIGHTS, keep_moments, list_record, sum_moments
+from pointray.shade.baked_sums import SUM_WEIGHTS, list_record, store_moments, sum_moments
 from pointray.shade.lobe_tables import facet_lobes, phong_lobes
 from pointray.shade.lobes import WIDE, WIDE_FACETS
 
@@ -141,7 +141,7 @@ def _unpack(records, out):
         list_record(p // 4, 2, p % 4, 3.0, scratch)
         scratch.part[SUM_WEIGHTS + 8] = 3.0
         sum_moments(records, scratch)
-        keep_moments(5, 2, 1.0, scratch)
+        store_moments(5, 2, 1.0, scratch)
         for k in range(8):
             out[p, k] = scratch.shading_points[ARRIVING_MOMENTS + k * TILE + 5]
         for k in range(6):

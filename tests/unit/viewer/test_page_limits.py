@@ -371,7 +371,7 @@ class Deaf:
 
 
 @pytest.mark.parametrize(("is_local", "source"), [(True, "'/home/me/my scans/ball.ply'"), (False, "ball.ply")])
-def test_pages_elsewhere_are_told_no_path(scene, is_local, source):
+def test_pages_elsewhere_receive_no_path(scene, is_local, source):
     link, shared = Deaf(is_local), SharedScene("ball.ply", scene, source="/home/me/my scans/ball.ply")
     page = session.Session(link, shared, lambda _: None)
     page.receive(json.dumps({"type": "size", "width": 64, "height": 48}))
@@ -469,7 +469,7 @@ def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkey
             camera = other.arrive()
             other.go(camera, fov=30.0, time=2.0)
             other.listen(lambda: any(header["time"] == 2.0 for header, _ in other.frames))
-            scene.lights = []  # all pages are told, the busy one too
+            scene.lights = []  # all pages are notified, the busy one too
             other.listen(lambda: "no_lamps" in other.controls())
         assert "lamps.0.on" in browser.controls()
     finally:

@@ -622,7 +622,7 @@ def test_what_the_user_did_to_the_lights_outlives_the_coarse_version(model, scen
     viewer.close()
 
 
-def test_a_surface_that_cannot_be_built_is_said_and_forgotten(browser, monkeypatch):
+def test_a_surface_that_cannot_be_built_is_reported_and_forgotten(browser, monkeypatch):
     whole = pr.Model.rebuild
 
     def refuse(self, *arguments, **options):
@@ -666,7 +666,7 @@ class Deaf:
         pass
 
 
-def test_a_browser_that_leaves_while_it_is_told_of_a_change(scene, caplog):
+def test_a_browser_that_leaves_while_it_receives_a_change(scene, caplog):
     shared, sessions = SharedScene("x", scene), []
     shared.subscribe(lambda: sessions[0].leave() if sessions else None)  # this message comes before the session exists
     sessions.append(session.Session(Deaf(), shared, sessions.append))

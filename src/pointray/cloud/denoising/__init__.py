@@ -1,9 +1,9 @@
-"""Noisy points -> points on the surface that they were measured from; clean points stay as they are.
+"""Denoising: noisy points are moved onto the surface that they were measured from; clean points are unchanged.
 
 smooth : all steps on one page
-noise : how far points lie off their surface, place by place
-fit : the surface beside each point
-candidates, solids, creases : planes where no quadric fits; edges : which points they move
+noise : local estimates of the noise
+fit : local surface of each point
+candidates, solids, creases : planes where no quadric fits; edges : points that these planes move
 
 Begin with smooth.
 """

@@ -1,4 +1,4 @@
-"""Planes beside a point: fitted to its neighbours around some of them, sixteen neighbours, then all planes, at once."""
+"""Candidate planes near a point, fitted around some of its neighbours; sixteen neighbours, then all planes, at once."""
 
 from __future__ import annotations
 
@@ -30,31 +30,31 @@ from ..normals.axes import principal_axes
 from ..normals.fit_batch import LANES, TINIEST, Triple, distance_weight, zeros
 
 CANDIDATES = 9
-NARROW = 0.52  # radius of a candidate's neighbours, in that of all
-JUDGES = 31  # neighbours by which candidates are chosen: with 21 edges of a cube are 0.41 spacings off, with 64 0.38
-MOST_JUDGES = 2 * JUDGES
-SUMS = 10  # of a plane: weights, places, and their products
+NARROW = 0.52  # radius of a candidate's neighbourhood, relative to that of all neighbours
+SAMPLES = 31  # neighbours by which candidates are scored: with 21, edges of a cube are 0.41 spacings off; with 64, 0.38
+MOST_SAMPLES = 2 * SAMPLES
+SUMS = 10  # sums of a plane: weights, places and their products
 
 
 class Neighbors(NamedTuple):
-    """One thread's memory for the neighbours of one point, all flat float32.
+    """One thread's memory for the neighbours of one point; all flat float32.
 
     Attributes
     ----------
     places : (3 * width,)
-        x of all about the point, then y, then z; the farthest is at distance 1. The width is a multiple of `LANES`.
+        x of all neighbours as offsets, then y, then z; the farthest at distance 1. The width is a multiple of `LANES`.
     weights : (width,)
         By distance; 0 beyond the last neighbour.
     away : (width,)
-        Squared distances to the nearest place around which a candidate is fitted.
+        Squared distances to the nearest place around which a candidate has been fitted.
     owner : (width,)
-        The plane that each neighbour belongs to, or -1.
+        Plane that each neighbour belongs to, or -1.
     sums : (SUMS * LANES,)
-        Of the neighbours of each plane, a lane each.
+        Sums over the neighbours of each plane, one lane per plane.
     found, chosen, again : (4 * LANES,)
-        Planes, a lane each: x, y and z of the normals, and offsets. A third beside two chosen ones lies below all.
+        Planes, one lane each: x, y and z of the normals, and offsets. The third of two planes lies below all others.
     heights : (MOST_JUDGES * LANES,)
-        Of each judge over all candidates.
+        Heights of each scoring neighbour above all candidates.
     """
 
     places: Array
@@ -70,7 +70,7 @@ class Neighbors(NamedTuple):
 
 @inline
 def new_neighbors(most: int) -> Neighbors:
-    """Memory for at most so many neighbours."""
+    """Return memory for at most `most` neighbours."""
     width = -(-most // LANES) * LANES
     return Neighbors(
         np.zeros(3 * width, np.float32),
@@ -81,13 +81,13 @@ def new_neighbors(most: int) -> Neighbors:
         np.zeros(4 * LANES, np.float32),
         np.zeros(4 * LANES, np.float32),
         np.zeros(4 * LANES, np.float32),
-        np.zeros(MOST_JUDGES * LANES, np.float32),
+        np.zeros(MOST_SAMPLES * LANES, np.float32),
     )
 
 
 @inline
 def load_neighbors(positions: Array, row: int, near: Array, i: int, memory: Neighbors) -> float:
-    """Write the places of the neighbours near[i] about positions[row], and weights; returns their unit."""
+    """Write the places of the neighbours near[i] relative to positions[row], and their weights; return the unit."""
     k, width = near.shape[1], len(memory.weights)
     square = f64(0.0)
     for c in range(3):
@@ -106,14 +106,14 @@ def load_neighbors(positions: Array, row: int, near: Array, i: int, memory: Neig
 
 @inline
 def load_places(memory: Neighbors, at: int) -> Triple:
-    """x, y and z of sixteen neighbours."""
+    """Return x, y and z of sixteen neighbours."""
     width = len(memory.weights)
     return load16(memory.places, at), load16(memory.places, width + at), load16(memory.places, 2 * width + at)
 
 
 @inline
 def store_sums(sums: Array, a: int, w: Triple, p: Triple, others: tuple[Triple, F16]) -> None:
-    """Write to lane a the sums over lanes of weighted places and their products: x y z, xx xy xz, yy yz zz, weights."""
+    """Write to lane a the summed lanes of weighted places and their products: x y z, xx xy xz, yy yz zz, weights."""
     for c in range(3):
         sums[LANES * c + a] = lane(sum_over_lanes(w[c]), 0)
         sums[LANES * (3 + c) + a] = lane(sum_over_lanes(p[c]), 0)
@@ -123,7 +123,7 @@ def store_sums(sums: Array, a: int, w: Triple, p: Triple, others: tuple[Triple, 
 
 @routine
 def fit_lanes(sums: Array, out: Array) -> None:
-    """Write the planes through the weighted places of each lane."""
+    """Write the planes fitted to the sums of each lane."""
     share = ONE / vmax(load16(sums, LANES * 9), broadcast16(f32(TINIEST)))
     x, y, z = load16(sums, 0) * share, load16(sums, LANES) * share, load16(sums, 2 * LANES) * share
     upper = (
@@ -140,14 +140,14 @@ def fit_lanes(sums: Array, out: Array) -> None:
 
 @inline
 def height(planes: Array, a: int, p: Triple) -> F16:
-    """Of sixteen places over plane a."""
+    """Return the heights of sixteen places above plane a."""
     n = broadcast_from(planes, a), broadcast_from(planes, LANES + a), broadcast_from(planes, 2 * LANES + a)
     return n[0] * p[0] + n[1] * p[1] + n[2] * p[2] + broadcast_from(planes, 3 * LANES + a)
 
 
 @routine
 def find_candidates(k: int, memory: Neighbors) -> None:
-    """Fit planes around the point, and around neighbours that are far from all before."""
+    """Fit planes around the point, and around neighbours that are far from all previous ones."""
     width, place = f32(NARROW * NARROW), 0
     for at in range(0, len(memory.weights), LANES):
         store(memory.away, at, select(load16(memory.weights, at) > ZERO, broadcast16(INF), broadcast16(f32(-1.0))))
@@ -158,7 +158,7 @@ def find_candidates(k: int, memory: Neighbors) -> None:
 
 @inline
 def _around(a: int, place: int, width: float, memory: Neighbors) -> int:
-    """Sum up candidate a, around a neighbour; returns the neighbour that is farthest from all so far."""
+    """Sum up candidate a around a neighbour; return the neighbour that is farthest from all used so far."""
     rows = len(memory.weights)
     mx, my = broadcast_from(memory.places, place), broadcast_from(memory.places, rows + place)
     mz = broadcast_from(memory.places, 2 * rows + place)

@@ -1,9 +1,8 @@
 """Creases: two or three planes through a point's neighbours, where no quadric fits.
 
-The surface of a solid of planes is where the largest of their heights is zero. Candidates are fitted around places
-among the neighbours. Those two, then three, are chosen whose solid lies closest to all neighbours, with signs that tell
-which side of each is inside. Then each neighbour is taken for the plane that it belongs to, and the planes are fitted
-again.
+The surface of a polyhedral solid is where the largest of the heights above its planes is zero. Candidate planes are
+fitted around some neighbours. The two, then three, candidates are chosen whose solid is closest to all neighbours, with
+signs that say which side is inside. Then each neighbour is assigned to a plane, and the planes are fitted again.
 """
 
 from __future__ import annotations
@@ -42,28 +41,28 @@ from .candidates import (
     new_neighbors,
     store_sums,
 )
-from .solids import choose_third, choose_two, judge
+from .solids import choose_third, choose_two, score
 
 Floats = NDArray[np.float32]
 
-MODEL = 14  # numbers of a crease: how many planes, 0 for none; three planes; its weight beside others
-CUT = 3.0  # standard deviations beyond which a neighbour belongs to none
-POOR = 3.0  # mean square in the noise's that no candidates leave where there is a crease
-THIRD = 0.75  # share of the squares that a third plane must leave at most
+MODEL = 14  # floats of a crease: number of planes, 0 for none; three planes; its weight relative to others
+CUT = 3.0  # standard deviations beyond which a neighbour belongs to no plane
+POOR = 3.0  # mean square, relative to the noise's, above which the candidates form no crease
+THIRD = 0.75  # a third plane must reduce the sum of squares to at most this share
 ROUNDS = 4
-LEAST = 8  # neighbours of a plane
-# Standard deviations below the other planes from which a neighbour belongs to one: all that belong to the highest one
-# lift the planes by 0.03 spacings (noise of 0.3), as those count that noise has pushed out.
+LEAST = 8  # neighbours of a plane, at least
+# A neighbour belongs to a plane if it is this many standard deviations below the others. Assigning it to the highest
+# plane would lift the planes by 0.03 spacings (noise of 0.3), as points displaced by noise would count.
 APART = 1.0
-FITS = 0.9  # mean square of residuals in the noise's up to which a quadric fits: planes leave 0.64 +- 0.14
+FITS = 0.9  # mean square of residuals, relative to the noise's, up to which a quadric fits: planes have 0.64 +- 0.14
 DETAIL = 0.15  # as in `fit`
-PROOF = 30.0  # squares, in the noise's, by which planes must be closer than a quadric
+PROOF = 30.0  # planes must be better than a quadric by this sum of squares, relative to the noise's
 CHUNK = 256
 
 
 @inline
 def _highest(memory: Neighbors, at: int) -> tuple[F16, F16, F16]:
-    """The plane that sixteen neighbours belong to, their heights over it, and over the next one."""
+    """Return the plane that sixteen neighbours belong to, and their heights above it and above the next one."""
     place = load_places(memory, at)
     a, b, c = height(memory.chosen, 0, place), height(memory.chosen, 1, place), height(memory.chosen, 2, place)
     high, low = vmax(a, b), vmin(a, b)
@@ -73,7 +72,7 @@ def _highest(memory: Neighbors, at: int) -> tuple[F16, F16, F16]:
 
 @routine
 def _refine(count: int, sigma: float, memory: Neighbors) -> bool:
-    """Fit the planes again to those neighbours that belong to each; False if one of them has too few."""
+    """Fit the planes again to the neighbours assigned to each; return False if a plane has too few."""
     store(memory.owner, 0, broadcast16(f32(-2.0)))
     for _ in range(ROUNDS):
         if _assign(sigma, memory) == 0:
@@ -87,7 +86,7 @@ def _refine(count: int, sigma: float, memory: Neighbors) -> bool:
 
 @inline
 def _assign(sigma: float, memory: Neighbors) -> int:
-    """Write which plane each neighbour belongs to; returns how many do not belong to the same as before."""
+    """Write which plane each neighbour belongs to; return how many changed."""
     changed = 0
     for at in range(0, len(memory.weights), LANES):
         which, top, second = _highest(memory, at)
@@ -100,7 +99,7 @@ def _assign(sigma: float, memory: Neighbors) -> int:
 
 @inline
 def _sum_up(a: int, memory: Neighbors) -> int:
-    """Sum up the neighbours that belong to a plane; returns how many."""
+    """Sum up the neighbours of a plane; return their number."""
     members = 0
     total = x = y = z = xx = xy = xz = yy = yz = zz = zeros()
     for at in range(0, len(memory.weights), LANES):
@@ -118,7 +117,7 @@ def _sum_up(a: int, memory: Neighbors) -> int:
 
 @inline
 def _fit_again(count: int, memory: Neighbors) -> None:
-    """Replace the chosen planes by those of the sums, which look to the same sides."""
+    """Replace the chosen planes by those fitted to the sums, facing the same sides."""
     chosen, planes = memory.chosen, memory.again
     fit_lanes(memory.sums, planes)
     for a in range(count):
@@ -131,7 +130,7 @@ def _fit_again(count: int, memory: Neighbors) -> None:
 
 @inline
 def _error(count: int, memory: Neighbors) -> tuple[float, float, float]:
-    """The mean square of the residuals, the height's variance for unit noise, and how many neighbours count."""
+    """Return the mean square of the residuals, the height's variance for unit noise, and the effective neighbours."""
     sums = squares = rest = zeros()
     for at in range(0, len(memory.weights), LANES):
         _, top, _ = _highest(memory, at)
@@ -144,12 +143,12 @@ def _error(count: int, memory: Neighbors) -> tuple[float, float, float]:
 
 @routine
 def crease(k: int, sigma: float, memory: Neighbors) -> tuple[int, float, float, float]:
-    """Fit planes. Returns how many, and what `_error` does; 0 where there are none."""
+    """Fit planes; return their number, 0 if there is no crease, and the result of `_error`."""
     cut = (CUT * sigma) ** 2
     find_candidates(k, memory)
-    judges = judge(k, memory)
-    two = choose_two(judges, cut, memory)
-    poor = POOR * sigma * sigma * judges
+    samples = score(k, memory)
+    two = choose_two(samples, cut, memory)
+    poor = POOR * sigma * sigma * samples
     if two > 2.0 * poor:
         return 0, 0.0, 0.0, 0.0
     three = choose_third(k, cut, memory)
@@ -157,11 +156,11 @@ def crease(k: int, sigma: float, memory: Neighbors) -> tuple[int, float, float, 
         return 0, 0.0, 0.0, 0.0
     count = 3 if three < THIRD * two else 2
     if count == 2:
-        choose_two(judges, cut, memory)
+        choose_two(samples, cut, memory)
     sound = _refine(count, sigma, memory)
     if not sound and count == 3:
         count = 2
-        choose_two(judges, cut, memory)
+        choose_two(samples, cut, memory)
         sound = _refine(count, sigma, memory)
     if not sound:
         return 0, 0.0, 0.0, 0.0
@@ -170,7 +169,7 @@ def crease(k: int, sigma: float, memory: Neighbors) -> tuple[int, float, float, 
 
 @inline
 def store_model(memory: Neighbors, count: int, unit: float, weight: float, out: Array) -> None:
-    """Write the number of planes, and the planes."""
+    """Write the number of planes, the planes and the weight."""
     out[0], out[MODEL - 1] = count, weight
     for a in range(count):
         for c in range(4):
@@ -179,10 +178,10 @@ def store_model(memory: Neighbors, count: int, unit: float, weight: float, out: 
 
 @kernel
 def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array, residuals: Array, out: Array) -> int:
-    """Write the best crease of each row to out, if it is better than a quadric.
+    """Write the best crease of each row to out if it is better than a quadric.
 
     errors : (m, 2), noise, and error of the quadric
-    residuals : (m,), root mean squares of what a quadric through all neighbours leaves; NaN where they are on a line
+    residuals : (m,), RMS residuals of a quadric through all neighbours; NaN where they lie on a line
     """
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     errors, residuals, out = borrow(errors), borrow(residuals), borrow(out)
@@ -204,7 +203,7 @@ def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array,
 
 
 def fit_creases(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], errors: Floats) -> Floats:
-    """The planes around some points, (m, MODEL) float32, zero where there are none that are better than a quadric."""
+    """Return the planes around some points, (m, MODEL) float32, zero where none are better than a quadric."""
     out = np.zeros((len(rows), MODEL), np.float32)
     if near.shape[1] >= 2 * LEAST:
         residuals = fit_residuals(positions, rows, near, near.shape[1])

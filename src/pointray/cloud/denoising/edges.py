@@ -1,11 +1,11 @@
-"""Edges: points near creases go to the mean of the places that the planes of their neighbours tell.
+"""Edges: points near creases move to the mean of the positions predicted by their neighbours' planes.
 
-No quadric fits a crease, and small ones that hide this are uncertain. Planes are fitted beside every other point whose
-quadric leaves much more than noise; one alone may err, so the points around ask some.
+No quadric fits a crease, and fits so small that they hide it are uncertain. Planes are fitted at every other point
+whose quadric leaves much more than noise. A single fit may be wrong, so points nearby combine several of them.
 
-A sharp edge is no surface that splats can show: discs of either face stand out where the other one has a gap. A cube of
-exact points and normals has 99.9% of its hits near edges within 1.1 spacings; with edges of a radius of 0.75 spacings,
-0.28, and with 1.5, 0.44. So edges become round.
+Edges are rounded, because splats cannot represent sharp ones: discs of one face stick out where the other has a gap.
+On a cube of exact points and normals, 99.9% of the hits near edges are within 1.1 spacings; with edges rounded by 0.75
+spacings 0.28, by 1.5 spacings 0.44.
 """
 
 from __future__ import annotations
@@ -22,35 +22,35 @@ from .creases import MODEL, fit_creases
 
 Floats = NDArray[np.float32]
 
-ROUNDING = 0.7  # spacings: radius of edges
-MUCH = 0.4  # noise in spacings from which creases are not to be told from noise
-# What a quadric leaves beyond the noise, in spacings, from which planes are fitted, and from which a point asks for
-# them: 0.24 at nine of ten points within 3 spacings of a right angle (noise 0.3).
-BENT, ASKS = 0.2, 0.12
-BEYOND = 0.6  # the least of it in the noise's standard deviations: planes have it at 4% of their points
-SHARE = 2  # of the former those in every so manieth row: a part of a cloud has the same ones
-# Planes that are asked, and how many there must be: with 3, which must agree to 0.9, a tower's mortar had specks.
-ASKED, FEW = 8, 6
-AROUND = 3.0  # spacings: how far away they may be
+ROUNDING = 0.7  # radius of edges, in spacings
+MUCH = 0.4  # noise in spacings above which creases cannot be told from noise
+# What a quadric leaves beyond the noise, in spacings, above which planes are fitted, and above which a point uses those
+# of others: 0.24 at nine of ten points within 3 spacings of a right angle (noise 0.3).
+BENT, USES = 0.2, 0.12
+BEYOND = 0.6  # the same in standard deviations of the noise: plane surfaces exceed it at 4% of their points
+SHARE = 2  # planes are fitted at rows divisible by this, so that a part of a cloud uses the same rows
+# Planes that are combined, and their least number: with 3, which must agree to 0.9, a tower's mortar had specks.
+COMBINED, FEW = 8, 6
+AROUND = 3.0  # greatest distance of these planes, in spacings
 AGREE = 0.95  # least length of their mean normal
-WIDE, GOOD = 128, 0.6  # neighbours that are tried where planes were found, and the weight from which those count
-TURNS = 30  # of Hildreth's method: planes at right angles take two
+WIDE, GOOD = 128, 0.6  # neighbours tried where planes were found; least weight of the result
+TURNS = 30  # iterations of Hildreth's method: planes at right angles take two
 CHUNK = 512
 PART = 1 << 16  # rows at a time
 
 
 @inline
 def _over(model: Array, a: int, x: Vec3) -> float:
-    """Height of x over plane a."""
+    """Return the height of x above plane a."""
     at = 1 + 4 * a
     return f64(model[at]) * x[0] + f64(model[at + 1]) * x[1] + f64(model[at + 2]) * x[2] + f64(model[at + 3])
 
 
 @routine
 def onto(model: Array, x: Vec3, rounding: float, shares: Array) -> tuple[Vec3, Vec3]:
-    """The place of the rounded solid that is nearest to x, and the normal there.
+    """Return the point of the rounded solid that is nearest to x, and the normal there.
 
-    Hildreth's method finds the nearest place of the solid that is smaller by the rounding.
+    Hildreth's method finds the nearest point of the solid shrunk by the rounding.
     """
     count, top, which = int(model[0]), -np.inf, 0
     for a in range(count):
@@ -79,7 +79,7 @@ def onto(model: Array, x: Vec3, rounding: float, shares: Array) -> tuple[Vec3, V
 
 @inline
 def _side(model: Array, normals: Array, row: int) -> float:
-    """1 if a normal looks out of the solid, else -1: the plane that is most alike tells."""
+    """Return 1 if a normal faces out of the solid, else -1; the most similar plane decides."""
     most = 0.0
     for a in range(int(model[0])):
         at, along = 1 + 4 * a, 0.0
@@ -92,12 +92,19 @@ def _side(model: Array, normals: Array, row: int) -> float:
 
 @kernel
 def _settle(
-    work: Array, positions: Array, normals: Array, rows: Array, near: Array, seats: Array, models: Array, out: Array
+    work: Array,
+    positions: Array,
+    normals: Array,
+    rows: Array,
+    near: Array,
+    fitted_rows: Array,
+    models: Array,
+    out: Array,
 ) -> int:
-    """Write to out[i] the way of positions[rows[i]] to its place, the normal there, and 1, or 0 if there is no crease.
+    """Write to out[i] the move of positions[rows[i]], the normal there, and 1, or 0 if there is no crease.
 
-    near : (m, k) seats beside each row, or -1; seats, models : rows that have models, and these
-    out : (m, 8), the last column the spacing
+    near : (m, k) nearby entries of `fitted_rows`, or -1; fitted_rows, models : rows with models, and the models
+    out : (m, 8), the last column holds the spacing
     """
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     models, out = borrow(models), borrow(out)
@@ -110,14 +117,14 @@ def _settle(
             s0 = s1 = s2 = n0 = n1 = n2 = 0.0
             total = 0.0
             for j in range(near.shape[1]):
-                seat = near[i, j]
-                if seat < 0 or models[seat, 0] < 2:
+                slot = near[i, j]
+                if slot < 0 or models[slot, 0] < 2:
                     continue
-                other = seats[seat]
+                other = fitted_rows[slot]
                 q = (p[0] - positions[other, 0], p[1] - positions[other, 1], p[2] - positions[other, 2])
-                y, n = onto(models[seat], q, ROUNDING * out[i, 7], shares)
-                sign = _side(models[seat], normals, row)
-                w = f64(models[seat, MODEL - 1])
+                y, n = onto(models[slot], q, ROUNDING * out[i, 7], shares)
+                sign = _side(models[slot], normals, row)
+                w = f64(models[slot, MODEL - 1])
                 yes, total = yes + 1, total + w
                 s0, s1, s2 = s0 + w * (y[0] - q[0]), s1 + w * (y[1] - q[1]), s2 + w * (y[2] - q[2])
                 n0, n1, n2 = n0 + sign * w * n[0], n1 + sign * w * n[1], n2 + sign * w * n[2]
@@ -141,49 +148,53 @@ class Edges:
         self._positions = positions
         self._rows: list[NDArray[np.int64]] = []
         self._spacing: list[Floats] = []
-        self._seats: list[NDArray[np.int64]] = []
+        self._fitted_rows: list[NDArray[np.int64]] = []
         self._models: list[Floats] = []
         self._errors: list[Floats] = []
 
     def add(
         self, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, errors: Floats, spacing: Floats
     ) -> None:
-        """Take those of some points that quadrics do not fit, and fit planes beside the worst.
+        """Collect points that quadrics do not fit, and fit planes at the worst of them.
 
-        near : (m, k), neighbours; errors : (m, 2), see `fit_surface`
+        near : (m, k) neighbours; errors : (m, 2), see `fit_surface`
         """
         beyond = np.where((noise > 0) & (noise < MUCH * spacing), errors[:, 0], 0.0)
-        some = np.flatnonzero(beyond > ASKS * spacing)
+        some = np.flatnonzero(beyond > USES * spacing)
         self._rows.append(rows[some])
         self._spacing.append(spacing[some].astype(np.float32))
-        seats = np.flatnonzero((beyond > BENT * spacing) & (beyond > BEYOND * noise) & (rows % SHARE == 0))
-        known = np.stack([noise[seats], errors[seats, 1]], axis=1)
-        models = fit_creases(self._positions, rows[seats], near[seats], known)
+        fitted_rows = np.flatnonzero((beyond > BENT * spacing) & (beyond > BEYOND * noise) & (rows % SHARE == 0))
+        known = np.stack([noise[fitted_rows], errors[fitted_rows, 1]], axis=1)
+        models = fit_creases(self._positions, rows[fitted_rows], near[fitted_rows], known)
         found = models[:, 0] > 0
-        self._seats.append(rows[seats[found]])
+        self._fitted_rows.append(rows[fitted_rows[found]])
         self._models.append(models[found])
         self._errors.append(known[found])
 
-    def settle(self, normals: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
-        """Rows near creases, the ways to their places, and the normals there, on the sides of the fitted ones."""
-        if sum(map(len, self._seats)) < ASKED:
+    def find_moves(self, normals: Floats) -> tuple[NDArray[np.int64], Floats, Floats]:
+        """Return rows near creases, their moves, and the normals there, on the sides of the fitted ones."""
+        if sum(map(len, self._fitted_rows)) < COMBINED:
             return np.zeros(0, np.int64), normals[:0], normals[:0]
-        rows, seats, models = np.concatenate(self._rows), np.concatenate(self._seats), np.concatenate(self._models)
+        rows, fitted_rows, models = (
+            np.concatenate(self._rows),
+            np.concatenate(self._fitted_rows),
+            np.concatenate(self._models),
+        )
         out = np.zeros((len(rows), 8), np.float32)
-        self._widen(seats, models)
+        self._widen(fitted_rows, models)
         out[:, 7] = np.concatenate(self._spacing)
-        away, near = NeighborTree(self._positions[seats]).query(ASKED, self._positions[rows])
+        away, near = NeighborTree(self._positions[fitted_rows]).query(COMBINED, self._positions[rows])
         near[away > AROUND * out[:, 7:]] = -1
-        run(_settle, -(-len(rows) // CHUNK), self._positions, normals, rows, near, seats, models, out)
+        run(_settle, -(-len(rows) // CHUNK), self._positions, normals, rows, near, fitted_rows, models, out)
         some = out[:, 6] > 0
         return rows[some], out[some, :3], out[some, 3:6]
 
-    def _widen(self, seats: NDArray[np.int64], models: Floats) -> None:
-        """Replace models by those of more neighbours, where planes fit these too."""
+    def _widen(self, fitted_rows: NDArray[np.int64], models: Floats) -> None:
+        """Replace models by fits to more neighbours where these fit as well."""
         tree, errors = NeighborTree(self._positions, in_order=True), np.concatenate(self._errors)
-        for start in range(0, len(seats), PART):
+        for start in range(0, len(fitted_rows), PART):
             part = slice(start, start + PART)
-            near = tree.query(WIDE, self._positions[seats[part]])[1]
-            wide = fit_creases(self._positions, seats[part], near, errors[part])
+            near = tree.query(WIDE, self._positions[fitted_rows[part]])[1]
+            wide = fit_creases(self._positions, fitted_rows[part], near, errors[part])
             fits = wide[:, -1] > GOOD
             models[part][fits] = wide[fits]

@@ -1,4 +1,4 @@
-"""Fits: the surface beside each point, from as many neighbours as the noise requires and the shape allows."""
+"""Fits of the local surface: as many neighbours as the noise requires and the shape allows."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from numpy.typing import NDArray
 
 from ...engine.jit import Array, borrow, f32, f64, inline, kernel, next_tile, routine, run
 from ...engine.simd import INF, ONE, Mask, bits, broadcast16, load16, select, store, vmax, vsqrt
-from ..normals.fit_batch import LANES, FitBatch16, inner, load_place, load_point, new_sixteen, zeros
+from ..normals.fit_batch import LANES, FitBatch16, inner, load_place, load_point, new_fit_batch, zeros
 from ..normals.jet import AXIS, HEIGHT, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, SPREAD, jet, take_triple
 
 Floats = NDArray[np.float32]
 
-SIZES = 16, 32, 64, 128  # neighbours to choose from, the point itself among them
-# The mean square of residuals that noise alone leaves, and the weight of what exceeds it, which is detail. Intervals of
-# confidence that must intersect (Goldenshluger and Nemirovski 1997) were no better: at 0.1 spacings the statue's error
-# is 0.079 with them and 0.064 so, at 1 spacing the dragon's 0.36 and 0.31.
+SIZES = 16, 32, 64, 128  # neighbourhood sizes to choose from, including the point itself
+# Mean square of residuals that noise alone leaves, and the weight of the excess, which is detail. Intersecting
+# confidence intervals (Goldenshluger and Nemirovski 1997) are no better: at 0.1 spacings the statue's error is 0.079
+# with them and 0.064 here; at 1 spacing the dragon's is 0.36 and 0.31.
 SEEN, DETAIL = 0.64, 0.15
-WIDE = 5.0  # standard deviations of the noise that a neighbourhood must reach: smaller ones know no direction
+WIDE = 5.0  # radius in standard deviations of the noise below which a neighbourhood has no reliable direction
 FEWEST = 6  # neighbours
-# A fit to half the neighbours has at least so many times the variance: it is not tried where that alone is too much,
-# which saves a tenth of a noisy model's time.
+# A fit to half the neighbours has at least this many times the variance. It is not tried where that alone is too much,
+# which saves a tenth of the time, noisy models.
 HALVED = 1.8
 CHUNK = 512
-LOUDEST = f32(1e15)  # noise in the distance of the farthest neighbour, whose square float32 still holds
-# What is found in each lane, in rows: the way to the surface, its normal and the plane's; what the largest quadric
-# leaves beyond noise; the error; and the square of the noise, which is given.
+LOUDEST = f32(1e15)  # noise, in distances of the farthest neighbour, whose square float32 can hold
+# Rows of results in each lane: the move onto the surface, its normal and the plane's; what the largest quadric leaves
+# beyond noise; the error; and the squared noise, which is an input.
 SHIFT, BEYOND, ERROR, SQUARE, FOUND = 0, 9, 10, 11, 12
 
 
@@ -33,14 +33,14 @@ SHIFT, BEYOND, ERROR, SQUARE, FOUND = 0, 9, 10, 11, 12
 def _fit(
     work: Array, positions: Array, rows: Array, near: Array, normals: Array, sizes: Array, noise: Array, out: Array
 ) -> int:
-    """Write to out[i] what takes positions[rows[i]] to the surface, the normal there, and the plane's.
+    """Write to out[i] the move of positions[rows[i]] onto the surface, the normal there, and the plane's.
 
-    normals : (n, 3), or (0, 3); neighbours that look to the opposite side are left out
-    noise : (m,) standard deviation of the points' distance from the surface
+    normals : (n, 3), or (0, 3); neighbours that face the opposite side are skipped
+    noise : (m,) standard deviation of the distance from the surface
     """
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     normals, noise, out = borrow(normals), borrow(noise), borrow(out)
-    memory, found = new_sixteen(near.shape[1]), np.zeros(LANES * FOUND, np.float32)
+    memory, found = new_fit_batch(near.shape[1]), np.zeros(LANES * FOUND, np.float32)
     same = np.empty((1, near.shape[1]), np.int32)
     tile = next_tile(work)
     while tile >= 0:
@@ -63,7 +63,7 @@ def _fit(
 
 @inline
 def _same_side(normals: Array, row: int, near: Array, i: int, same: Array) -> int:
-    """Write a row's neighbours that do not look to the opposite side, the last one repeated; returns how many."""
+    """Write a row's neighbours except those facing the opposite side, padded with the last one; return their number."""
     count = 0
     same[0, 0] = row
     for j in range(near.shape[1]):
@@ -81,7 +81,7 @@ def _same_side(normals: Array, row: int, near: Array, i: int, same: Array) -> in
 
 @routine
 def _choose(sizes: Array, memory: FitBatch16, found: Array) -> None:
-    """Find the fit with the least error in each lane, from the largest size down; all in the unit of the places."""
+    """Find the fit with the least error in each lane, from the largest size down; in the unit of the places."""
     square, counts = load16(found, LANES * SQUARE), load16(memory.counts, 0)
     least, left = broadcast16(INF), zeros()
     for c in range(SQUARE):
@@ -113,7 +113,7 @@ def _choose(sizes: Array, memory: FitBatch16, found: Array) -> None:
 
 @inline
 def _take(mask: Mask, results: Array, found: Array) -> None:
-    """Write the way to the surface, the normal and the plane's normal where the mask is set."""
+    """Write the move, the normal and the plane's normal where the mask is set."""
     n = load16(results, LANES * NORMAL), load16(results, LANES * (NORMAL + 1)), load16(results, LANES * (NORMAL + 2))
     a = load16(results, LANES * AXIS), load16(results, LANES * (AXIS + 1)), load16(results, LANES * (AXIS + 2))
     along = load16(results, LANES * HEIGHT) * inner(n, a)
@@ -126,16 +126,16 @@ def _take(mask: Mask, results: Array, found: Array) -> None:
 def fit_surface(
     positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], normals: Floats | None, noise: Floats
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """The way from each of some points to the surface, the surface's normal there, and that of a plane.
+    """Return each point's move onto the surface, the surface's normal there, and that of a plane.
 
     Parameters
     ----------
     positions : (n, 3) float32
     rows : (m,) int64
     near : (m, k) int32
-        Neighbours of each of these rows, nearest first, itself among them.
+        Neighbours of each of these rows, nearest first, including itself.
     normals : (n, 3) float32 or None
-        Known ones: neighbours that look to the opposite side do not count.
+        Known normals: neighbours that face the opposite side are not used.
     noise : (m,) float32
         Standard deviation of the distance from the surface, in the unit of the positions.
 
@@ -144,7 +144,7 @@ def fit_surface(
     shifts, normals, planes : (m, 3) float32
         0 where the neighbours lie on a line.
     errors : (m, 2) float32
-        What the quadric through most neighbours leaves beyond noise, and the error of the chosen one, in the unit.
+        What the quadric through most neighbours leaves beyond noise, and the error of the chosen fit, in the same unit.
     """
     out = np.zeros((len(rows), 11), np.float32)
     known = np.zeros((0, 3), np.float32) if normals is None else normals

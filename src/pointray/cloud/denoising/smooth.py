@@ -1,4 +1,4 @@
-"""Smoothing: noisy points are moved onto the surface that their neighbours show; clean ones stay where they are."""
+"""Smoothing: noisy points are moved onto the surface fitted to their neighbours; clean points are unchanged."""
 
 from __future__ import annotations
 
@@ -10,41 +10,42 @@ from numpy.typing import NDArray
 
 from ...base.arguments import check_callback, check_kind, check_number
 from ...base.progress import Progress, part_of, tell
-from ..kd_ordering import Path, along_path
+from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import neighbor_chunks, take
-from ..normals.estimate import mend_normals, with_fits
+from ..normals.estimate import repair_normals, with_fits
 from ..normals.fit_batch import LANES
-from ..normals.jets import Fits, Planes, faces, fit_normals, survey
+from ..normals.jets import Fits, Planes, faces, fit_normals, measure_noise
 from ..points import Points
 from ..statistics import CloudStatistics
 from .edges import Edges
 from .fit import SIZES, fit_surface
-from .noise import LITTLE, Stretches, examined, settled
+from .noise import LITTLE, NoiseRanges, measure_ranges, raise_to_typical
 
 Floats = NDArray[np.float32]
 
 MOVES = 0.09  # noise in spacings from which points move all the way
-USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings from which there are 128, in twice the time, and no edges
-SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: the root of the area per point
-FAR = 5.0  # standard deviations that points move to an edge at most
-SURVEYED = 0.1  # share of the time after which the noise is known
+USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings above which 128 are used, in twice the time, and no edges
+SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: root of the area per point
+FAR = 5.0  # greatest move of a point to an edge, in standard deviations
+SURVEYED = 0.1  # progress after the noise is measured
 
 
 def smooth(points: Points, sigma: str | float = "auto", progress: Progress | None = None) -> Points:
-    """Points moved onto the surface that their neighbours show, as far as they are noisy, with the normals there.
+    """Smooth noisy points: move them onto the surface fitted to their neighbours, and replace their normals.
 
-    A quadric is fitted to the 16 to 128 nearest neighbours of each noisy point, as noise and detail there require, and
-    the point moves along its normal. Edges of points without normals become round. Clean points stay, to the bit.
+    A quadric is fitted to the 16 to 128 nearest neighbours of each noisy point, depending on local noise and detail,
+    and the point moves along its normal. Edges of points without normals are rounded. Clean points are unchanged, to
+    the bit.
 
     Parameters
     ----------
     points : Points
-        Their normals, where they have some, tell the sides: neighbours that face the opposite side do not count.
+        If they have normals, neighbours that face the opposite side are not used.
     sigma : "auto" or float
-        Standard deviation of the noise, in the points' unit. "auto": it is measured, place by place; where it is less
-        than some tenth of the spacing points stay. 0: all stay.
+        Standard deviation of the noise, in the points' unit. "auto": measured locally; points stay where it is below
+        about a tenth of the spacing. 0: all points stay.
     progress : callable, optional
-        Called with the share done.
+        Called with the fraction done.
 
     Returns
     -------
@@ -55,7 +56,7 @@ def smooth(points: Points, sigma: str | float = "auto", progress: Progress | Non
     Raises
     ------
     ValueError
-        If sigma is neither "auto" nor a finite number from 0, or there are fewer than three different positions.
+        If sigma is neither "auto" nor a finite number from 0, or there are fewer than three distinct positions.
 
     References
     ----------
@@ -72,11 +73,11 @@ def smooth(points: Points, sigma: str | float = "auto", progress: Progress | Non
 
 
 class Placed(NamedTuple):
-    """Points where rays shall meet them, with unit normals.
+    """Points prepared for a surface, with unit normals.
 
-    noise : (n,) float32, standard deviation of the noise that was smoothed away, in the points' unit; None if none was
-    order : (n,) int, their kd order, or about that; None if it is not known
-    apart : whether all positions are known to be different
+    noise : (n,) float32, standard deviation of the removed noise, in the points' unit; None if none was removed
+    order : (n,) int, their kd order, or nearly; None if unknown
+    apart : whether all positions are known to be distinct
     """
 
     points: Points
@@ -85,7 +86,7 @@ class Placed(NamedTuple):
     apart: bool = False
 
     def select(self, mask: NDArray[np.bool_]) -> Placed:
-        """Some of the points."""
+        """Select some of the points."""
         order = self.order
         if order is not None:
             order = (np.cumsum(mask) - 1)[order[mask[order]]]
@@ -94,67 +95,69 @@ class Placed(NamedTuple):
 
 
 def place(
-    points: Points, sigma: str | float, progress: Progress | None = None, along: Path | None = None
+    points: Points, sigma: str | float, progress: Progress | None = None, ordering: KdOrdering | None = None
 ) -> tuple[Placed, str | None]:
-    """Points with unit normals, moved where they are noisy, and what `mend_normals` says.
+    """Return points with unit normals, moved where they are noisy, and the message of `repair_normals`.
 
-    along : the path through the points, if it is known
+    ordering : of the points, if known
     """
     if points.normals is None:
-        return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress, along=along)), None
-    mended, said = mend_normals(points, progress, along)
-    return smooth_known(mended, sigma, progress, along), said
+        return Placed(*with_fits(points, Fitting(sigma).fit, progress=progress, ordering=ordering)), None
+    repaired, message = repair_normals(points, progress, ordering)
+    return smooth_known(repaired, sigma, progress, ordering), message
 
 
 def check_sigma(value: object, name: str) -> str | float:
-    """ "auto", or a number from 0."""
+    """Validate sigma: "auto", or a number from 0."""
     if isinstance(value, str) and value == "auto":
         return value
     return check_number(value, name, "'auto' or a finite number from 0", lambda x: 0 <= x < math.inf)
 
 
 class Fitting:
-    """Fits for `with_fits` that move noisy points.
+    """Fit for `with_fits` that moves noisy points.
 
     Parameters
     ----------
     sigma : "auto" or float
     noise : Noise, optional
-        If it is known.
-    usual : CloudStatistics, optional
-        Of the cloud that the points are a part of. None: they are the whole.
+        If known.
+    statistics : CloudStatistics, optional
+        Of the cloud that the points are a part of. None: they are the whole cloud.
     """
 
-    def __init__(self, sigma: str | float, noise: Noise | None = None, usual: CloudStatistics | None = None) -> None:
-        self._sigma, self._noise, self._usual = sigma, noise, usual
+    def __init__(
+        self, sigma: str | float, noise: Noise | None = None, statistics: CloudStatistics | None = None
+    ) -> None:
+        self._sigma, self._noise, self._statistics = sigma, noise, statistics
 
     def fit(
         self,
-        path: Floats,
+        ordered: Floats,
         kept: int,
         eye: Floats | None = None,
         progress: Progress | None = None,
         planes: Planes | None = None,
     ) -> Fits:
-        """Like `fit_normals`; positions are the moved ones."""
-        noise, most = self._noise or noise_of(path, self._sigma)
+        """Fit like `fit_normals`, but return moved positions."""
+        noise, most = self._noise or noise_of(ordered, self._sigma)
         tell(progress, SURVEYED)
         left = part_of(progress, SURVEYED, 1.0)
         if noise is None:
-            return fit_normals(path, kept, eye, left, planes, usual=self._usual)
-        n = len(path)
-        moved, normals = path.copy(), np.zeros_like(path)
+            return fit_normals(ordered, kept, eye, left, planes, statistics=self._statistics)
+        n = len(ordered)
+        moved, normals = ordered.copy(), np.zeros_like(ordered)
         near, residuals = np.empty((n, min(kept, n)), np.int32), np.empty(n, np.float32)
         shares = np.empty((n, 1), np.float32)
-        wanted = 0 if planes is None else planes.wanted(survey(path, self._usual)[0])
-        edges = Edges(path)
-        for part, found in neighbor_chunks(path, max(most, kept, wanted), left):
+        needed = 0 if planes is None else planes.needed(measure_noise(ordered, self._statistics)[0])
+        edges = Edges(ordered)
+        for part, found in neighbor_chunks(ordered, max(most, kept, needed), left):
             rows = np.arange(part.start, part.start + len(found))
             table = np.ascontiguousarray(found[:, :most])
-            if planes is not None and wanted:
-                planes.lay(part, found)
-            shifts, normals[part], flat, errors = fit_surface(path, rows, table, None, noise[part])
-            shares[part], spacing = _shares(path, rows, table, noise[part], self._sigma)
+            if planes is not None and needed:
+                planes.add_neighbors(part, found)
+            shifts, normals[part], flat, errors = fit_surface(ordered, rows, table, None, noise[part])
+            shares[part], spacing = _shares(ordered, rows, table, noise[part], self._sigma)
             moved[part] += shares[part] * shifts
             residuals[part] = noise[part] / spacing
             if most == USUAL:
@@ -163,13 +166,13 @@ class Fitting:
                 to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
                 normals[part][~faces(normals[part], flat, to_eye)] *= -1
             near[part] = found[:, : near.shape[1]]
-        rows, shifts, turned = edges.settle(normals)
+        rows, shifts, turned = edges.find_moves(normals)
         likely = np.linalg.norm(shifts, axis=1) < FAR * noise[rows]
-        if eye is not None:  # the scanner sees no side that faces away
-            to_eye = (eye if eye.ndim == 1 else eye[rows]) - path[rows]
+        if eye is not None:  # the scanner cannot see a side that faces away
+            to_eye = (eye if eye.ndim == 1 else eye[rows]) - ordered[rows]
             likely &= ~(np.einsum("ij,ij->i", turned, to_eye) < 0)
         rows, shifts, turned = rows[likely], shifts[likely], turned[likely]
-        moved[rows] = path[rows] + shares[rows] * shifts
+        moved[rows] = ordered[rows] + shares[rows] * shifts
         normals[rows] = turned
         return Fits(moved, normals, near, residuals, noise * shares[:, 0])
 
@@ -178,83 +181,83 @@ def smooth_known(
     points: Points,
     sigma: str | float,
     progress: Progress | None = None,
-    along: Path | None = None,
+    ordering: KdOrdering | None = None,
     known_noise: Noise | None = None,
 ) -> Placed:
-    """`smooth` for points with unit normals, whose sides the moved points' normals keep."""
+    """Smooth points with unit normals; the moved points' normals keep their sides."""
     if sigma == 0.0:
         return Placed(points, None)
-    along = along or along_path(points)
-    path = along.positions
+    ordering = ordering or compute_kd_ordering(points)
+    ordered = ordering.positions
     assert points.normals is not None
-    known = take(points.normals, along.rows)
-    noise, most = known_noise or noise_of(path, sigma, known)
+    known = take(points.normals, ordering.rows)
+    noise, most = known_noise or noise_of(ordered, sigma, known)
     if noise is None:
         return Placed(points, None)
     noise = noise.copy()
-    moved, turned = path.copy(), known.copy()
-    for part, found in neighbor_chunks(path, most, part_of(progress, SURVEYED, 1.0)):
+    moved, turned = ordered.copy(), known.copy()
+    for part, found in neighbor_chunks(ordered, most, part_of(progress, SURVEYED, 1.0)):
         rows = np.arange(part.start, part.start + len(found))
-        share, _ = _shares(path, rows, found, noise[part], sigma)
-        asked, some = _asked(share[:, 0] > 0)
-        shifts, normals, _, _ = fit_surface(path, rows[asked], found[asked], known, noise[part][asked])
-        moved[part][asked[some]] += share[asked[some]] * shifts[some]
-        turned[part][asked[some]] = _blended(known[part][asked[some]], normals[some], share[asked[some]])
+        share, _ = _shares(ordered, rows, found, noise[part], sigma)
+        fitted, some = _whole_vectors(share[:, 0] > 0)
+        shifts, normals, _, _ = fit_surface(ordered, rows[fitted], found[fitted], known, noise[part][fitted])
+        moved[part][fitted[some]] += share[fitted[some]] * shifts[some]
+        turned[part][fitted[some]] = _blended(known[part][fitted[some]], normals[some], share[fitted[some]])
         noise[part] *= share[:, 0]
-    positions, out = along.spread(moved, points), along.spread(turned, points)
+    positions, out = ordering.spread(moved, points), ordering.spread(turned, points)
     positions[~points.finite] = points.positions[~points.finite]
-    return Placed(points.changed(positions=positions, normals=out), along.spread(noise, points))
+    return Placed(points.changed(positions=positions, normals=out), ordering.spread(noise, points))
 
 
 class Noise(NamedTuple):
-    """The noise of each point, (n,), None if none is worth a move; and the most neighbours to fit to."""
+    """Noise of each point, (n,), None if negligible everywhere; and the largest number of neighbours to fit."""
 
     values: Floats | None
     most: int
 
 
-def noise_of(path: Floats, sigma: str | float, normals: Floats | None = None) -> Noise:
-    """The noise of points that are all different and in kd order."""
-    if len(path) < SIZES[0] or sigma == 0.0:
+def noise_of(ordered: Floats, sigma: str | float, normals: Floats | None = None) -> Noise:
+    """Return the noise of distinct points in kd order."""
+    if len(ordered) < SIZES[0] or sigma == 0.0:
         return Noise(None, USUAL)
     if not isinstance(sigma, str):
-        return Noise(np.full(len(path), sigma, np.float32), USUAL)
-    return noise_by(settled(examined(path, normals)), np.arange(len(path)))
+        return Noise(np.full(len(ordered), sigma, np.float32), USUAL)
+    return noise_by(raise_to_typical(measure_ranges(ordered, normals)), np.arange(len(ordered)))
 
 
-def noise_by(stretches: Stretches, rows: NDArray[np.int64]) -> Noise:
-    """The noise of some rows of a cloud's kd order, by all its stretches."""
-    shares = stretches.noise / np.maximum(stretches.spacing, 1e-30)
+def noise_by(ranges: NoiseRanges, rows: NDArray[np.int64]) -> Noise:
+    """Return the noise of some rows of a cloud's kd order, from all its ranges."""
+    shares = ranges.noise / np.maximum(ranges.spacing, 1e-30)
     if not (shares > LITTLE).any():
         return Noise(None, USUAL)
-    return Noise(stretches.along(rows)[0], SIZES[-1] if np.median(shares) > MUCH else USUAL)
+    return Noise(ranges.interpolate(rows)[0], SIZES[-1] if np.median(shares) > MUCH else USUAL)
 
 
 def _shares(
-    path: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, sigma: str | float
+    ordered: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], noise: Floats, sigma: str | float
 ) -> tuple[Floats, Floats]:
-    """How much of its way to the surface each point goes, (m, 1), and the spacing around it, (m,)."""
+    """Return the fraction of its move that each point makes, (m, 1), and the local spacing, (m,)."""
     k = min(SIZES[0], near.shape[1]) - 1
-    spacing = SPACING * np.linalg.norm(path[near[:, k]] - path[rows], axis=1)
+    spacing = SPACING * np.linalg.norm(ordered[near[:, k]] - ordered[rows], axis=1)
     if not isinstance(sigma, str):
         return np.ones((len(rows), 1), np.float32), spacing
     share = (noise / np.maximum(spacing, 1e-30) - LITTLE) / (MOVES - LITTLE)
     return np.clip(share, 0.0, 1.0).astype(np.float32)[:, None], spacing
 
 
-def _asked(wanted: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The rows that are fitted so that some are, and which of them are these.
+def _whole_vectors(needed: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the rows to fit so that the wanted ones are fitted, and which of them are wanted.
 
-    Rows that are fitted side by side have each other's last bits: whole groups of them are fitted, the same ones
+    Points fitted in the same vector affect each other's last bits. Whole vectors are fitted, so that they are the same
     wherever a part of a cloud begins.
     """
-    groups = np.add.reduceat(wanted, np.arange(0, len(wanted), LANES)) > 0
-    rows = np.flatnonzero(np.repeat(groups, LANES)[: len(wanted)])
-    return rows, wanted[rows]
+    groups = np.add.reduceat(needed, np.arange(0, len(needed), LANES)) > 0
+    rows = np.flatnonzero(np.repeat(groups, LANES)[: len(needed)])
+    return rows, needed[rows]
 
 
 def _blended(known: Floats, fitted: Floats, share: Floats) -> Floats:
-    """Unit normals between known ones and fitted ones, on the side of the known ones, (m, 3)."""
+    """Interpolate unit normals between known and fitted ones, on the side of the known ones, (m, 3)."""
     same = np.sign(np.einsum("ij,ij->i", known, fitted))[:, None]
     mixed = (1 - share) * known + share * same * fitted
     length = np.linalg.norm(mixed, axis=1, keepdims=True)

@@ -1,6 +1,6 @@
-"""Solids of planes: two or three candidates, with signs, whose solid lies closest to a point's neighbours.
+"""Solids of planes: the two or three candidates, with signs, whose solid is closest to a point's neighbours.
 
-Every so manieth neighbour judges. Its heights over all candidates are one vector.
+Some of the neighbours are used for scoring; the heights of one above all candidates are one vector.
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from ...engine.simd import (
     vmin,
 )
 from ..normals.fit_batch import LANES, zeros
-from .candidates import CANDIDATES, JUDGES, Neighbors, height
+from .candidates import CANDIDATES, SAMPLES, Neighbors, height
 
-BLUNT = 0.9  # cosine of the angle between planes from which they are one
-BELOW = f32(-1e15)  # offset of a plane below all
+BLUNT = 0.9  # cosine between planes above which they count as one
+BELOW = f32(-1e15)  # offset of a plane below all others
 
 
 @routine
-def judge(k: int, memory: Neighbors) -> int:
-    """Write the heights of some neighbours over all candidates; returns how many neighbours."""
-    found, width, judges = memory.found, len(memory.weights), 0
+def score(k: int, memory: Neighbors) -> int:
+    """Write the heights of the scoring neighbours above all candidates; return their number."""
+    found, width, samples = memory.found, len(memory.weights), 0
     n = load16(found, 0), load16(found, LANES), load16(found, 2 * LANES)
     offset = load16(found, 3 * LANES)
-    for j in range(0, k, max(k // JUDGES, 1)):
+    for j in range(0, k, max(k // SAMPLES, 1)):
         x, y = broadcast_from(memory.places, j), broadcast_from(memory.places, width + j)
         z = broadcast_from(memory.places, 2 * width + j)
-        store(memory.heights, LANES * judges, n[0] * x + n[1] * y + n[2] * z + offset)
-        judges += 1
-    return judges
+        store(memory.heights, LANES * samples, n[0] * x + n[1] * y + n[2] * z + offset)
+        samples += 1
+    return samples
 
 
 @inline
 def _unlike(planes: Array, a: int, memory: Neighbors) -> Mask:
-    """Which candidates are at an angle to plane a."""
+    """Return which candidates are at an angle to plane a."""
     found, normal = memory.found, (planes[a], planes[LANES + a], planes[2 * LANES + a])
     cosine = load16(found, 0) * normal[0] + load16(found, LANES) * normal[1] + load16(found, 2 * LANES) * normal[2]
     return vabs(cosine) <= f32(BLUNT)
@@ -62,14 +62,14 @@ def _take(memory: Neighbors, at: int, a: int, sign: float) -> None:
 
 
 @routine
-def choose_two(judges: int, cut: float, memory: Neighbors) -> float:
-    """The two candidates, with signs, whose solid lies closest to the neighbours; returns the sum of squares."""
+def choose_two(samples: int, cut: float, memory: Neighbors) -> float:
+    """Choose the two candidates, with signs, whose solid is closest to the neighbours; return the sum of squares."""
     least, one, two, sign_one, sign_two = INF, 0, 0, 1.0, 1.0
     for a in range(1, CANDIDATES):
         allowed = _unlike(memory.found, a, memory) & mask16((1 << a) - 1)
         if bits(allowed) == 0:
             continue
-        convex, concave, up, down = _squares(judges, a, cut, memory)
+        convex, concave, up, down = _squares(samples, a, cut, memory)
         best = vmin(vmin(convex, concave), vmin(up, down))
         best = select(allowed, best, broadcast16(INF))
         lowest = reduce_min(best)
@@ -86,11 +86,11 @@ def choose_two(judges: int, cut: float, memory: Neighbors) -> float:
 
 
 @inline
-def _squares(judges: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, F16, F16, F16]:
-    """Squared distances to the solids of candidate a and each other one, with both, neither or one of them turned."""
+def _squares(samples: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, F16, F16, F16]:
+    """Return the summed squared distances to the solids of candidate a and each other one, for all four signs."""
     most = broadcast16(f32(cut))
     convex = concave = up = down = zeros()
-    for j in range(judges):
+    for j in range(samples):
         p, q = broadcast_from(memory.heights, LANES * j + a), load16(memory.heights, LANES * j)
         high, low, right, left = vmax(p, q), vmin(p, q), vmax(p, ZERO - q), vmax(ZERO - p, q)
         convex, concave = convex + vmin(high * high, most), concave + vmin(low * low, most)
@@ -100,19 +100,22 @@ def _squares(judges: int, a: int, cut: float, memory: Neighbors) -> tuple[F16, F
 
 @routine
 def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
-    """Replace one of three planes by the candidate with which their solid comes closest; returns the sum of squares."""
-    chosen, one, two, judges = memory.chosen, (at + 1) % 3, (at + 2) % 3, 0
+    """Replace one of three planes by the candidate that brings their solid closest; return the sum of squares."""
+    chosen, one, two, samples = memory.chosen, (at + 1) % 3, (at + 2) % 3, 0
     allowed = _unlike(chosen, one, memory) & _unlike(chosen, two, memory) & mask16((1 << CANDIDATES) - 1)
     if bits(allowed) == 0:
         return INF
     width, most, up = len(memory.weights), broadcast16(f32(cut)), zeros()
     down = up
-    for j in range(0, k, max(k // JUDGES, 1)):
+    for j in range(0, k, max(k // SAMPLES, 1)):
         x, y = broadcast_from(memory.places, j), broadcast_from(memory.places, width + j)
         place = x, y, broadcast_from(memory.places, 2 * width + j)
-        p, q = vmax(height(chosen, one, place), height(chosen, two, place)), load16(memory.heights, LANES * judges)
+        p, q = (
+            vmax(height(chosen, one, place), height(chosen, two, place)),
+            load16(memory.heights, LANES * samples),
+        )
         above, below = vmax(p, q), vmax(p, ZERO - q)
-        up, down, judges = up + vmin(above * above, most), down + vmin(below * below, most), judges + 1
+        up, down, samples = up + vmin(above * above, most), down + vmin(below * below, most), samples + 1
     best = select(allowed, vmin(up, down), broadcast16(INF))
     least = reduce_min(best)
     a = count_trailing_zeros(bits(best <= least))
@@ -122,7 +125,7 @@ def _replace(k: int, at: int, cut: float, memory: Neighbors) -> float:
 
 @inline
 def choose_third(k: int, cut: float, memory: Neighbors) -> float:
-    """The candidate that makes the solid of two planes come closest, then better ones than these two."""
+    """Choose the third candidate, then try to improve the first two; return the sum of squares."""
     least = _replace(k, 2, cut, memory)
     if least < INF:
         least = min(least, _replace(k, 0, cut, memory))

@@ -1,8 +1,8 @@
-"""Nearest neighbours: exact, of all points at once, along a kd order that keeps neighbours together in memory.
+"""Exact nearest neighbours of many points at once, based on a kd order that keeps neighbours together in memory.
 
-order : the kd order; sites : blocks of 16 points and boxes around them; search : blocks of queries against blocks of
-points; rank : what one of these queries finds; single : one query alone; tree : all of it for Python;
-distinct : equal positions; rows : rows of arrays in another order; cuts : the parts of a cloud too large for memory
+order : kd order; sites : blocks of 16 points and their bounding boxes; search : blocks of queries against blocks of
+points; rank : ranking of one query's candidates; single : a single query; tree : the Python interface;
+distinct : equal positions; rows : parallel gathering of array rows; cuts : parts of a cloud too large for memory
 
 Begin with search.
 """

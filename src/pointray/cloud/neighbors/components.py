@@ -1,4 +1,4 @@
-"""Which points hang together by links to their neighbours."""
+"""Connected components of a neighbour graph."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 
 def connected_components(near: NDArray[np.integer[Any]], is_linked: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """The part of each of n points, (n,): points that links join, in whichever direction, are of the same part.
+    """Return the component of each of n points, (n,). Links are undirected.
 
-    near : (n, k) rows; is_linked : (n, k), which of them are linked
+    near : (n, k) rows of the neighbours; is_linked : (n, k) whether each of them is linked
     """
-    from scipy.sparse import csr_array  # a tenth of a second, which most commands need not wait for
+    from scipy.sparse import csr_array  # deferred: takes 0.1 s, and most commands do not need it
     from scipy.sparse.csgraph import connected_components
 
     n = len(near)

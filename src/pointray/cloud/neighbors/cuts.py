@@ -1,10 +1,10 @@
-"""The kd order of a cloud that does not fit into memory: which points each of its parts holds.
+"""Top of the kd-tree of a cloud that does not fit into memory: which points belong to which part.
 
-A part is an aligned stretch of the order of `order.kd_order`, a power of two of points long (the last one may be
-shorter), and so a subtree of the kd-tree; it can be sorted by itself. The points are read level by level: the
-coordinate at which a span is cut is found by its bits, 16 at a time, which takes two readings, whatever the number of
-spans (radix selection). If several points of a span lie on its cut, a third one tells which of them are of the first
-side: those of the lowest rows.
+A part is an aligned range of the order of `order.kd_order` with a power of two of points (the last part may have
+fewer). It is a subtree of the kd-tree and can be sorted alone. The points are read level by level: the cut
+coordinate of a span is found by radix selection, 16 bits at a time, which takes two passes for any number of spans.
+If several points of a span lie exactly on its cut, a third pass finds which of them belong to the first half: those
+with the lowest rows.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from .order import first_part
 HALF = 16  # bits of a digit
 DIGITS = 1 << HALF
 ZERO = 1 << 31  # the key of 0
-ROOM = 1 << 28  # bytes of the counts, with which more threads share the work
-LOOKS = 0.4, 0.8  # shares of a level's time after which upper digits are known, and lower ones
+ROOM = 1 << 28  # bytes of the counts: limits the number of threads that count separately
+LOOKS = 0.4, 0.8  # progress of a level after its upper digits, and after its lower digits
 
 Floats = NDArray[np.float32]
 Whole = NDArray[np.int64]
@@ -31,12 +31,12 @@ Chunks = Callable[[], Iterable[Floats]]
 
 
 class Cuts(NamedTuple):
-    """The top of a kd-tree, down to its parts.
+    """Top levels of a kd-tree, down to its parts.
 
-    axes : (m,) int64, across which each span is cut
-    keys : (m,) int64, the coordinate there, see `_key`
-    ties : (m,) int64, points at that coordinate are of the first side if their row is lower than this
-    children : (m, 2) int64, a node or ~part
+    axes : (m,) int64, split axis of each node
+    keys : (m,) int64, split coordinate, see `_key`
+    ties : (m,) int64, points exactly at that coordinate belong to the first child if their row is below this
+    children : (m, 2) int64, another node, or ~part
     """
 
     axes: Whole
@@ -45,14 +45,14 @@ class Cuts(NamedTuple):
     children: Whole
 
     def parts_of(self, positions: Floats, row: int) -> Whole:
-        """The part of each of some positions, (m, 3) float32, which are the rows from `row` on."""
+        """Return the part of each position, (m,). positions : (m, 3) float32, the rows from `row` on"""
         parts = np.empty(len(positions), np.int64)
         run(_find_parts, -(-len(parts) // DIGITS), _bits_of(positions), row, self, parts)
         return parts
 
 
 class _Span(NamedTuple):
-    """A stretch of the order that is to be cut: its first place and length; node, side : where the tree names it."""
+    """Range of the order that is to be split: first place and length. node, side : its slot in the parent node."""
 
     place: int
     points: int
@@ -62,13 +62,13 @@ class _Span(NamedTuple):
 
 @inline
 def _key(bits: int) -> int:
-    """A number from 0 to 2^32 that is ordered as the float32 with these bits; those of 0 and -0 are the same."""
+    """Return an integer from 0 to 2^32 that sorts like the float32 with these bits; 0 and -0 are equal."""
     return i64(bits) + ZERO if bits >= 0 else -i64(bits)
 
 
 @inline
 def _part_of(bits: Array, i: int, row: int, cuts: Cuts) -> int:
-    """The part of the point i, whose row is `row`."""
+    """Return the part of point i, whose row is `row`."""
     node = i64(0) if len(cuts.axes) > 0 else i64(-1)
     while node >= 0:
         key = _key(bits[i, cuts.axes[node]])
@@ -89,10 +89,10 @@ def _find_parts(work: Array, bits: Array, row: int, cuts: Cuts, parts: Array) ->
 
 @kernel
 def _count_upper(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, bounds: Array, counts: Array) -> int:
-    """Bound the spans by keys, and count the upper digits of their coordinates. Each tile has bounds and counts.
+    """Find the range of the keys of each span, and count their upper digits. Each tile has its own arrays.
 
-    slots : (parts,) which span a part is the first of, or -1
-    bounds : (tiles, spans, 6) least keys and greatest; counts : (tiles, spans, 3, DIGITS) int32
+    slots : (parts,) the span that begins with this part, or -1
+    bounds : (tiles, spans, 6) least and greatest keys; counts : (tiles, spans, 3, DIGITS) int32
     """
     tile = next_tile(work)
     while tile >= 0:
@@ -110,7 +110,7 @@ def _count_upper(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, b
 
 @kernel
 def _count_lower(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, counts: Array) -> int:
-    """Count the lower digits of coordinates with certain upper ones.
+    """Count the lower digits of the coordinates that have the chosen upper digits.
 
     chosen : (spans, 2) axis and upper digits; counts : (tiles, spans, DIGITS) int32
     """
@@ -128,7 +128,7 @@ def _count_lower(work: Array, bits: Array, row: int, cuts: Cuts, slots: Array, c
 
 @kernel
 def _find_ties(bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, left: Array, ties: Array) -> int:
-    """Find the row after which as many points have been seen on each cut as are `left` to its first side.
+    """Find the row at which the first half has received its `left` points that lie on the cut.
 
     chosen : (spans, 2) axis and key
     """
@@ -142,23 +142,23 @@ def _find_ties(bits: Array, row: int, cuts: Cuts, slots: Array, chosen: Array, l
 
 
 def find_cuts(chunks: Chunks, count: int, size: int, progress: Progress | None = None) -> Cuts:
-    """The cuts of the kd order of many points, down to parts of `size` points.
+    """Find the cuts of the kd order of a large cloud, down to parts of `size` points.
 
     Parameters
     ----------
     chunks : callable
-        Gives all points, (m, 3) float32 at a time, finite, as often as asked in the same order.
+        Called for each pass; yields all points as (m, 3) float32 chunks, finite, always in the same order.
     count : int
-        How many there are.
+        Number of points.
     size : int
-        A power of two.
+        Points of a part, a power of two.
     progress : callable, optional
-        Called with the share done.
+        Called with the fraction done.
 
     Raises
     ------
     ValueError
-        If the chunks hold another number of points.
+        If the chunks hold a different number of points.
     """
     none = np.zeros(0, np.int64)
     cuts = Cuts(none, none, none, np.zeros((0, 2), np.int64))
@@ -183,7 +183,7 @@ def find_cuts(chunks: Chunks, count: int, size: int, progress: Progress | None =
 
 
 class _Cloud(NamedTuple):
-    """All points, and the spans that are to be cut; slots : (parts,) which span a part is the first of, or -1."""
+    """The points, and the spans to be cut. slots : (parts,) the span that begins with this part, or -1"""
 
     chunks: Chunks
     points: int
@@ -191,7 +191,7 @@ class _Cloud(NamedTuple):
     slots: Whole
 
     def read(self, look: Callable[[NDArray[np.int32], int], Any], progress: Progress | None) -> None:
-        """Give all points to a function, with the row of the first."""
+        """Call a function with each chunk and the row of its first point."""
         row = 0
         for chunk in self.chunks():
             look(_bits_of(chunk), row)
@@ -202,7 +202,7 @@ class _Cloud(NamedTuple):
 
 
 def _cut(cloud: _Cloud, sizes: Whole, progress: Progress | None) -> tuple[Whole, Whole, Whole]:
-    """Axis, key and tie of the cut of each span; sizes : (spans,) how many points are of the first side."""
+    """Return axis, key and tie of the cut of each span. sizes : (spans,) points of the first half"""
     spans, rest = len(sizes), (cloud.cuts, cloud.slots)
     tiles = min(max(ROOM // (spans * 3 * DIGITS * 4), 1), thread_count())
     bounds = np.tile([2 * ZERO + 1] * 3 + [-1] * 3, (tiles, spans, 1))
@@ -211,7 +211,7 @@ def _cut(cloud: _Cloud, sizes: Whole, progress: Progress | None) -> tuple[Whole,
         lambda bits, row: run(_count_upper, tiles, bits, row, *rest, bounds, upper), part_of(progress, 0.0, LOOKS[0])
     )
     low, high = _values_of(bounds[..., :3].min(axis=0)), _values_of(bounds[..., 3:].max(axis=0))
-    axes = np.argmax(high - low, axis=1)  # the first of equal ones, as in `order`
+    axes = np.argmax(high - low, axis=1)  # the first of equal extents, as in `order`
     digits, before = _digits_at(upper[:, np.arange(spans), axes], sizes)
     lower, chosen = np.zeros((tiles, spans, DIGITS), np.int32), np.column_stack([axes, digits])
     cloud.read(lambda bits, row: run(_count_lower, tiles, bits, row, *rest, chosen, lower), part_of(progress, *LOOKS))
@@ -224,7 +224,7 @@ def _cut(cloud: _Cloud, sizes: Whole, progress: Progress | None) -> tuple[Whole,
 
 
 def _digits_at(counts: NDArray[np.int32], ranks: Whole) -> tuple[Whole, Whole]:
-    """For each span the digit of its point of a rank, and how many points have lower ones; counts : by tiles."""
+    """Return the digit of each span's point with the given rank, and how many points have lower digits."""
     ends = counts.sum(axis=0, dtype=np.int64).cumsum(axis=1)
     digits = np.array([np.searchsorted(row, rank, side="right") for row, rank in zip(ends, ranks, strict=True)])
     before = np.where(digits > 0, ends[np.arange(len(ends)), digits - 1], 0)
@@ -232,7 +232,7 @@ def _digits_at(counts: NDArray[np.int32], ranks: Whole) -> tuple[Whole, Whole]:
 
 
 def _values_of(keys: Whole) -> Floats:
-    """The coordinates that keys stand for."""
+    """Return the coordinates that keys encode."""
     return np.where(keys >= ZERO, keys - ZERO, -keys).astype(np.int32).view(np.float32)
 
 

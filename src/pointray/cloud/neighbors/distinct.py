@@ -1,4 +1,4 @@
-"""Which points are at one place: a hash table of positions."""
+"""Distinct positions, found by a hash table."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ...engine.simd import float_bits, prefetch
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int32]
 
-ROOM = 2  # entries of the table for each point at least
-AHEAD = 16  # points whose entries are fetched before they are asked: a tenth of the time for 10 million points
+ROOM = 2  # table entries per point, at least
+AHEAD = 16  # points whose entries are prefetched: saves a tenth of the time, 10 M points
 
 
 @inline
@@ -25,7 +25,7 @@ def _key(positions: Array, i: int, c: int, cell: float) -> float:
 
 @inline
 def _entry(positions: Array, i: int, cell: float, mask: int) -> int:
-    """The entry of the table at which a position is looked for first."""
+    """Return the first table entry to probe for a position."""
     code = i64(0)
     for c in range(3):
         key = _key(positions, i, c, cell)
@@ -44,9 +44,9 @@ def _same(positions: Array, i: int, j: int, cell: float) -> bool:
 
 @kernel
 def _number(positions: Array, cell: float, table: Array, rows: Array, ids: Array) -> int:
-    """Write the first row at each place and the number of each row's place; returns how many places there are.
+    """Write the first row and the number of each distinct position; return how many there are.
 
-    table : (a power of two,) int32, -1
+    table : int32, filled with -1; its length is a power of two
     """
     positions, table, rows, ids = borrow(positions), borrow(table), borrow(rows), borrow(ids)
     n, mask, count = len(positions), len(table) - 1, 0
@@ -70,20 +70,20 @@ def _number(positions: Array, cell: float, table: Array, rows: Array, ids: Array
 
 
 def distinct(positions: Floats, cell: float = 0.0) -> tuple[Rows, Rows]:
-    """One row for each distinct position, and the number of each row's position among them.
+    """Find distinct positions.
 
     Parameters
     ----------
     positions : (n, 3) float32
     cell : float
-        0 groups equal positions; otherwise all positions in a grid cell of this size count as one.
+        0 compares positions exactly; otherwise positions in the same grid cell of this size count as one.
 
     Returns
     -------
     rows : (m,) int32
-        The first row of each group, ascending.
+        First row of each distinct position, ascending.
     ids : (n,) int32
-        positions[rows][ids] equals positions, to within the size of a cell.
+        Index into `rows`: positions[rows][ids] equals positions, to within a cell.
     """
     n = len(positions)
     table = np.full(1 << max(ROOM * n - 1, 1).bit_length(), -1, np.int32)

@@ -1,4 +1,4 @@
-"""The neighbours of a few points among very many: only the points in the cells around them are searched."""
+"""Neighbours of a few points of a large cloud: only points in the cells around them are searched."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from . import distinct, neighbors
 Floats = NDArray[np.float32]
 Rows = NDArray[np.integer[Any]]
 
-FEW = 500_000  # no more points than this are all searched
-GUESS, GUESSED = 20_000, 500  # sample that tells how large cells must be, and how many of it are queried
-WIDE = 1.5  # the size of a cell, in distances to the last neighbour
-SOUND = 0.8  # share of neighbourhoods that must lie within their cells; the others are left out
-TABLE = 1 << 24  # hash numbers of cells
+FEW = 500_000  # smaller clouds are searched completely
+GUESS, GUESSED = 20_000, 500  # sample by which the cell size is guessed, and its queries
+WIDE = 1.5  # cell size, in distances to the last neighbour
+SOUND = 0.8  # share of neighbourhoods that must lie within their cells; the others are dropped
+TABLE = 1 << 24  # hash values of cells
 CHUNK = 1 << 16  # points that a thread tests at a time
 FAR = 2.0**61  # cells from the origin
 
 
 class Neighborhoods(NamedTuple):
-    """The nearest distinct positions of a few points.
+    """Nearest distinct positions of a few points.
 
     Attributes
     ----------
     rows : (m, k) int
-        One row for each position, nearest first: the first is the point itself.
+        One row of each position, nearest first, beginning with the point itself.
     shared : (m, k) int
-        How many rows have that position.
+        Number of rows at that position.
     farthest : (m,) float32
-        Distance to the last position.
+        Distance to the farthest position.
     """
 
     rows: Rows
@@ -42,7 +42,7 @@ class Neighborhoods(NamedTuple):
 
 
 def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> Neighborhoods:
-    """The k nearest distinct positions of `count` random points, or of all points if there are fewer.
+    """Find the k nearest distinct positions of `count` random points, or of all points if there are fewer.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> 
     some = positions[random.integers(len(positions), size=GUESS)]
     some = some[distinct(some)[0]]
     farthest = float(np.median(neighbors(some, k, some[:GUESSED])[0][:, -1]))
-    cell = WIDE * farthest * np.sqrt(GUESS / len(positions))  # of a surface
+    cell = WIDE * farthest * np.sqrt(GUESS / len(positions))  # for points on a surface
     while cell > 0:
         around = rows_around(positions, positions[queries], cell)
         found = _nearest(positions, around, queries, k)
@@ -70,7 +70,7 @@ def find_neighborhoods(positions: Floats, count: int, k: int, seed: int = 0) -> 
 
 
 def _nearest(positions: Floats, around: Rows, queries: Rows, k: int) -> Neighborhoods:
-    """The neighbourhoods of the rows `queries` among the rows `around`, which contain them."""
+    """Return the neighbourhoods of the rows `queries` among the rows `around`, which contain them."""
     rows, ids = distinct(positions[around])
     shared = np.bincount(ids)
     distances, near = neighbors(positions[around[rows]], k, positions[queries])
@@ -78,7 +78,7 @@ def _nearest(positions: Floats, around: Rows, queries: Rows, k: int) -> Neighbor
 
 
 def rows_around(positions: Floats, queries: Floats, cell: float) -> Rows:
-    """The rows in the cells of the queries and in the adjacent cells, and a few others with equal hashes."""
+    """Return the rows in the cells of the queries and in adjacent cells, plus some of equal hash."""
     wanted, chosen = np.zeros(TABLE, np.bool_), np.empty(len(positions), np.bool_)
     _mark(np.ascontiguousarray(queries), float(cell), wanted)
     run(_choose, -(-len(positions) // CHUNK), np.ascontiguousarray(positions), float(cell), wanted, chosen)
@@ -87,7 +87,7 @@ def rows_around(positions: Floats, queries: Floats, cell: float) -> Rows:
 
 @inline
 def _cell_of(positions: Array, i: int, cell: float) -> tuple[int, int, int]:
-    """The cell of a grid in which a point lies; far ones count as nearer."""
+    """Return the grid cell of a point; coordinates are clamped to FAR cells."""
     x, y, z = f64(positions[i, 0]) / cell, f64(positions[i, 1]) / cell, f64(positions[i, 2]) / cell
     return (
         i64(math.floor(min(max(x, -FAR), FAR))),
@@ -98,13 +98,13 @@ def _cell_of(positions: Array, i: int, cell: float) -> tuple[int, int, int]:
 
 @inline
 def _hash_of(x: int, y: int, z: int) -> int:
-    """A number below TABLE for a cell."""
+    """Return the hash of a cell, below TABLE."""
     return (x * 73856093 ^ y * 19349663 ^ z * 83492791) & (TABLE - 1)
 
 
 @kernel
 def _mark(queries: Array, cell: float, wanted: Array) -> int:
-    """Mark the cells of the queries, and those beside them."""
+    """Mark the cells of the queries and their 26 neighbours."""
     for i in range(len(queries)):
         x, y, z = _cell_of(queries, i, cell)
         for k in range(27):
@@ -114,7 +114,7 @@ def _mark(queries: Array, cell: float, wanted: Array) -> int:
 
 @kernel
 def _choose(work: Array, positions: Array, cell: float, wanted: Array, chosen: Array) -> int:
-    """Choose the points in marked cells."""
+    """Select the points in marked cells."""
     positions, wanted, chosen = borrow(positions), borrow(wanted), borrow(chosen)
     tile = next_tile(work)
     while tile >= 0:

@@ -1,11 +1,11 @@
-"""An order of points that keeps neighbours together: the leaves of a kd-tree, one after the other.
+"""Kd order: the points in the order of the leaves of a kd-tree, so that neighbours are close in memory.
 
-A span of points is cut across its longest side, again and again. The first part holds the largest power of two that
-leaves something over, so that all aligned stretches of 4, 16, 64 ... points are boxes of the kd-tree: four points are a
-splats' block of the ray tracing tree, 16 a block of the neighbour search, and no box has to be stored for the cuts.
+A span of points is cut across its longest side, recursively. The first half gets the largest power of two that leaves
+at least one point for the second, so all aligned ranges of 4, 16, 64 ... points are nodes of the kd-tree: four points
+are a splat block of the ray tracing tree, 16 a block of the neighbour search, and the cuts need not be stored.
 
-Points on a cut, and those of a leaf, follow their numbers. So a stretch that is sorted by itself has the order that it
-has in the whole, see `cuts`.
+Ties on a cut, and points of a leaf, are ordered by their numbers. A range that is sorted alone thus has the same order
+as in the whole cloud, see `cuts`.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from ...engine.jit import Array, borrow, cancelled, f32, inline, kernel, next_ti
 from ...engine.simd import INF, broadcast16, lane, load4, load16, store, vmax, vmin
 
 ROW = 4  # float32 of a row: x, y, z, and the point's number as bits
-LEAF = 4  # points in the order of their numbers
-COARSE = 32  # spans from which threads sort a span each; before that a span is cut by one thread
-FEW = 1 << 14  # points that one thread sorts sooner than others begin
-SAMPLE = 32  # rows that tell where to cut a span
-MANY = 4 * SAMPLE  # rows of a span from which a sample is asked
-DEPTH = 64  # of the stack of spans
-NUMBER = 3  # the column of a point's number; as float32 numbers below 2^31 - 2^23 are in their order
+LEAF = 4  # points of a leaf, ordered by their numbers
+COARSE = 32  # number of spans from which threads sort one span each; before, each span is cut by one thread
+FEW = 1 << 14  # points that one thread sorts faster than several
+SAMPLE = 32  # rows sampled for the pivot of a span
+MANY = 4 * SAMPLE  # spans with fewer rows are not sampled
+DEPTH = 64  # depth of the stack of spans
+NUMBER = 3  # column of a point's number; the bits of numbers below 2^31 - 2^23 compare alike as float32
 
 Floats = NDArray[np.float32]
 
 
 @inline
 def first_part(count: int) -> int:
-    """How many of so many points, at least 2, are the first part: the largest power of two below."""
+    """Return the size of the first half of `count` points, at least 2: the largest power of two below `count`."""
     half = 1
     while 2 * half < count:
         half *= 2
@@ -39,7 +39,7 @@ def first_part(count: int) -> int:
 
 @inline
 def _longest_side(rows: Array, low: int, high: int) -> int:
-    """The axis in which rows[low:high] extend farthest."""
+    """Return the axis along which rows[low:high] extend farthest."""
     least, greatest = broadcast16(INF), broadcast16(-INF)
     i = ROW * low
     while i + 16 <= ROW * high:
@@ -60,7 +60,7 @@ def _longest_side(rows: Array, low: int, high: int) -> int:
 
 @inline
 def _pivot(rows: Array, axis: int, left: int, right: int, nth: int, sample: Array) -> float:
-    """A value near that of the nth row of rows[left : right + 1], were they sorted."""
+    """Estimate the value that the nth row of rows[left : right + 1] would have if they were sorted."""
     count = right - left + 1
     if count < MANY:
         return rows[ROW * ((left + right) >> 1) + axis]
@@ -82,9 +82,9 @@ def _swap(rows: Array, i: int, j: int) -> None:
 
 @inline
 def _partition(rows: Array, axis: int, left: int, right: int, pivot: float, equal: bool) -> int:
-    """Move rows below the pivot, or with `equal` up to it, to the front of rows[left : right + 1]; returns their end.
+    """Move rows below the pivot (with `equal`: up to it) to the front of rows[left : right + 1]; return their end.
 
-    Without a branch that depends on the rows: with Hoare's partition the sort takes twice as long.
+    No branch depends on the rows: with Hoare's partition sorting takes twice as long.
     """
     end = left
     for i in range(left, right + 1):
@@ -101,7 +101,7 @@ def _select(rows: Array, axis: int, low: int, high: int, nth: int, sample: Array
     while right > left:
         pivot = _pivot(rows, axis, left, right, nth, sample)
         end = _partition(rows, axis, left, right, pivot, False)
-        if end == left:  # the pivot is the least value
+        if end == left:  # the pivot is the minimum
             end = _partition(rows, axis, left, right, pivot, True)
             if nth < end:
                 return
@@ -113,7 +113,7 @@ def _select(rows: Array, axis: int, low: int, high: int, nth: int, sample: Array
 
 @inline
 def _order_ties(rows: Array, axis: int, low: int, high: int, nth: int, sample: Array) -> None:
-    """Of the rows at the coordinate of the cut before row `nth` put those of the lowest numbers before it."""
+    """Among the rows at the cut coordinate, move those with the lowest numbers before row `nth`."""
     value, begin, end = rows[ROW * nth + axis], nth, nth
     for i in range(nth - 1, low - 1, -1):
         if rows[ROW * i + axis] == value:
@@ -140,7 +140,7 @@ def _sort_leaf(rows: Array, low: int, high: int) -> None:
 
 @kernel
 def _cut(work: Array, rows: Array, spans: Array, least: int) -> int:
-    """Sort each span of rows, flat, down to spans of `least` rows."""
+    """Sort each span of rows, a flat array, down to spans of `least` rows."""
     rows = borrow(rows)
     stack, sample = np.empty((DEPTH, 2), np.int64), np.empty(SAMPLE, np.float32)
     span = next_tile(work)
@@ -165,24 +165,24 @@ def _cut(work: Array, rows: Array, spans: Array, least: int) -> int:
 
 
 def sort_rows(rows: Floats, threads: int | None = None) -> None:
-    """Put rows (x, y, z and a number each, (n, 4)) into the order of `kd_order`, in place."""
+    """Sort rows, (n, 4) of x, y, z and number, into the order of `kd_order`, in place."""
     n = len(rows)
     flat, half = rows.reshape(-1), 1 << max(n - 1, 1).bit_length() - 1
-    stretch = n
-    while n > FEW and n // stretch < COARSE:
-        # One cut of each span: its first part is as long as the first part of the first span.
-        run(_cut, -(-n // stretch), flat, _stretches(n, stretch), half, threads=threads)
-        stretch, half = half, half // 2
-    run(_cut, -(-n // stretch), flat, _stretches(n, stretch), LEAF, threads=threads)
+    length = n
+    while n > FEW and n // length < COARSE:
+        # Cut each span once; its first half is as long as that of the first span.
+        run(_cut, -(-n // length), flat, _spans(n, length), half, threads=threads)
+        length, half = half, half // 2
+    run(_cut, -(-n // length), flat, _spans(n, length), LEAF, threads=threads)
 
 
-def _stretches(n: int, length: int) -> NDArray[np.int64]:
+def _spans(n: int, length: int) -> NDArray[np.int64]:
     starts = np.arange(0, n, length)
     return np.stack([starts, np.minimum(starts + length, n)], axis=1)
 
 
 def kd_order(positions: Floats, threads: int | None = None) -> NDArray[np.int32]:
-    """An order of the points in which each aligned stretch of 4, 16, 64 ... is a leaf or a subtree of a kd-tree.
+    """Compute an order in which each aligned range of 4, 16, 64 ... points is a leaf or subtree of a kd-tree.
 
     Parameters
     ----------
@@ -191,6 +191,7 @@ def kd_order(positions: Floats, threads: int | None = None) -> NDArray[np.int32]
     Returns
     -------
     (n,) int32
+        Point numbers in that order.
     """
     rows = np.empty((len(positions), ROW), np.float32)
     rows[:, :3] = positions

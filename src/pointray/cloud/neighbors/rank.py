@@ -1,4 +1,4 @@
-"""The points near one query, ranked: their distances, those within a bound, and the number of nearer ones of each."""
+"""Ranking of the candidates of one query: distances, selection within a bound, and the rank of each candidate."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from ...engine.simd import (
 from .single import LESS, Query
 from .sites import LANES
 
-FARTHER, LEAST, NEARER = 1.7, 0.05, 0.75  # how the square of a bound grows, and shrinks
-ENOUGH = 2  # times k: fewer are ranked without a smaller bound
+FARTHER, LEAST, NEARER = 1.7, 0.05, 0.75  # factors of a bound's square: growth, minimum and shrinkage
+ENOUGH = 2  # times k: at most so many candidates are ranked without shrinking the bound
 
-Pool: TypeAlias = tuple[Array, Array, Array, Array, Array]  # x, y, z, numbers, and squares of distances, of all points
-Packed: TypeAlias = tuple[Array, Array, Array, Array]  # x, y, z, numbers of those within the bound
-Ranked: TypeAlias = tuple[Array, Array, Array, Array]  # their float32 squares, float64 squares, numbers, ranks
-Rows: TypeAlias = tuple[float, Array, Array]  # what a table is written to, see `search.find_nearest`
+Pool: TypeAlias = tuple[Array, Array, Array, Array, Array]  # x, y, z, numbers and squared distances of all candidates
+Packed: TypeAlias = tuple[Array, Array, Array, Array]  # x, y, z and numbers of those within the bound
+Ranked: TypeAlias = tuple[Array, Array, Array, Array]  # float32 squares, float64 squares, numbers and ranks of these
+Rows: TypeAlias = tuple[float, Array, Array]  # the output table, see `search.find_nearest`
 
 
 @inline
 def measure_all(q: Query, pool: Pool, end: int) -> None:
-    """Write the squares of distances of all points of a pool."""
+    """Write the squared distances of all candidates."""
     for i in range(0, end, LANES):
         x, y, z = load16(pool[0], i) - q[0], load16(pool[1], i) - q[1], load16(pool[2], i) - q[2]
         store(pool[4], i, x * x + y * y + z * z)
@@ -46,7 +46,7 @@ def measure_all(q: Query, pool: Pool, end: int) -> None:
 
 @inline
 def _count_within(squares: Array, end: int, bound: float) -> int:
-    """How many are surely within a bound, whatever rounding does."""
+    """Count the candidates that are certainly within a bound, whatever the rounding."""
     limit, count = broadcast16(f32(bound * LESS)), 0
     for i in range(0, end, LANES):
         count += count_bits(bits(load16(squares, i) <= limit))
@@ -55,7 +55,7 @@ def _count_within(squares: Array, end: int, bound: float) -> int:
 
 @inline
 def bound_for(squares: Array, end: int, k: int, guess: float, limit: float) -> float:
-    """A square of a distance within which there are k points or somewhat more; -1 if `limit` is too little."""
+    """Find a squared distance within which there are k candidates or slightly more; -1 if `limit` holds fewer."""
     bound = min(guess, limit)
     count = _count_within(squares, end, bound)
     while count < k:
@@ -73,7 +73,7 @@ def bound_for(squares: Array, end: int, k: int, guess: float, limit: float) -> f
 
 @inline
 def pack_within(pool: Pool, end: int, bound: float, packed: Packed) -> int:
-    """Copy the points within a bound, one after the other; returns how many."""
+    """Copy the candidates within a bound contiguously; return their number."""
     limit, count = broadcast16(f32(bound)), 0
     for i in range(0, end, LANES):
         near = load16(pool[4], i) <= limit
@@ -87,7 +87,7 @@ def pack_within(pool: Pool, end: int, bound: float, packed: Packed) -> int:
 
 @inline
 def rank(q: Query, packed: Packed, count: int, ranked: Ranked) -> None:
-    """Rank points by their distances: by float32 where these are all different, else by float64 and numbers."""
+    """Rank candidates by distance: by float32 squares if these all differ, else by float64 squares, then numbers."""
     keys, squares, numbers, ranks = ranked
     for i in range(0, count, LANES):
         x, y, z = load16(packed[0], i), load16(packed[1], i), load16(packed[2], i)
@@ -111,7 +111,7 @@ def rank(q: Query, packed: Packed, count: int, ranked: Ranked) -> None:
 
 @inline
 def _rank_ties(packed: Array, count: int, squares: Array, numbers: Array, ranks: Array) -> None:
-    """Rank points of which some are equally far."""
+    """Rank candidates of which some are equally distant."""
     for i in range(count):
         numbers[i] = packed[i]
     for i in range(0, count, 8):
@@ -124,7 +124,7 @@ def _rank_ties(packed: Array, count: int, squares: Array, numbers: Array, ranks:
 
 @inline
 def write_ranked(ranked: Ranked, packed: Packed, count: int, k: int, line: Array, at: int, rows: Rows) -> float:
-    """Write a query's neighbours in the order of their ranks; returns the square of the farthest one's distance."""
+    """Write a query's neighbours in order of rank; return the squared distance of the farthest."""
     _, squares, numbers, ranks = ranked
     unit, distances, indices = rows
     for i in range(count):

@@ -1,4 +1,4 @@
-"""Rows of an array in another order, copied by all cores."""
+"""Parallel gathering of array rows."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from ...engine.jit import Array, borrow, i64, kernel, next_tile, run
 from ...engine.simd import prefetch
 
-WORD = 4  # bytes that are copied at once
+WORD = 4  # bytes copied at once
 CHUNK = 1 << 14  # rows that a thread copies at a time
-AHEAD = 16  # rows that are fetched before they are copied
+AHEAD = 16  # rows that are prefetched
 
 
 @kernel
 def _take(work: Array, words: Array, rows: Array, width: int, out: Array) -> int:
-    """Copy rows of `width` words: words and out are flat."""
+    """Copy rows of `width` words; words and out are flat."""
     words, rows, out = borrow(words), borrow(rows), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -31,9 +31,9 @@ def _take(work: Array, words: Array, rows: Array, width: int, out: Array) -> int
 
 
 def take(values: NDArray[Any], rows: NDArray[np.integer[Any]]) -> NDArray[Any]:
-    """values[rows] for many row numbers, none of them negative.
+    """Return values[rows] for many row numbers, none of them negative.
 
-    24 million rows of three float32 in random order take 0.3 s on two cores, and 1.7 s by NumPy.
+    24 M rows of three float32 in random order take 0.3 s on two cores; NumPy takes 1.7 s.
     """
     size = values.itemsize * values[:1].size
     if size % WORD or not values.flags.c_contiguous or len(values) == 0:

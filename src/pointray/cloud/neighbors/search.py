@@ -1,12 +1,12 @@
-"""The k nearest points of each of many, exactly: a block of 16 queries asks the blocks around it.
+"""Exact search for the k nearest points of many queries, 16 queries (a block) at a time.
 
-All blocks of points within a distance of a block of queries are collected, the distance being what the block before
-needed. Each query measures all their points, 16 at a time in float32, packs those within its own bound, of which there
-are k or somewhat more, and ranks them by their distances in float64, each by the number of nearer ones. A query that
-finds fewer than k within the distance asks again, farther; one whose surroundings hold too many points (a step of
-density, many points at one place) goes down the tree alone (`single.py`).
+All blocks of points within some distance of a block of queries are collected; the distance is what the previous block
+needed. Each query measures the distances of all their points, 16 at a time in float32, packs the points within its own
+bound (k or slightly more) and ranks them by their distances in float64. A query that finds fewer than k points repeats
+with a larger distance. A query with too many points around it (a step in density, many coincident points) traverses
+the tree alone (`single.py`).
 
-Equally far ones are ranked by the caller's rows, also at the end of the list, unless hundreds lie at the query's place.
+Ties are ranked by the caller's rows, also at the end of the list, unless hundreds of points coincide with the query.
 """
 
 from __future__ import annotations
@@ -33,18 +33,18 @@ from .rank import FARTHER, Packed, Pool, Ranked, Rows, bound_for, measure_all, p
 from .single import MORE, STACK, Best, Query, Tree, search_alone
 from .sites import BLOCK, LANES, NODE
 
-CHUNK = 64  # blocks of queries that a thread takes at a time
-SPARE, PER_NEIGHBOR = 32, 2  # blocks that are collected at most: the first, and one for each second neighbour
-TRIES = 3  # distances at which a block asks
-BEYOND = 1.21  # times the square of what the block before needed
+CHUNK = 64  # blocks of queries per task
+SPARE, PER_NEIGHBOR = 32, 2  # capacity for collected blocks: a constant, plus one for each second neighbour
+TRIES = 3  # distances tried per block
+BEYOND = 1.21  # factor on the squared distance that the previous block needed
 
-Asked: TypeAlias = tuple[Array, Array, int]  # blocks of queries, their numbers, the first one: see `find_nearest`
-Memory: TypeAlias = tuple[Pool, Packed, Ranked, Array, Best, Array, Array]  # a line, best, stack, blocks found
+Batch: TypeAlias = tuple[Array, Array, int]  # blocks of queries, their numbers, the first query: see `find_nearest`
+Memory: TypeAlias = tuple[Pool, Packed, Ranked, Array, Best, Array, Array]  # ..., line, best, stack, found
 
 
 @inline
 def _collect(tree: Tree, low: Query, high: Query, square: float, stack: Array, found: Array) -> int:
-    """List the blocks of points no farther from a box than a distance; -1 if there are too many."""
+    """List the blocks of points within a distance of a box; return their number, or -1 if there are too many."""
     nodes, starts = tree[2], tree[3]
     square = f32(square * MORE)
     stack[0, 0], stack[0, 1] = len(starts) - 2, 0
@@ -74,7 +74,7 @@ def _collect(tree: Tree, low: Query, high: Query, square: float, stack: Array, f
 
 @inline
 def _pool(tree: Tree, found: Array, count: int, pool: Pool) -> None:
-    """Copy blocks of points one after the other."""
+    """Copy blocks of points contiguously."""
     blocks, numbers = tree[0], tree[1]
     for t in range(count):
         b = i64(found[t])
@@ -85,36 +85,36 @@ def _pool(tree: Tree, found: Array, count: int, pool: Pool) -> None:
 
 
 @inline
-def _query(asked: Asked, slot: int) -> Query:
-    """The place of a query."""
-    queries, at = asked[0], slot // LANES * BLOCK + slot % LANES
+def _query(batch: Batch, slot: int) -> Query:
+    """Return the position of a query."""
+    queries, at = batch[0], slot // LANES * BLOCK + slot % LANES
     return queries[at], queries[at + LANES], queries[at + 2 * LANES]
 
 
 @inline
-def _row(asked: Asked, slot: int) -> int:
-    """The row that a query's neighbours are written to."""
-    return i64(asked[1][slot]) if len(asked[1]) > 0 else slot - asked[2]
+def _row(batch: Batch, slot: int) -> int:
+    """Return the output row of a query."""
+    return i64(batch[1][slot]) if len(batch[1]) > 0 else slot - batch[2]
 
 
 @inline
-def _box(asked: Asked, block: int, count: int) -> tuple[Query, Query]:
-    """The box around a block of queries."""
-    low = high = _query(asked, block * LANES)
+def _box(batch: Batch, block: int, count: int) -> tuple[Query, Query]:
+    """Return the bounding box of a block of queries."""
+    low = high = _query(batch, block * LANES)
     for slot in range(block * LANES + 1, block * LANES + count):
-        q = _query(asked, slot)
+        q = _query(batch, slot)
         low = min(low[0], q[0]), min(low[1], q[1]), min(low[2], q[2])
         high = max(high[0], q[0]), max(high[1], q[1]), max(high[2], q[2])
     return low, high
 
 
 @inline
-def _go_alone(tree: Tree, asked: Asked, slot: int, k: int, memory: Memory, rows: Rows) -> float:
-    """Find and write the neighbours of one query; returns the square of the farthest one's distance."""
+def _search_single(tree: Tree, batch: Batch, slot: int, k: int, memory: Memory, rows: Rows) -> float:
+    """Find and write the neighbours of a single query; return the squared distance of the farthest."""
     best = memory[4]
-    farthest = search_alone(tree, _query(asked, slot), k, memory[5], best)
+    farthest = search_alone(tree, _query(batch, slot), k, memory[5], best)
     unit, distances, indices = rows
-    at = k * _row(asked, slot)
+    at = k * _row(batch, slot)
     for j in range(k):
         indices[at + j] = best[1][j]
         if len(distances) > 0:
@@ -123,70 +123,73 @@ def _go_alone(tree: Tree, asked: Asked, slot: int, k: int, memory: Memory, rows:
 
 
 @inline
-def _ask_pool(
-    asked: Asked, block: int, waiting: Bits, end: int, k: int, limit: float, memory: Memory, rows: Rows
+def _search_pool(
+    batch: Batch, block: int, waiting: Bits, end: int, k: int, limit: float, memory: Memory, rows: Rows
 ) -> tuple[Bits, float]:
-    """Answer the waiting queries of a block that find k points within a limit; returns those that do not.
+    """Answer the waiting queries of a block that find k points within a limit.
 
-    limit : the square of the distance within which the pool holds all points. The second number is the square of the
-        greatest distance of a neighbour.
+    Return the queries that remain, and the largest squared distance of a neighbour.
+
+    limit : squared distance within which the pool holds all points
     """
     pool, packed, ranked, line = memory[0], memory[1], memory[2], memory[3]
     left, near, needed = waiting, limit / BEYOND, 0.0
     while left != 0:
         one = count_trailing_zeros(left)
         left &= left - 1
-        q = _query(asked, block * LANES + one)
+        q = _query(batch, block * LANES + one)
         measure_all(q, pool, end)
         bound = bound_for(pool[4], end, k, near * BEYOND, limit)
         if bound >= 0.0:
             inside = pack_within(pool, end, bound, packed)
             rank(q, packed, inside, ranked)
-            near = write_ranked(ranked, packed, inside, k, line, k * _row(asked, block * LANES + one), rows)
+            near = write_ranked(ranked, packed, inside, k, line, k * _row(batch, block * LANES + one), rows)
             needed = max(needed, near)
             waiting ^= 1 << one
     return waiting, needed
 
 
 @inline
-def _ask_block(
-    tree: Tree, asked: Asked, block: int, count: int, k: int, limit: float, memory: Memory, rows: Rows
+def _search_block(
+    tree: Tree, batch: Batch, block: int, count: int, k: int, limit: float, memory: Memory, rows: Rows
 ) -> float:
-    """Answer all queries of a block; returns the square of the greatest distance of a neighbour.
+    """Answer all queries of a block; return the largest squared distance of a neighbour.
 
-    limit : the square of the distance at which to look first; not positive: one of the queries tells
+    limit : squared distance to search first; if not positive, it is taken from a single query
     """
-    low, high = _box(asked, block, count)
-    waiting, needed, tried, told = (1 << count) - 1, 0.0, 0, False
+    low, high = _box(batch, block, count)
+    waiting, needed, tried, is_measured = (1 << count) - 1, 0.0, 0, False
     while waiting != 0 and tried < TRIES:
         if limit <= 0.0:
-            one, told = count_trailing_zeros(waiting), True
-            needed = max(needed, _go_alone(tree, asked, block * LANES + one, k, memory, rows))
+            one, is_measured = count_trailing_zeros(waiting), True
+            needed = max(needed, _search_single(tree, batch, block * LANES + one, k, memory, rows))
             waiting &= waiting - 1
             limit = needed * BEYOND
         collected = _collect(tree, low, high, limit, memory[5], memory[6])
         if collected >= 0:
             _pool(tree, memory[6], collected, memory[0])
-            waiting, greatest = _ask_pool(asked, block, waiting, collected * LANES, k, limit, memory, rows)
+            waiting, greatest = _search_pool(batch, block, waiting, collected * LANES, k, limit, memory, rows)
             needed, limit = max(needed, greatest), limit * FARTHER
         if collected < 0 or limit == 0.0:
-            tried, limit = TRIES if told else tried, 0.0
+            tried, limit = TRIES if is_measured else tried, 0.0
         tried += 1
     while waiting != 0:
-        needed = max(needed, _go_alone(tree, asked, block * LANES + count_trailing_zeros(waiting), k, memory, rows))
+        needed = max(
+            needed, _search_single(tree, batch, block * LANES + count_trailing_zeros(waiting), k, memory, rows)
+        )
         waiting &= waiting - 1
     return needed
 
 
 @kernel
-def find_nearest(work: Array, tree: Tree, asked: Asked, end: int, k: int, rows: Rows) -> int:
-    """Write the k nearest points of the queries up to an end, nearest first, to their rows.
+def find_nearest(work: Array, tree: Tree, batch: Batch, end: int, k: int, rows: Rows) -> int:
+    """Write the k nearest points of all queries before `end` to their rows, nearest first.
 
-    asked : queries and their numbers, see `Blocks`, and the first one, of a whole block; a query without a number has
-        that of its place after the first
-    rows : what is 1 in scaled distances, distances, flat or empty, and indices, flat; from k times the query's number
+    batch : queries, their numbers (see `Blocks`) and the first query, a multiple of 16; without numbers queries are
+        numbered from the first
+    rows : unit of the scaled distances; distances, flat, may be empty; indices, flat. Row i begins at k times i.
     """
-    tree, asked, rows = borrow(tree), borrow(asked), borrow(rows)
+    tree, batch, rows = borrow(tree), borrow(batch), borrow(rows)
     most = SPARE + k // PER_NEIGHBOR
     size = LANES * (most + 2)
     reals, wholes, doubles = np.empty((9, size), np.float32), np.empty((4, size), np.int32), np.empty((2, size))
@@ -196,10 +199,10 @@ def find_nearest(work: Array, tree: Tree, asked: Asked, end: int, k: int, rows: 
     memory = borrow((pool, packed, ranked, wholes[3], alone, stack, found))
     tile = next_tile(work)
     while tile >= 0:
-        needed, first = 0.0, asked[2] // LANES + tile * CHUNK
+        needed, first = 0.0, batch[2] // LANES + tile * CHUNK
         for block in range(first, min(first + CHUNK, -(-end // LANES))):
             count = min(LANES, end - block * LANES)
-            needed = _ask_block(tree, asked, block, count, k, needed * BEYOND, memory, rows)
+            needed = _search_block(tree, batch, block, count, k, needed * BEYOND, memory, rows)
         tile = next_tile(work)
     keep_alive((reals, wholes, doubles, stack, squares, found))
     return 0

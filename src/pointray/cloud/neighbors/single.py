@@ -1,4 +1,4 @@
-"""The k nearest points of one query: down the tree, nearest boxes first."""
+"""Search for the k nearest points of a single query: the tree is traversed nearest box first."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from ...engine.jit import Array, f32, f64, i64, inline, routine
 from ...engine.simd import ZERO, bits, broadcast16, count_trailing_zeros, load16, square_sum, store, vmax
 from .sites import BLOCK, LANES, NODE
 
-AT_PLACE = 16  # blocks that are examined at least, even if k points at the query's place are known
-STACK = 16 * LANES  # nodes that wait; a tree of 2^31 points has 7 levels of 15
-LESS, MORE = 1.0 - 1e-6, 1.0 + 1e-6  # a square in float32 times these lies surely below, and above, the exact one
+AT_PLACE = 16  # blocks examined at least, even if k points at the query's position are known
+STACK = 16 * LANES  # capacity for nodes; a tree of 2^31 points needs 7 levels of 15
+LESS, MORE = 1.0 - 1e-6, 1.0 + 1e-6  # a float32 square times these is surely below, and above, the exact value
 
-Query: TypeAlias = tuple[float, float, float]  # float32, scaled as the points are
+Query: TypeAlias = tuple[float, float, float]  # float32, scaled like the points
 Tree: TypeAlias = tuple[Array, Array, Array, Array]  # blocks, numbers, nodes, starts: see `Blocks` and `Boxes`
 Best: TypeAlias = tuple[Array, Array, Array, Array]  # squares, numbers, squares of boxes on the stack, 16 lanes
 
 
 @inline
 def _push(tree: Tree, level: int, j: int, q: Query, limit: float, depth: int, stack: Array, best: Best) -> int:
-    """Push a node's children that are no farther than a limit, the nearest last; returns the stack's depth."""
+    """Push the children of a node that are within a limit, nearest last; return the stack depth."""
     nodes, starts, squares, lanes = tree[2], tree[3], best[2], best[3]
     at, none = (starts[level] + j) * NODE, broadcast16(ZERO)
     x = vmax(vmax(load16(nodes, at) - q[0], q[0] - load16(nodes, at + 48)), none)
@@ -44,7 +44,7 @@ def _push(tree: Tree, level: int, j: int, q: Query, limit: float, depth: int, st
 
 @inline
 def _insert(square: float, number: int, count: int, k: int, best: Best) -> int:
-    """Insert a point into the list of the k nearest, if it is among them; returns their number."""
+    """Insert a point into the list of the k nearest if it belongs there; return the list's length."""
     squares, numbers = best[0], best[1]
     if count == k:
         if square > squares[k - 1] or (square == squares[k - 1] and number > numbers[k - 1]):
@@ -60,9 +60,9 @@ def _insert(square: float, number: int, count: int, k: int, best: Best) -> int:
 
 @routine
 def search_alone(tree: Tree, q: Query, k: int, stack: Array, best: Best) -> float:
-    """Write the k nearest points to `best`, nearest first; returns the square of the distance of the farthest one.
+    """Write the k nearest points to `best`, nearest first; return the squared distance of the farthest.
 
-    There must be k points. Where hundreds lie at the query's place not all are examined, in whatever order they come.
+    There must be at least k points. If hundreds coincide with the query, only some of them are examined, in any order.
     """
     blocks, numbers = tree[0], tree[1]
     stack[0, 0], stack[0, 1], best[2][0] = len(tree[3]) - 2, 0, 0.0

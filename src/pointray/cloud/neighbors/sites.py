@@ -1,6 +1,6 @@
-"""Points in blocks of 16 along their kd order, and boxes around them, 16 to a node, for the search.
+"""Blocks of 16 points along the kd order, and a tree of bounding boxes with 16 children per node.
 
-Coordinates are scaled by a power of two, exactly, so that no square of a distance that matters overflows or vanishes.
+Coordinates are scaled by a power of two, which is exact, so that no relevant squared distance over- or underflows.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from ...engine.simd import INF, load16, reduce_max, reduce_min
 from .order import kd_order
 
 LANES = 16  # points of a block, children of a node
-BLOCK = 3 * LANES  # float32 of a block: x, y, z of all its points; infinite where there is none
-NODE = 6 * LANES  # float32 of a node: the least x, y, z of all its children, then the greatest; empty ones are no box
+BLOCK = 3 * LANES  # float32 of a block: x, y, z of its points; infinite for unused slots
+NODE = 6 * LANES  # float32 of a node: the minimum x, y, z of its children, then the maximum; inverted for unused slots
 CHUNK = 256  # nodes that a thread fills at a time
 
 Floats = NDArray[np.float32]
 
 
 class Blocks(NamedTuple):
-    """Points in kd order.
+    """Points in blocks, in kd order.
 
-    size : how many
+    size : number of points
     blocks : (b * BLOCK,) float32, scaled
-    numbers : (b * LANES,) int32, the caller's row of each point
+    numbers : (b * LANES,) int32, the caller's row of each point, or -1
     """
 
     size: int
@@ -37,11 +37,10 @@ class Blocks(NamedTuple):
 
 
 class Boxes(NamedTuple):
-    """Boxes around blocks.
+    """Tree of bounding boxes around blocks.
 
-    nodes : (m * NODE,) float32, level by level from the blocks up; child c of a level's node i is 16 i + c of the level
-        below
-    starts : (levels + 1,) int64, the first node of each level, and the number of nodes
+    nodes : (m * NODE,) float32, level by level from the blocks up; child c of node i is node 16 i + c one level below
+    starts : (levels + 1,) int64, first node of each level, then the number of nodes
     """
 
     nodes: Floats
@@ -50,7 +49,7 @@ class Boxes(NamedTuple):
 
 @kernel
 def _fill_blocks(work: Array, positions: Array, order: Array, scale: float, blocks: Array, numbers: Array) -> int:
-    """Copy points in an order into blocks; without an order they are in it."""
+    """Copy points into blocks in the given order, or as they are if it is empty."""
     positions, order, blocks, numbers = borrow(positions), borrow(order), borrow(blocks), borrow(numbers)
     count = len(positions)
     tile = next_tile(work)
@@ -70,7 +69,7 @@ def _fill_blocks(work: Array, positions: Array, order: Array, scale: float, bloc
 
 @kernel
 def _fill_leaves(work: Array, count: int, blocks: Array, nodes: Array) -> int:
-    """Bound every block; the children of a node are 16 blocks."""
+    """Write the bounding box of each block into its leaf node."""
     blocks, nodes = borrow(blocks), borrow(nodes)
     filled = -(-count // LANES)
     tile = next_tile(work)
@@ -89,7 +88,7 @@ def _fill_leaves(work: Array, count: int, blocks: Array, nodes: Array) -> int:
 
 @kernel
 def _fill_levels(nodes: Array, starts: Array) -> int:
-    """Bound the nodes of each level in the level above."""
+    """Write the bounding boxes of each level into the level above."""
     for level in range(len(starts) - 2):
         for i in range(starts[level], starts[level + 1]):
             j = i - starts[level]
@@ -101,13 +100,13 @@ def _fill_levels(nodes: Array, starts: Array) -> int:
 
 
 def scale_of(positions: Floats) -> float:
-    """The power of two that brings coordinates to 1 or below, as far as float32 goes."""
+    """Return the power of two that scales all coordinates to at most 1, within the range of float32."""
     greatest = max(float(positions.max()), -float(positions.min()))
     return math.ldexp(1.0, int(np.clip(-math.frexp(greatest)[1], -120, 120)))
 
 
 def make_blocks(positions: Floats, scale: float, in_order: bool) -> Blocks:
-    """Blocks of points; `in_order`: they are in their kd order."""
+    """Return the points in blocks. in_order : whether they already are in kd order"""
     n = len(positions)
     order = np.empty(0, np.int32) if in_order or n == 0 else kd_order(positions)
     count = -(-n // LANES)
@@ -117,7 +116,7 @@ def make_blocks(positions: Floats, scale: float, in_order: bool) -> Blocks:
 
 
 def make_boxes(points: Blocks) -> Boxes:
-    """Boxes around blocks and around each other, up to a single node."""
+    """Return the tree of bounding boxes, up to a single root."""
     counts = [-(-len(points.numbers) // LANES**2)]
     while counts[-1] > 1:
         counts.append(-(-counts[-1] // LANES))

@@ -1,4 +1,4 @@
-"""Neighbours of points, for Python."""
+"""Python interface of the neighbour search."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from .sites import LANES, Blocks, Boxes, make_blocks, make_boxes, scale_of
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int32]
 
-TREE = 0.3  # share of the time for 20 neighbours that the tree takes
-ROWS = 1 << 16  # rows of a table at a time
+TREE = 0.3  # share of the time for building the tree, if 20 neighbours are searched
+ROWS = 1 << 16  # rows per chunk
 
 
 class Near(NamedTuple):
@@ -31,17 +31,17 @@ class Near(NamedTuple):
 
 
 class NeighborTree:
-    """A tree of positions for repeated neighbour queries.
+    """Tree of positions for repeated neighbour queries.
 
-    Neighbours are exact: the k with the least distances in float64, equally far ones by their rows, unless hundreds of
-    positions are equal to the query.
+    Results are exact: the k positions with the least float64 distances, ties by row, unless hundreds of positions
+    coincide with the query.
 
     Parameters
     ----------
     positions : (n, 3) float32
         Finite.
     in_order : bool
-        Whether they are in the order of `kd_order`, which saves the sorting.
+        Whether the positions are in the order of `kd_order`; saves sorting them.
     """
 
     def __init__(self, positions: Floats, in_order: bool = False) -> None:
@@ -51,66 +51,66 @@ class NeighborTree:
         self._in_order = in_order
 
     def query(self, k: int, queries: Floats | None = None, progress: Progress | None = None) -> Near:
-        """The k nearest positions of each query.
+        """Find the k nearest positions of each query.
 
         Parameters
         ----------
         k : int
-            If there are fewer positions, all are returned.
+            Number of neighbours; with fewer positions, all are returned.
         queries : (m, 3) float32, optional
-            None: the positions themselves; each is then among its own neighbours (first, unless it has duplicates).
+            None: the positions; each is its own first neighbour, unless it has duplicates.
         progress : callable, optional
-            Called with the share done.
+            Called with the fraction done.
 
         Returns
         -------
         distances : (m, min(k, n)) float32
         indices : (m, min(k, n)) int32
         """
-        asked = self._points if queries is None else make_blocks(queries, self._scale, False)
+        queried = self._points if queries is None else make_blocks(queries, self._scale, False)
         k = min(k, self._points.size)
-        distances = np.empty((asked.size, k), np.float32)
-        return Near(distances, self._search(asked, (0, asked.size), distances, k, progress))
+        distances = np.empty((queried.size, k), np.float32)
+        return Near(distances, self._search(queried, (0, queried.size), distances, k, progress))
 
     def rows(self, k: int, part: slice | None = None, progress: Progress | None = None) -> Indices:
-        """The rows of the k nearest of each position, (n, min(k, n)) int32, without distances.
+        """Find the rows of the k nearest positions of each position, (n, min(k, n)) int32.
 
-        part : a stretch of the positions, which must be in order; it begins at a multiple of 16
+        part : a range of the positions, which must be in kd order; it begins at a multiple of 16
         """
         span = (0, self._points.size) if part is None else (part.start, min(part.stop, self._points.size))
         k = min(k, self._points.size)
         return self._search(self._points, span, np.empty((0, k), np.float32), k, progress)
 
     def rows_at(self, k: int, queries: Floats) -> Indices:
-        """The rows of the k nearest positions of each query, (m, min(k, n)) int32, without distances."""
-        asked, k = make_blocks(queries, self._scale, False), min(k, self._points.size)
-        return self._search(asked, (0, asked.size), np.empty((0, k), np.float32), k, None)
+        """Find the rows of the k nearest positions of each query, (m, min(k, n)) int32."""
+        queried, k = make_blocks(queries, self._scale, False), min(k, self._points.size)
+        return self._search(queried, (0, queried.size), np.empty((0, k), np.float32), k, None)
 
     def _search(
-        self, asked: Blocks, span: tuple[int, int], distances: Floats, k: int, progress: Progress | None
+        self, queried: Blocks, span: tuple[int, int], distances: Floats, k: int, progress: Progress | None
     ) -> Indices:
         count = span[1] - span[0]
         indices = np.empty((count, k), np.int32)
-        numbers = np.empty(0, np.int32) if asked is self._points and self._in_order else asked.numbers
+        numbers = np.empty(0, np.int32) if queried is self._points and self._in_order else queried.numbers
         tree = self._points.blocks, self._points.numbers, *self._boxes
         rows = 1.0 / self._scale, distances.reshape(-1), indices.reshape(-1)
         tiles = -(-count // (LANES * CHUNK))
-        run(find_nearest, tiles, tree, (asked.blocks, numbers, span[0]), span[1], k, rows, progress=progress)
+        run(find_nearest, tiles, tree, (queried.blocks, numbers, span[0]), span[1], k, rows, progress=progress)
         tell(progress, 1.0)
         return indices
 
 
 def neighbors(positions: Floats, k: int, queries: Floats | None = None, progress: Progress | None = None) -> Near:
-    """The k nearest positions of each query, see `NeighborTree.query`."""
+    """Find the k nearest positions of each query; see `NeighborTree.query`."""
     tree = NeighborTree(positions)
     tell(progress, TREE)
     return tree.query(k, queries, part_of(progress, TREE, 1.0))
 
 
 def neighbor_chunks(positions: Floats, k: int, progress: Progress | None = None) -> Iterator[tuple[slice, Indices]]:
-    """The k nearest of each position, a part of the rows at a time: (rows, (m, min(k, n)) int32), nearest first.
+    """Yield the rows of the k nearest positions chunk by chunk: (rows, (m, min(k, n)) int32), nearest first.
 
-    This serves tables too large to be held at once. The positions must be in the order of `kd_order`.
+    For tables too large for memory. The positions must be in the order of `kd_order`.
     """
     tree = NeighborTree(positions, in_order=True)
     for start in range(0, len(positions), ROWS):

@@ -1,9 +1,9 @@
-"""How clearly two points show that their normals face the same side: the rule by which signs pass on.
+"""Confidence that the normals of two points face the same side: the rule by which signs propagate.
 
 Two points with normals n and m and the connecting unit vector e obey the reflection rule (Koenig and Gumhold 2009) if
-their signs agree: n - 2 (n.e) e faces the same side as m. The rule holds around a rim too, where n.m alone misleads.
-Edges that leave the tangent planes count less, as they cross a thin sheet. Where the rule says the opposite of n.m, the
-mean of both counts: two layers of one noisy wall are no thin body (of a tower's wall 41% faced away).
+their signs agree: n - 2 (n.e) e faces the same side as m. The rule also holds around a rim, where n.m alone misleads.
+Edges that leave the tangent planes count less, as they may cross a thin sheet. Where the rule contradicts n.m, the mean
+of both counts, so that two layers of a noisy wall are not taken for a thin body (41% of a tower's wall faced away).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ...engine.simd import ONE, ZERO, Real, select, vmax, vsqrt
 
 Reals: TypeAlias = tuple[Real, Real, Real]
 
-TINY = f32(1e-37)  # a square of a distance is not less
+TINY = f32(1e-37)  # lower limit of squared distances
 
 
 @inline
@@ -25,7 +25,7 @@ def _dot(a: Reals, b: Reals) -> Real:
 
 @inline
 def agreement_of(e: Reals, n: Reals, m: Reals) -> Real:
-    """Signed confidence that two normals a vector e apart face the same side, -1 to 1; of one pair or of 16."""
+    """Return the signed confidence, -1 to 1, that two normals a vector e apart face the same side; also for lanes."""
     square, a, b, nm = _dot(e, e), _dot(n, e), _dot(m, e), _dot(n, m)
     inverse = ONE / vmax(square, square * ZERO + TINY)
     steep = vsqrt(vmax(a * a, b * b) * inverse)
@@ -37,7 +37,7 @@ def agreement_of(e: Reals, n: Reals, m: Reals) -> Real:
 
 @inline
 def agreement(positions: Array, normals: Array, i: int, j: int) -> float:
-    """Signed confidence that the normals of two points face the same side, -1 to 1."""
+    """Return the signed confidence, -1 to 1, that the normals of points i and j face the same side."""
     n, m = (normals[i, 0], normals[i, 1], normals[i, 2]), (normals[j, 0], normals[j, 1], normals[j, 2])
     e = positions[j, 0] - positions[i, 0], positions[j, 1] - positions[i, 1], positions[j, 2] - positions[i, 2]
     return agreement_of(e, n, m)

@@ -1,4 +1,4 @@
-"""The axes along which weighted neighbours vary most and least, of sixteen points at once: the planes through them."""
+"""Weighted plane fits: principal axes of the neighbours of sixteen points at once."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ from ...engine.jit import f32, inline
 from ...engine.simd import F16, ONE, ZERO, Mask, bits, broadcast16, load16, select, store, vabs, vmax, vmin, vsqrt
 from .fit_batch import LANES, FitBatch16, Sextuple, Triple, distance_weight, inner, load_place, zeros
 
-SWEEPS = 6  # of three rotations; 3 mostly suffice
-ROUND_OFF = 1e-12  # squares off the diagonal, over the trace's, that are none
-SMALLEST = 1e-30  # is divided by in place of zero
-NARROWEST = 1e-15  # of a neighbourhood beside all that was loaded
+SWEEPS = 6  # sweeps of three rotations; 3 mostly suffice
+ROUND_OFF = 1e-12  # squared off-diagonal elements, relative to the squared trace, that count as 0
+SMALLEST = 1e-30  # replaces zero in divisions
+NARROWEST = 1e-15  # lower limit of a neighbourhood's radius, in the unit of the places
 
 
 class Plane(NamedTuple):
-    """What `fit_plane` finds in each lane.
+    """Result of `fit_plane` in each lane.
 
-    normal, one, two : unit vectors across each other
-    mean : the weighted mean of the places, in the unit of the places
-    reach : the distance of the farthest neighbour, in that unit
-    total : the sum of the weights
-    slimness : the second largest variance over the largest
+    normal, one, two : orthogonal unit vectors
+    mean : weighted mean of the places, in their unit
+    reach : distance of the farthest neighbour, in that unit
+    total : sum of the weights
+    slimness : second largest variance over the largest
     """
 
     normal: Triple
@@ -35,9 +35,9 @@ class Plane(NamedTuple):
 
 @inline
 def fit_plane(k: int, memory: FitBatch16) -> Plane:
-    """Planes through the k nearest neighbours, whose weights fall by distance to 1/e at the rim and are left in memory.
+    """Fit planes to the k nearest neighbours; weights fall with distance to 1/e at the rim and stay in the memory.
 
-    A lane with fewer neighbours has a plane through all of them.
+    A lane with fewer neighbours is fitted to all of them.
     """
     last = load_place(memory.places, k - 1)
     reach = vmax(vsqrt(inner(last, last)), broadcast16(f32(NARROWEST)))
@@ -67,9 +67,9 @@ def fit_plane(k: int, memory: FitBatch16) -> Plane:
 
 @inline
 def principal_axes(a: Sextuple) -> tuple[Triple, Triple, Triple, F16]:
-    """The axis of the least variance, the two others, and the second largest variance over the largest.
+    """Return the axis of least variance, the two others, and the second largest variance over the largest.
 
-    a : xx xy xz yy yz zz, of order 1 at most; turned by Jacobi's rotations until it is diagonal
+    a : xx xy xz yy yz zz, at most of order 1; diagonalised by Jacobi rotations
     """
     xx, xy, xz, yy, yz, zz = a
     zero, one = zeros(), broadcast16(ONE)
@@ -97,7 +97,7 @@ def principal_axes(a: Sextuple) -> tuple[Triple, Triple, Triple, F16]:
 
 @inline
 def _rotation(a: F16, b: F16, off: F16) -> Triple:
-    """Tangent, cosine and sine of the rotation that takes away what is off the diagonal between a and b."""
+    """Return tangent, cosine and sine of the rotation that zeroes the off-diagonal element between a and b."""
     half = b - a
     t = 2.0 * off / (vabs(half) + vsqrt(half * half + 4.0 * off * off) + SMALLEST)
     t = select(half < ZERO, ZERO - t, t)

@@ -1,8 +1,8 @@
-"""Are a file's normals those of its surface? They are compared with planes through the points' neighbours.
+"""Comparison of a file's normals with planes fitted to the points' neighbours.
 
-The mean of a neighbourhood's normals is compared with the plane through its points. Both are smoothed alike, so detail
-finer than the points, which correct normals show and planes do not, does not count against a file. How far a plane's
-points lie off it tells how far the plane may be tilted itself; a plane that may be tilted far is not used.
+The mean normal of a neighbourhood is compared with the plane through its points. Both are smoothed alike, so detail
+finer than the point spacing, which correct normals show and planes do not, does not count against a file. The
+residuals of a plane give the standard deviation of its own tilt; planes with a large one are not used.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from ..points import Points
 from ..rounding import find_rounding
 
 WRONG = 15.0  # degrees: eleven scans and meshes with correct normals have 0.4 to 3.8
-SURE = 5.0  # degrees: how far a plane that is used may be tilted
-TOLD = 0.1, 12  # least share and least number of the planes that are used
-SAMPLE = 2_000  # points that are compared
-SIZES = (12, 16, 32, 64)  # neighbourhoods to choose from
-LOCAL = 16  # times a neighbourhood's points, the least size of a cloud: planes through a whole torus give 24 degrees
-STEPS = 2.0  # a plane must extend over this many steps of rounded coordinates: else its points all lie on one step
-SLIM = 0.05  # ratio of the plane's variances below which points are on a line
+SURE = 5.0  # degrees: largest standard deviation of the tilt of a plane that is used
+ENOUGH = 0.1, 12  # share and number of planes that must be usable
+SAMPLE = 2_000  # points whose normals are compared
+SIZES = (12, 16, 32, 64)  # neighbourhood sizes to choose from
+LOCAL = 16  # least number of points, over a neighbourhood's: planes through a whole torus are off by 24 degrees
+STEPS = 2.0  # rounding steps that a plane must span: otherwise its points may all lie on one step
+SLIM = 0.05  # ratio of the plane's variances below which its points lie on a line
 
 Floats = NDArray[np.float64]
 
 
 class NormalsCheck(NamedTuple):
-    """The result of checking the normals of points.
+    """Result of `check_normals`.
 
     Attributes
     ----------
     angle : float or None
-        Median angle in degrees between the normals and the surface's; signs do not count. None if there are no
-        normals, or if the points do not tell.
+        Median angle in degrees between the normals and the surface's, regardless of sign. None if there are no normals,
+        or too few neighbourhoods are flat enough to compare.
     wrong : bool
-        Whether the angle is more than 15 degrees.
+        Whether the angle exceeds 15 degrees.
     """
 
     angle: float | None
@@ -48,10 +48,10 @@ class NormalsCheck(NamedTuple):
 def check_normals(points: Points) -> NormalsCheck:
     """Compare the normals of points with planes fitted to their neighbours.
 
-    Neighbourhoods of 12 to 64 points around a sample of 2,000 are examined, which takes a fraction of a second
-    whatever the number of points. `Model` uses the normals that points have;
-    ``pr.Model(pr.estimate_normals(points) if pr.check_normals(points).wrong else points)`` does the same as the
-    command line, except for signs.
+    Neighbourhoods of 12 to 64 points around a sample of 2,000 points are examined, which takes a fraction of a second
+    for any number of points. `Model` uses the normals that points have;
+    ``pr.Model(pr.estimate_normals(points) if pr.check_normals(points).wrong else points)`` does the same as the command
+    line, except for signs.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def check_normals(points: Points) -> NormalsCheck:
 
 
 def compare_normals(points: Points, step: float) -> NormalsCheck:
-    """`check_normals` with a known step: the coarsest to which coordinates were rounded, see `find_rounding`, or 0."""
+    """Check normals with a known rounding step: the coarsest step of the coordinates, see `find_rounding`, or 0."""
     if points.normals is None:
         return NormalsCheck(None, False)
     squares = np.einsum("ij,ij->i", points.normals, points.normals, dtype=np.float64)
@@ -84,9 +84,9 @@ def compare_normals(points: Points, step: float) -> NormalsCheck:
 def _median_angle(
     positions: NDArray[np.float32], normals: NDArray[np.float32], near: Neighborhoods, least: float
 ) -> float | None:
-    """Median angle in degrees between mean normals and planes that are sure; None if too few planes are sure.
+    """Return the median angle in degrees between mean normals and reliable planes; None if too few are reliable.
 
-    least : how far the neighbours of a plane must extend
+    least : radius that a plane's neighbours must reach
     """
     rows = near.rows
     offsets = positions[rows].astype(np.float64) - positions[rows[:, :1]]
@@ -98,23 +98,23 @@ def _median_angle(
     angles, tilts = map(np.array, zip(*(_compare(offsets[:, :k], unit[:, :k], least) for k in sizes), strict=True))
     best, columns = tilts.argmin(axis=0), np.arange(len(rows))
     angle, sure = angles[best, columns], tilts[best, columns] < SURE
-    return float(np.median(angle[sure])) if sure.mean() >= TOLD[0] and sure.sum() >= TOLD[1] else None
+    return float(np.median(angle[sure])) if sure.mean() >= ENOUGH[0] and sure.sum() >= ENOUGH[1] else None
 
 
 def _compare(offsets: Floats, unit: Floats, least: float) -> tuple[Floats, Floats]:
-    """Degrees between the mean normal and the plane of each neighbourhood, and how far the plane may be tilted.
+    """Return the angles between mean normals and planes, and the uncertainty of the planes' tilts, in degrees.
 
     Parameters
     ----------
     offsets, unit : (m, k, 3) float64
-        Offsets of the neighbours from the point, which is the first, and their normals.
+        Offsets of the neighbours from the point, which comes first, and their normals.
     least : float
 
     Returns
     -------
     angles : (m,) float64
     tilts : (m,) float64
-        One standard deviation; infinite where the points are on a line or too near.
+        One standard deviation; infinite where the points lie on a line or within the radius `least`.
     """
     squares = (offsets**2).sum(axis=2)
     weights = np.exp(-squares / squares[:, -1:])
@@ -122,10 +122,10 @@ def _compare(offsets: Floats, unit: Floats, least: float) -> tuple[Floats, Float
     about = offsets - np.einsum("mk,mki->mi", weights, offsets)[:, None]
     variances, axes = np.linalg.eigh(np.einsum("mk,mki,mkj->mij", weights, about, about))
     thick, narrow, long = np.maximum(variances, 1e-300).T
-    effective = 1 / (weights**2).sum(axis=1)  # points of full weight
+    effective = 1 / (weights**2).sum(axis=1)  # number of points of full weight that would be as certain
     tilts = np.degrees(np.arctan(np.sqrt(thick * (1 / narrow + 1 / long) / np.maximum(effective - 3, 1))))
     tilts[(narrow < SLIM * long) | (squares[:, -1] < least * least)] = np.inf
-    # Normals are turned to the point's own: signs differ on both sides of a thin plate, and in files without signs.
+    # Normals are flipped to the side of the point's own: signs differ across thin plates and in files without signs.
     signs = np.where(np.einsum("mki,mi->mk", unit, unit[:, 0]) < 0, -1, 1)
     mean = np.einsum("mk,mki->mi", weights * signs, unit)
     cosines = np.abs(np.einsum("mi,mi->m", mean, axes[:, :, 0])) / np.maximum(np.linalg.norm(mean, axis=1), 1e-300)

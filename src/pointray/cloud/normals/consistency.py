@@ -1,4 +1,4 @@
-"""A check of a file's normals: whether neighbours face opposite sides."""
+"""Consistency of a file's normals: the share of neighbours that face opposite sides."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from ..neighbors import distinct, kd_order, neighbors
 
 Floats = NDArray[np.float32]
 
-ACROSS = 0.1  # sine at which a point lies out of another's tangent plane
+ACROSS = 0.1  # sine of the angle at which a point lies off another's tangent plane
 OPPOSITE = -0.5  # cosine below which two normals face opposite sides
-RUNS, RUN = 64, 2048  # stretches of the kd order that stand for a large cloud
+RUNS, RUN = 64, 2048  # ranges of the kd order that represent a large cloud, and their points
 
 
 @kernel
 def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array) -> int:
-    """How many edges have normals that face opposite sides, not counting edges between the two sides of a wall.
+    """Count edges whose normals face opposite sides, except edges across a wall.
 
-    From either side of a wall the other lies behind (of a slit, in front); with random signs both are equally frequent.
+    From either side of a wall the other lies behind (of a slit: in front); with random signs both are equally frequent.
     """
     level = before = behind = 0
     for t in range(len(rows)):
@@ -39,7 +39,7 @@ def _count_agreement(positions: Array, normals: Array, rows: Array, near: Array)
 
 
 def sample_rows(count: int) -> NDArray[np.int64]:
-    """The places in a kd order of so many points that stand for all: stretches, or each, if there are few."""
+    """Return the places in a kd order of `count` points that represent all: ranges, or all places if there are few."""
     if count <= RUNS * RUN:
         return np.arange(count)
     starts = np.linspace(0, count - RUN, RUNS).astype(np.int64)
@@ -47,16 +47,16 @@ def sample_rows(count: int) -> NDArray[np.int64]:
 
 
 def agreement_share(positions: Floats, normals: Floats, order: NDArray[np.int32] | None = None) -> float:
-    """Share of the three nearest neighbours that face the opposite side, from a sample if there are many points.
+    """Return the share of the three nearest neighbours that face the opposite side; sampled if there are many points.
 
-    order : of the positions, like that of `kd_order`, if it is known
+    order : of the positions, as of `kd_order`, if known
     """
     order = kd_order(positions) if order is None else order
     order = order[sample_rows(len(order))]
     order = order[distinct(positions[order])[0]]
-    path, unit = positions[order], normals[order]
-    if len(path) < 2:
+    ordered, unit = positions[order], normals[order]
+    if len(ordered) < 2:
         return 0.0
-    rows = np.arange(0, len(path), 4)
-    near = neighbors(path, 4, path[rows])[1][:, 1:]
-    return float(_count_agreement(path, unit, rows, np.ascontiguousarray(near)) / near.size)
+    rows = np.arange(0, len(ordered), 4)
+    near = neighbors(ordered, 4, ordered[rows])[1][:, 1:]
+    return float(_count_agreement(ordered, unit, rows, np.ascontiguousarray(near)) / near.size)

@@ -1,4 +1,4 @@
-"""Normals: estimated if a cloud has none, and mended if some are missing or disagree."""
+"""Estimation of normals for clouds without any, and repair of missing or inconsistent normals."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_callback, check_kind, check_whole
 from ...base.progress import Progress, part_of, tell
-from ..kd_ordering import Path, along_path
+from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import distinct, neighbor_chunks, neighbors
 from ..points import Points
 from .consistency import agreement_share
 from .jets import Fits, Planes, fit_normals
-from .layers import Layers, sides
+from .layers import Layers, signs_facing
 from .orientation import NEAR, orient
 from .outward import looks_inward
-from .sheets import part_sheets
+from .sheets import orient_thin_sheets
 from .stations import (
-    check_apart,
     check_eyes,
+    check_outside,
     eyes_of,
     faced,
     is_known,
-    settle_unknown,
+    orient_unknown,
     warn_of_ignored,
     warn_of_lost_scans,
 )
 from .units import to_units
 from .visibility import ignored_stations
 
-MENDING = 8  # good normals that stand in for a missing one
-UNIT = 0.01  # how far lengths may differ from each other, or all from 1, before a message mentions it
+REPLACEMENTS = 8  # nearest valid normals that replace a missing one
+UNIT = 0.01  # tolerated difference of lengths from each other, or of all from 1, without a message
 DISAGREE = 0.05  # share of neighbours on opposite sides above which signs are recomputed: real scans have up to 0.006
 
-FITTED, ORIENTED = 0.7, 0.8  # shares of the time after which normals are fitted, and oriented
+FITTED, ORIENTED = 0.7, 0.8  # progress after fitting and after orienting
 
 Floats = NDArray[np.float32]
 Fitting = Callable[[Floats, int, Floats | None, Progress | None, Planes | None], Fits]  # see `fit_normals`
@@ -49,36 +49,35 @@ def estimate_normals(
     viewpoint: ArrayLike | None = None,
     progress: Progress | None = None,
 ) -> Points:
-    """Normals of quadrics fitted to the nearest neighbours, turned to agree with each other.
+    """Estimate normals from quadrics fitted to the nearest neighbours, and orient them consistently.
 
     Parameters
     ----------
     points : Points
     neighbors : int, optional
-        How many points a quadric is fitted to, the point itself included (a plane below 8). None: 10 to 64, chosen by
-        the point's noise and detail and the distance of scan lines.
+        Number of points that a quadric is fitted to, including the point itself (below 8: a plane). None: 10 to 64,
+        chosen for each point by noise, detail and the distance of scan lines.
     viewpoint : (3,) or (n, 3) array_like, optional
-        World position of the scanner, or of the one that saw each point, NaN where that is unknown (`eyes_along` tells
-        it for a scanner that moved): every normal is turned towards the scanner, or, where it grazes the view, with the
-        plane through its neighbours. Of equal positions the first row's scanner
-        counts. None: the stations of `points.survey`, where the attribute "scan" tells which of them saw each point (a
-        single one without that attribute saw all); one from which its points cannot have been seen, as in merged
-        clouds, is ignored with a warning. Where the scanner is unknown signs pass from point to point and from
-        part to part, from those that are known; a connected group without any is turned outward, or up if it has no
-        outside.
+        World position of the scanner, or of the scanner that saw each point, NaN where unknown (`eyes_along` computes
+        it for a moving scanner). Each normal is turned towards the scanner; where it grazes the view, the plane through
+        the neighbours decides. Of rows with equal positions the first one's scanner counts. None: the stations of
+        `points.survey`; the attribute "scan" holds each point's station, and a single station without that attribute
+        saw all points. A station from which its points cannot have been seen, as in merged clouds, is ignored with a
+        warning. Where the scanner is unknown, signs propagate from points where it is known; a connected group without
+        any is turned outward, or up if it has no outside.
     progress : callable, optional
-        Called with the share done.
+        Called with the fraction done.
 
     Returns
     -------
     Points
-        The same points with unit normals, (n, 3) float32; rows that are not finite have the normal 0.
+        The same points with unit normals, (n, 3) float32; 0 for rows that are not finite.
 
     Raises
     ------
     ValueError
-        If there are fewer than three distinct positions, `neighbors` is less than 3, or the viewpoint has another
-        shape, or three numbers that are not finite, or is a single one among the points.
+        If there are fewer than three distinct positions, `neighbors` is less than 3, or `viewpoint` has the wrong
+        shape, is a single position that is not finite, or is a single position among the points.
 
     References
     ----------
@@ -99,113 +98,115 @@ def with_fits(
     fit: Fitting,
     viewpoint: ArrayLike | None = None,
     progress: Progress | None = None,
-    along: Path | None = None,
+    ordering: KdOrdering | None = None,
 ) -> tuple[Points, Floats | None]:
-    """The points with what is fitted to their neighbours, and the noise that was smoothed away at each, (n,), if any.
+    """Return the points with the results of a fit, and the noise removed at each row, (n,), or None.
 
-    Normals get signs like those of `estimate_normals`. `along`, if it is known, is the path through the points.
+    Normals are oriented as by `estimate_normals`. ordering : of the points, if known
     """
     eyes = _stations_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
-    along = along or along_path(points)
-    path, rows = along.positions, along.rows
-    if len(path) < 3:
-        raise ValueError(f"a plane needs at least 3 points: {len(points):,} points take {len(path)} different places")
+    ordering = ordering or compute_kd_ordering(points)
+    ordered, rows = ordering.positions, ordering.rows
+    if len(ordered) < 3:
+        raise ValueError(
+            f"normals need at least 3 distinct positions: {len(points):,} points have {len(ordered)} distinct positions"
+        )
     if viewpoint is None:
         warn_of_lost_scans(points)
     elif eyes is not None and eyes.ndim == 1:
-        check_apart(path, eyes - points.origin)
+        check_outside(ordered, eyes - points.origin)
     eye = None if eyes is None else seen_from(points, eyes, rows)
-    known = np.zeros(len(path), np.bool_) if eye is None else is_known(eye) & (eye != path).any(axis=1)
+    known = np.zeros(len(ordered), np.bool_) if eye is None else is_known(eye) & (eye != ordered).any(axis=1)
     watch = progress if known.all() else part_of(progress, 0.0, FITTED)
-    layers = None if known.any() else Layers(path)
-    found = fit(path, 1 if known.all() else NEAR, eye, watch, layers)
+    layers = None if known.any() else Layers(ordered)
+    found = fit(ordered, 1 if known.all() else NEAR, eye, watch, layers)
     if layers is not None:
         if layers.noisy:
             layers.planes *= orient(layers.moved, layers.planes, layers.near)[:, None]
-            found.normals[:] *= sides(found.normals, layers.planes, layers.near)[:, None]
+            found.normals[:] *= signs_facing(found.normals, layers.planes, layers.near)[:, None]
         else:
             found.normals[:] *= orient(found.positions, found.normals, found.near)[:, None]
         tell(progress, ORIENTED)
-        part_sheets(found.positions, found.normals, found.near, found.residuals)
+        orient_thin_sheets(found.positions, found.normals, found.near, found.residuals)
     elif not known.all():
-        settle_unknown(found.positions, found.normals, found.near, known)
-    normals = along.spread(found.normals, points)
-    if found.positions is path:
+        orient_unknown(found.positions, found.normals, found.near, known)
+    normals = ordering.spread(found.normals, points)
+    if found.positions is ordered:
         return points.with_normals(normals), None
-    positions = along.spread(found.positions, points)
+    positions = ordering.spread(found.positions, points)
     positions[~points.finite] = points.positions[~points.finite]
     assert found.noise is not None
-    return points.changed(positions=positions, normals=normals), along.spread(found.noise, points)
+    return points.changed(positions=positions, normals=normals), ordering.spread(found.noise, points)
 
 
 def _stations_of(points: Points) -> NDArray[np.float64] | None:
-    """The stations that saw the points, see `eyes_of`; a warning names those that are ignored."""
+    """Return the stations that saw the points, see `eyes_of`; warn of those that are ignored."""
     ignored = ignored_stations(points)
     warn_of_ignored(ignored, len(points.survey.stations))
     return eyes_of(points, ignored)
 
 
 def seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]) -> Floats:
-    """The eyes of some rows, (m, 3), about the origin."""
+    """Return the viewpoints of some rows, (m, 3), relative to the origin."""
     chosen = eyes if eyes.ndim == 1 else eyes[rows]
     return np.broadcast_to((chosen - points.origin).astype(np.float32), (len(rows), 3))
 
 
-def mend_normals(
-    points: Points, progress: Progress | None = None, along: Path | None = None
+def repair_normals(
+    points: Points, progress: Progress | None = None, ordering: KdOrdering | None = None
 ) -> tuple[Points, str | None]:
-    """The points with unit normals wherever the position is finite, and a message on what was mended.
+    """Return the points with a unit normal at each finite position, and a message on what was repaired.
 
     Parameters
     ----------
     points : Points
     progress : callable, optional
-    along : Path, optional
-        The path through the points, if it is known.
+    ordering : KdOrdering, optional
+        The ordering of the points, if known.
 
     Returns
     -------
     points : Points
-        A missing normal (zero, NaN or infinite) becomes the mean of the nearest good ones; if none is good, all are
-        estimated. If neighbours all over face opposite sides, directions are kept and signs are recomputed, with the
-        stations of `points.survey` as in `estimate_normals`. Normals that all face inwards are kept. Rows that are not
+        A missing normal (zero, NaN or infinite) becomes the mean of the nearest valid ones; if none is valid, all are
+        estimated. If many neighbours face opposite sides, directions are kept and signs are recomputed, with the
+        stations of `points.survey` as in `estimate_normals`. Normals that all point inward are kept. Rows that are not
         finite have the normal 0.
     message : str or None
-        One line; None if all normals were good.
+        One line; None if all normals were valid.
     """
     if points.normals is None:
         why = "the points have no normals: estimated from their neighbours"
         return estimate_normals(points, progress=progress), why
-    mended = with_units(points)
-    if mended is None:
+    repaired = normalize_normals(points)
+    if repaired is None:
         why = "all normals are zero or not finite: estimated from the points' neighbours"
         return estimate_normals(points, progress=progress), why
-    unit, sound = mended.unit, mended.sound
-    said, whole = told(mended.lost, mended.odd, len(points)), bool(sound.all())
+    unit, sound = repaired.unit, repaired.sound
+    messages, whole = describe_repairs(repaired.lost, repaired.odd, len(points)), bool(sound.all())
     known, facing = (points.positions, unit) if whole else (points.positions[sound], unit[sound])
-    share = agreement_share(known, facing, along.rows if along and whole else None)
+    share = agreement_share(known, facing, ordering.rows if ordering and whole else None)
     if share > DISAGREE:
         eyes = _stations_of(points)
-        advice = "" if eyes is not None else " (pass viewpoint= to estimate_normals where it is known)"
+        advice = "" if eyes is not None else " (pass viewpoint= to estimate_normals if known)"
         turned = unit
-        unit = _reorient(points, unit, eyes, along)
+        unit = _reorient(points, unit, eyes, ordering)
         if not np.array_equal(unit, turned):
-            opposite = f"{100 * share:.0f}% of neighbouring normals look to opposite sides"
-            said.append(f"{opposite}: directions kept, signs set anew{advice}")
+            opposite = f"{100 * share:.0f}% of neighbouring normals face opposite sides"
+            messages.append(f"{opposite}: directions kept, signs recomputed{advice}")
     elif looks_inward(known, facing):
-        said.append(
-            "the normals look inwards: used as they are; unless this is a room seen from inside, turn them with "
+        messages.append(
+            "most normals point inward: used as they are; if this is not a room scanned from inside, flip them: "
             "points.with_normals(-points.normals)"
         )
-    return points.with_normals(unit), "; ".join(said) or None
+    return points.with_normals(unit), "; ".join(messages) or None
 
 
-class Mended(NamedTuple):
-    """Normals of unit length.
+class RepairedNormals(NamedTuple):
+    """Unit normals, and what was repaired.
 
     unit : (n, 3) float32; 0 for rows that are not finite
-    sound : (n,) bool, which of them were given, for a row that is finite
-    lost, odd : how many were taken from their neighbours, and had another length
+    sound : (n,) bool, whether the row is finite and had a valid normal
+    lost, odd : number of normals that were missing, and that were not of unit length
     """
 
     unit: Floats
@@ -214,10 +215,10 @@ class Mended(NamedTuple):
     odd: int
 
 
-def with_units(points: Points, counted: NDArray[np.int64] | None = None) -> Mended | None:
-    """The points' normals, made unit ones; missing ones are the mean of the nearest good ones. None: none is good.
+def normalize_normals(points: Points, counted: NDArray[np.int64] | None = None) -> RepairedNormals | None:
+    """Return the normals at unit length, missing ones replaced by the mean of the nearest; None if none is valid.
 
-    counted : the rows that the numbers of mended ones are about. None: all
+    counted : rows that the counts refer to. None: all
     """
     assert points.normals is not None
     finite = points.finite
@@ -234,45 +235,45 @@ def with_units(points: Points, counted: NDArray[np.int64] | None = None) -> Mend
         unit[lost] = _mean_of_nearest(points.positions, unit, np.flatnonzero(sound), lost)
     rows = slice(None) if counted is None else counted
     lengths = length[rows] if whole else length[rows][sound[rows]]
-    return Mended(unit, sound, int(lost[rows].sum()), _odd_lengths(lengths))
+    return RepairedNormals(unit, sound, int(lost[rows].sum()), _odd_lengths(lengths))
 
 
-def told(lost: int, odd: int, total: int) -> list[str]:
-    """What was mended of so many normals, in words."""
-    said = []
+def describe_repairs(lost: int, odd: int, total: int) -> list[str]:
+    """Return messages on the repairs of `total` normals."""
+    messages = []
     if lost:
-        said.append(f"{lost:,} of {total:,} normals are zero or not finite: taken from their neighbours")
+        messages.append(f"{lost:,} of {total:,} normals are zero or not finite: interpolated from neighbours")
     if odd:
-        said.append(f"{odd:,} of {total:,} normals are not of unit length: made so")
-    return said
+        messages.append(f"{odd:,} of {total:,} normals are not of unit length: normalised")
+    return messages
 
 
 def _odd_lengths(length: NDArray[np.float64]) -> int:
-    """How many lengths are not 1 within UNIT; 0 if all are scaled alike."""
-    if not len(length) or length.max() - length.min() <= UNIT * length.min():  # as nearly always
+    """Return how many lengths differ from 1 by more than UNIT; 0 if all are scaled alike."""
+    if not len(length) or length.max() - length.min() <= UNIT * length.min():  # the usual case
         return 0
-    usual = np.median(length)
-    if np.abs(length - usual).max() <= UNIT * usual:
+    typical = np.median(length)
+    if np.abs(length - typical).max() <= UNIT * typical:
         return 0
     return int((np.abs(length - 1) > UNIT).sum())
 
 
-def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, along: Path | None) -> Floats:
-    """The same directions with recomputed signs; rows with equal positions face the same side, or their stations."""
+def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, ordering: KdOrdering | None) -> Floats:
+    """Return the same directions with recomputed signs; equal positions face the same side, or their stations."""
     if eyes is not None and np.isfinite(eyes).all():
         out = unit.copy()
         out[~faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1
         return out
-    path, ids, first = along or along_path(points)
+    ordered, ids, first = ordering or compute_kd_ordering(points)
     finite = np.flatnonzero(points.finite)
     directions = unit[first]
-    near = np.concatenate([found for _, found in neighbor_chunks(path, NEAR)])
+    near = np.concatenate([found for _, found in neighbor_chunks(ordered, NEAR)])
     if eyes is None:
-        directions *= orient(path, directions, near)[:, None]
+        directions *= orient(ordered, directions, near)[:, None]
     else:
         eye = seen_from(points, eyes, first)
-        directions[~faced(path, directions, eye)] *= -1
-        settle_unknown(path, directions, near, is_known(eye))
+        directions[~faced(ordered, directions, eye)] *= -1
+        orient_unknown(ordered, directions, near, is_known(eye))
     out = unit.copy()
     against = np.einsum("ij,ij->i", unit[finite], directions[ids]) < 0
     out[finite[against]] *= -1
@@ -281,8 +282,8 @@ def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, al
 
 def _mean_of_nearest(positions: Floats, unit: Floats, good: NDArray[Any], lost: NDArray[np.bool_]) -> Floats:
     good = good[distinct(positions[good])[0]]  # a thousand equal positions make the search very slow
-    _, near = neighbors(positions[good], MENDING, positions[lost])
+    _, near = neighbors(positions[good], REPLACEMENTS, positions[lost])
     nearest = unit[good][near]
     mean, length = to_units(nearest.mean(axis=1))
-    mean[length == 0] = nearest[length == 0, 0]  # they cancel out
+    mean[length == 0] = nearest[length == 0, 0]  # the mean cancels out
     return mean

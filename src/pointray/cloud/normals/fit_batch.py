@@ -1,7 +1,7 @@
-"""Neighbourhoods of sixteen points side by side: each lane of a vector holds those of one point.
+"""Fit memory: the neighbourhoods of sixteen points side by side, one point per vector lane.
 
-Places are float32 about their point, in the distance of its farthest neighbour, so that sums of their powers are of
-order 1. In a cloud a thousand spacings wide float32 coordinates themselves are hundreds of times coarser than places.
+Places are float32 offsets from the point, divided by the distance of its farthest neighbour, so that sums of their
+powers are of order 1. In a cloud a thousand spacings wide, float32 coordinates are hundreds of times coarser.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from ...engine.jit import Array, f32, f64, inline, u64
 from ...engine.simd import F16, broadcast16, load16
 
 LANES = 16
-ROW = 3 * LANES  # numbers of one neighbour of all sixteen points: x, y and z
-TINIEST = 1e-37  # the least distance of the farthest neighbour, far below which float32 ends
+ROW = 3 * LANES  # floats of one neighbour of all sixteen points: x, y and z
+TINIEST = 1e-37  # lower limit of the farthest neighbour's distance, near the end of float32
 RESULTS = 10
 
 Triple: TypeAlias = tuple[F16, F16, F16]
@@ -24,23 +24,23 @@ Sextuple: TypeAlias = tuple[F16, F16, F16, F16, F16, F16]
 
 
 class FitBatch16(NamedTuple):
-    """One thread's memory for fits to at most `most` neighbours of each of sixteen points, all flat float32.
+    """One thread's memory for fits to at most `most` neighbours of each of sixteen points; all flat float32.
 
     Attributes
     ----------
     places : (most * ROW,)
-        x of the sixteen points' nearest neighbours, then y and z, then those of the next ones: about the point, the
-        farthest at distance 1. A lane with fewer neighbours repeats its last one.
+        x, then y, then z of the nearest neighbour in all lanes, then of the next one: offsets, the farthest at
+        distance 1. A lane with fewer neighbours repeats its last one.
     local : (most * ROW,)
-        Two coordinates on the plane of a fit, and the height over it; the farthest that is fitted at distance 1.
+        Two coordinates in the plane of a fit, and the height above it; the farthest fitted neighbour at distance 1.
     weights, residuals : (most * LANES,)
-        Of a fit: weights by distance alone, and what its first round leaves.
+        Weights by distance alone, and residuals of the first round.
     counts : (LANES,)
-        How many neighbours there are.
+        Number of neighbours.
     units : (LANES,)
-        The distance of the farthest neighbour.
+        Distance of the farthest neighbour.
     results : (RESULTS * LANES,)
-        What a fit finds, see `jet`.
+        Results of a fit, see `jet`.
     """
 
     places: Array
@@ -53,8 +53,8 @@ class FitBatch16(NamedTuple):
 
 
 @inline
-def new_sixteen(most: int) -> FitBatch16:
-    """Memory for fits to at most so many neighbours."""
+def new_fit_batch(most: int) -> FitBatch16:
+    """Return memory for fits to at most `most` neighbours."""
     return FitBatch16(
         np.zeros(most * ROW, np.float32),
         np.zeros(most * ROW, np.float32),
@@ -68,7 +68,7 @@ def new_sixteen(most: int) -> FitBatch16:
 
 @inline
 def load_point(positions: Array, row: int, near: Array, i: int, farthest: int, lane: int, memory: FitBatch16) -> None:
-    """Fill a lane with the neighbours near[i] of positions[row]; the one at `farthest` is at distance 1."""
+    """Load the neighbours near[i] of positions[row] into a lane; the one at `farthest` gets distance 1."""
     x, y, z = positions[row, 0], positions[row, 1], positions[row, 2]
     far = near[i, farthest]
     dx, dy, dz = f64(positions[far, 0]) - x, f64(positions[far, 1]) - y, f64(positions[far, 2]) - z
@@ -84,13 +84,13 @@ def load_point(positions: Array, row: int, near: Array, i: int, farthest: int, l
 
 @inline
 def load_place(places: Array, j: int) -> Triple:
-    """x, y and z of neighbour j of the sixteen points."""
+    """Return x, y and z of neighbour j in all lanes."""
     return load16(places, ROW * j), load16(places, ROW * j + LANES), load16(places, ROW * j + 2 * LANES)
 
 
 @inline
 def distance_weight(square: F16) -> F16:
-    """exp(-square), from 0 to 1 within 5e-7; a little beyond 1 it still falls."""
+    """Return exp(-square) within 5e-7 for squares from 0 to 1; still decreasing slightly beyond 1."""
     y = 0.03833892 - 0.00509973 * square
     y = y * square - 0.16501272
     y = y * square + 0.49962087
@@ -105,5 +105,5 @@ def zeros() -> F16:
 
 @inline
 def inner(a: Triple, b: Triple) -> F16:
-    """Scalar product."""
+    """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -1,8 +1,8 @@
 """Jets: quadrics over the planes through the neighbours of sixteen points at once.
 
-The quadric (Cazals and Pouget 2003) is fitted twice: first with weights by distance, then with less weight of points
-far off the first one. The second fit solves for what the first left: that corrects rounding errors too, so that float32
-gives normals as exact as float64 does.
+The quadric (Cazals and Pouget 2003) is fitted twice: first with weights by distance, then with less weight on points
+far off the first fit. The second fit solves for the residuals of the first, which also corrects rounding errors, so
+that float32 gives normals as accurate as float64.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from .moments import (
 )
 
 TERMS = 6
-JET_LEAST = 8  # points; fewer are fitted by a plane
-SLIM = 0.2  # ratio of the plane's variances below which points are on a line or two, and more points are used
+JET_LEAST = 8  # fewer points are fitted by a plane
+SLIM = 0.2  # ratio of the plane's variances below which points lie on one or two lines, and more points are used
 LINE = 0.05  # ratio below which a plane is fitted if there are no more points
-SLIM_VARIANCE = f32(1e30)  # stands for the slope's variance where no quadric was fitted
+SLIM_VARIANCE = f32(1e30)  # variance of the slope where no quadric was fitted
 LARGEST_VARIANCE = f32(1e29)
 ALIKE = f32(1e-12)  # mean square of residuals, in radii, below which all points have the same weight
-# What `jet` leaves in `results`: the quadric's normal and the plane's; the root mean square of residuals; variances of
-# slope and height for unit noise; the quadric's height over the point, along the plane's normal.
+# Rows of `results`: normals of the quadric and of the plane; RMS residual; variances of slope and height for unit
+# noise; height of the quadric at the point, along the plane's normal.
 NORMAL, AXIS, RESIDUAL, SLOPE, HEIGHT, SPREAD = 0, 3, 6, 7, 8, 9
 
 
 @routine
 def jet(k: int, slim: float, memory: FitBatch16) -> None:
-    """Fit to the k nearest neighbours of each lane. Results are in the unit of the places.
+    """Fit the k nearest neighbours of each lane. Results are in the unit of the places.
 
-    Where they are on a line (`slim`), or fewer than `JET_LEAST`, the normal is the plane's, the residual 0 and the
-    variance of the slope `SLIM_VARIANCE`.
+    Where the neighbours lie on a line (`slim`), or are fewer than `JET_LEAST`, the normal is the plane's, the residual
+    0 and the variance of the slope `SLIM_VARIANCE`.
     """
     plane = fit_plane(k, memory)
     store_triple(memory, AXIS, plane.normal)
@@ -84,7 +84,7 @@ def take_triple(mask: Mask, a: Array, at_a: int, b: Array, at_b: int, out: Array
 
 @inline
 def _lay_down(k: int, plane: Plane, memory: FitBatch16) -> Moments:
-    """Write the places in the plane's axes, in radii; returns their moments."""
+    """Write the places in the plane's axes, in radii; return their moments."""
     scale = ONE / plane.reach
     u, v, n = plane.one, plane.two, plane.normal
     u = (u[0] * scale, u[1] * scale, u[2] * scale)
@@ -110,7 +110,7 @@ def _right(m: Moments) -> Sextuple:
 
 @inline
 def _first_residuals(k: int, x: Sextuple, memory: FitBatch16) -> F16:
-    """Write the residuals; returns the weighted sum of their squares."""
+    """Write the residuals; return the weighted sum of their squares."""
     total = zeros()
     for j in range(k):
         p, q, h = load_place(memory.local, j)
@@ -122,9 +122,9 @@ def _first_residuals(k: int, x: Sextuple, memory: FitBatch16) -> F16:
 
 @inline
 def _second_round(k: int, inverse: F16, memory: FitBatch16) -> tuple[Moments, F16, F16]:
-    """Moments of the residuals with robust weights, the sum of the weights' squares, and that of the residuals'.
+    """Return the moments of the robustly weighted residuals, and the sums of squared weights and squared residuals.
 
-    inverse : one over the square of the residual that has a quarter of the weight
+    inverse : reciprocal square of the residual that gets a quarter of the weight
     """
     moments, squares, left = no_moments(), zeros(), zeros()
     for j in range(k):
@@ -139,7 +139,7 @@ def _second_round(k: int, inverse: F16, memory: FitBatch16) -> tuple[Moments, F1
 
 @inline
 def _corrected(f: Factor, m: Moments, x: Sextuple, left: F16) -> tuple[Sextuple, F16]:
-    """Coefficients that fit the residuals of x too, and what is left of the sum of the residuals' squares."""
+    """Return coefficients corrected by a fit to the residuals of x, and the remaining sum of squared residuals."""
     b, ridge = _right(m), RIDGE * m.m00
     d = solve(f, (b[0], b[1], b[2], b[3] - ridge * x[3], b[4] - ridge * x[4], b[5] - ridge * x[5]))
     x = (x[0] + d[0], x[1] + d[1], x[2] + d[2], x[3] + d[3], x[4] + d[4], x[5] + d[5])

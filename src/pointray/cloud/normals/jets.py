@@ -1,10 +1,10 @@
-"""Directions of normals: a quadric is fitted to each point's neighbours, as many as the noise requires.
+"""Normal directions: a quadric is fitted to each point's neighbours, as many as the noise requires.
 
-A quadric over the tangent plane (a jet of order 2; Cazals and Pouget 2003) follows the curvature that tilts a plane, so
-that more neighbours cost no accuracy on smooth surfaces. The number of neighbours is chosen for each point from two
-errors (after Mitra and Nguyen 2003): noise, which shrinks with the number, and the surface's detail, which shows as
-residuals beyond the noise. The noise is estimated once, as a share of the spacing, from the lowest residuals of small
-fits, where there is no detail.
+A quadric over the tangent plane (a jet of order 2; Cazals and Pouget 2003) follows the curvature that would tilt a
+plane, so more neighbours cost no accuracy on smooth surfaces. The number of neighbours is chosen for each point from
+two errors (after Mitra and Nguyen 2003): noise, which shrinks with the number, and surface detail, which shows as
+residuals beyond the noise. The noise is estimated once, in spacings, from the lowest residuals of small fits, where
+there is no detail.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from ...engine.jit import Array, borrow, f32, kernel, next_tile, routine, run
 from ...engine.simd import INF, ONE, broadcast16, load16, select, store, vmax
 from ..neighbors import NeighborTree, neighbor_chunks
 from ..statistics import CloudStatistics
-from .fit_batch import LANES, FitBatch16, load_point, new_sixteen, zeros
+from .fit_batch import LANES, FitBatch16, load_point, new_fit_batch, zeros
 from .jet import AXIS, LINE, NORMAL, RESIDUAL, SLIM, SLIM_VARIANCE, SLOPE, jet, take_triple
 
 Floats = NDArray[np.float32]
 
-SIZES = (10, 16, 32, 64)  # neighbourhoods to choose from; the point itself is one of them
-CLEAN = 0.01  # noise in spacings below which 16 are enough
-DETAIL = 0.15  # weight of squared residuals beyond the noise: 1 takes noise for detail
-SURVEY = 0.15  # share of the time after which the noise is known
+SIZES = (10, 16, 32, 64)  # neighbourhood sizes to choose from, including the point itself
+CLEAN = 0.01  # noise in spacings below which 16 neighbours are enough
+DETAIL = 0.15  # weight of squared residuals beyond the noise: with 1, noise passes for detail
+SURVEY = 0.15  # progress after the noise is measured
 NOISE_SAMPLE, NOISE_SIZES = 5000, (12, 32, 64)
-LINED = 0.1  # share of fits that may be to points on a line; beyond it, more points are used
+LINED = 0.1  # share of fits to points on a line beyond which more points are used
 QUANTILE, AT_QUANTILE = 0.25, 0.75  # a quarter of the residuals of pure noise are below 0.75 of the mean
 CHUNK = 1024
 NOT_KNOWN = f32(np.nan)
-PLANE, LEFT, CHOSEN = 3, 6, 7  # what `_choose` finds, in rows of lanes: normal, plane's normal, residual; so many rows
-FACING = 0.03  # cosine to the eye from which a normal's own sign is clear
-GRAZING = 0.2  # cosine to the eye up to which the plane through the neighbours grazes it
+PLANE, LEFT, CHOSEN = 3, 6, 7  # rows of lanes that `_choose` writes: normal, plane's normal, residual; their number
+FACING = 0.03  # cosine to the eye above which a normal's own sign is clear
+GRAZING = 0.2  # cosine to the eye below which the plane through the neighbours grazes the view
 
 
 @routine
 def _choose(sizes: Array, noise: float, spacing: float, memory: FitBatch16, found: Array) -> None:
-    """Find the normal of the size with the least error in each lane, a plane's normal, and the least size's residual.
+    """Find the normal of the size with the least error, the normal of a plane, and the residual of the smallest size.
 
     noise : in spacings; spacing : in the unit of the places
     """
@@ -69,12 +69,12 @@ def _choose(sizes: Array, noise: float, spacing: float, memory: FitBatch16, foun
 def _fit(
     work: Array, positions: Array, rows: Array, near: Array, sizes: Array, noise: float, out: Array, residuals: Array
 ) -> int:
-    """Write to out[i] the normal at positions[rows[i]] from the size with the least error, and the normal of a plane.
+    """Write to out[i] the normal at positions[rows[i]] of the size with the least error, and the normal of a plane.
 
-    Residuals are those of the smallest size. The plane is fitted to 16 points, or more if they are on a line.
+    Residuals are those of the smallest size. The plane is fitted to 16 points, or to more if these lie on a line.
     """
     positions, rows, near, out = borrow(positions), borrow(rows), borrow(near), borrow(out)
-    memory = new_sixteen(sizes[-1])
+    memory = new_fit_batch(sizes[-1])
     found, spacing = np.zeros(LANES * CHOSEN, np.float32), 1.0 / math.sqrt(near.shape[1])
     tile = next_tile(work)
     while tile >= 0:
@@ -101,28 +101,29 @@ def _fit_rows(
 
 
 def fit_residuals(positions: Floats, rows: NDArray[np.int64], near: NDArray[np.int32], k: int) -> NDArray[np.float64]:
-    """Root mean squares of the residuals of fits to k of the neighbours, (m,) in the unit; NaN for points on a line."""
+    """Return the RMS residuals of fits to k neighbours, (m,), in the points' unit; NaN for points on a line."""
     spacing = np.linalg.norm(positions[near[:, -1]].astype(np.float64) - positions[rows], axis=1)
     _, residuals = _fit_rows(positions, rows, near, [k], 0.0)
     return np.asarray(residuals * spacing / math.sqrt(near.shape[1]), np.float64)
 
 
-def survey(positions: Floats, usual: CloudStatistics | None = None) -> tuple[float, int]:
-    """The noise, and the largest size to choose from: where scan lines lie far apart, few points form a line.
+def measure_noise(positions: Floats, statistics: CloudStatistics | None = None) -> tuple[float, int]:
+    """Return the noise, and the largest size to choose from: with distant scan lines, few points form a line.
 
-    The noise is how far points lie off their surface, in spacings (distance to the k-th neighbour over the root of k).
-    `usual` is of the cloud that the points are a part of; None: they are the whole.
+    Noise is the standard deviation from the surface, in spacings (distance to the k-th neighbour over the root of k).
+    statistics : of the cloud that the points are a part of. None: they are the whole cloud
     """
-    usual = usual or CloudStatistics.of(len(positions))
+    statistics = statistics or CloudStatistics.of(len(positions))
     if len(positions) > NOISE_SIZES[0]:
-        usual.settle(
-            ("noise of fits", "points of fits"), lambda: _survey(positions, usual.some(len(positions), NOISE_SAMPLE))
+        statistics.compute_together(
+            ("noise of fits", "points of fits"),
+            lambda: _measure_noise(positions, statistics.some(len(positions), NOISE_SAMPLE)),
         )
-    return usual.known.get("noise of fits", 0.0), int(usual.known.get("points of fits", SIZES[1]))
+    return statistics.known.get("noise of fits", 0.0), int(statistics.known.get("points of fits", SIZES[1]))
 
 
-def _survey(positions: Floats, rows: NDArray[np.int64]) -> tuple[float, int]:
-    """`survey`, by the points in some rows."""
+def _measure_noise(positions: Floats, rows: NDArray[np.int64]) -> tuple[float, int]:
+    """Measure noise and size, see `measure_noise`, at some rows."""
     near = NeighborTree(positions, in_order=True).query(NOISE_SIZES[-1], positions[rows]).indices
     noise, size = 0.0, 0
     for size in NOISE_SIZES:
@@ -135,19 +136,19 @@ def _survey(positions: Floats, rows: NDArray[np.int64]) -> tuple[float, int]:
 
 
 class Fits(NamedTuple):
-    """What is fitted to the neighbours of points that are all different and lie in kd order.
+    """Results of fits to the neighbours of distinct points in kd order.
 
     Attributes
     ----------
     positions : (n, 3) float32
     normals : (n, 3) float32
-        Of unit length.
+        Unit length.
     near : (n, k) int32
-        The nearest neighbours, which signs may pass to, the point itself first.
+        The nearest neighbours along which signs propagate, the point itself first.
     residuals : (n,) float32
         Residuals of the smallest fits, in spacings; NaN for fits to points on a line.
     noise : (n,) float32 or None
-        What was smoothed away, if the points were moved.
+        Noise that was removed, if the points were moved.
     """
 
     positions: Floats
@@ -158,17 +159,17 @@ class Fits(NamedTuple):
 
 
 class Planes(Protocol):
-    """What else is fitted to the neighbours, see `layers`."""
+    """Receiver of neighbourhoods for additional fits, see `layers`."""
 
-    def wanted(self, noise: float) -> int:
-        """How many neighbours are wanted, at this noise in spacings; 0: none."""
+    def needed(self, noise: float) -> int:
+        """Return how many neighbours it needs at this noise in spacings; 0: none."""
 
-    def lay(self, part: slice, found: NDArray[np.int32]) -> None:
-        """Take the neighbours of some points."""
+    def add_neighbors(self, part: slice, found: NDArray[np.int32]) -> None:
+        """Add the neighbours of some points."""
 
 
 def faces(normals: Floats, planes: Floats, to_eye: Floats) -> NDArray[np.bool_]:
-    """Which normals face the eye, or, where this is unclear, the side of their plane that does.
+    """Return which normals face the eye; where that is unclear, the side of the plane decides.
 
     With planes alone 3.0% of the normals of a layered wall faced away from its scanner, now 0.3%. Without planes 0.16%
     of the normals of noisy pipes (0.5 spacings) were flipped, now 0.02%.
@@ -187,38 +188,38 @@ def fit_normals(
     progress: Progress | None = None,
     planes: Planes | None = None,
     neighbors: int | None = None,
-    usual: CloudStatistics | None = None,
+    statistics: CloudStatistics | None = None,
 ) -> Fits:
-    """Unit normals of quadrics through the nearest neighbours.
+    """Fit quadrics to the nearest neighbours, for unit normals.
 
     Parameters
     ----------
     positions : (n, 3) float32
-        All different, in kd order.
+        All distinct, in kd order.
     kept : int
-        Number of neighbours to return, the point itself first.
+        Number of neighbours to return, including the point itself, which comes first.
     eye : (3,) or (n, 3) float32, optional
-        Each normal is turned towards it. Where both the normal and the plane through its neighbours graze it, the plane
-        is turned, and the normal with the plane, which tilts less. None, or NaN for a point: normals of either sign.
+        Normals are turned towards it. Where both the normal and the plane through the neighbours graze the view, the
+        plane, which tilts less, is turned, and the normal follows. None, or NaN for a point: arbitrary sign.
     progress : callable, optional
     planes : Planes, optional
-        Takes the neighbours too, as many as it wants.
+        Also receives the neighbours, as many as it needs.
     neighbors : int, optional
-        How many a quadric is fitted to. None: the best of `SIZES` for each point.
-    usual : CloudStatistics, optional
-        See `survey`.
+        Number of neighbours a quadric is fitted to. None: the best of `SIZES` for each point.
+    statistics : CloudStatistics, optional
+        See `measure_noise`.
     """
     n = len(positions)
-    noise, most = survey(positions, usual) if neighbors is None else (0.0, 0)
+    noise, most = measure_noise(positions, statistics) if neighbors is None else (0.0, 0)
     sizes = [k for k in SIZES if k <= most] if neighbors is None else [neighbors]
     sizes = sorted({min(k, n) for k in sizes})
     normals, near = np.empty_like(positions), np.empty((n, min(kept, n)), np.int32)
     residuals = np.empty(n, np.float32)
-    wanted = 0 if planes is None else planes.wanted(noise)
+    needed = 0 if planes is None else planes.needed(noise)
     tell(progress, SURVEY)
-    for part, found in neighbor_chunks(positions, max(sizes[-1], kept, wanted), part_of(progress, SURVEY, 1.0)):
-        if planes is not None and wanted:
-            planes.lay(part, found)
+    for part, found in neighbor_chunks(positions, max(sizes[-1], kept, needed), part_of(progress, SURVEY, 1.0)):
+        if planes is not None and needed:
+            planes.add_neighbors(part, found)
         rows = np.arange(part.start, part.start + len(found))
         table = np.ascontiguousarray(found[:, : sizes[-1]])
         fits, residuals[part] = _fit_rows(positions, rows, table, sizes, noise)

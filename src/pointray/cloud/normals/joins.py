@@ -1,9 +1,9 @@
-"""Joins: pieces become groups, in rounds, along the clearest votes.
+"""Joins: pieces are merged into groups, in rounds, along the clearest votes.
 
-In each round a piece joins the neighbour with the clearest vote, and the votes of joined pieces are added up. A vote
-is clear if it is large, and little of it was contradicted.
+In each round a piece joins the neighbour with the clearest vote, and the votes of joined pieces are added up. A vote is
+clear if it is large and hardly contradicted.
 
-Votes come in tables, of which one at a time is in memory. Beside it a piece takes 13 bytes at most, in the first round.
+Votes come in tables, one of which is in memory at a time. Pieces take at most 13 bytes each, in the first round.
 """
 
 from __future__ import annotations
@@ -17,45 +17,45 @@ from numpy.typing import NDArray
 
 from ...engine.jit import Array, i64, kernel
 from .pieces import climb
-from .votes import Votes, sum_of, turned
+from .votes import Votes, merge_votes, sum_votes
 
-UNITED = 0.8  # a vote is as clear as its share that nothing contradicts, to this power, times its size to the rest
+UNITED = 0.8  # clarity of a vote: its unopposed share to this power, times its size to the rest
 
 
-class Tables(Protocol):
-    """Votes of all pairs of pieces."""
+class VoteTables(Protocol):
+    """Votes of all pairs of pieces, in tables."""
 
     def __iter__(self) -> Iterator[Votes]:
-        """Tables that follow each other in the order of their pairs; each pair comes once."""
+        """Yield tables in the order of their pairs; each pair occurs once."""
 
-    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> Tables:
-        """What becomes of all tables; votes of the same pair are added up. pieces : how many there are by then"""
+    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> VoteTables:
+        """Return all tables transformed; votes of equal pairs are added up. pieces : number of pieces afterwards"""
 
 
-class Held:
+class InMemoryVotes:
     """Votes in memory, in one table.
 
     Parameters
     ----------
     votes : sequence of Votes
-        Of parts of the cloud.
+        Of the parts of the cloud.
     """
 
     def __init__(self, votes: Sequence[Votes]) -> None:
-        self._all = sum_of(votes)
+        self._all = sum_votes(votes)
 
     def __iter__(self) -> Iterator[Votes]:
         yield self._all
 
-    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> Held:
-        return Held([change(self._all)])
+    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> InMemoryVotes:
+        return InMemoryVotes([change(self._all)])
 
 
 @kernel
 def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array) -> int:
-    """Find the neighbour with the clearest vote of each piece, the first one of several, among more votes.
+    """Find each piece's neighbour with the clearest vote, the first of equal ones; may be called for several tables.
 
-    best : (p,) how clear it is; -1: there was none
+    best : (p,) clarity of the best vote so far; -1: none
     partner : (p,) the neighbour, or -1 minus it if the two disagree
     """
     for t in range(len(pairs)):
@@ -69,7 +69,7 @@ def _choose(pairs: Array, sums: Array, clear: Array, best: Array, partner: Array
 
 @kernel
 def _join(partner: Array, parent: Array, sign: Array) -> int:
-    """Join each piece that has a partner with it."""
+    """Join each piece with its partner, if it has one."""
     for p in range(len(partner)):
         if partner[p] == p:
             continue
@@ -84,9 +84,9 @@ def _join(partner: Array, parent: Array, sign: Array) -> int:
 
 @kernel
 def _number(parent: Array, sign: Array, number: Array) -> int:
-    """Write the number of each piece's group, by the order of their roots; returns how many there are.
+    """Number the groups by the order of their roots and write each piece's group; return the number of groups.
 
-    sign : to the parent, then to the root; paths are halved on the way, so that long ones do not cost quadratic time
+    sign : relative to the parent, then to the root. Paths are halved on the way, which avoids quadratic time.
     """
     count = 0
     for i in range(len(parent)):
@@ -101,8 +101,8 @@ def _number(parent: Array, sign: Array, number: Array) -> int:
     return count
 
 
-def _joined(pieces: int, tables: Tables) -> tuple[NDArray[np.int64], NDArray[np.int8], int]:
-    """One round: the number of each piece's group, the piece's sign in it, and how many groups there are."""
+def _joined(pieces: int, tables: VoteTables) -> tuple[NDArray[np.int64], NDArray[np.int8], int]:
+    """Join pieces for one round; return the group of each piece, its sign in it, and the number of groups."""
     best, partner = np.full(pieces, -1.0), np.arange(pieces, dtype=np.int32)
     for votes in tables:
         clear = np.abs(votes.sums) / np.maximum(votes.masses, 1) ** UNITED
@@ -115,27 +115,27 @@ def _joined(pieces: int, tables: Tables) -> tuple[NDArray[np.int64], NDArray[np.
     return number, sign, _number(parent, sign, number)
 
 
-def join(pieces: int, tables: Tables) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-    """The connected groups of pieces.
+def join(pieces: int, tables: VoteTables) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+    """Find the connected groups of pieces.
 
     Parameters
     ----------
     pieces : int
-        How many there are.
+        Number of pieces.
     tables : Tables
         Votes of all parts of the cloud.
 
     Returns
     -------
     group : (pieces,) int32
-        From 0.
+        Group numbers, from 0.
     turn : (pieces,) int8
-        1 or -1: the sign of each piece in its group.
+        1 or -1: sign of each piece in its group.
     """
     number, turn, size = _joined(pieces, tables)
     group, sign, before = number.astype(np.int32), turn, pieces
-    while size < before:  # as long as there were votes
-        tables, before = tables.changed(partial(turned, number=number, sign=sign), size), size
+    while size < before:  # while there were votes
+        tables, before = tables.changed(partial(merge_votes, number=number, sign=sign), size), size
         number, sign, size = _joined(before, tables)
         turn *= sign[group]
         group = number.astype(np.int32)[group]

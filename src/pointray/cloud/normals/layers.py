@@ -1,8 +1,9 @@
-"""Signs of normals in noise and layers: planes through many points agree, and the normals follow the planes around.
+"""Signs of normals in noisy and layered clouds, from planes through many points.
 
-Where points scatter by a good part of their spacing, or lie in layers, an edge to a neighbour says little about the
+Where noise is a good part of the spacing, or points lie in layers, an edge to a neighbour says little about the
 surface, and a quadric through few points is tilted. A plane through 64 points is not, and points moved onto their
-planes lie in one layer again. Of 15 range scans of the dragon 0.2% are flipped; with single normals 4.4%.
+planes form one layer again. Signs propagate between planes, and normals follow the planes around them. Of 15 range
+scans of the dragon 0.2% are flipped; with single normals 4.4%.
 """
 
 from __future__ import annotations
@@ -13,15 +14,15 @@ from numpy.typing import NDArray
 from ...engine.jit import Array, borrow, kernel, next_tile, run
 from ...engine.simd import store
 from .axes import fit_plane
-from .fit_batch import LANES, inner, load_point, new_sixteen
+from .fit_batch import LANES, inner, load_point, new_fit_batch
 from .jet import store_triple
 
 Floats = NDArray[np.float32]
 
-NOISY = 0.3  # noise in spacings from which planes are asked: range scans 0.38 and 0.51, a layered wall 0.45, Lucy 0.1
-SIZE = 64  # points of a plane: with 32, one of four ways to pass signs on left 4% of the dragon's scans flipped
-KEPT = 33  # neighbours that signs pass to: a layered wall has 4.1% flipped, with 17 5.1%
-AROUND = 17  # planes whose mean direction gives a normal its sign
+NOISY = 0.3  # noise in spacings from which planes are used: range scans 0.38 and 0.51, a layered wall 0.45, Lucy 0.1
+SIZE = 64  # points of a plane: with 32, one of four variants of propagation left 4% of the dragon's scans flipped
+KEPT = 33  # neighbours along which signs propagate: 4.1% of a layered wall are flipped; with 17, 5.1%
+AROUND = 17  # planes whose mean direction decides the sign of a normal
 CHUNK = 1024
 
 
@@ -30,7 +31,7 @@ def _lay(work: Array, positions: Array, rows: Array, near: Array, planes: Array,
     """Write the normal of the plane through the neighbours of positions[rows[i]], and the point moved onto it."""
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     planes, moved = borrow(planes), borrow(moved)
-    memory = new_sixteen(near.shape[1])
+    memory = new_fit_batch(near.shape[1])
     tile = next_tile(work)
     while tile >= 0:
         stop = min((tile + 1) * CHUNK, len(rows))
@@ -67,24 +68,24 @@ def _sides(work: Array, normals: Array, planes: Array, near: Array, signs: Array
 
 
 class Layers:
-    """Planes through the neighbours of points in kd order, for `fit_normals` to fill if the points are noisy.
+    """Planes through the neighbours of points in kd order, filled by `fit_normals` if the points are noisy.
 
     Attributes
     ----------
     noisy : bool
-        Whether the others are there.
+        Whether the other attributes exist.
     planes : (n, 3) float32, unit
     moved : (n, 3) float32
-        The points, moved onto their planes.
+        Points moved onto their planes.
     near : (n, min(KEPT, n)) int32
-        Neighbours that signs may pass to.
+        Neighbours along which signs propagate.
     """
 
     def __init__(self, positions: Floats) -> None:
         self._positions, self.noisy = positions, False
 
-    def wanted(self, noise: float) -> int:
-        """How many neighbours of each point are wanted, at this noise in spacings; 0: none."""
+    def needed(self, noise: float) -> int:
+        """Return how many neighbours of each point are needed at this noise in spacings; 0: none."""
         if noise < NOISY:
             return 0
         n, self.noisy = len(self._positions), True
@@ -92,21 +93,21 @@ class Layers:
         self.near = np.empty((n, min(KEPT, n)), np.int32)
         return SIZE
 
-    def lay(self, part: slice, found: NDArray[np.int32]) -> None:
+    def add_neighbors(self, part: slice, found: NDArray[np.int32]) -> None:
         """Fit the planes of some points to their neighbours."""
         rows, table = np.arange(part.start, part.start + len(found)), np.ascontiguousarray(found[:, :SIZE])
         run(_lay, -(-len(rows) // CHUNK), self._positions, rows, table, self.planes, self.moved)
         self.near[part] = found[:, : self.near.shape[1]]
 
 
-def sides(normals: Floats, planes: Floats, near: NDArray[np.int32]) -> NDArray[np.int8]:
-    """Signs, (m,), with which normals face the sides of the planes around them.
+def signs_facing(normals: Floats, planes: Floats, near: NDArray[np.int32]) -> NDArray[np.int8]:
+    """Return the signs, (m,), with which normals face the sides of the planes around them.
 
     Parameters
     ----------
     normals : (m, 3) float32
     planes : (n, 3) float32
-        With signs.
+        Oriented.
     near : (m, k) int32
         Rows of the planes around each normal, its own first.
     """

@@ -1,7 +1,7 @@
-"""Least squares of a quadric by the moments of its points, in sixteen lanes: sums, factors, coefficients, variances.
+"""Least-squares fits of quadrics from the moments of their points, in sixteen lanes.
 
-The normal matrix of the terms 1, p, q, pp, pq, qq consists of the moments up to order 4. It is factored by halves: of
-the plane's terms, and of the square terms with what the plane's leave of them.
+The normal matrix of the terms 1, p, q, pp, pq, qq consists of the moments up to order 4. It is factored in halves: the
+linear terms, then the Schur complement of the square terms.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from ...engine.jit import f32, inline
 from ...engine.simd import F16, ONE, ZERO, broadcast16, vmax
 from .fit_batch import Sextuple, Triple, inner, zeros
 
-RIDGE = f32(1e-4)  # of the square terms, times the sum of weights: points on a line still have an answer
-LEAST = f32(1e-7)  # pivots, times the sum of weights; float32 does not know less
+RIDGE = f32(1e-4)  # added to the square terms, times the sum of weights: points on a line still have a solution
+LEAST = f32(1e-7)  # lower limit of pivots, times the sum of weights: the precision of float32
 
-Half: TypeAlias = Sextuple  # a unit lower triangular 3 x 3 matrix, l10 l20 l21, and the inverse of a diagonal one
+Half: TypeAlias = Sextuple  # a unit lower triangular 3 x 3 matrix, l10 l20 l21, and the inverse of a diagonal matrix
 
 
 class Moments(NamedTuple):
-    """Weighted sums: m21 is that of p p q; h21 that of the height times p p q."""
+    """Weighted sums: m21 of p p q; h21 of the height times p p q."""
 
     m00: F16
     m10: F16
@@ -45,7 +45,7 @@ class Moments(NamedTuple):
 
 
 class Factor(NamedTuple):
-    """The normal matrix as L D L': its upper half, rows of its lower left quarter, its lower half."""
+    """Normal matrix as L D L': upper left half, rows of the lower left quarter, lower right half."""
 
     top: Half
     across: tuple[Triple, Triple, Triple]
@@ -60,7 +60,7 @@ def no_moments() -> Moments:
 
 @inline
 def add_place(m: Moments, w: F16, p: F16, q: F16, h: F16) -> Moments:
-    """The moments with one more place of each lane, and its height."""
+    """Return the moments with one more place, and its height, in each lane."""
     wp, wq = w * p, w * q
     wpp, wpq, wqq = wp * p, wp * q, wq * q
     pp, pq, qq = p * p, p * q, q * q
@@ -91,7 +91,7 @@ def factor(m: Moments) -> Factor:
 
 @inline
 def _factor3(a: Sextuple, least: F16) -> Half:
-    """A symmetric matrix, xx xy xz yy yz zz, as L D L'."""
+    """Factor a symmetric matrix, xx xy xz yy yz zz, into L D L'."""
     i0 = ONE / vmax(a[0], least)
     l10, l20 = a[1] * i0, a[2] * i0
     i1 = ONE / vmax(a[3] - l10 * a[1], least)
@@ -102,27 +102,27 @@ def _factor3(a: Sextuple, least: F16) -> Half:
 
 @inline
 def _forward(half: Half, b: Triple) -> Triple:
-    """L y = b."""
+    """Solve L y = b."""
     y = b[1] - half[0] * b[0]
     return b[0], y, b[2] - half[1] * b[0] - half[2] * y
 
 
 @inline
 def _backward(half: Half, z: Triple) -> Triple:
-    """L' x = z."""
+    """Solve L' x = z."""
     y = z[1] - half[2] * z[2]
     return z[0] - half[0] * y - half[1] * z[2], y, z[2]
 
 
 @inline
 def _scaled(half: Half, y: Triple) -> Triple:
-    """D z = y."""
+    """Solve D z = y."""
     return y[0] * half[3], y[1] * half[4], y[2] * half[5]
 
 
 @inline
 def solve(f: Factor, h: Sextuple) -> Sextuple:
-    """The six coefficients for a right side."""
+    """Return the six coefficients for a right-hand side."""
     top = _forward(f.top, (h[0], h[1], h[2]))
     known = _times(f.across, top)
     low = _forward(f.low, (h[3] - known[0], h[4] - known[1], h[5] - known[2]))
@@ -146,7 +146,7 @@ def _times(rows: tuple[Triple, Triple, Triple], y: Triple) -> Triple:
 
 @inline
 def _variance(f: Factor, unit: Triple) -> F16:
-    """An entry on the diagonal of the inverse normal matrix."""
+    """Return a diagonal entry of the inverse normal matrix."""
     top = _forward(f.top, unit)
     across = _times(f.across, top)
     low = _forward(f.low, (ZERO - across[0], ZERO - across[1], ZERO - across[2]))
@@ -155,17 +155,17 @@ def _variance(f: Factor, unit: Triple) -> F16:
 
 @inline
 def height_variance(f: Factor) -> F16:
-    """The variance of the height over the point, for unit noise at unit weights."""
+    """Return the variance of the height at the point, for unit noise at unit weights."""
     return _variance(f, (broadcast16(ONE), zeros(), zeros()))
 
 
 @inline
 def slope_variance(f: Factor) -> F16:
-    """The variance of the slope: of both coefficients of p and q together."""
+    """Return the variance of the slope, summed over the coefficients of p and q."""
     return _variance(f, (zeros(), broadcast16(ONE), zeros())) + _variance(f, (zeros(), zeros(), broadcast16(ONE)))
 
 
 @inline
 def polynomial(x: Sextuple, p: F16, q: F16) -> F16:
-    """The quadric's height."""
+    """Return the quadric's height."""
     return x[0] + p * (x[1] + x[3] * p + x[4] * q) + q * (x[2] + x[5] * q)

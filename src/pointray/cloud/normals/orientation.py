@@ -1,7 +1,7 @@
-"""Signs of normals: from point to point inside tiles, from piece to piece by votes, outward as a last resort.
+"""Orientation of normals: signs propagate within tiles, then between pieces by votes; groups are turned outward.
 
-The kd order is cut into tiles, and the points of each are joined along its sure edges alone (`pieces`). The resulting
-pieces vote on each other with all edges between them (`votes`) and become groups (`joins`), each of which is turned
+The kd order is cut into tiles, and the points of each tile are joined along its reliable edges (`pieces`). The pieces
+vote on each other with all edges between them (`votes`) and are joined into groups (`joins`); each group is turned
 outward as a whole (`outward`). A cloud that does not fit into memory takes the same steps part by part.
 """
 
@@ -10,18 +10,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .joins import Held, join
+from .joins import InMemoryVotes, join
 from .outward import inward_groups
 from .pieces import Signs, find_pieces
 from .votes import cast_votes
 
 Floats = NDArray[np.float32]
 
-NEAR = 11  # neighbours that signs pass to, the point itself first: with 7 the dragon falls into 28 groups
+NEAR = 11  # neighbours along which signs propagate, including the point itself: with 7, the dragon falls into 28 groups
 
 
 def agree(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> tuple[Signs, NDArray[np.int32]]:
-    """Signs with which neighbouring normals agree, and the connected group of each point.
+    """Find signs with which neighbouring normals agree, and the connected group of each point.
 
     Parameters
     ----------
@@ -34,20 +34,20 @@ def agree(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> tuple[
     Returns
     -------
     signs : (n,) int8
-        1 or -1; all signs of a group together may be wrong.
+        1 or -1; the signs of a group may all be wrong.
     groups : (n,) int32
-        From 0.
+        Group numbers, from 0.
     """
     all_rows = slice(0, len(positions))
     piece, sign, sizes = find_pieces(positions, normals, near, all_rows)
-    group, turn = join(len(sizes), Held([cast_votes(positions, normals, near, all_rows, piece, sign)]))
+    group, turn = join(len(sizes), InMemoryVotes([cast_votes(positions, normals, near, all_rows, piece, sign)]))
     return sign * turn[piece], group[piece]
 
 
 def orient(positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Signs:
-    """Signs, (n,) int8, so that normals agree with their neighbours' and face outward, or up if there is no outside.
+    """Return signs, (n,) int8, with which normals agree and face outward, or up if there is no outside.
 
-    Parameters are as in `agree`.
+    Parameters as for `agree`.
     """
     signs, groups = agree(positions, normals, near)
     signs[inward_groups(positions, normals, signs, groups)[groups]] *= -1

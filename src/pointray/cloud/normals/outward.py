@@ -1,4 +1,4 @@
-"""Which side is outside: the outermost points of a cloud or a group tell, also whether all normals face inwards."""
+"""Detection of the outside: votes of the outermost points of a cloud or group; detection of inward normals."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ Whole = NDArray[np.int64]
 Groups = NDArray[np.int32]
 
 DIRECTIONS = 64  # directions in which the outermost points of a group vote
-RIM = 0.01  # share of the points that count as outermost in a direction: single ones are trees, wires and strays
-UPWARD = 0.5  # how much more upward normals count: terrain has no outside
+RIM = 0.01  # share of points that count as outermost in a direction: single ones are trees, wires and strays
+UPWARD = 0.5  # additional weight of upward normals: terrain has no outside
 SAMPLE = 50_000  # points of a group that are examined
-INWARD = 0.95  # share of inward votes of a flipped model: closed scans have 1, a room seen by its scanner 0.81
+INWARD = 0.95  # share of inward votes of an inverted model: closed scans have 1, a room seen by its scanner 0.81
 DEEP = 0.2  # mean of these votes: closed scans have at least 0.36
-LARGE = 1000  # points of a group from which its outermost points vote
+LARGE = 1000  # groups with at least so many points are decided by their outermost points
 
 
 class Sample(NamedTuple):
-    """Points that tell which way their groups face, in their order: each n-th of a group, or all of a small one.
+    """Sample of points that decides which way groups face: each n-th point of a group, or all of a small one, in order.
 
     groups : (s,) int32
     positions : (s, 3) float32
-    normals : (s, 3) float32, which agree with their groups
+    normals : (s, 3) float32, consistent within each group
     """
 
     groups: Groups
@@ -38,15 +38,15 @@ class Sample(NamedTuple):
     normals: Floats
 
     def only(self, rows: Flags) -> Sample:
-        """Some of the points."""
+        """Select some of the points."""
         return Sample(self.groups[rows], self.positions[rows], self.normals[rows])
 
 
 @kernel
 def _choose(groups: Array, steps: Array, left: Array, rows: Array) -> int:
-    """List each steps[g]-th row of the group g; returns how many are listed.
+    """List each steps[g]-th row of group g; return the number of rows.
 
-    left : (g,) how many rows of each group come before the first that is listed
+    left : (g,) rows of each group before its first listed row
     """
     found = 0
     for i in range(len(groups)):
@@ -60,7 +60,7 @@ def _choose(groups: Array, steps: Array, left: Array, rows: Array) -> int:
 
 
 def even_directions(count: int) -> Doubles:
-    """Directions spread evenly over the sphere, (count, 3): a Fibonacci spiral."""
+    """Return directions spread evenly over the sphere, (count, 3): a Fibonacci spiral."""
     z = 1 - (2 * np.arange(count) + 1) / count
     angle = np.pi * (1 + 5**0.5) * np.arange(count)
     flat = np.sqrt(1 - z * z)
@@ -68,7 +68,7 @@ def even_directions(count: int) -> Doubles:
 
 
 def outward_votes(positions: Floats, normals: Floats) -> Doubles:
-    """How far outward the outermost points face in each of `even_directions(DIRECTIONS)`: mean cosines, -1 to 1."""
+    """Return how far outward the outermost points face in each of the directions: mean cosines, -1 to 1."""
     x, unit = positions.astype(np.float64), normals.astype(np.float64)
     rim = max(1, int(RIM * len(x)))
     votes = np.empty(DIRECTIONS)
@@ -79,7 +79,7 @@ def outward_votes(positions: Floats, normals: Floats) -> Doubles:
 
 
 def looks_inward(positions: Floats, normals: Floats) -> bool:
-    """Whether the outermost points face inwards in all directions, as in a closed model with flipped normals."""
+    """Return whether the outermost points face inward in all directions, as in a closed model with inverted normals."""
     step = -(-len(positions) // SAMPLE)
     votes = outward_votes(positions[::step], normals[::step])
     return bool((votes < 0).mean() > INWARD and votes.mean() < -DEEP)
@@ -93,19 +93,19 @@ def take_sample(
     sizes: Whole,
     earlier: Whole | None = None,
 ) -> Sample:
-    """The points that tell which way groups face.
+    """Select the points that decide which way groups face.
 
     Parameters
     ----------
     positions : (n, 3) float32
     normals : (n, 3) float32, unit
     signs : (n,) int8
-        With which the normals agree.
+        Make the normals consistent.
     groups : (n,) int32
     sizes : (g,) int64
-        How many points each group has.
+        Number of points of each group.
     earlier : (g,) int64, optional
-        How many of them lie in earlier parts of the cloud. None: all points are given.
+        Number of these in earlier parts of the cloud. None: the points are the whole cloud.
     """
     steps = -(-sizes // SAMPLE)
     left = np.zeros_like(sizes) if earlier is None else -earlier % steps
@@ -116,14 +116,14 @@ def take_sample(
 
 
 def inward_of(samples: Sequence[Sample], sizes: Whole) -> Flags:
-    """Which groups must be turned, (g,), by votes of their outermost points and the mean normal's upward part.
+    """Return which groups must be inverted, (g,), by votes of their outermost points and the mean upward component.
 
     Parameters
     ----------
     samples : sequence of Sample
-        Of parts of the cloud, in their order. A group without points is not turned.
+        Of the parts of the cloud, in order. A group without points is not inverted.
     sizes : (g,) int64
-        How many points each group has.
+        Number of points of each group.
     """
     groups, positions, normals = (np.concatenate(arrays) for arrays in zip(*samples, strict=True))
     order = np.argsort(groups, kind="stable")
@@ -142,12 +142,12 @@ def inward_of(samples: Sequence[Sample], sizes: Whole) -> Flags:
 
 
 def _small_inward(positions: Floats, normals: Floats, points: Whole) -> Flags:
-    """`inward_of` for small groups: there are many, so their sums are taken at once.
+    """Return which small groups must be inverted. There are many, so their sums are computed at once.
 
-    positions, normals : group by group; points : how many of them each group has
+    positions, normals : sorted by group; points : number of points of each group
     """
     starts = np.cumsum(points) - points
-    # The normals times the offsets from the middle, and the upward parts.
+    # Dot products of normals and offsets from the mean, and the upward components.
     x, unit = positions.astype(np.float64), normals.astype(np.float64)
     x -= np.repeat(np.add.reduceat(x, starts) / points[:, None], points, axis=0)
     out = np.add.reduceat(np.einsum("ij,ij->i", x, unit), starts)
@@ -156,6 +156,6 @@ def _small_inward(positions: Floats, normals: Floats, points: Whole) -> Flags:
 
 
 def inward_groups(positions: Floats, normals: Floats, signs: NDArray[np.int8], groups: Groups) -> Flags:
-    """Which groups of a whole cloud must be turned, (g,); parameters are as in `take_sample`."""
+    """Return which groups of a whole cloud must be inverted, (g,); parameters as for `take_sample`."""
     sizes = np.bincount(groups)
     return inward_of([take_sample(positions, normals, signs, groups, sizes)], sizes)

@@ -1,7 +1,7 @@
-"""Pieces: points whose normals' signs agree surely, joined in each tile of the kd order alone.
+"""Pieces: points whose signs agree reliably, joined within each tile of the kd order.
 
-A tile is an aligned stretch of the kd order. Its edges are sorted and joined, the surest first. So the work is local,
-and a cloud in parts has the pieces of the whole.
+A tile is an aligned range of the kd order. Its edges are sorted and joined, most reliable first. The work is local, so
+a cloud in parts has the same pieces as the whole.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ Floats = NDArray[np.float32]
 Signs = NDArray[np.int8]
 
 TILE = 2048  # points: with 4,096, 5.3% of a layered wall face away, not 4.2%
-LEVELS = 256  # steps of confidence inside a tile
-SURE = 0.95  # confidence from which a tile's points join without a vote: 0.5% of Lucy are flipped; 1.8 to 22% at 0.5
+LEVELS = 256  # quantization levels of confidence
+SURE = 0.95  # confidence at which points of a tile join without a vote: 0.5% of Lucy are flipped; 1.8 to 22% with 0.5
 
 
 class Pieces(NamedTuple):
-    """The pieces that some points form.
+    """Pieces of some points.
 
-    piece : (m,) int32, the piece of each point, from 0, in the order of their roots
-    sign : (m,) int8, 1 or -1: the sign with which its normal agrees with its piece
-    sizes : (p,) int64, how many points each piece has
+    piece : (m,) int32, number of each point's piece, in the order of their roots
+    sign : (m,) int8, 1 or -1: the sign that makes its normal consistent with its piece
+    sizes : (p,) int64, number of points of each piece
     """
 
     piece: NDArray[np.int32]
@@ -38,10 +38,10 @@ class Pieces(NamedTuple):
 
 @inline
 def _agreements(table: Array, near: Array, core: int, first: int, q: int, k: int, out: Array) -> None:
-    """Write the confidence of 16 points that follow each other in their q-th neighbours, of k.
+    """Write the confidence of the edges from 16 consecutive points to their q-th neighbours, of k.
 
-    table : flat, a row of eight for each point, its position and its normal first
-    core : the row of the first point that has neighbours; `first` counts from it
+    table : flat, eight floats per point, beginning with position and normal
+    core : row of the first point with neighbours; `first` counts from it
     """
     at = 8 * (core + first)
     n = load_apart16(table, at + 3, 8), load_apart16(table, at + 4, 8), load_apart16(table, at + 5, 8)
@@ -54,7 +54,7 @@ def _agreements(table: Array, near: Array, core: int, first: int, q: int, k: int
 
 @inline
 def climb(parent: Array, sign: Array, i: int) -> tuple[int, int]:
-    """The root above i, and the sign between them."""
+    """Return the root above i, and its sign relative to i."""
     s = 1
     while parent[i] != i:
         s *= sign[i]
@@ -64,7 +64,7 @@ def climb(parent: Array, sign: Array, i: int) -> tuple[int, int]:
 
 @inline
 def _climb_halving(parent: Array, sign: Array, i: int) -> tuple[int, int]:
-    """`_climb`, which halves the way for those that follow."""
+    """Return the same as `climb`, halving the path."""
     s = 1
     while parent[i] != i:
         above = parent[i]
@@ -77,10 +77,10 @@ def _climb_halving(parent: Array, sign: Array, i: int) -> tuple[int, int]:
 
 @kernel
 def _join_tiles(work: Array, table: Array, near: Array, k: int, core: int, parent: Array, sign: Array) -> int:
-    """Join each tile's sure edges, surest first; parent[i]: the root of i's piece, sign[i]: the sign to it.
+    """Join each tile's reliable edges, best first. parent[i]: root of i's piece; sign[i]: sign relative to it.
 
-    table : flat, see `_agreements`, with rows for whole lanes
-    near : flat, k for each point from row `core` of the table on
+    table : flat, see `_agreements`, padded to whole lanes
+    near : flat, k per point from row `core` of the table on
     """
     table, near, parent, sign = borrow(table), borrow(near), borrow(parent), borrow(sign)
     n, lanes = len(parent), np.empty(16, np.float32)
@@ -114,7 +114,7 @@ def _join_tiles(work: Array, table: Array, near: Array, k: int, core: int, paren
             t = order[u]
             i, q = first + t // (k - 1), t % (k - 1) + 1
             j = i64(near[i * k + q]) - core
-            if parent[i] == parent[j]:  # so it is for most edges: half the time
+            if parent[i] == parent[j]:  # true of most edges: saves half the time
                 continue
             a, s = _climb_halving(parent, sign, i)
             b, r = _climb_halving(parent, sign, j)
@@ -135,16 +135,16 @@ def _join_tiles(work: Array, table: Array, near: Array, k: int, core: int, paren
 
 
 def find_pieces(positions: Floats, normals: Floats, near: NDArray[np.int32], core: slice) -> Pieces:
-    """The pieces of some points that follow each other.
+    """Find the pieces of some consecutive points.
 
     Parameters
     ----------
     positions : (n, 3) float32
     normals : (n, 3) float32, unit
     near : (m, k) int32
-        Rows of the neighbours of each point of the core, the point itself first.
+        Rows of the neighbours of each point of the core, itself first.
     core : slice
-        The points, m of the rows; tiles begin at the first one.
+        The m points; tiles begin at the first one.
     """
     m = len(near)
     parent, sign = np.empty(m, np.int32), np.empty(m, np.int8)
@@ -158,7 +158,7 @@ def find_pieces(positions: Floats, normals: Floats, near: NDArray[np.int32], cor
 def _for_lanes(
     positions: Floats, normals: Floats, near: NDArray[np.int32], core: int
 ) -> tuple[Floats, NDArray[np.int32]]:
-    """The table and the neighbours that `_join_tiles` reads, with rows for whole lanes; those beyond are empty."""
+    """Return the table and the neighbours for `_join_tiles`, padded with zeros to whole lanes."""
     n, m = len(positions), len(near)
     rows = -(-m // 16) * 16
     table = np.zeros((max(n, core + rows), 8), np.float32)

@@ -1,4 +1,4 @@
-"""The plane through weighted points: its normal is the direction in which they vary least."""
+"""Plane through weighted points: its normal is the direction of least variance."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...engine.kernels.vec import Vec3
 
 @inline
 def least_axis(a: Array, v: Array) -> Vec3:
-    """The column of v below the least number on a's diagonal."""
+    """Return the column of v for the smallest diagonal element of a."""
     b = 1 if a[1, 1] < a[0, 0] else 0
     if a[2, 2] < a[b, b]:
         b = 2
@@ -19,7 +19,7 @@ def least_axis(a: Array, v: Array) -> Vec3:
 
 @routine
 def _least_direction(a: Array, v: Array) -> Vec3:
-    """The eigenvector of a symmetric matrix with the least eigenvalue, by Jacobi's rotations; a becomes diagonal."""
+    """Return the eigenvector of a symmetric matrix's smallest eigenvalue by Jacobi rotations; a becomes diagonal."""
     for i in range(3):
         for j in range(3):
             v[i, j] = 1.0 if i == j else 0.0
@@ -45,7 +45,7 @@ def _least_direction(a: Array, v: Array) -> Vec3:
 
 @routine
 def plane(d: Array, w: Array, k: int, a: Array, v: Array) -> Vec3:
-    """Normal of the plane fitted to k weighted points."""
+    """Return the normal of the plane fitted to k weighted points."""
     total = x = y = z = 0.0
     for j in range(k):
         total += w[j]

@@ -1,4 +1,4 @@
-"""The quadric over a plane, by weighted least squares, for fits to one point's neighbours with any weights."""
+"""Quadric over a plane, fitted to one point's neighbours by weighted least squares."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 
 from ...engine.jit import Array, routine
 
-TERMS = 6  # of a quadric over two variables: 1, p, q, pp, pq, qq; a seventh column of the terms is the height
+TERMS = 6  # 1, p, q, pp, pq, qq; a seventh column of the terms holds the height
 
 
 @routine
 def solve(terms: Array, w: Array, k: int, ridge: float, m: Array, x: Array) -> float:
-    """Least squares by Cholesky: x the coefficients, m the factor below its diagonal; returns the sum of weights.
+    """Solve least squares by Cholesky: x the coefficients, m the factor below its diagonal; return the sum of weights.
 
-    ridge : of the three square terms, times the sum of weights
+    ridge : added to the three square terms, times the sum of weights
     """
     total = 0.0
     for a in range(TERMS):

@@ -1,12 +1,11 @@
-"""Signs where two sheets of a closed surface lie closer together than their points: by winding numbers.
+"""Signs where two sheets of a closed surface are closer together than their points, by winding numbers.
 
 The winding number (Barill et al. 2018) is 0 outside and 1 inside. The numbers a step in front of a point and a step
-behind it add up to 1. Around a thin plate the sum is less, as both positions lie outside; around a thin cavity it is
-more. A wrong sign of the sheet itself hardly changes that. So a plate's normals must face away from the other sheet,
-and a cavity's towards it; the mean direction to the nearest points tells on which side of the normal the other sheet
-is. Edges between points cannot tell this, as most of them lead to the other sheet. A flip stays if it brings the
-numbers around it closer to 0 and 1. Where the numbers do not decide, the edges do: by then most of the normals that
-they lead to are right.
+behind it add up to 1. Around a thin plate the sum is less, as both positions are outside; around a thin cavity it is
+more. Wrong signs of the sheet itself hardly change that. A plate's normals must face away from the other sheet, a
+cavity's towards it; the mean direction to the nearest points shows on which side the other sheet lies. Edges between
+points cannot decide this, as most of them lead to the other sheet. A flip is kept if it brings the numbers around it
+closer to 0 and 1. Where the numbers do not decide, the edges do: by then most of the neighbouring normals are right.
 """
 
 from __future__ import annotations
@@ -25,19 +24,19 @@ Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-STEP = 1.5  # spacings in front and behind: 482 rows of the dragon are flipped with 1, 453 with 1.5, without votes
-THICK = 0.1  # residual in spacings above which a point may be of two sheets, as may points on a line
-SEEDS = 0.03  # upper limit of the share of points examined first, spread evenly over the thick ones
-SAMPLE = 500  # points that tell whether there is an inside
-CLOSED = 0.97  # share of them whose numbers must add up to 1 within LOOSE, one spacing away: the bunny's raw scans 0.96
+STEP = 1.5  # spacings in front and behind: without votes 482 rows of the dragon are flipped with 1, 453 with 1.5
+THICK = 0.1  # residual in spacings above which a point may be near two sheets, as may points on a line
+SEEDS = 0.03  # greatest share of points examined first, spread evenly over the candidates
+SAMPLE = 500  # points that decide whether there is an inside
+CLOSED = 0.97  # share of them whose numbers add up to 1 within LOOSE, one spacing away: the bunny's raw scans have 0.96
 LOOSE = 0.4
-RINGS = 2  # rings of neighbours around points whose numbers do not add up
+RINGS = 2  # rings of neighbours around points whose numbers do not add up to 1
 CHUNK = 256
 
 
 @kernel
 def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> int:
-    """Mean cosine between each point's normal and the directions to its nearest points."""
+    """Write the mean cosine between each point's normal and the directions to its nearest points."""
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     tile = next_tile(work)
     while tile >= 0:
@@ -57,7 +56,7 @@ def _sides(work: Array, rows: Array, positions: Array, normals: Array, near: Arr
 
 @kernel
 def _votes(work: Array, rows: Array, positions: Array, normals: Array, near: Array, out: Array) -> int:
-    """How clearly each normal agrees with its neighbours'."""
+    """Write how clearly each normal agrees with its neighbours'."""
     positions, normals, near = borrow(positions), borrow(normals), borrow(near)
     tile = next_tile(work)
     while tile >= 0:
@@ -69,30 +68,30 @@ def _votes(work: Array, rows: Array, positions: Array, normals: Array, near: Arr
     return 0
 
 
-def _ask(ask: Any, rows: Rows, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Floats:
+def _evaluate(function: Any, rows: Rows, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Floats:
     out = np.empty(len(rows), np.float32)
-    run(ask, -(-len(rows) // CHUNK), rows, positions, normals, near, out)
+    run(function, -(-len(rows) // CHUNK), rows, positions, normals, near, out)
     return out
 
 
 def is_thick(residuals: Floats) -> Flags:
-    """Which points may be of two sheets, by residuals of fits in spacings; NaN for fits to points on a line."""
+    """Return which points may be near two sheets. residuals : of fits, in spacings; NaN for points on a line"""
     return ~(residuals <= THICK)
 
 
 def step_of(thick: int, points: int) -> int:
-    """Every so manieth of the thick points is examined first."""
+    """Return the step at which candidates are examined first."""
     return math.ceil(thick / (SEEDS * points))
 
 
 def sample_of(points: int) -> Rows:
-    """The points that tell whether there is an inside, ascending."""
+    """Return the points that decide whether there is an inside, ascending."""
     chosen = np.random.default_rng(0).choice(points, min(SAMPLE, points), replace=False, shuffle=False)
     return np.sort(chosen).astype(np.int64)
 
 
 def scale_of(numbers: Floats, farther: Floats) -> float | None:
-    """What spacings are divided by to make the jump 1, by numbers of the sample; None if there is no inside.
+    """Return the divisor of spacings that makes the jump 1, from the sample's numbers; None if there is no inside.
 
     numbers : (m, 2), one spacing away; farther : (m, 2), `STEP` away
     """
@@ -104,73 +103,73 @@ def scale_of(numbers: Floats, farther: Floats) -> float | None:
 
 
 def is_odd(numbers: Floats) -> Flags:
-    """Which numbers do not add up to 1."""
+    """Return which pairs of numbers do not add up to 1."""
     return np.asarray(np.abs(numbers.sum(axis=1) - 1) > LOOSE)
 
 
 def is_wrong(rows: Rows, numbers: Floats, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Flags:
-    """Which of some rows shall be turned, as the other sheet lies on the wrong side of them, by their numbers."""
+    """Return which rows must be flipped, by their numbers, as the other sheet lies on the wrong side of them."""
     excess = numbers.sum(axis=1) - 1
-    return np.asarray((np.abs(excess) > LOOSE) & (excess * _ask(_sides, rows, positions, normals, near) < 0))
+    return np.asarray((np.abs(excess) > LOOSE) & (excess * _evaluate(_sides, rows, positions, normals, near) < 0))
 
 
 def energy(numbers: Floats) -> Floats:
-    """How far the two numbers are from 0 and 1, squared."""
+    """Return the squared distance of both numbers from 0 or 1."""
     squares: Floats = np.minimum(numbers**2, (numbers - 1) ** 2)
     return squares[:, 0] + squares[:, 1]
 
 
 def is_unsure(before: Floats, after: Floats) -> Flags:
-    """Where numbers before and after normals were turned do not decide."""
+    """Return where the numbers before and after flipping do not decide."""
     return np.asarray(np.abs((before + after).sum(axis=1) / 2 - 1) <= LOOSE)
 
 
 def disagrees(rows: Rows, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> Flags:
-    """Which of some rows have normals that the edges to their neighbours contradict."""
-    return np.asarray(_ask(_votes, rows, positions, normals, near) < 0)
+    """Return which rows have normals that contradict the edges to their neighbours."""
+    return np.asarray(_evaluate(_votes, rows, positions, normals, near) < 0)
 
 
 class _Field:
-    """The winding numbers of a whole cloud with its current normals."""
+    """Winding numbers of a whole cloud with its current normals."""
 
     def __init__(self, positions: Floats, normals: Floats, near: NDArray[np.int32]) -> None:
         frame = Frame(positions[0], float(np.ptp(positions, axis=0).max()))
         self.positions, self.normals, self.near = frame.of(positions), normals, near
         self._spacing = spacings(self.positions, near)
-        self.settle()
+        self.update()
 
-    def settle(self) -> None:
-        """Take the normals as they are."""
+    def update(self) -> None:
+        """Rebuild the tree with the current normals."""
         self._winding = Winding.of(Splats(self.positions, self.normals, self._spacing))
 
     def around(self, rows: Rows, step: float = STEP) -> Floats:
-        """The winding numbers `step` spacings in front and behind, (m, 2)."""
+        """Return the winding numbers `step` spacings in front and behind, (m, 2)."""
         return self._winding.around(rows, step)
 
     def is_closed(self) -> bool:
-        """Whether the numbers add up to 1 nearly everywhere; if so, areas are scaled to make the jump 1."""
+        """Return whether the numbers add up to 1 nearly everywhere; if so, scale areas so that the jump is 1."""
         rows = sample_of(len(self.positions))
         scale = scale_of(self.around(rows, 1.0), self.around(rows))
         if scale is None:
             return False
         self._spacing /= np.float32(scale)
-        self.settle()
+        self.update()
         return True
 
 
-def part_sheets(positions: Floats, normals: Floats, near: NDArray[np.int32], residuals: Floats) -> None:
-    """Turn normals of thin plates and cavities, in place.
+def orient_thin_sheets(positions: Floats, normals: Floats, near: NDArray[np.int32], residuals: Floats) -> None:
+    """Flip wrong normals of thin plates and cavities, in place.
 
     Parameters
     ----------
     positions : (n, 3) float32
         In kd order.
     normals : (n, 3) float32, unit
-        With signs from the edges.
+        Oriented along the edges.
     near : (n, k) int32
         Rows of the neighbours, the point itself first.
     residuals : (n,) float32
-        Residuals of the fits, in spacings; NaN for fits to points on a line.
+        Residuals of the fits, in spacings; NaN for points on a line.
     """
     thick = np.flatnonzero(is_thick(residuals))
     if not len(thick):
@@ -184,22 +183,22 @@ def part_sheets(positions: Floats, normals: Floats, near: NDArray[np.int32], res
 
 
 def _suspects(field: _Field, rows: Rows) -> Rows:
-    """Rows whose numbers do not add up to 1, with rings of neighbours around them."""
+    """Return rows whose numbers do not add up to 1, and rings of neighbours around them."""
     found, fresh = np.zeros(len(field.positions), np.bool_), rows
     for _ in range(RINGS):
         odd = fresh[is_odd(field.around(fresh))]
-        around = np.unique(field.near[odd]).astype(np.int64)  # one signature of _wind
+        around = np.unique(field.near[odd]).astype(np.int64)  # int64: keeps a single signature of _wind
         fresh = around[~found[around]]
         found[fresh] = True
     return np.flatnonzero(found)
 
 
 def _turn(field: _Field, rows: Rows) -> None:
-    """Turn wrong normals, and back those that bring the numbers no closer to 0 and 1; where unclear, edges vote."""
+    """Flip wrong normals; undo flips that bring the numbers no closer to 0 and 1; where unclear, edges decide."""
     before = field.around(rows)
     turned = rows[is_wrong(rows, before, field.positions, field.normals, field.near)]
     field.normals[turned] *= -1
-    field.settle()
+    field.update()
     after = field.around(rows)
     gain = np.zeros(len(field.positions), np.float32)
     gain[rows] = energy(before) - energy(after)

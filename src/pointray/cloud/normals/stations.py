@@ -1,4 +1,4 @@
-"""Stations: where scanners stood tells to which side normals face."""
+"""Signs of normals from scanner positions."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from .visibility import ignored_stations
 
 Floats = NDArray[np.float32]
 
-CLOSE, FEW = 8, 100  # nearest points that tell whether a viewpoint lies among the points; points that can tell
-AMONG = 1.25  # the farthest of them lies as many times as far from the viewpoint as from the nearest, at most
+CLOSE, FEW = 8, 100  # nearest points by which a viewpoint counts as among the points; fewer points decide nothing
+AMONG = 1.25  # largest ratio of the last one's distance from the viewpoint to that from the nearest point
 
 
 def eyes_of(points: Points, ignored: Sequence[int] | None = None) -> NDArray[np.float64] | None:
-    """The station that saw each point, world: (n, 3) float64, NaN where unknown, or (3,); None if all are unknown.
+    """Return the station that saw each point: (n, 3) float64, world, NaN where unknown, or (3,); None if none is known.
 
-    The attribute `SCAN` tells each point's. Without it a single station saw all points.
-    ignored : numbers of stations that are not believed. None: found by `ignored_stations`, if the points are a whole
+    The attribute `SCAN` holds each point's station. A single station without that attribute saw all points.
+    ignored : numbers of stations to ignore. None: found by `ignored_stations`; the points must be the whole cloud
     """
     ignored = ignored_stations(points) if ignored is None else ignored
     stations = np.array(points.survey.stations, np.float64).reshape(-1, 3)
@@ -43,7 +43,7 @@ def eyes_of(points: Points, ignored: Sequence[int] | None = None) -> NDArray[np.
 
 
 def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
-    """A viewpoint as a caller gives it: (3,), or (n, 3) with NaN where it is unknown."""
+    """Validate a viewpoint: (3,), or (n, 3) with NaN where unknown."""
     eyes = check_numbers(viewpoint, "viewpoint", "three numbers, or three for each point").astype(np.float64)
     if eyes.ndim != 2:
         return vector(viewpoint, "viewpoint")
@@ -52,10 +52,10 @@ def check_eyes(viewpoint: ArrayLike, n: int) -> NDArray[np.float64]:
     return eyes
 
 
-def check_apart(positions: Floats, eye: NDArray[np.float64]) -> None:
-    """Refuse an eye, (3,), that lies among the points as one of them would: in a wall, which it sees from nowhere.
+def check_outside(positions: Floats, eye: NDArray[np.float64]) -> None:
+    """Raise a ValueError for a viewpoint, (3,), among the points, as if it lay in a wall.
 
-    Points at the very eye are no reason: scanners write returns that they lost so.
+    Points exactly at the viewpoint do not count: scanners write lost returns there.
     """
     distances = np.linalg.norm(positions - eye, axis=1)
     distances[distances == 0] = np.inf
@@ -65,23 +65,23 @@ def check_apart(positions: Floats, eye: NDArray[np.float64]) -> None:
     around = np.linalg.norm(positions - positions[nearest], axis=1)
     if np.partition(distances, CLOSE)[CLOSE] < AMONG * np.partition(around, CLOSE)[CLOSE]:
         raise ValueError(
-            f"the viewpoint lies among the points, {distances[nearest]:.3g} from one: "
-            "give the place where the scanner stood"
+            f"the viewpoint lies among the points, {distances[nearest]:.3g} from the nearest: "
+            "pass the position of the scanner"
         )
 
 
 def warn_of_ignored(ignored: Sequence[int], count: int) -> None:
-    """Say that stations are not believed. count : how many stations there are"""
+    """Warn that stations are ignored. count : number of stations"""
     if not ignored:
         return
-    which = "the viewpoint of the file is not where a scanner stood"
+    which = "the viewpoint of the file is not a scanner position"
     if count > 1:
-        which = f"{len(ignored):,} of {count:,} viewpoints of the file are not where a scanner stood"
+        which = f"{len(ignored):,} of {count:,} viewpoints of the file are not scanner positions"
     warn(f"{which}: ignored for normals", stacklevel=3)
 
 
 def warn_of_lost_scans(points: Points) -> None:
-    """Say which numbers of scans have no station, where others have one."""
+    """Warn of scan numbers without a station, if there are stations."""
     scans, count = points.attributes.get(SCAN), len(points.survey.stations)
     if scans is None or scans.ndim != 1 or not count:
         return
@@ -89,26 +89,26 @@ def warn_of_lost_scans(points: Points) -> None:
         lost = np.isfinite(scans) & (scans >= 0) & ~((scans < count) & (scans == np.rint(scans)))
     if lost.any():
         warn(
-            f"{lost.sum():,} of {len(points):,} points are of scans like {scans[lost][0]:g}, and there are stations "
-            f"for 0 to {count - 1} only: they follow their neighbours; pass viewpoint= if you know who saw them",
+            f"{lost.sum():,} of {len(points):,} points belong to scans such as {scans[lost][0]:g}, but stations "
+            f"are given only for 0 to {count - 1}: their normals follow those of neighbours; pass viewpoint= if known",
             stacklevel=3,
         )
 
 
 def is_known(eyes: NDArray[Any]) -> NDArray[np.bool_]:
-    """Which rows of (n, 3) eyes have one: (n,) bool."""
+    """Return which rows of (n, 3) viewpoints are known, (n,) bool."""
     return np.asarray(np.isfinite(eyes).all(axis=1))
 
 
 def faced(positions: Floats, normals: Floats, eyes: NDArray[Any]) -> NDArray[np.bool_]:
-    """Which normals do not face away from their eyes: (n,) bool, true where the eye is unknown."""
+    """Return which normals do not face away from their viewpoints, (n,) bool; true where the viewpoint is unknown."""
     return ~(np.einsum("ij,ij->i", normals, eyes - positions) < 0)
 
 
-def settle_unknown(positions: Floats, normals: Floats, near: NDArray[np.int32], known: NDArray[np.bool_]) -> None:
-    """Turn the normals that no eye has turned so that they agree with those that one has, in place.
+def orient_unknown(positions: Floats, normals: Floats, near: NDArray[np.int32], known: NDArray[np.bool_]) -> None:
+    """Turn normals without a known viewpoint so that they agree with the others, in place.
 
-    In each connected group the known normals vote; a group without any faces outward, as in `orient`.
+    In each connected group the known normals vote; a group without any is turned outward, as by `orient`.
     """
     signs, groups = agree(positions, normals, near)
     votes = np.bincount(groups[known], signs[known], groups.max() + 1)

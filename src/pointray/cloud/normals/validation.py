@@ -1,4 +1,4 @@
-"""Points from a file, before they are shown: which normals are used, and which warnings are given."""
+"""Validation of points from a file: which normals are used, and which warnings are given."""
 
 from __future__ import annotations
 
@@ -14,36 +14,36 @@ from .comparison import NormalsCheck, compare_normals
 from .estimate import estimate_normals
 from .stations import eyes_of
 
-KEEP = "--normals file"  # the option that keeps the file's normals
+KEEP = "--normals file"  # option that keeps the file's normals
 CLEAR = 0.5  # cosine from which a file's normal decides a sign
-AGREED = 0.5  # the signs are turned if the share of opposite ones exceeds the share of equal ones by more than this
+AGREED = 0.5  # refitted normals are inverted if opposite signs outweigh equal ones by more than this share
 
 
-def trusted(points: Points, choice: str = "auto", keep: str = KEEP, progress: Progress | None = None) -> Points:
-    """The points with the requested normals; warns of wrong normals and of rounded coordinates.
+def select_normals(points: Points, choice: str = "auto", keep: str = KEEP, progress: Progress | None = None) -> Points:
+    """Select the requested normals; warn of wrong normals and rounded coordinates.
 
     Parameters
     ----------
     points : Points
     choice : {"auto", "file", "fit"}
-        "auto": the points' own normals, unless these are wrong; "file": their own normals; "fit": none, so that
-        `Model` estimates them.
+        "auto": the points' own normals, unless they are wrong; "file": their own normals; "fit": none, so that `Model`
+        estimates them.
     keep : str
-        The option that keeps the file's normals, for messages.
+        Option that keeps the file's normals, for messages.
     progress : callable, optional
-        Progress of estimating normals.
+        Called with the fraction done of estimating normals.
 
     Raises
     ------
     ValueError
-        If the file's normals are requested and there are none.
+        If the file's normals are requested but missing.
     """
-    points, wrong = judged(points, choice, keep)
-    return replaced(points, progress) if wrong else points
+    points, wrong = validate_normals(points, choice, keep)
+    return refit_normals(points, progress) if wrong else points
 
 
-def judged(points: Points, choice: str = "auto", keep: str = KEEP) -> tuple[Points, bool]:
-    """The points, perhaps without normals, and whether `replaced` must estimate new ones; warns like `trusted`."""
+def validate_normals(points: Points, choice: str = "auto", keep: str = KEEP) -> tuple[Points, bool]:
+    """Return the points, perhaps without normals, and whether `refit_normals` is needed; warn like `select_normals`."""
     check_normals_choice(points, choice, keep)
     steps, rounded = find_rounding(points)
     if rounded:
@@ -54,24 +54,27 @@ def judged(points: Points, choice: str = "auto", keep: str = KEEP) -> tuple[Poin
         return points, False
     found = compare_normals(points, max(steps))
     if found.wrong:
-        warn(f"{told(found)}: fitted ones are used ({keep} keeps them)", stacklevel=3)
+        warn(f"{describe_normals(found)}: replaced by fitted normals ({keep} keeps them)", stacklevel=3)
     return points, found.wrong
 
 
 def check_normals_choice(points: Points, choice: str, keep: str = KEEP) -> None:
-    """ValueError if the file's normals are requested and there are none."""
+    """Raise a ValueError if the file's normals are requested but missing."""
     check_choice(choice, "normals", NORMALS)
     if choice == "file" and points.normals is None:
-        raise ValueError(f"{keep}: there are no normals in the file")
+        raise ValueError(f"{keep}: the file has no normals")
 
 
-def told(found: NormalsCheck) -> str:
-    """The warning about wrong normals."""
-    return f"normals in the file are a median of {found.angle:.0f} degrees off the surface"
+def describe_normals(found: NormalsCheck) -> str:
+    """Return the warning about wrong normals."""
+    return f"normals in the file deviate from the surface by {found.angle:.0f} degrees (median)"
 
 
-def replaced(points: Points, progress: Progress | None = None) -> Points:
-    """The points with fitted normals; if the old ones clearly face the other side, all are turned, but no station's."""
+def refit_normals(points: Points, progress: Progress | None = None) -> Points:
+    """Return the points with fitted normals; if the old ones clearly face the other way, all are inverted.
+
+    With known stations none are inverted.
+    """
     fitted = estimate_normals(points, progress=progress).normals
     assert fitted is not None and points.normals is not None
     if eyes_of(points) is not None:

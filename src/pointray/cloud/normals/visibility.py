@@ -1,8 +1,8 @@
-"""Visibility: whether the viewpoint of a file is where a scanner stood.
+"""Visibility test of stations: can the scanner have stood there?
 
-Files of merged or moved clouds name viewpoints that are shifts of coordinates, or mean nothing. A scanner sees one
-surface in each direction. From any other place surfaces lie behind each other: the point that is nearest in direction
-is often of another one. Foliage is so for scanners, too, so that only points on smooth surfaces count.
+Files of merged or moved clouds contain viewpoints that are coordinate shifts, or meaningless. A scanner sees one
+surface in each direction. From any other place surfaces hide each other: the nearest point in direction often belongs
+to another surface. In foliage this is true of scanners as well, so only points on smooth surfaces count.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from ..points import Points
 
 Floats = NDArray[np.float32]
 
-SAMPLE, MOST = 20_000, 60_000  # points of a station that are looked at; of all stations
-FEW = 100  # pairs of points below which a station is believed
-NEAR, FLAT = 9, 0.1  # points that show whether a surface is smooth: least by middle eigenvalue of their covariance
+SAMPLE, MOST = 20_000, 60_000  # sampled points per station; in total
+FEW = 100  # stations with fewer pairs of points are accepted
+NEAR, FLAT = 9, 0.1  # points that decide whether a surface is smooth; largest ratio of the two smallest eigenvalues
 APART = 3.0  # points are on different surfaces if their ranges differ by so many times the distance of NEAR points
-# Share of pairs on different surfaces above which a station is not believed. From the scanner it is up to 0.02 on real
+# Share of pairs on different surfaces above which a station is ignored. From the scanner it is up to 0.02 on real
 # scans, 0.03 with 16 spinning rings, 0.05 on a tree of 3,000 leaves; from elsewhere 0.2 to 0.38 on real merged scans.
 HIDDEN = 0.1
 
 
 def ignored_stations(points: Points) -> tuple[int, ...]:
-    """The numbers of the stations of `points.survey` from which their points cannot have been seen.
+    """Return the numbers of the stations of `points.survey` from which their points cannot have been seen.
 
-    The decision is made on a sample. Which station saw which points: see `eyes_of`.
+    Decided on a sample. `eyes_of` defines which station saw which points.
     """
     count = len(points.survey.stations)
     if not count:
@@ -43,7 +43,7 @@ def ignored_stations(points: Points) -> tuple[int, ...]:
 
 
 def station_sample(total: int, stations: int) -> NDArray[np.int64]:
-    """Rows that stand for all points of some stations, ascending: at random, as every n-th may be a line of a scan."""
+    """Return rows that represent the points of some stations, ascending; random, as every n-th may be a scan line."""
     wanted = min(SAMPLE * stations, MOST)
     if total <= wanted:
         return np.arange(total)
@@ -51,11 +51,11 @@ def station_sample(total: int, stations: int) -> NDArray[np.int64]:
 
 
 def hidden_share(positions: Floats, eye: NDArray[np.float64]) -> float:
-    """How many pairs of points in nearly one direction from an eye, (3,), are on different surfaces; 0 if few are."""
+    """Return the share of pairs in nearly one direction from `eye` that are on different surfaces; 0 for few pairs."""
     places = positions[station_sample(len(positions), 1)]
     places = np.ascontiguousarray(places[distinct(places)[0]])
     away = places - eye
-    ranges = np.hypot(np.hypot(away[:, 0], away[:, 1]), away[:, 2])  # without overflow
+    ranges = np.hypot(np.hypot(away[:, 0], away[:, 1]), away[:, 2])  # avoids overflow
     seen = (ranges > 0) & np.isfinite(ranges)
     places, ranges = places[seen], ranges[seen]
     if len(places) < max(FEW, NEAR):
@@ -71,14 +71,14 @@ def hidden_share(positions: Floats, eye: NDArray[np.float64]) -> float:
 
 
 def _are_smooth(groups: Floats) -> NDArray[np.bool_]:
-    """Whether points around each, (n, k, 3), lie about a plane or a line of it: (n,) bool."""
+    """Return whether the points around each, (n, k, 3), lie near a plane or a line, (n,) bool."""
     offsets = groups.astype(np.float64) - groups.mean(axis=1, keepdims=True)
     values = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", offsets, offsets))
     return np.asarray(values[:, 0] < FLAT * values[:, 1])
 
 
 def _nearest_in_direction(directions: NDArray[np.float64]) -> NDArray[np.int32]:
-    """The row of the nearest other direction of each, (n,); they may all be close together, as from afar."""
+    """Return the row of each direction's nearest other one, (n,); all may be close together, as from afar."""
     centred = directions - directions.mean(axis=0)
     near = neighbors((centred / (np.abs(centred).max() or 1.0)).astype(np.float32), 2)[1]
     return np.where(near[:, 1] == np.arange(len(near)), near[:, 0], near[:, 1])

@@ -1,4 +1,4 @@
-"""Votes: what the edges between pieces say, added up in whole numbers, so that any order gives the same sums."""
+"""Votes of the edges between pieces, summed as integers, so that the result does not depend on the order."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ Floats = NDArray[np.float32]
 Whole = NDArray[np.int64]
 Arrays: TypeAlias = tuple[Array, Array]
 
-CHUNK = 2048  # points whose edges a thread looks at at a time
-STEPS = 1 << 24  # of a full vote, about those of float32; all votes of 2^31 points with 256 edges each add up to 2^63
+CHUNK = 2048  # points whose edges a thread handles at a time
+STEPS = 1 << 24  # units of a full vote, near float32 precision; 256 votes of each of 2^31 points add up to 2^63
 
 
 class Votes(NamedTuple):
-    """What pieces say of each other; each pair of pieces comes once.
+    """Votes between pieces; each pair occurs once.
 
-    pairs : (e,) int64, ascending: 2^32 times the lower piece, and the other one
+    pairs : (e,) int64, ascending: 2^32 times the lower piece, plus the other one
     sums : (e,) int64, signed votes in `STEPS`, positive where the two agree
-    masses : (e,) int64, the sums of their absolute values
+    masses : (e,) int64, sums of absolute votes
     """
 
     pairs: Whole
@@ -34,7 +34,7 @@ class Votes(NamedTuple):
 
 @kernel
 def _count_votes(work: Array, near: Array, core: int, piece: Array, counts: Array) -> int:
-    """Write to counts[tile] the number of edges that leave their piece.
+    """Write to counts[tile] the number of edges between different pieces.
 
     near : of the points from row `core` on
     """
@@ -53,7 +53,7 @@ def _count_votes(work: Array, near: Array, core: int, piece: Array, counts: Arra
 def _cast_votes(
     work: Array, cloud: Arrays, near: Array, core: int, labels: Arrays, starts: Array, pairs: Array, votes: Array
 ) -> int:
-    """List the edges between pieces as pairs of pieces, lower one first, with their signed confidence in `STEPS`.
+    """List the edges between pieces: pairs of pieces, lower one first, and their signed confidence in `STEPS`.
 
     cloud : positions, normals; labels : piece and sign of each row
     """
@@ -84,20 +84,20 @@ def cast_votes(
     piece: NDArray[np.int32],
     sign: NDArray[np.int8],
 ) -> Votes:
-    """The votes of all edges that lead from some points to other pieces.
+    """Return the votes of all edges from some points to other pieces.
 
     Parameters
     ----------
     positions : (n, 3) float32
     normals : (n, 3) float32, unit
     near : (m, k) int32
-        Rows of the neighbours of each point of the core, the point itself first.
+        Rows of the neighbours of each point of the core, itself first.
     core : slice
-        The points, m of the rows.
+        The m points.
     piece : (n,) int32
-        The number of each row's piece among those of the whole cloud.
+        Piece of each row, numbered across the whole cloud.
     sign : (n,) int8
-        1 or -1: the sign of each row in its piece.
+        1 or -1: sign of each row in its piece.
     """
     tiles = -(-len(near) // CHUNK)
     counts = np.zeros(tiles, np.int64)
@@ -108,15 +108,15 @@ def cast_votes(
     return _add_up(pairs, votes, np.abs(votes))
 
 
-def sum_of(votes: Sequence[Votes]) -> Votes:
-    """All votes together."""
+def sum_votes(votes: Sequence[Votes]) -> Votes:
+    """Add up votes."""
     if len(votes) == 1:
         return votes[0]
     return _add_up(*(np.concatenate(arrays) for arrays in zip(*votes, strict=True)))
 
 
-def turned(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
-    """The votes between larger pieces: number and sign, (p,), say which one each piece becomes part of, and how."""
+def merge_votes(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
+    """Return the votes between larger pieces. number, sign : (p,) new piece of each piece, and its sign in it"""
     one, other = votes.pairs >> 32, votes.pairs & 0xFFFFFFFF
     a, b = number[one], number[other]
     outer = a != b
@@ -125,11 +125,11 @@ def turned(votes: Votes, number: Whole, sign: NDArray[np.int8]) -> Votes:
 
 
 def _add_up(pairs: Whole, sums: NDArray[Any], masses: NDArray[Any]) -> Votes:
-    """Each pair once, and the sums of its votes."""
+    """Sum the votes of equal pairs."""
     order = np.argsort(pairs, kind="stable")
     pairs = pairs[order]
     first = np.flatnonzero(np.diff(pairs, prepend=-1))
-    if not len(first):  # `reduceat` wants one
+    if not len(first):  # `reduceat` needs at least one
         return Votes(pairs, *np.zeros((2, 0), np.int64))
     added = (np.add.reduceat(each[order], first, dtype=np.int64) for each in (sums, masses))
     return Votes(pairs[first], *added)

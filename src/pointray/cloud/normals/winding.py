@@ -1,8 +1,8 @@
-"""Winding numbers of a cloud: how often its surface goes around a place (Barill et al. 2018): 0 outside and 1 inside.
+"""Winding number of a cloud's surface around a position (Barill et al. 2018): 0 outside and 1 inside.
 
-Each point is a dipole. Far groups of points are one dipole each: the nodes of a binary tree over stretches of the kd
-order, of which tiles, aligned stretches, have subtrees of their own. Whoever knows the roots of all tiles, and the
-points of those tiles that places come close to, finds what the whole cloud gives, to the bit.
+Each point is a dipole. Distant groups of points are approximated by one dipole: the nodes of a binary tree over the kd
+order. Aligned ranges of it (tiles) have subtrees of their own. The roots of all tiles, and the points of the tiles near
+the queries, are enough to compute the same numbers as from the whole cloud, to the bit.
 """
 
 from __future__ import annotations
@@ -20,39 +20,39 @@ Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 Arrays: TypeAlias = tuple[Array, ...]
 
-AREA = 8  # the neighbour whose distance gives a point's area
+AREA = 8  # neighbour whose distance gives a point's area
 LEAF, LEAVES = 16, 256  # points of a leaf, leaves of a tile
 TILE = LEAF * LEAVES
-NODES = 2 * LEAVES  # of a tile
-FAR = 1.5  # a node this many times its radius and a step away is one dipole: 2.0 is no better and takes twice as long
-SOFT = 0.5  # spacings within which a dipole is blurred
+NODES = 2 * LEAVES  # nodes of a tile
+FAR = 1.5  # nodes farther than this many radii and a step are one dipole: 2.0 is no better and takes twice as long
+SOFT = 0.5  # radius within which a dipole is blurred, in spacings
 CHUNK = 256
 STACK = 64
-NUMBERS = 8  # of a node: centre, dipole, radius, area
+NUMBERS = 8  # floats of a node: centre, dipole, radius, area
 
 
 class Frame(NamedTuple):
-    """Where positions are measured from, and the unit, so that no square is too large or too small.
+    """Origin and unit of positions, chosen so that squares neither overflow nor vanish.
 
     origin : (3,) float32
-    size : the cloud's longest extent
+    size : largest extent of the cloud
     """
 
     origin: Floats
     size: float
 
     def of(self, positions: Floats) -> Floats:
-        """Positions in the frame."""
+        """Return positions in the frame."""
         placed: Floats = (positions - self.origin) / f32(max(self.size, 1e-30))
         return placed
 
 
 class Splats(NamedTuple):
-    """Points of whole tiles, one tile after the other.
+    """Points of whole tiles, tile by tile.
 
     positions : (n, 3) float32, in the frame
     normals : (n, 3) float32, unit
-    spacing : (n,) float32, the square roots of areas
+    spacing : (n,) float32, square roots of the points' areas
     """
 
     positions: Floats
@@ -62,7 +62,7 @@ class Splats(NamedTuple):
 
 @kernel
 def _spacings(work: Array, positions: Array, near: Array, core: int, out: Array) -> int:
-    """Compute the square roots of the areas of the points from row `core` on, by their neighbours."""
+    """Write the square roots of the areas of the points from row `core` on, from the distances of their neighbours."""
     positions, near, out = borrow(positions), borrow(near), borrow(out)
     k = min(AREA, near.shape[1] - 1)
     tile = next_tile(work)
@@ -77,7 +77,7 @@ def _spacings(work: Array, positions: Array, near: Array, core: int, out: Array)
 
 
 def spacings(positions: Floats, near: NDArray[np.int32], core: int = 0) -> Floats:
-    """The square roots of areas, (m,), of the points from row `core` on. near : (m, k), each point itself first"""
+    """Return the square roots of the areas, (m,), of the points from row `core` on. near : (m, k), each point first"""
     out = np.empty(len(near), np.float32)
     run(_spacings, -(-len(out) // CHUNK), positions, near, core, out)
     return out
@@ -91,7 +91,7 @@ def _distance(one: Array, i: int, other: Array, j: int) -> float:
 
 @inline
 def _combine(nodes: Array, t: int, one: int, two: int) -> None:
-    """Fill a node, which is zero, with its children."""
+    """Fill a zeroed node from its children."""
     for child in (one, two):
         nodes[t, 7] += nodes[child, 7]
         for c in range(3):
@@ -106,7 +106,7 @@ def _combine(nodes: Array, t: int, one: int, two: int) -> None:
 
 @kernel
 def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: Array) -> int:
-    """Fill the trees of tiles, one after the other; the root of each is node 1, children are 2i and 2i + 1."""
+    """Fill the trees of tiles; the root of each is node 1, children are 2i and 2i + 1."""
     positions, normals, spacing, nodes = borrow(positions), borrow(normals), borrow(spacing), borrow(nodes)
     n, tile = len(positions), next_tile(work)
     while tile >= 0:
@@ -132,14 +132,14 @@ def _grow(work: Array, positions: Array, normals: Array, spacing: Array, nodes: 
 
 @kernel
 def _join_roots(top: Array) -> int:
-    """Fill the tree over the tiles, whose roots are its leaves."""
+    """Fill the tree over the tiles, whose leaves are the roots of the tiles."""
     for t in range(len(top) // 2 - 1, 0, -1):
         _combine(top, t, 2 * t, 2 * t + 1)
     return 0
 
 
 def trees_of(splats: Splats) -> Floats:
-    """The trees of tiles, (tiles * NODES, 8)."""
+    """Return the trees of all tiles, (tiles * NODES, 8)."""
     tiles = -(-len(splats.positions) // TILE)
     nodes = np.zeros((tiles * NODES, NUMBERS), np.float32)
     run(_grow, tiles, *splats, nodes)
@@ -147,12 +147,12 @@ def trees_of(splats: Splats) -> Floats:
 
 
 def roots_of(splats: Splats) -> Floats:
-    """The roots of tiles, (tiles, 8)."""
+    """Return the roots of all tiles, (tiles, 8)."""
     return trees_of(splats)[1::NODES]
 
 
 def top_of(roots: Floats) -> Floats:
-    """The tree over all tiles of a cloud, from their roots."""
+    """Return the tree over all tiles of a cloud, from their roots."""
     leaves = 1 << (len(roots) - 1).bit_length()
     top = np.zeros((2 * leaves, NUMBERS), np.float32)
     top[leaves : leaves + len(roots)] = roots
@@ -162,21 +162,21 @@ def top_of(roots: Floats) -> Floats:
 
 @inline
 def _dipole(x: float, y: float, z: float, u: float, v: float, w: float, soft: float) -> float:
-    """Solid angle of the dipole (u, v, w) seen from (-x, -y, -z), blurred."""
+    """Return the blurred solid angle of the dipole (u, v, w) seen from (-x, -y, -z)."""
     square = x * x + y * y + z * z + soft
     return (x * u + y * v + z * w) / (square * math.sqrt(square))
 
 
 @inline
 def _below(t: int, tops: int, slots: Array, needed: Array) -> int:
-    """The first child of a node; of a leaf -1 minus its first point; 0 if there is nothing at hand."""
+    """Return a node's first child; of a leaf -1 minus its first point; 0 if there is none or its tile is not loaded."""
     if t >= tops:
         tile, node = (t - tops) // NODES, (t - tops) % NODES
         return t + node if node < LEAVES else -1 - (tile * TILE + (node - LEAVES) * LEAF)
     if 2 * t < tops:
         return 2 * t
     tile = t - tops // 2
-    if tile >= len(slots):  # beyond the last one
+    if tile >= len(slots):  # beyond the last tile
         return 0
     slot = i64(slots[tile])
     if slot < 0:
@@ -187,12 +187,12 @@ def _below(t: int, tops: int, slots: Array, needed: Array) -> int:
 
 @kernel
 def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, out: Array, needed: Array) -> int:
-    """Winding numbers a step in front of the points and a step behind, both in one traversal.
+    """Write the winding numbers a step in front of and behind the points, both in one traversal.
 
-    rows : among the splats
-    trees : nodes, those of the tree over all tiles before those of the tiles at hand; (1,) int64, how many the former
-        are; (tiles,) int32, which one at hand each tile is, or -1
-    needed : (tiles,) int8, 1 is written for tiles that are not at hand, which the numbers lack
+    rows : indices into the loaded splats
+    trees : nodes of the top tree, then of the loaded tiles; (1,) int64 number of the former; (tiles,) int32 index of
+        each tile among the loaded ones, or -1
+    needed : (tiles,) int8, set to 1 for tiles that the numbers lack because they are not loaded
     """
     (positions, normals, spacing), (nodes, top, slots) = borrow(splats), borrow(trees)
     rows, out, needed = borrow(rows), borrow(out), borrow(needed)
@@ -236,53 +236,53 @@ def _wind(work: Array, rows: Array, splats: Arrays, trees: Arrays, step: float, 
 
 
 class Winding:
-    """The winding numbers of a cloud, some of whose tiles are at hand.
+    """Winding numbers of a cloud of which only some tiles are loaded.
 
     Parameters
     ----------
     top : (m, 8) float32
         See `top_of`.
     tiles : int
-        How many the cloud has.
+        Number of tiles of the cloud.
     read : callable
-        Some tiles, ascending -> their splats.
+        Returns the splats of some tiles, given in ascending order.
     """
 
     def __init__(self, top: Floats, tiles: int, read: Callable[[Rows], Splats]) -> None:
         self._top, self._tiles, self._read = top, tiles, read
-        self._held = np.zeros(0, np.int64)
+        self._loaded = np.zeros(0, np.int64)
 
     @classmethod
     def of(cls, splats: Splats) -> Winding:
-        """Of a whole cloud in memory."""
+        """Create from a whole cloud in memory."""
         trees, tiles = trees_of(splats), -(-len(splats.positions) // TILE)
         winding = cls(top_of(trees[1::NODES]), tiles, lambda _: splats)
-        winding._take(np.arange(tiles), splats, trees)
+        winding._set_loaded(np.arange(tiles), splats, trees)
         return winding
 
     def around(self, rows: Rows, step: float) -> Floats:
-        """The numbers `step` spacings in front of points of the cloud, and behind them, (m, 2)."""
+        """Return the numbers `step` spacings in front of and behind points of the cloud, (m, 2)."""
         out, needed = np.empty((len(rows), 2), np.float32), np.zeros(self._tiles, np.int8)
-        self._hold(np.unique(rows // TILE))
+        self._load(np.unique(rows // TILE))
         while len(rows):
             local = self._slots[rows // TILE].astype(np.int64) * TILE + rows % TILE
             trees = self._nodes, np.array([len(self._top)]), self._slots
             run(_wind, -(-len(rows) // CHUNK), local, tuple(self._splats), trees, float(step), out, needed)
             if not needed.any():
                 break
-            self._hold(np.flatnonzero(needed))
+            self._load(np.flatnonzero(needed))
             needed[:] = 0
         return out
 
-    def _hold(self, tiles: Rows) -> None:
-        """Read tiles, unless they are at hand."""
-        held = np.union1d(self._held, tiles)
-        if len(held) == len(self._held):
+    def _load(self, tiles: Rows) -> None:
+        """Load tiles that are not loaded yet."""
+        loaded = np.union1d(self._loaded, tiles)
+        if len(loaded) == len(self._loaded):
             return
-        splats = self._read(held)
-        self._take(held, splats, trees_of(splats))
+        splats = self._read(loaded)
+        self._set_loaded(loaded, splats, trees_of(splats))
 
-    def _take(self, held: Rows, splats: Splats, trees: Floats) -> None:
-        self._held, self._splats, self._slots = held, splats, np.full(self._tiles, -1, np.int32)
-        self._slots[held] = np.arange(len(held))
+    def _set_loaded(self, loaded: Rows, splats: Splats, trees: Floats) -> None:
+        self._loaded, self._splats, self._slots = loaded, splats, np.full(self._tiles, -1, np.int32)
+        self._slots[loaded] = np.arange(len(loaded))
         self._nodes = np.concatenate([self._top, trees])

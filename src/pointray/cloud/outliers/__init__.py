@@ -1,9 +1,9 @@
-"""Points -> which of them belong to no surface, and of what kind they are; docs/strays.md has the rules.
+"""Outliers: points that belong to no surface, classified by kind; docs/strays.md describes the rules.
 
 find : `find_strays`, `merge_layers`, `without_strays`
-floors : the surface near each point, from survey (all points) and examine (those that may be off it); fits : how
-layers : second layers, which models merge unasked; passes, heights : scans that do not fit
-veils : mixed returns, as seen from the scanner; groups : sparse points, and small groups that float
+floors : local surface of each point, from local_fits (all points) and examine (suspects); fits : robust fits
+layers, search : second layers, merged by default; passes, heights : misaligned scans
+veils : mixed returns, as seen from the scanner; groups, links : sparse points, and small floating groups
 
 Begin with find, then floors.
 """

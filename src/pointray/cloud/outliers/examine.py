@@ -1,8 +1,8 @@
-"""The examination of points that may lie off their floor: each has a fit, and what it shows, of its own.
+"""Examination of points that may lie off their floor (see `floors`), with a fit to each one's neighbours.
 
-A point is off its floor if it lies farther from it than the floor's own noise explains, while the floor goes on beneath
-the point, about as dense there as around it and on all sides, and little else is on the point's side. A bump of the
-surface has no floor beneath it, an edge has one on one side only, and two sheets are about as dense as each other.
+A point is off its floor if its distance exceeds the floor's noise, and the floor continues beneath the point, on all
+sides and about as dense there as around it, and few other points are on the point's side. A bump of the surface has no
+floor beneath it, an edge has one on one side only, and two sheets are equally dense.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from .local_fits import AROUND
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
-FAR, CLEAR, NEAR = 5.0, 3.2, 2.6  # noises off: surely; where its side holds more than the other; beside such points
-# So many times the noise less is enough, up to noise of so many spacings: of a layer 0.5 spacings off 93% are found,
-# not 87%. Of a torus with noise of 0.3 spacings 0.16% are lost; with as much less for all noise 0.24%.
+FAR, CLEAR, NEAR = 5.0, 3.2, 2.6  # distance in noises: certain; with most points on its side; beside such points
+# Less is enough by this factor of the noise, for noise of up to LITTLE spacings: of a layer 0.5 spacings off 93% are
+# found, not 87%. Of a torus with noise of 0.3 spacings 0.16% are lost; 0.24% if this applied to all noise.
 LITTLE, FAR_LESS, CLEAR_LESS = 0.1, 0.8, 0.3
-BEYOND = 3  # so many more points lie on its side, beyond the noise, than twice those on the other side
-SHOULDER = 0.8  # as a share of them: points at 2 to 3 noises. Rough ground has more, a layer fewer
-BETWEEN = 0.6  # as a share of them: points nearer to the floor, beyond its noise. A slope has more
-SPACINGS = 0.3  # and so many spacings off: what a quadric does not follow
-ROUGH, ROUGHLY = 1.6, 0.1  # the fit's own noise, in the noise around and in spacings: one across two sheets has more
+BEYOND = 3  # its side must hold this many points more, beyond the noise, than twice those on the other side
+SHOULDER = 0.8  # largest share of points at 2 to 3 noises. Rough ground has more, a layer fewer
+BETWEEN = 0.6  # largest share of points nearer to the floor, beyond its noise. A slope has more
+SPACINGS = 0.3  # least distance in spacings: what a quadric does not follow
+ROUGH, ROUGHLY = 1.6, 0.1  # greatest noise of the fit, in local noises and in spacings: across two sheets it is larger
 LEVEL = 3.0  # noises within which points belong to the floor
 
-# How a floor is beneath a point, in the cylinder about the point that the neighbourhood fills: at least so many points;
-# its middle off the axis, as a share of the radius (0.42 at a straight edge); the share of its points in the inner half
-# (usually 0.25); points on the other point's side, as a share of the floor's.
+# Requirements on the floor beneath a point, in the cylinder that the neighbourhood fills: number of points; offset of
+# their mean from the axis, relative to the radius (0.42 at a straight edge); share of them in the inner half (usually
+# 0.25); points on the point's own side, relative to the floor's.
 ENOUGH, ASIDE, INNER, SPARSE = 12, 0.3, 0.1, 0.34
-ENOUGH_BESIDE, ASIDE_BESIDE, SPARSE_BESIDE = 5, 0.55, 0.34  # for a point beside others that are off the floor
-OFF, MAYBE, DOUBT = 3.0, 2.0, 1.0  # what the examination says
+ENOUGH_BESIDE, ASIDE_BESIDE, SPARSE_BESIDE = 5, 0.55, 0.34  # for a point next to others that are off
+OFF, MAYBE, DOUBT = 3.0, 2.0, 1.0  # verdicts
 
-# A point joins others that are off: so many in its neighbourhood, unless it may be off by itself, and such a share of
-# those at their height, which are at most so many of the floor's. Heights are the same within a share of the height
-# and within spacings, or half as much again if it may be off. Of a layer 4 spacings off 92% are found without this.
+# A point joins others that are off: number of these in its neighbourhood, unless it may be off by itself; their share
+# of the points at their height, and these relative to the floor's. Heights are equal within a share of the height and
+# within spacings, or half as much again for MAYBE. Of a layer 4 spacings off 92% are found without this rule.
 BESIDE, MOSTLY, SPARSE_THERE = 2, 0.5, 0.6
 SAME, SAME_SPACINGS, MAYBE_SAME = 0.4, 1.0, 1.5
 
@@ -52,7 +52,7 @@ ROWS = 1 << 17  # rows of a table at a time
 
 @kernel
 def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Array, out: Array) -> int:
-    """Write to out[i] whether the row is off its floor, the offset to it, the floor's spacing, and the company."""
+    """Write to out[i] the verdict, the offset to the floor, the floor's spacing, and the points on this side of it."""
     positions, near, out, k = borrow(positions), borrow(near), borrow(out), near.shape[1]
     first, other = new_memory(k), new_memory(k)
     tile = next_tile(work)
@@ -109,23 +109,23 @@ def _examine(work: Array, positions: Array, rows: Array, near: Array, noises: Ar
 
 @kernel
 def _join(
-    work: Array, positions: Array, rows: Array, near: Array, said: Array, about: Array, joins: Array, out: Array
+    work: Array, positions: Array, rows: Array, near: Array, verdicts: Array, details: Array, joins: Array, out: Array
 ) -> int:
-    """Write to joins[i] whether the row lies beside others that are off, at their height; to out[i] what is said then.
+    """Write to joins[i] whether the row lies next to others that are off, at their height; to out[i] the new details.
 
-    said, about : what the examination says of all
+    verdicts, details : of all points
     """
-    positions, near, about, out = borrow(positions), borrow(near), borrow(about), borrow(out)
+    positions, near, details, out = borrow(positions), borrow(near), borrow(details), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(rows))):
             count = x = y = z = a = b = c = spacing = 0.0
             for j in near[i]:
-                if said[j] == OFF:
+                if verdicts[j] == OFF:
                     count += 1.0
                     x, y, z = x + positions[j, 0], y + positions[j, 1], z + positions[j, 2]
-                    a, b, c, spacing = a + about[j, 0], b + about[j, 1], c + about[j, 2], spacing + about[j, 3]
-            joins[i], is_maybe = False, said[rows[i]] == MAYBE
+                    a, b, c, spacing = a + details[j, 0], b + details[j, 1], c + details[j, 2], spacing + details[j, 3]
+            joins[i], is_maybe = False, verdicts[rows[i]] == MAYBE
             height = math.sqrt(a * a + b * b + c * c) / max(count, 1.0)
             if count < (1.0 if is_maybe else BESIDE) or height == 0.0:
                 continue
@@ -146,15 +146,15 @@ def _join(
     return 0
 
 
-def examined(
+def examine_rows(
     tree: NeighborTree, positions: Floats, rows: Rows, noise: Floats, progress: Progress | None = None
 ) -> Floats:
-    """What the examination says of some rows with the noise around them.
+    """Examine some rows, with the noise around them.
 
     Returns
     -------
     (m, 6) float32
-        `OFF`, `MAYBE` or `DOUBT`; the offset to the floor; the floor's spacing; how many points are on this side of it.
+        Verdict `OFF`, `MAYBE` or `DOUBT`; offset to the floor; the floor's spacing; number of points on this side.
     """
     out = np.zeros((len(rows), 6), np.float32)
     for start in range(0, len(rows), ROWS):
@@ -165,20 +165,20 @@ def examined(
     return out
 
 
-def join(tree: NeighborTree, positions: Floats, said: Floats, about: Floats) -> NDArray[np.bool_]:
-    """Which points are off: those that surely are, and those beside them at their height, of which `about` is set.
+def join(tree: NeighborTree, positions: Floats, verdicts: Floats, details: Floats) -> NDArray[np.bool_]:
+    """Return which points are off: certain ones, and those next to them at their height, whose details are updated.
 
-    said, about : (n,), (n, 5), see `examined`
+    verdicts, details : (n,), (n, 5), see `examine_rows`
     """
-    off, rest = said == OFF, np.flatnonzero((said == MAYBE) | (said == DOUBT))
-    found_off, said_of_them = [rest[:0]], [about[:0]]
+    off, rest = verdicts == OFF, np.flatnonzero((verdicts == MAYBE) | (verdicts == DOUBT))
+    found_off, details_of_them = [rest[:0]], [details[:0]]
     for start in range(0, len(rest), ROWS):
         rows = rest[start : start + ROWS]
         near = tree.query(AROUND, positions[rows])[1]
         joins, out = np.zeros(len(rows), np.bool_), np.zeros((len(rows), 5), np.float32)
-        run(_join, -(-len(rows) // CHUNK), positions, rows, near, said, about, joins, out)
+        run(_join, -(-len(rows) // CHUNK), positions, rows, near, verdicts, details, joins, out)
         found_off.append(rows[joins])
-        said_of_them.append(out[joins])
+        details_of_them.append(out[joins])
     joined = np.concatenate(found_off)
-    off[joined], about[joined] = True, np.concatenate(said_of_them)
+    off[joined], details[joined] = True, np.concatenate(details_of_them)
     return np.asarray(off)

@@ -1,4 +1,4 @@
-"""Robust fits to a point's neighbourhood: a quadric over a plane, on which points far off it have little weight."""
+"""Robust fits to a point's neighbourhood: a quadric over a plane; distant points get little weight."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ...engine.kernels.vec import Vec3, tangents
 from ..normals.planes import plane
 from ..normals.quadrics import TERMS, solve
 
-# One thread's memory: places in the ball of radius 1, weights, residuals, sizes, scratch; terms, coefficients and
-# factor of the quadric; variances and axes of the plane.
+# One thread's memory: places in the unit ball, weights, residuals, sizes, scratch; terms, coefficients and factor of
+# the quadric; variances and axes of the plane.
 Memory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array]
 
-PLANES, QUADRICS = 3, 2  # rounds of fitting, in which weights fall where residuals were large
-EVEN = 3.0  # spreads: where no residual is larger the first plane is good enough for a quadric
-ROUND = 0.25  # ratio of the plane's least two variances above which a second start is tried
+PLANES, QUADRICS = 3, 2  # rounds of reweighting
+EVEN = 3.0  # largest residual, in spreads, with which no further round is needed
+ROUND = 0.25  # ratio of the plane's two least variances above which a second start is tried
 START = 14  # points of the second start
-RIDGE = 1e-3  # of the square terms
-SPREAD = 1.5  # standard deviation over the median of absolute residuals, with the six terms that are fitted
+RIDGE = 1e-3  # added to the square terms
+SPREAD = 1.5  # standard deviation over the median absolute residual, for six fitted terms
 
 
 @inline
 def new_memory(k: int) -> Memory:
-    """Memory for fits to k points."""
+    """Return memory for fits to k points."""
     d, terms = np.empty((k, 3)), np.empty((k, TERMS + 1))
     w, r, sizes, scratch = np.empty(k), np.empty(k), np.empty(k), np.empty(k)
     x, m, a, v = np.empty(TERMS), np.zeros((TERMS, TERMS)), np.empty((3, 3)), np.empty((3, 3))
@@ -35,7 +35,7 @@ def new_memory(k: int) -> Memory:
 
 @routine
 def nth(values: Array, k: int, rank: int, scratch: Array) -> float:
-    """The number of a rank among k, from 0 (Hoare's quickselect): a third of an insertion sort's time for 48."""
+    """Return the value with the given rank, from 0 (Hoare's quickselect): takes a third of an insertion sort for 48."""
     for i in range(k):
         scratch[i] = values[i]
     low, high = 0, k - 1
@@ -60,7 +60,7 @@ def nth(values: Array, k: int, rank: int, scratch: Array) -> float:
 
 @inline
 def _weigh(r: Array, k: int, sizes: Array, scratch: Array, w: Array) -> tuple[float, float]:
-    """Weights from residuals; returns their spread, and the largest in spreads."""
+    """Write weights from residuals; return their spread, and the largest residual in spreads."""
     most = 0.0
     for j in range(k):
         sizes[j] = abs(r[j])
@@ -74,7 +74,7 @@ def _weigh(r: Array, k: int, sizes: Array, scratch: Array, w: Array) -> tuple[fl
 
 @inline
 def _least_ratio(a: Array) -> float:
-    """The least number on the diagonal over the second one."""
+    """Return the least diagonal element over the second one."""
     low, high = min(a[0, 0], a[1, 1]), max(a[0, 0], a[1, 1])
     least = min(low, a[2, 2])
     return least / max(max(low, min(high, a[2, 2])), 1e-300)
@@ -82,7 +82,7 @@ def _least_ratio(a: Array) -> float:
 
 @routine
 def _start(d: Array, k: int, w: Array, sizes: Array, scratch: Array) -> int:
-    """Give weight only to the points nearest to one in the middle of the list: beside a stray, these are its floor."""
+    """Give weight only to the points nearest to the middle one of the list: next to a stray, these are its floor."""
     c = k // 2
     for j in range(k):
         sizes[j] = (d[j, 0] - d[c, 0]) ** 2 + (d[j, 1] - d[c, 1]) ** 2 + (d[j, 2] - d[c, 2]) ** 2
@@ -94,7 +94,7 @@ def _start(d: Array, k: int, w: Array, sizes: Array, scratch: Array) -> int:
 
 @routine
 def _planes(d: Array, k: int, second: bool, memory: Memory) -> Vec3:
-    """The normal of a plane through most of the points; weights are left for the quadric."""
+    """Return the normal of a plane through most of the points; leave weights for the quadric."""
     _, w, r, sizes, scratch, _, _, _, a, v = memory
     for j in range(k):
         w[j] = 1.0
@@ -121,7 +121,7 @@ def _planes(d: Array, k: int, second: bool, memory: Memory) -> Vec3:
 
 @inline
 def into_ball(positions: Array, row: int, near: Array, i: int, k: int, d: Array) -> float:
-    """Write to d the places of k neighbours about a point, in the ball of radius 1; returns the radius they had."""
+    """Write to d the offsets of k neighbours from a point, scaled into the unit ball; return the radius."""
     far = 1e-30
     for j in range(k):
         for c in range(3):
@@ -137,9 +137,11 @@ def into_ball(positions: Array, row: int, near: Array, i: int, k: int, d: Array)
 def fit(
     positions: Array, row: int, near: Array, i: int, k: int, second: bool, memory: Memory
 ) -> tuple[Vec3, float, float]:
-    """The plane's normal, the noise in radii, and the radius; coefficients, terms and residuals stay in the memory.
+    """Fit a plane and a quadric; return the plane's normal, the noise in radii, and the radius.
 
-    second : whether the fit begins with the points in the middle of the list, not with all
+    Coefficients, terms and residuals stay in the memory.
+
+    second : whether to start with the points in the middle of the list instead of all
     """
     d, w, r, sizes, scratch, terms, x, m, _, _ = memory
     far = into_ball(positions, row, near, i, k, d)

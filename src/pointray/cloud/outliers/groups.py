@@ -1,4 +1,4 @@
-"""Sparse points between dense ones, and small groups that float by themselves."""
+"""Sparse points between dense ones, and small floating groups."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .local_fits import CORE
 
 Floats = NDArray[np.float32]
 
-THIN = 3.0  # times as far apart as the dense points within some steps: 27 times fewer to a volume
-STEPS = 3  # steps from neighbour to neighbour, to the third least of their distances
-GAP = 4.0  # distances to the `CORE`-th neighbour, some 6 spacings: a group farther from the rest floats
-FEW, SHARE = 20, 5e-4  # the most points of a floating group: so many, or this share of all
+THIN = 3.0  # times the distances of dense points within some steps: 27 times fewer per volume
+STEPS = 3  # steps from neighbour to neighbour, each to the third least of the distances
+GAP = 4.0  # gap around a floating group, in distances to the `CORE`-th neighbour, about 6 spacings
+FEW, SHARE = 20, 5e-4  # greatest number of points of a floating group, or share of all points
 
 
-def thin(floors: Floors) -> NDArray[np.bool_]:
-    """Which points are far sparser than those around and lie on no smooth sheet of such points."""
+def find_sparse(floors: Floors) -> NDArray[np.bool_]:
+    """Return which points are much sparser than those around and lie on no smooth sheet of such points."""
     least = np.ascontiguousarray(floors.core)
     for _ in range(STEPS):
         low = np.empty_like(least)
@@ -30,8 +30,8 @@ def thin(floors: Floors) -> NDArray[np.bool_]:
     return np.asarray((floors.core > THIN * least) & ~floors.is_on)
 
 
-def adrift(positions: Floats, floors: Floors, strays: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which points are in small groups, far from the rest; strays link nothing."""
+def find_floating(positions: Floats, floors: Floors, strays: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which points are in small groups, far from the rest; strays link nothing."""
     n = len(positions)
     floating = np.zeros(n, np.bool_)
     core = np.maximum(floors.core, np.float32(np.median(floors.core)))

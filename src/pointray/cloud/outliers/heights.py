@@ -1,4 +1,4 @@
-"""Heights of scans over each other: one quadric for all scans around a point, with a height of its own for each."""
+"""Heights of misaligned scans: one quadric for all scans around a point, with a separate height for each scan."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from .fits import into_ball
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
-AROUND = 64  # neighbours: of two scans 3 spacings apart a third of them is of the other one
-MOST = 8  # scans around a point; those of others are left out
-FEWEST, BENEATH = 6, 4  # points of a scan around the point, and within `WITHIN` of its axis
-WITHIN = 0.35  # of the squared radius: two scans have all their points there, if they are at most 0.8 radii apart
-SURE, SPACINGS = 3.5, 0.2  # standard errors, and spacings, from which scans do not fit
-SPREAD, SPREAD_SPACINGS = 0.35, 0.25  # of a scan about its height, in the difference of heights, or in spacings
-SIDE = 0.05  # mean cosine of the ways to the scanner and the normal, from which it is clear which side was seen
+AROUND = 64  # neighbours: of two scans 3 spacings apart, a third of them belongs to the other scan
+MOST = 8  # scans considered around a point
+FEWEST, BENEATH = 6, 4  # points of a scan in the neighbourhood, and within `WITHIN` of the axis, at least
+WITHIN = 0.35  # squared radius within which the ball holds all points of two scans, if at most 0.8 radii apart
+SURE, SPACINGS = 3.5, 0.2  # gap in standard errors, and in spacings, above which scans are misaligned
+SPREAD, SPREAD_SPACINGS = 0.35, 0.25  # greatest spread of a scan about its height, relative to the gap, or in spacings
+SIDE = 0.05  # mean cosine of viewing direction and normal above which the visible side is clear
 RIDGE = 1e-3
-HALF = 0.5  # of the neighbours of the same scan must tell a move
+HALF = 0.5  # share of the neighbours of the same scan that must have a clear move
 CHUNK = 512
 
-# One thread's memory: places, the same about each scan's mean, weights, scans; terms, coefficients and factor of the
-# quadric; variances and axes of the plane; means of terms, and what is known of each scan.
+# One thread's memory: places, the same relative to each scan's mean, weights, scans; terms, coefficients and factor of
+# the quadric; variances and axes of the plane; means of terms, and statistics of each scan.
 Memory: TypeAlias = tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array, Array, Array]
 
-COUNT, INNER, SQUARE, COSINE, HEIGHT = range(5)  # what is known of a scan
+COUNT, INNER, SQUARE, COSINE, HEIGHT = range(5)  # columns of a scan's statistics
 
 
 @inline
@@ -47,7 +47,7 @@ def _new_memory() -> Memory:
 
 @routine
 def _sort_out(near: Array, i: int, scans: Array, row: int, slots: Array, w: Array, known: Array) -> int:
-    """Tell the scans of the neighbours apart, that of the row first; returns how many there are."""
+    """Number the scans of the neighbours, beginning with the row's own; return how many there are."""
     first = np.empty(MOST, np.int64)
     first[0], count = scans[row], 1
     known[:, :] = 0.0
@@ -68,7 +68,7 @@ def _sort_out(near: Array, i: int, scans: Array, row: int, slots: Array, w: Arra
 
 @routine
 def _center(values: Array, columns: int, slots: Array, w: Array, known: Array, means: Array, out: Array) -> int:
-    """Write to out the values less the mean of each scan, and these means."""
+    """Write the values minus their scan's mean to out, and these means."""
     means[:, :] = 0.0
     for j in range(AROUND):
         if w[j] > 0.0:
@@ -82,7 +82,7 @@ def _center(values: Array, columns: int, slots: Array, w: Array, known: Array, m
 
 @routine
 def _fit(memory: Memory, facing: Array, near: Array, i: int) -> Vec3:
-    """Fit the quadric to the places in the ball of radius 1; returns the normal of its plane."""
+    """Fit the quadric to the places in the unit ball; return the normal of its plane."""
     d, centered, w, slots, terms, x, m, a, v, means, known = memory
     _center(d, 3, slots, w, known, means, centered)
     n = plane(centered, w, AROUND, a, v)
@@ -114,7 +114,7 @@ def _fit(memory: Memory, facing: Array, near: Array, i: int) -> Vec3:
 
 @routine
 def _way(known: Array, count: int) -> tuple[bool, float]:
-    """Whether all is clear, and how far the first scan lies from the mean of the scans."""
+    """Return whether the result is clear, and how far the first scan lies from the mean of the scans."""
     inner = 0.0
     for s in range(count):
         inner += known[s, INNER]
@@ -142,7 +142,7 @@ def _way(known: Array, count: int) -> tuple[bool, float]:
 
 @kernel
 def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Array, facing: Array, out: Array) -> int:
-    """Write to out[i] what takes positions[rows[i]] to the mean of the scans, and 1 where that is clear."""
+    """Write to out[i] the move of positions[rows[i]] to the mean of the scans, and 1 where it is clear."""
     positions, near, facing, out = borrow(positions), borrow(near), borrow(facing), borrow(out)
     memory = _new_memory()
     d, w, slots, known = memory[0], memory[2], memory[3], memory[10]
@@ -168,7 +168,7 @@ def _heights(work: Array, positions: Array, rows: Array, near: Array, scans: Arr
 
 @kernel
 def _even_out(work: Array, moves: Array, near: Array, scans: Array, out: Array) -> int:
-    """Write to out[i] the mean move of those of its neighbours that are of the same scan."""
+    """Write to out[i] the mean move of its neighbours of the same scan."""
     moves, near, out = borrow(moves), borrow(near), borrow(out)
     tile = next_tile(work)
     while tile >= 0:
@@ -187,7 +187,7 @@ def _even_out(work: Array, moves: Array, near: Array, scans: Array, out: Array) 
 
 
 def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArray[np.int32], facing: Floats) -> Floats:
-    """What takes some points to the mean of the scans around, and 1 where that is clear: (m, 4) float32.
+    """Return the moves of points to the mean of the scans around them, and 1 where clear: (m, 4) float32.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArr
     scans : (n,) int32
         Negative where unknown.
     facing : (n, 3) float32
-        Unit vectors to who saw each point, 0 where unknown.
+        Unit vectors to the scanner that saw each point, 0 where unknown.
     """
     out = np.zeros((len(rows), 4), np.float32)
     run(_heights, -(-len(rows) // CHUNK), positions, rows, near, scans, facing, out)
@@ -206,7 +206,7 @@ def heights(positions: Floats, rows: Rows, near: NDArray[np.int32], scans: NDArr
 
 
 def even_out(moves: Floats, near: NDArray[np.int32], scans: NDArray[np.int32]) -> Floats:
-    """The mean of the moves that are clear, over neighbours of the same scan, (n, 3); 0 where few are."""
+    """Return the mean of the clear moves of neighbours of the same scan, (n, 3); 0 where few are clear."""
     out = np.zeros((len(moves), 3), np.float32)
     run(_even_out, -(-len(moves) // CHUNK), moves, near, scans, out)
     return out

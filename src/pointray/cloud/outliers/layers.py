@@ -1,4 +1,4 @@
-"""Second layers: sparse passes of a surface that do not fit, which models move onto it."""
+"""Second layers: sparse, misaligned passes of a surface, which models move onto it."""
 
 from __future__ import annotations
 
@@ -8,97 +8,99 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.progress import Progress, part_of, tell
-from ..kd_ordering import Path, along_path
+from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import neighbors
 from ..neighbors.components import connected_components
 from ..points import Points
 from ..statistics import CloudStatistics
-from .floors import LAYER, LEAST, Floors, Ground
+from .floors import LAYER, LEAST, Floors, FloorSearch
 from .passes import merge_passes
-from .search import Search
+from .search import LayerSearch
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
-SPARSE_MERGED = 0.6  # share of the time
-OPPOSITE = -0.3  # mean cosine of a point's given normal and those around it, below which it is another sheet
+SPARSE_MERGED = 0.6  # progress after sparse layers are merged
+OPPOSITE = -0.3  # mean cosine of a point's given normal and those around it, below which it belongs to another sheet
 
-# A layer is a group of many points that are about as far off on the same side. Clean clouds have groups of at most 10.
+# A layer is a large group of points at about the same height on the same side. Clean clouds have groups of at most 10.
 FEWEST = 50
-LINKS, APART = 8, 6.0  # the nearest points of the layer that it links, at most so many spacings away
-LEVEL, ALIKE = 1.0, 0.5  # differences in height, in spacings, and cosines of the ways to the floor
+LINKS, APART = 8, 6.0  # nearest points of the layer that are linked, and their greatest distance in spacings
+LEVEL, ALIKE = 1.0, 0.5  # greatest difference in height, in spacings; least cosine of the directions to the floor
 
 
 class Part(NamedTuple):
-    """Of which cloud points are a part.
+    """Description of the cloud that the points are a part of.
 
-    total : how many positions that has
-    numbers : (m,) int64, for each position of the part, in order, its place in the kd order of all
-    usual : numbers that hold for all
-    blocks : those of its positions that show layers, see `Search`; None: they are searched for
-    ignored : the numbers of stations that are not believed; None: the points show it, see `eyes_of`
+    total : number of its positions
+    numbers : (m,) int64, place in its kd order of each position of the part, in order
+    statistics : statistics of the whole cloud
+    blocks : its blocks that show layers, see `LayerSearch`; None: they are searched
+    ignored : numbers of stations to ignore; None: found from the points, see `eyes_of`
     """
 
     total: int
     numbers: Rows
-    usual: CloudStatistics
+    statistics: CloudStatistics
     blocks: Rows | None = None
     ignored: tuple[int, ...] | None = None
 
 
 def merge_for_model(
-    points: Points, progress: Progress | None = None, along: Path | None = None, part: Part | None = None
+    points: Points, progress: Progress | None = None, ordering: KdOrdering | None = None, part: Part | None = None
 ) -> Points:
-    """The points with those of second layers and passes moved onto one surface; `points` itself, where there are none.
+    """Move the points of second layers and passes onto one surface; return `points` itself if nothing moves.
 
-    Unlike `merge_layers` it looks closely only where a few stretches of the kd order show layers, and moves only
-    groups of `FEWEST` points or more: a surface without layers stays as it is, to the bit. `along`, if it is known, is
-    the path through the points; `part` tells of which cloud they are a part, None: they are the whole.
+    Unlike `merge_layers` this examines the cloud closely only where a few ranges of the kd order show layers, and moves
+    only groups of at least `FEWEST` points: a surface without layers is unchanged, to the bit.
+
+    ordering : of the points, if known
+    part : the cloud that the points are a part of; None: they are the whole cloud
     """
-    along = along or along_path(points)
-    path, ids, _ = along
+    ordering = ordering or compute_kd_ordering(points)
+    ordered, ids, _ = ordering
     tell(progress, 0.1)
-    if len(path) < LEAST:
+    if len(ordered) < LEAST:
         return points
-    part = part or Part(len(path), np.arange(len(path)), CloudStatistics.of(len(path)))
+    part = part or Part(len(ordered), np.arange(len(ordered)), CloudStatistics.of(len(ordered)))
     if part.blocks is None or len(part.blocks):
-        shift = _shifts(points, along, part, part_of(progress, 0.1, SPARSE_MERGED))
+        shift = _shifts(points, ordering, part, part_of(progress, 0.1, SPARSE_MERGED))
         if shift is not None:
             positions = points.positions.copy()
             positions[points.finite] += shift[ids]
             points = points.changed(positions=positions)
-            along = along.moved(points)
+            ordering = ordering.moved(points)
     tell(progress, SPARSE_MERGED)
     rest = part_of(progress, SPARSE_MERGED, 1.0)
-    return merge_passes(points, None, rest, along, part.usual, part.ignored)
+    return merge_passes(points, None, rest, ordering, part.statistics, part.ignored)
 
 
-def _shifts(points: Points, along: Path, part: Part, progress: Progress | None) -> Floats | None:
-    """By how much positions of second layers are moved, (n, 3); None: there are none."""
-    ground = Ground(along.positions)
-    search = Search(ground, part.total, part.numbers)
+def _shifts(points: Points, ordering: KdOrdering, part: Part, progress: Progress | None) -> Floats | None:
+    """Return the moves of positions in second layers, (n, 3); None without layers."""
+    floor_search = FloorSearch(ordering.positions)
+    search = LayerSearch(floor_search, part.total, part.numbers)
     if part.blocks is None:
-        search.everywhere(progress)
+        search.examine_all(progress)
     else:
         search.open(part.blocks)
-    floors = ground.floors()
+    floors = floor_search.floors()
     off = np.flatnonzero(floors.off)
     off = off[np.linalg.norm(floors.offset[off], axis=1) <= LAYER * floors.spacing[off]]
-    off = off[~faces_back(points, along.rows, floors, off)]
-    off = off[_in_company(along.positions, floors, off)]
+    off = off[~faces_back(points, ordering.rows, floors, off)]
+    off = off[_in_company(ordering.positions, floors, off)]
     if not len(off):
         return None
-    shift = np.zeros_like(along.positions)
+    shift = np.zeros_like(ordering.positions)
     shift[off] = floors.offset[off]
     return shift
 
 
-def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
-    """Which of some rows that are off their floor are in a large group at about the same height."""
+def _in_company(ordered: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
+    """Return which rows, all off their floor, are in a large group at about the same height."""
     m = len(rows)
     if m < FEWEST:
         return np.zeros(m, np.bool_)
-    away, near = neighbors(path[rows], LINKS + 1)
+    away, near = neighbors(ordered[rows], LINKS + 1)
     offset, spacing = floors.offset[rows], floors.spacing[rows]
     height = np.linalg.norm(offset, axis=1)
     ways = offset / np.maximum(height, 1e-30)[:, None]
@@ -109,7 +111,7 @@ def _in_company(path: Floats, floors: Floors, rows: Rows) -> NDArray[np.bool_]:
 
 
 def faces_back(points: Points, rows: NDArray[np.integer[Any]], floors: Floors, some: Rows) -> NDArray[np.bool_]:
-    """Which of some positions have a given normal against those around: they are the back of a thin body.
+    """Return which positions have a given normal opposite to those around: they are the back of a thin body.
 
     rows : the row of `points` of each position
     """

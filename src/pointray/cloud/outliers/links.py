@@ -1,4 +1,4 @@
-"""What groups ask of the neighbours of each point."""
+"""Kernels that link points with their neighbours."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def third_least(work: Array, values: Array, near: Array, out: Array) -> int:
 
 @kernel
 def link(work: Array, positions: Array, near: Array, reach: Array, strays: Array, out: Array) -> int:
-    """Write to out[i, j] whether point i is within the reach of its neighbour near[i, j]; strays reach nobody."""
+    """Write to out[i, j] whether point i is within the reach of its neighbour near[i, j]; strays are not linked."""
     positions, near, reach, out = borrow(positions), borrow(near), borrow(reach), borrow(out)
     tile = next_tile(work)
     while tile >= 0:

@@ -1,7 +1,7 @@
-"""The survey: a smooth floor near each point, one for four points that follow each other in kd order.
+"""Local surface fits: one robust fit for each group of four points that are consecutive in kd order.
 
-A quadric for each point would take four times as long, and so would a search for 48 neighbours; the few points that lie
-off the floor of their four are examined on their own afterwards.
+A fit for each point would take four times as long, and so would a search for 48 neighbours of each. The few points off
+the surface of their group are examined one by one afterwards.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from .fits import fit, new_memory, nth
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
-AROUND = 48  # neighbours of a fit, itself included: a layer with a tenth of the points is seen up to 5 spacings away
-KEPT = 16  # neighbours that are kept: they share their noise
-CORE = 8  # the neighbour whose distance says how dense it is
+AROUND = 48  # neighbours of a fit, itself included: a layer with a tenth of the points is found up to 5 spacings away
+KEPT = 16  # neighbours that are stored: noise is averaged over them
+CORE = 8  # neighbour whose distance defines the local density
 GROUP = 4  # points that share a fit
-CANDIDATES = 64  # neighbours of the middle one, among which those of all four are
+CANDIDATES = 64  # neighbours of the middle point, which include those of the whole group
 CHUNK = 256  # groups of a tile
 ROWS = 1 << 15  # groups of a table at a time
 
@@ -33,15 +33,15 @@ ROWS = 1 << 15  # groups of a table at a time
 def _keep(
     positions: Array, row: int, near: Array, reach: Array, i: int, aside: float, kept: Array, away: Array
 ) -> float:
-    """Write the nearest of the candidates near[i] to kept[row]; returns the distance of the last.
+    """Write the nearest of the candidates near[i] to kept[row]; return the distance of the last.
 
-    reach : how far the candidates are from the middle of the group
-    aside : how far the row is
+    reach : distances of the candidates from the middle of the group
+    aside : distance of the row from the middle
     """
     most = kept.shape[1]
     for j in range(near.shape[1]):
         if j >= most and reach[i, j] - aside > 0.0 and (reach[i, j] - aside) ** 2 > away[most - 1]:
-            break  # those that follow are farther still
+            break  # the rest is farther still
         other, square = near[i, j], 0.0
         for c in range(3):
             step = f64(positions[other, c]) - f64(positions[row, c])
@@ -60,15 +60,15 @@ def _keep(
 
 @kernel
 def _survey(
-    work: Array, positions: Array, members: Array, near: Array, reach: Array, about: Array, kept: Array, told: Array
+    work: Array, positions: Array, members: Array, near: Array, reach: Array, about: Array, kept: Array, is_done: Array
 ) -> int:
-    """Write of each member of a group how far off the group's floor it is, the floor's noise and spacing, the distance
-    to its `CORE`-th neighbour, and its neighbours, to the row of the member.
+    """Fit a surface to each group; write each member's height above it, its noise and spacing, the distance to the
+    member's `CORE`-th neighbour, and its neighbours.
 
-    members : (m, g) rows, the one in the middle first
-    near : (m, k) nearest neighbours of that one
-    reach : (m, k) how far these are from it
-    told : (n,) 1 for the rows of which that is known, 0 for those too far from the middle
+    members : (m, g) rows, the middle one first
+    near : (m, k) nearest neighbours of the middle one
+    reach : (m, k) their distances from it
+    is_done : (n,) 1 for rows that are done, 0 for those too far from the middle
     """
     positions, near, about, kept = borrow(positions), borrow(near), borrow(about), borrow(kept)
     k, whole = min(AROUND, near.shape[1]), near.shape[1] == len(positions)
@@ -90,7 +90,7 @@ def _survey(
                 height -= x[0] + x[1] * p + x[2] * q + x[3] * p * p + x[4] * p * q + x[5] * q * q
                 aside = math.sqrt(aside) * far
                 last = _keep(positions, row, near, reach, i, aside, kept, away)
-                told[row] = whole or last + aside <= reach[i, near.shape[1] - 1]
+                is_done[row] = whole or last + aside <= reach[i, near.shape[1] - 1]
                 about[row, 0], about[row, 1], about[row, 2] = abs(height) * far, noise * far, spacing
                 about[row, 3] = math.sqrt(away[min(CORE, len(away) - 1)])
         tile = next_tile(work)
@@ -99,7 +99,7 @@ def _survey(
 
 @kernel
 def _share(work: Array, rows: Array, about: Array, near: Array, out: Array) -> int:
-    """Write to out[i] the median noise, in spacings, around rows[i], in its spacing; NaN is none."""
+    """Write to out[i] the median of noise over spacing around rows[i], times the row's spacing; NaN is skipped."""
     about, near, out, k = borrow(about), borrow(near), borrow(out), near.shape[1]
     values, scratch = np.empty(k), np.empty(k)
     tile = next_tile(work)
@@ -116,20 +116,20 @@ def _share(work: Array, rows: Array, about: Array, near: Array, out: Array) -> i
     return 0
 
 
-class Survey:
-    """What is known of positions that are all different and in kd order; NaN where they were not looked at.
+class LocalSurfaceFits:
+    """Local surface fits at distinct positions in kd order; NaN where none was made.
 
     Attributes
     ----------
     tree : NeighborTree
     height, noise, spacing : (n,) float32
-        How far off its floor each lies, and the floor's noise and spacing.
+        Distance of each position from the fitted surface, and the surface's noise and spacing.
     core : (n,) float32
         Distance to its `CORE`-th neighbour.
     near : (n, k) int32
         Its nearest neighbours, itself first.
     known : (m,) bool
-        Which groups were looked at: group g holds the rows from `GROUP` g on.
+        Which groups are fitted: group g holds the rows from `GROUP` g on.
     """
 
     def __init__(self, positions: Floats) -> None:
@@ -140,38 +140,38 @@ class Survey:
         self.near = np.zeros((n, min(KEPT, n)), np.int32)
         self.known = np.zeros(-(-n // GROUP), np.bool_)
 
-    def look(self, groups: Rows, progress: Progress | None = None) -> None:
-        """Look at some groups, unless they are known."""
+    def examine(self, groups: Rows, progress: Progress | None = None) -> None:
+        """Fit some groups, unless they are fitted already."""
         groups = groups[~self.known[groups]]
         self.known[groups] = True
         for start in range(0, len(groups), ROWS):
             rows = GROUP * groups[start : start + ROWS, None] + np.arange(GROUP)
             rows = np.minimum(rows, len(self._positions) - 1)
-            told = self._fit(_middle_first(self._positions, rows))
-            left = _pairs(rows, ~told[rows])  # those far from the middle of their group have neighbours of their own
+            is_done = self._fit(_middle_first(self._positions, rows))
+            left = _pairs(rows, ~is_done[rows])  # those far from the middle of their group need neighbours of their own
             if len(left):
-                told |= self._fit(left)
-                left = np.unique(left[~told[left]])
+                is_done |= self._fit(left)
+                left = np.unique(left[~is_done[left]])
             if len(left):
                 self._fit(left.reshape(-1, 1))
             tell(progress, min((start + ROWS) / len(groups), 1.0))
 
     def shared(self, rows: Rows) -> Floats:
-        """The median noise of some points' neighbours, (m,): that of one neighbourhood varies by a tenth."""
+        """Return the median noise of some points' neighbours, (m,): that of one neighbourhood varies by a tenth."""
         out = np.empty(len(rows), np.float32)
         run(_share, -(-len(rows) // CHUNK), rows, self._about, self.near, out)
         return out
 
     def _fit(self, members: Rows) -> NDArray[np.bool_]:
-        """Fit floors to groups of rows, the middle one first; which rows they tell of, (n,) bool."""
-        told = np.zeros(len(self._positions), np.bool_)
+        """Fit groups of rows, the middle one first; return which rows are done, (n,) bool."""
+        is_done = np.zeros(len(self._positions), np.bool_)
         reach, near = self.tree.query(CANDIDATES, self._positions[members[:, 0]])
-        run(_survey, -(-len(members) // CHUNK), self._positions, members, near, reach, self._about, self.near, told)
-        return told
+        run(_survey, -(-len(members) // CHUNK), self._positions, members, near, reach, self._about, self.near, is_done)
+        return is_done
 
 
 def _pairs(groups: Rows, chosen: NDArray[np.bool_]) -> Rows:
-    """The chosen rows of each group in pairs, (m, 2); an odd one is paired with itself."""
+    """Return the chosen rows of each group in pairs, (m, 2); an odd one is paired with itself."""
     order = np.argsort(~chosen, axis=1, kind="stable")
     rows, chosen = np.take_along_axis(groups, order, axis=1), np.take_along_axis(chosen, order, axis=1)
     pairs, both = rows.reshape(-1, 2), chosen.reshape(-1, 2)
@@ -179,7 +179,7 @@ def _pairs(groups: Rows, chosen: NDArray[np.bool_]) -> Rows:
 
 
 def _middle_first(positions: Floats, rows: Rows) -> Rows:
-    """Groups of rows, (m, g), with the one next to the group's mean first."""
+    """Return groups of rows, (m, g), with the row nearest to the group's mean first."""
     places = positions[rows]
     away = ((places - places.mean(axis=1, keepdims=True)) ** 2).sum(axis=2)
     return np.take_along_axis(rows, away.argsort(axis=1), axis=1)

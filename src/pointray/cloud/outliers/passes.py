@@ -1,8 +1,8 @@
-"""Passes: several scans of one surface that do not fit are moved onto their mean, where it is told who saw each point.
+"""Passes: misaligned scans of one surface are moved onto their mean, if the scan and scanner of each point are known.
 
-Around a point one quadric is fitted to all scans, with a height of its own for each. Scans whose scanners look at the
-same side and of which none has points at the height of another are passes of one surface: two sheets, one before the
-other, would both be seen by one of them, or from opposite sides.
+Around a point one quadric is fitted to all scans, with a separate height for each. Scans are passes of one surface if
+their scanners face the same side and no scan has points at the height of another: of two sheets, one in front of the
+other, one scanner would see both, or they would be seen from opposite sides.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...base.progress import Progress, part_of, tell
 from ..georeference import SCAN
-from ..kd_ordering import Path, along_path
+from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import NeighborTree
 from ..normals.stations import eyes_of
 from ..points import Points
@@ -22,85 +22,85 @@ from .heights import AROUND, even_out, heights
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
-IDS = SCAN, "point_source_id"  # attributes that tell which scan, or flight line, each point is of
-SAMPLE, SHOWN = 20_000, 0.01  # points that are looked at first; share of them that must show passes that do not fit
-KEPT = 24  # neighbours over which moves are averaged: the mean of two scans is no rougher than each
+IDS = SCAN, "point_source_id"  # attributes that hold the scan, or flight line, of each point
+SAMPLE, SHOWN = 20_000, 0.01  # sampled points; share of them that must show misaligned passes
+KEPT = 24  # neighbours over which moves are averaged: makes the mean of two scans no rougher than each
 ROWS = 1 << 16  # rows of a table at a time
-TOLD, LAID = 0.1, 0.9  # shares of the time until the sample is seen, and all moves are known
+SAMPLED, MOVED = 0.1, 0.9  # progress after the sample, and after all moves are known
 
 
 def merge_passes(
     points: Points,
     eyes: NDArray[np.float64] | None = None,
     progress: Progress | None = None,
-    along: Path | None = None,
-    usual: CloudStatistics | None = None,
+    ordering: KdOrdering | None = None,
+    statistics: CloudStatistics | None = None,
     ignored: tuple[int, ...] | None = None,
 ) -> Points:
-    """The points with those of scans that do not fit moved onto the mean of the scans, by density and noise.
+    """Move misaligned scans onto their mean, weighted by density and noise.
 
     Parameters
     ----------
     points : Points
-        The attribute "scan" or "point_source_id" tells the scan of each, a whole number from 0; without it, and for
-        points with other numbers, nothing is moved.
+        The attribute "scan" or "point_source_id" holds the scan of each point, an integer from 0. Without it nothing is
+        moved, and points with other values stay.
     eyes : (3,) or (n, 3) float64, optional
-        Who saw each point. None: the stations of the survey; where nobody is known the normals, if there are some, tell
-        the side from which a surface was seen.
+        Viewpoint of each point. None: the stations of the points; where they are unknown, normals, if any, show from
+        which side the surface was seen.
     progress : callable, optional
-    along : Path, optional
-        The path through the points, if it is known.
-    usual : CloudStatistics, optional
-        Of the cloud that the points are a part of. None: they are the whole.
+    ordering : KdOrdering, optional
+        The ordering of the points, if known.
+    statistics : CloudStatistics, optional
+        Of the cloud that the points are a part of. None: they are the whole cloud.
     ignored : tuple of int, optional
-        The stations that are not believed, see `eyes_of`.
+        Stations to ignore, see `eyes_of`.
 
     Returns
     -------
     Points
-        `points` itself, if less than a hundredth of them would move.
+        `points` itself if less than a hundredth of them would move.
     """
     scans = _scans_of(points)
     if scans is None:
         return points
-    path, ids, rows = along or along_path(points)
+    ordered, ids, rows = ordering or compute_kd_ordering(points)
     facing = _facing(points, eyes_of(points, ignored) if eyes is None else eyes)
-    if facing is None or len(path) <= AROUND:
+    if facing is None or len(ordered) <= AROUND:
         return points
-    scans, facing, tree = scans[rows], facing[rows], NeighborTree(path, in_order=True)
-    usual = usual or CloudStatistics.of(len(path))
+    scans, facing, tree = scans[rows], facing[rows], NeighborTree(ordered, in_order=True)
+    statistics = statistics or CloudStatistics.of(len(ordered))
 
     def share() -> float:
-        some = np.ascontiguousarray(usual.spread(len(path), SAMPLE))
-        seen = heights(path, some, tree.query(AROUND, path[some])[1], scans, facing)
+        some = np.ascontiguousarray(statistics.spread(len(ordered), SAMPLE))
+        seen = heights(ordered, some, tree.query(AROUND, ordered[some])[1], scans, facing)
         return float(seen[:, :3].any(axis=1).mean())
 
-    shown = usual.ask("share of passes", share)
-    tell(progress, TOLD)
-    if shown < SHOWN:
+    misaligned = statistics.get_or_compute("share of passes", share)
+    tell(progress, SAMPLED)
+    if misaligned < SHOWN:
         return points
-    shifts = _shifts(path, tree, scans, facing, part_of(progress, TOLD, 1.0))
+    shifts = _shifts(ordered, tree, scans, facing, part_of(progress, SAMPLED, 1.0))
     positions = points.positions.copy()
     positions[points.finite] += shifts[ids]
     return points.changed(positions=positions)
 
 
 def _shifts(
-    path: Floats, tree: NeighborTree, scans: NDArray[np.int32], facing: Floats, progress: Progress | None
+    ordered: Floats, tree: NeighborTree, scans: NDArray[np.int32], facing: Floats, progress: Progress | None
 ) -> Floats:
-    """The move of each point, (n, 3)."""
-    n = len(path)
+    """Return the move of each point, (n, 3)."""
+    n = len(ordered)
     moves, near = np.zeros((n, 4), np.float32), np.empty((n, KEPT), np.int32)
     for start in range(0, n, ROWS):
         rows = np.arange(start, min(start + ROWS, n))
         found = tree.rows(AROUND, slice(start, start + ROWS))
-        moves[rows], near[rows] = heights(path, rows, found, scans, facing), found[:, :KEPT]
-        tell(progress, LAID * rows[-1] / n)
+        moves[rows], near[rows] = heights(ordered, rows, found, scans, facing), found[:, :KEPT]
+        tell(progress, MOVED * rows[-1] / n)
     return even_out(moves, near, scans)
 
 
 def _scans_of(points: Points) -> NDArray[np.int32] | None:
-    """The scan of each point, (n,), -1 where that is unknown; None if there are not two."""
+    """Return the scan of each point, (n,), -1 where unknown; None if there are fewer than two."""
     for name in IDS:
         values = points.attributes.get(name)
         if values is None or values.ndim != 1 or values.dtype == np.bool_:
@@ -114,7 +114,7 @@ def _scans_of(points: Points) -> NDArray[np.int32] | None:
 
 
 def _facing(points: Points, eyes: NDArray[np.float64] | None) -> Floats | None:
-    """Unit vectors to the side from which each point was seen, (n, 3), 0 where nothing is known; None if nowhere."""
+    """Return unit vectors to the side from which each point was seen, (n, 3), 0 where unknown; None if all are."""
     facing = np.zeros((len(points), 3), np.float32)
     ways = [] if eyes is None else [eyes - points.world]
     if points.normals is not None:

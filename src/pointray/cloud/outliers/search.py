@@ -1,7 +1,7 @@
-"""Where second layers are: blocks of the kd order are opened, and those beside them as long as layers go on.
+"""Search for second layers by blocks of the kd order, continuing with adjacent blocks as long as layers go on.
 
-What a block shows depends on the points in and around it alone, not on which blocks were opened before. So a cloud in
-parts opens the blocks that the whole would.
+The result for a block depends only on the points in and around it, not on earlier blocks. A cloud in parts thus
+examines the same blocks as the whole.
 """
 
 from __future__ import annotations
@@ -10,55 +10,55 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.progress import Progress, part_of, tell
-from .floors import Ground
+from .floors import FloorSearch
 from .local_fits import GROUP
 
 Rows = NDArray[np.int64]
 
-STRETCH = 16 * GROUP  # points that follow each other in kd order: a place about 8 spacings wide
-SAMPLE, SHARE = 20_000, 32  # points that are looked at in any case; a block has at most so many stretches
-SHOWS = 2  # points off their floor, from which a stretch shows a layer
-SEEDS = 0.5  # share of the time, where no layer shows
+RANGE = 16 * GROUP  # consecutive points in kd order, about 8 spacings wide
+SAMPLE, SHARE = 20_000, 32  # points examined in any case; largest number of ranges of a block
+SHOWS = 2  # points off their floor with which a range shows a layer
+SEEDS = 0.5  # progress if no layer is found
 
 
 def block_size(total: int) -> int:
-    """How many points of the kd order are a block of a cloud: a power of two, at most 2,048."""
-    return STRETCH << min(max(total // SAMPLE, 1).bit_length() - 1, SHARE.bit_length() - 1)
+    """Return the number of points of a block, a power of two, at most 2,048. total : points of the cloud"""
+    return RANGE << min(max(total // SAMPLE, 1).bit_length() - 1, SHARE.bit_length() - 1)
 
 
-class Search:
-    """The search for layers among some points of a cloud.
+class LayerSearch:
+    """Search for layers among some points of a cloud.
 
     Parameters
     ----------
-    ground : Ground
-        Of which nothing is known yet.
+    floor_search : FloorSearch
+        Without any results yet.
     total : int
-        How many points the cloud has.
+        Number of points of the cloud.
     numbers : (m,) int64
-        The place of each point at hand in the kd order of all.
+        Place of each given point in the cloud's kd order.
     """
 
-    def __init__(self, ground: Ground, total: int, numbers: Rows) -> None:
-        self._ground, size = ground, block_size(total)
-        starts = numbers[::STRETCH]
+    def __init__(self, floor_search: FloorSearch, total: int, numbers: Rows) -> None:
+        self._floor_search, size = floor_search, block_size(total)
+        starts = numbers[::RANGE]
         self._blocks = starts // size
-        # The stretch in the middle of a block stands for it.
-        self._is_seed = starts % size // STRETCH == size // STRETCH // 2
+        # The middle range of a block represents it.
+        self._is_seed = starts % size // RANGE == size // RANGE // 2
 
     def seeds(self, progress: Progress | None = None) -> Rows:
-        """The blocks whose middle shows a layer, ascending."""
+        """Return the blocks whose middle shows a layer, ascending."""
         off = self._off(np.flatnonzero(self._is_seed), False, progress)
-        self._ground.forget()
-        return np.unique(self._blocks[off // STRETCH])
+        self._floor_search.forget()
+        return np.unique(self._blocks[off // RANGE])
 
     def open(self, blocks: Rows, progress: Progress | None = None) -> Rows:
-        """Look at all points at hand of some blocks; returns the blocks that their layers may go on to, ascending."""
+        """Examine all given points of some blocks; return the blocks in which their layers may continue, ascending."""
         off = self._off(np.flatnonzero(np.isin(self._blocks, blocks)), True, progress)
-        return np.unique(self._blocks[self._ground.survey.near[off].ravel() // STRETCH])
+        return np.unique(self._blocks[self._floor_search.fits.near[off].ravel() // RANGE])
 
-    def everywhere(self, progress: Progress | None = None) -> None:
-        """Open all blocks that show layers, one after the other."""
+    def examine_all(self, progress: Progress | None = None) -> None:
+        """Examine all blocks that show layers, and those in which they continue."""
         todo = known = self.seeds(part_of(progress, 0.0, SEEDS))
         while len(todo):
             share = len(known) / (int(self._blocks[-1]) + 1)
@@ -67,10 +67,10 @@ class Search:
             known = np.union1d(known, todo)
         tell(progress, 1.0)
 
-    def _off(self, stretches: Rows, is_exact: bool, progress: Progress | None) -> Rows:
-        """The rows off their floor in those of some stretches that show a layer."""
-        groups = (STRETCH // GROUP * stretches[:, None] + np.arange(STRETCH // GROUP)).ravel()
-        groups = groups[groups < len(self._ground.survey.known)]
-        off = self._ground.look(groups, progress, is_exact)
-        shows = np.bincount(off // STRETCH, minlength=len(self._blocks)) >= SHOWS
-        return off[shows[off // STRETCH]]
+    def _off(self, ranges: Rows, is_exact: bool, progress: Progress | None) -> Rows:
+        """Return the rows off their floor in those ranges that show a layer."""
+        groups = (RANGE // GROUP * ranges[:, None] + np.arange(RANGE // GROUP)).ravel()
+        groups = groups[groups < len(self._floor_search.fits.known)]
+        off = self._floor_search.examine(groups, progress, is_exact)
+        shows = np.bincount(off // RANGE, minlength=len(self._blocks)) >= SHOWS
+        return off[shows[off // RANGE]]

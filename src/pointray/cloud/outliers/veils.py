@@ -1,13 +1,13 @@
-"""Veils: what a scanner measures between foreground and background, where its beam meets the edge of something.
+"""Veils: mixed returns between foreground and background, where the scanner's beam hits the edge of an object.
 
-Seen from the scanner, a surface goes on from each point to some of those beside it: even at a grazing angle, in one
-direction. A point of a veil stands by itself between what is nearer and what is farther: hardly any of the points
-beside it is about as far. It is sparser than these, too: where all of a body is seen from one place, its back shows
-between the points of its front, but they are as dense as each other.
+Seen from the scanner, a surface continues from each point to some adjacent points, at grazing angles at least in one
+direction. A point of a veil is isolated between nearer and farther points: hardly any adjacent point has about the same
+range. It is also sparser than these: where a whole body is seen from one place, its back shows between the points of
+its front, but both are equally dense.
 
-Where an edge runs along a row or column of the scan, the mixed returns make a line, on which each point goes on to two
-others. Such a point is far from most beside it, some nearer, some farther, which are not far from most beside them: the
-ground at a grazing angle is as steep before and behind, and a wire has nothing nearer.
+Where an edge runs along a row or column of the scan, mixed returns form a line, on which each point continues to two
+others. Such a point is far from most adjacent points, some nearer, some farther, while these are not far from their
+own: ground at a grazing angle is equally steep in front and behind, and a wire has nothing nearer.
 """
 
 from __future__ import annotations
@@ -20,30 +20,30 @@ from .local_fits import CORE
 
 Floats = NDArray[np.float32]
 
-BESIDE = CORE  # points beside each, as seen from the scanner
-STEEP = 4.0  # a surface recedes by no more than this for a step to the side: 76 degrees
-MOST = 1  # points beside a point of a veil that go on from it
-LINE, SIDES = 3, 2  # points that go on from one of a line, at most; points nearer, and points farther, at least
-SPARSE_LINE = 2.0  # and its neighbours in space are so many times as far away as those of the denser side
-SPARSE = 2.5  # and its neighbours in space are so many times as far away as those of the points beside it
+BESIDE = CORE  # adjacent points, as seen from the scanner
+STEEP = 4.0  # greatest slope of a surface along the ray, for a step to the side: 76 degrees
+MOST = 1  # adjacent points that a point of a veil continues to, at most
+LINE, SIDES = 3, 2  # the same on a line; nearer, and farther, adjacent points, at least
+SPARSE_LINE = 2.0  # least ratio of distances to neighbours in space, to those of the denser side, on a line
+SPARSE = 2.5  # least ratio of distances to neighbours in space, to those of adjacent points
 
 
-def veiled(positions: Floats, core: Floats, eye: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which positions stand by themselves between what is nearer and what is farther.
+def find_veils(positions: Floats, core: Floats, eye: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which positions are isolated between nearer and farther points.
 
     Parameters
     ----------
     positions : (n, 3) float32
     core : (n,) float32
-        Distance to each one's `survey.CORE`-th neighbour.
+        Distance to each one's `local_fits.CORE`-th neighbour.
     eye : (3,) float64
-        The scanner, relative to the same origin.
+        The scanner, relative to the origin of the positions.
     """
     away = positions - eye
     ranges = np.linalg.norm(away, axis=1)
     directions = (away / np.maximum(ranges, 1e-30)[:, None]).astype(np.float32)
     angles, near = neighbors(directions, BESIDE + 1)
-    # A step is as wide as usual even where two points lie in one direction.
+    # At least the median step, even where two points lie in the same direction.
     sideways = np.maximum(angles, np.median(angles[:, 1:], axis=1, keepdims=True)) * ranges[:, None]
     beyond = ranges[near] - ranges[:, None]
     is_other = near != np.arange(len(positions))[:, None]

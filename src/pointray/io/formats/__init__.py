@@ -1,21 +1,22 @@
-"""Files -> `Points` and back: one file a format.
+"""File formats, read and written as `Points`.
 
-Each has a `FORMAT` (`_source.Format`), which says how a file is recognised, opened and perhaps written. Formats that
-share much lie in one folder. Files whose names begin with _ are parts of formats. A new format is a file here, or in a
-folder of its own, and nothing else.
+Each format is one module with a `FORMAT` (`_source.Format`), which detects, opens and optionally writes files. Related
+formats share a folder. Modules whose names begin with _ are helpers. To add a format, add a module here or in a folder;
+nothing else needs to be registered.
 
-_source : what a reader gives; _named_columns : what columns are by their names; _world : coordinates to be written;
-_counts : counts that a header announces against what is there; _packed_colors : colours packed in a number
-ply : binary and text
+_source : interface of the readers; _named_columns, _unnamed_columns : meaning of columns, by name or by values;
+_world : coordinates to be written; _counts : comparison of announced counts with the contents;
+_packed_colors : colours packed in one number; _odd_numbers : NaN and infinity as Microsoft's C library writes them
+ply : text and binary
 las : LAS, LAZ and COPC
 e57 : E57, through libE57
-text : .xyz, .csv, .pts and the like; PTX; and numbers in text, exactly and fast
-pcd : ascii, binary, packed
+text : .xyz, .csv, .pts and similar; PTX; fast, exact parsing of numbers
+pcd : ascii, binary, binary_compressed
 arrays : NPY and NPZ
-mesh : OBJ, STL, glTF, OFF: vertices, or points on triangles
+mesh : OBJ, STL, glTF, OFF: vertices, or points sampled on triangles
 splats : 3D Gaussian splatting in four formats
-depth : depth pictures
-kitti : sweeps without a header
+depth : depth images
+kitti : lidar sweeps without a header
 colmap : sparse points of photogrammetry
 
 Begin with _source, then ply/ply.

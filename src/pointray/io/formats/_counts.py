@@ -1,4 +1,4 @@
-"""Counts that a header announces, against what the file holds."""
+"""Comparison of the counts in a header with the contents of the file."""
 
 from __future__ import annotations
 
@@ -10,44 +10,44 @@ import numpy as np
 
 from ._source import Faults
 
-BLOCK = 1 << 22  # bytes that are looked through together
-PROBE = 1 << 13  # bytes behind the announced rows that are looked at
+BLOCK = 1 << 22  # bytes read at a time
+PROBE = 1 << 13  # bytes after the announced rows that are checked for zeros
 
 
-def rows_there(announced: int, row: int, there: int, noun: str, faults: Faults) -> int:
-    """The rows of `row` bytes that can be read of those announced, where `there` bytes are left.
+def readable_rows(announced: int, row: int, there: int, noun: str, faults: Faults) -> int:
+    """Return how many of the announced rows of `row` bytes can be read, where `there` bytes are left.
 
-    Missing rows are a fault; ValueError if not one is there.
+    Missing rows are a fault. Raise ValueError if not even one is complete.
     """
     if announced * row <= there:
         return announced
-    message = f"is cut off: {announced:,} {noun} of {row} bytes or more are announced, {there:,} bytes are there"
+    message = f"is cut off: {announced:,} {noun} of {row} bytes or more expected, {there:,} bytes found"
     faults.add(f"{message}: {missing(announced, there // row)}")
     if there < row:
         raise ValueError(message)
     return there // row
 
 
-def unequal(announced: int, there: int, noun: str) -> str:
-    """Say that there are other rows than announced."""
-    text = f"{announced:,} {noun} are announced, {there:,} are there"
+def count_mismatch(announced: int, there: int, noun: str) -> str:
+    """Describe a difference between the announced number of rows and the number found."""
+    text = f"{announced:,} {noun} expected, {there:,} found"
     return text if there > announced else f"{text}: {missing(announced, there)}"
 
 
 def missing(announced: int, there: int) -> str:
-    """How many rows are missing, in words."""
+    """Describe how many rows are missing."""
     return f"{announced - there:,} of {announced:,} are missing"
 
 
-def rows_behind(file: BinaryIO, start: int, end: int, row: int) -> int:
-    """The rows that follow the announced ones between two bytes: whole ones only, and not zeros, as padding is."""
+def rows_after(file: BinaryIO, start: int, end: int, row: int) -> int:
+    """Return the number of whole rows between two bytes after the announced rows; 0 if they are padding (zeros)."""
     file.seek(start)
     is_rows = (end - start) % row == 0 and file.read(min(PROBE, end - start)).strip(b"\0")
     return (end - start) // row if is_rows else 0
 
 
-def most_lines(file: BinaryIO, end: int | None = None) -> int:
-    """How many lines that are not empty follow in a text, before a byte; a line of blanks counts."""
+def count_lines(file: BinaryIO, end: int | None = None) -> int:
+    """Count the lines of a text up to a byte, except empty ones; a line of blanks counts."""
     count, within = 0, False
     here = file.tell()
     left = (file.seek(0, io.SEEK_END) if end is None else end) - here
@@ -62,8 +62,8 @@ def most_lines(file: BinaryIO, end: int | None = None) -> int:
 
 
 def whole_lines(lines: Iterable[str], fields: int, faults: Faults) -> Iterator[str]:
-    """Yield the lines of a text without its last row if that has too few fields: the file is cut off within it."""
-    held: list[str] = []  # a row, and the blank lines behind it
+    """Yield the lines of a text, except a last row with too few fields: the file is cut off within it."""
+    held: list[str] = []  # a row, and the blank lines after it
     for line in lines:
         if held and not line.isspace():
             yield from held

@@ -1,4 +1,4 @@
-"""Named columns -> chunks: which names stand for positions, normals and colours; all others are attributes."""
+"""Named columns -> chunks: the names of positions, normals and colours; all other columns are attributes."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from ._source import Chunk
 
-# Names of one array with three columns, and of three arrays with one; the first that are there count.
+# Names of one array with three columns, and of three arrays with one; the first match wins.
 POSITIONS = (
     *("positions", "position", "points", "xyz", "pos", "pts", "coords", "coord"),
-    *("pts3d", "points3d", "world_points", "pointmap"),  # of networks that see depth: DUSt3R, VGGT and others
+    *("pts3d", "points3d", "world_points", "pointmap"),  # of depth networks: DUSt3R, VGGT and others
 )
 NORMALS = ("normals", "normal")
 COLORS = ("colors", "colours", "color", "colour", "rgb", "rgba")
@@ -28,14 +28,14 @@ Columns = dict[str, NDArray[Any]]
 
 
 class Roles(NamedTuple):
-    """Which columns are what: one name of an array with three columns, three names, or none."""
+    """Names of the columns for each role: one array with three columns, three arrays, or none."""
 
     positions: tuple[str, ...]
     normals: tuple[str, ...]
     colors: tuple[str, ...]
 
     def chunk(self, columns: Mapping[str, NDArray[Any]], share: float) -> Chunk:
-        """Columns, (m,) or (m, k) arrays, as a chunk with contiguous arrays."""
+        """Return columns, (m,) or (m, k) arrays, as a chunk of contiguous arrays."""
         taken = {name for names in self for name in names}
         attributes = {name: own(column) for name, column in columns.items() if name not in taken}
         positions, normals, colors = (
@@ -47,12 +47,12 @@ class Roles(NamedTuple):
 
 
 def roles_of(types: Mapping[str, tuple[np.dtype[Any], int]]) -> Roles:
-    """What columns are by their names, in capitals or not.
+    """Return the roles of columns by their names, ignoring case.
 
     Parameters
     ----------
     types : dict of str to (dtype, int)
-        The dtype of each column, and its width: 0 for (n,) arrays.
+        dtype and width of each column; width 0 for (n,) arrays.
 
     Raises
     ------
@@ -73,17 +73,17 @@ def roles_of(types: Mapping[str, tuple[np.dtype[Any], int]]) -> Roles:
     positions = find(POSITIONS, AXES, (3,))
     if not positions:
         names = ", ".join(repr(name[:30])[1:-1] for name in list(types)[:20])
-        raise ValueError(f"has no columns x, y, z, only: {names or 'none'}")
+        raise ValueError(f"columns x, y, z not found; available: {names or 'none'}")
     return Roles(positions, find(NORMALS, NORMAL_AXES, (3,)), find(COLORS, CHANNELS, (3, 4)))
 
 
 def own(column: NDArray[Any]) -> NDArray[Any]:
-    """A contiguous array in the machine's byte order: the column itself if it is one."""
+    """Return a contiguous array in native byte order: the column itself if it is one."""
     return np.asarray(column, column.dtype.newbyteorder("="), order="C")
 
 
 def stack(columns: Sequence[NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
-    """(m, 3) array of three columns, or of the first three of a wider one, in 4 or 8 bytes if they are floats."""
+    """Return three columns, or the first three of a wider one, as an (m, 3) array; floats in 4 or 8 bytes."""
     dtype = np.result_type(*(column.dtype.newbyteorder("=") for column in columns))
     if dtype.kind == "f" and dtype.itemsize not in (4, 8):
         dtype = np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)

@@ -11,13 +11,13 @@ _WITHIN = re.compile(rf"(?<!\S){_WORD}(?!\S)", re.IGNORECASE | re.ASCII)
 
 
 def odd_number(text: str) -> float | None:
-    """The number, NaN or infinite, that a word stands for; None if it is none of these."""
+    """Return the value of a word for NaN or infinity; None for other words."""
     found = _WHOLE.fullmatch(text)
     return None if found is None else float(_plain(found))
 
 
 def plain_lines(lines: Iterable[str]) -> Iterator[str]:
-    """Lines of numbers with such words as `nan` and `inf`, which NumPy reads."""
+    """Replace these words by `nan` and `inf`, which NumPy reads."""
     return (_WITHIN.sub(_plain, line) if "#" in line or "(" in line else line for line in lines)
 
 

@@ -1,4 +1,4 @@
-"""Colours packed in a number, as PCL keeps them: fields of PCD files, properties of PLY files."""
+"""Colours packed in one number, as in PCL: fields of PCD files, properties of PLY files."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from ..colors import GREY
 
 NAMES = ("rgb", "rgba")
-NO_COLOR = 0x7FC00000  # bits of the NaN that PCL and Open3D write; of other NaNs the bits are colours of alpha 255
+NO_COLOR = 0x7FC00000  # bits of the NaN that PCL and Open3D write; other NaNs are colours with alpha 255
 
 
 def find_packed(dtypes: Iterable[tuple[str, np.dtype[Any]]]) -> str:
-    """The name of the column of packed colours, in capitals or not: 4 bytes a point; empty if there is none."""
+    """Return the name of the 4-byte column of packed colours, ignoring case; empty if there is none."""
     known = {name.lower(): name for name, dtype in dtypes if dtype.itemsize == 4}
     return next((known[name] for name in NAMES if name in known), "")
 
@@ -26,7 +26,7 @@ class PackedColors:
     Attributes
     ----------
     missing : int
-        Points without a colour.
+        Number of points without a colour.
     """
 
     def __init__(self) -> None:
@@ -34,15 +34,15 @@ class PackedColors:
 
     @property
     def note(self) -> str:
-        """The note about points without a colour; empty without such points."""
-        return f"{self.missing:,} points have no colour (NaN): they are grey" if self.missing else ""
+        """Message about points without a colour, or empty."""
+        return f"{self.missing:,} points without a colour (NaN) are set to grey" if self.missing else ""
 
     def unpack(self, packed: NDArray[Any]) -> NDArray[np.uint8]:
-        """(m, 3) uint8 of packed colours: bits 0xAARRGGBB, as a whole number or as the bits of a float32.
+        """Unpack colours with bits 0xAARRGGBB, given as integers or as the bits of a float32, into (m, 3) uint8.
 
-        Some programs write the whole number as a float: as bits these would be colours with alphas of 63 to 79.
+        Some programs store the value of the integer as a float. Taken as bits these would have an alpha of 63 to 79.
 
-        packed : (m,) whole numbers, float32, or float64 if they were read from a text
+        packed : (m,) integers, float32, or float64 if they were read from text
         """
         none = np.zeros(len(packed), np.bool_)
         if packed.dtype.kind == "f":

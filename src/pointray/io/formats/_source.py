@@ -1,4 +1,4 @@
-"""What a format's reader gives: an opened file lists what it holds, then yields its rows in chunks."""
+"""Interface of the readers: a `Source` is an opened file that lists its contents and yields its rows in chunks."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ from ...base.progress import Progress
 from ...cloud.georeference import Survey
 from ...cloud.points import Points
 
-CHUNK = 1 << 18  # rows of a chunk, about
-HEAD = 1 << 12  # bytes of a file's beginning from which its format is recognised
-NO, MAYBE, SURE = range(3)  # how certain a format recognises a file: by what people call such files, by its contents
+CHUNK = 1 << 18  # approximate number of rows of a chunk
+HEAD = 1 << 12  # bytes at the beginning of a file from which its format is detected
+NO, MAYBE, SURE = range(3)  # result of detection: MAYBE by the extension only, SURE by the contents
 
 
 class Request(NamedTuple):
-    """What a caller asks of a file beyond its rows; a format ignores what does not concern it.
+    """Options of reading that concern the format; formats ignore options that do not apply.
 
     Attributes
     ----------
     columns : tuple of str or None
-        Names of the columns of a text file, "-" for one to leave out; None: recognised.
+        Names of the columns of a text file, "-" for an ignored one; None: detected.
     bounds : (2, 3) float64 or None
-        World box: a format may leave out what lies outside, its caller does so anyway.
+        World box. A format may skip rows outside; the caller filters exactly.
     resolution : float or None
-        The coarsest spacing that will do, in the file's unit: formats with levels of detail (COPC) stop there.
+        Coarsest acceptable spacing, in the file's unit: formats with levels of detail (COPC) stop there.
     sample : int or None
-        Points to scatter on the triangles of a mesh; 0: its vertices; None: whichever shows its surface.
+        Number of points to sample on the triangles of a mesh; 0: its vertices; None: chosen automatically.
     opacity : float
-        Splats of less opacity are left out (3D Gaussian splatting).
+        Gaussian splats with a lower opacity are left out.
     intrinsics : tuple of float or None
-        fx, fy, cx, cy of a depth picture, pixels; a fifth number is the depth's unit: so many to a metre.
+        fx, fy, cx, cy of a depth image, in pixels; optionally the number of depth steps per unit of length.
     strict : bool
-        Refuse files that contradict themselves, are cut off or lack a file that they name; otherwise what is there is
-        read, with a warning.
+        Refuse files that are truncated, inconsistent or refer to a missing file. Otherwise the available data are read,
+        with a warning.
     """
 
     columns: tuple[str, ...] | None = None
@@ -52,18 +52,18 @@ class Request(NamedTuple):
 
 
 class Chunk(NamedTuple):
-    """Some rows of a file. All chunks of a file have the same columns; only text may need wider dtypes in later ones.
+    """Some rows of a file. All chunks of a file have the same columns; in text, later chunks may have wider dtypes.
 
     Attributes
     ----------
-    positions : (m, 3) array of floats or whole numbers
+    positions : (m, 3) array of floats or integers
         World coordinates.
     normals : (m, 3) array of floats or None
     colors : (m, 3) array or None
-        sRGB as the file has it: 8 bits, 16 bits, 8 bits in a wider type, or floats from 0 to 1.
+        sRGB as stored in the file: 8 bits, 16 bits, 8 bits in a wider type, or floats from 0 to 1.
     attributes : dict of str to (m,) or (m, k) array
     share : float
-        The share of the file that has been read, 0 to 1.
+        Fraction of the file that has been read, 0 to 1.
     """
 
     positions: NDArray[Any]
@@ -74,16 +74,16 @@ class Chunk(NamedTuple):
 
     @property
     def columns(self) -> list[NDArray[Any]]:
-        """All columns that are there, in the order of `each`."""
+        """All existing columns, in the order of `each`."""
         there = [column for column in (self.positions, self.normals, self.colors) if column is not None]
         return [*there, *self.attributes.values()]
 
     def select(self, rows: NDArray[Any] | slice) -> Chunk:
-        """The same columns of fewer rows, in arrays of their own, so that larger ones become free."""
+        """Return some of the rows as copies, so that the memory of larger arrays can be freed."""
         return self.each(lambda column: column[rows].copy() if isinstance(rows, slice) else column[rows])
 
     def each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Chunk:
-        """The same columns, each of them changed."""
+        """Apply a function to each column."""
         return Chunk(
             change(self.positions),
             None if self.normals is None else change(self.normals),
@@ -100,16 +100,16 @@ class Listing:
     Attributes
     ----------
     count : int or None
-        Number of rows; None: known only when all are read. It is checked against the file's size. Fewer may come of a
-        text that is cut off.
+        Number of rows, checked against the file's size; None if it is known only after reading. A truncated text may
+        yield fewer.
     expected : int
-        About how many rows there are, if `count` is None.
+        Estimated number of rows, if `count` is None.
     row : int
-        Bytes that a row of all columns takes in memory while it is read.
+        Bytes per row of all columns in memory while reading.
     survey : Survey
-        May be completed while rows are read: take it at the end.
+        May be completed while rows are read: use it after the last chunk.
     facts : dict
-        What `info` tells of the file besides, in values of JSON: "version", "software", "scans".
+        Further information for `info`, as JSON values: "version", "software", "scans".
     """
 
     count: int | None
@@ -120,7 +120,7 @@ class Listing:
 
     @property
     def rows(self) -> int:
-        """How many rows there are, about."""
+        """Exact or estimated number of rows."""
         return self.expected if self.count is None else self.count
 
 
@@ -137,7 +137,7 @@ class Faults:
         self._found: list[str] = []
 
     def add(self, message: str) -> None:
-        """Record a fault that is repaired; ValueError with this message if the reader is strict."""
+        """Record a repaired fault; raise ValueError with this message if the reader is strict."""
         if self.strict:
             raise ValueError(message)
         if message not in self._found:
@@ -148,27 +148,27 @@ class Faults:
 
 
 class Source(ABC):
-    """An opened file. It is closed at the end of `with`.
+    """An opened file, to be used in a `with` statement, which closes it.
 
     Attributes
     ----------
     listing : Listing
     faults : Faults
-        Complete when all rows have been read.
+        Complete after all rows have been read.
     note : str
-        What the reader chose by itself, and how to choose otherwise; known when all rows have been read.
+        Automatic choices of the reader, and how to override them; complete after all rows have been read.
     """
 
     listing: Listing
-    faults = Faults(strict=True)  # of a format that finds none
+    faults = Faults(strict=True)  # for formats that repair nothing
     note: str = ""
 
     @abstractmethod
     def chunks(self) -> Iterator[Chunk]:
-        """The rows in the file's order, once. ValueError says what is wrong with the contents, and where."""
+        """Yield the rows in the file's order, once. Raise ValueError, with the place, if the contents are invalid."""
 
-    def close(self) -> None:  # noqa: B027  # a file that is read at once has nothing to close
-        """Close what is open."""
+    def close(self) -> None:  # noqa: B027  # optional: a file read in one go has nothing to close
+        """Close the open files."""
 
     def __enter__(self) -> Source:
         return self
@@ -177,8 +177,8 @@ class Source(ABC):
         self.close()
 
 
-class Whole(Source):
-    """A file that is read at once, by a library that cannot do it in parts."""
+class WholeFile(Source):
+    """A file read in one go, by a library that cannot read it in parts."""
 
     def __init__(self, listing: Listing, load: Callable[[], Chunk]) -> None:
         self.listing, self._load = listing, load
@@ -192,27 +192,27 @@ Writer = Callable[[Any, Points, Progress | None], list[str]]
 
 @dataclass(frozen=True)
 class Format:
-    """A format of files: each file of this folder has one, called FORMAT.
+    """A file format: each module of this folder defines one, called FORMAT.
 
     Attributes
     ----------
     name : str
-        What people call it.
+        Name for users.
     extensions : tuple of str
-        Those that its files usually have, with the dot, in lower case; the first one is the most usual.
+        Usual extensions with the dot, in lower case, the most common one first.
     recognise : callable
-        Given the first `HEAD` bytes of a file and its path: `NO`, `MAYBE` (the extension says so and the contents may
-        be) or `SURE`.
+        (first `HEAD` bytes of a file, its path) -> `NO`, `MAYBE` (the extension matches and the contents may) or
+        `SURE`.
     open : callable
-        Given a path and a `Request`: the `Source`. ValueError says what is wrong with the header.
+        (path, `Request`) -> `Source`. Raises ValueError if the header is invalid.
     keeps : dict of str to str
-        What is kept of a file, in words, for the table in the documents: "positions", "normals", "colors",
-        "attributes", "survey" (coordinate system, unit, stations), and perhaps "note".
+        What is read from a file, in words, for the table in the documentation: "positions", "normals", "colors",
+        "attributes", "survey" (coordinate system, unit, stations), and optionally "note".
     extra : tuple of str or None
-        A package that is not part of a plain install, and the extra of pointray that brings it.
+        A package that a plain install lacks, and the optional dependency group of pointray that contains it.
     write : callable or None
-        Given a stream (a `Replacement`), points and perhaps a progress: writes them; returns what the format cannot
-        hold, in words. ValueError says what it cannot write at all.
+        (stream, a `Replacement`; points; progress or None) -> descriptions of what the format cannot store. Raises
+        ValueError if the points cannot be written at all.
     """
 
     name: str

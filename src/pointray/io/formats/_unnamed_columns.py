@@ -1,4 +1,4 @@
-"""Columns without names: which are coordinates, normals, colours, numbers of points or times, by their values."""
+"""Columns without names: coordinates, normals, colours, point numbers and times are recognised by their values."""
 
 from __future__ import annotations
 
@@ -12,55 +12,55 @@ from ..colors import ColorRange
 
 POSITIONS, NORMALS, COLORS = ("x", "y", "z"), ("nx", "ny", "nz"), ("r", "g", "b")
 INDEX, TIME, INTENSITY, LABEL, ALPHA = "index", "gps_time", "intensity", "label", "alpha"
-UNIT = 0.03  # how much the length of a normal may differ from 1: of one with two decimals by 0.01
-MOSTLY = 0.99  # share of rows in which normals have this length, among those that are neither 0 0 0 nor NaN
-EARLY = 1e8  # greater numbers are times: seconds since 1970 or 1980, or parts of them
-STEADY = 0.5  # least relative deviation of the steps between sorted values that are no times
-DIM, BRIGHT = 15, 30  # whole numbers up to DIM, beside others above BRIGHT, are counts or classes, not a colour
+UNIT = 0.03  # tolerance of a normal's length: two decimals cause an error of 0.01
+MIN_UNIT_FRACTION = 0.99  # fraction of the normals that must have this length, not counting 0 0 0 and NaN
+MIN_TIME = 1e8  # larger numbers are times: seconds since 1970 or 1980, or fractions of them
+MAX_STEP_DEVIATION = 0.5  # times have steps with a smaller relative deviation; sorted values of other kinds do not
+DIM, BRIGHT = 15, 30  # integers up to DIM, next to others above BRIGHT, are counts or classes, not a colour channel
 MOST_CLASSES = 50
-MOST_NAMED = 8  # columns that a note names one by one
-CLEARLY = 0.7  # colours differ less from each other than from what stands beside them, by this factor
-HOW = "--columns x,y,z,r,g,b,... names the columns"
-SAMPLE = 10_000  # rows of an array that are looked at
+MOST_NAMED = 8  # maximum number of columns that a note lists
+CLEAR_RATIO = 0.7  # colour channels must differ less from each other than from the next column, by this factor
+ADVICE = "name the columns with --columns x,y,z,r,g,b,..."
+SAMPLE = 10_000  # rows of an array that are examined
 
 Values = NDArray[np.float64]
 
 
 class UndecidedError(ValueError):
-    """Numbers from which it cannot be told what they are."""
+    """Raised if the meaning of columns is ambiguous."""
 
 
-class Judged(NamedTuple):
-    """What columns are.
+class ColumnNames(NamedTuple):
+    """Names found for the columns.
 
     Attributes
     ----------
     names : list of str
-        Those of unrecognised columns are column_4 and so on.
+        Unrecognised columns are named column_4 and so on.
     note : str
-        For the user; empty if all columns are recognised.
+        Message for the user; empty if all columns are recognised.
     """
 
     names: list[str]
     note: str
 
 
-def judge(values: Values, is_whole: Sequence[bool], intensity_first: bool | None = None) -> Judged:
-    """Decide what columns are.
+def recognise_columns(values: Values, is_whole: Sequence[bool], intensity_first: bool | None = None) -> ColumnNames:
+    """Recognise columns by their values.
 
     Parameters
     ----------
     values : (n, k) float64
-        Rows of a file's beginning.
+        First rows of a file.
     is_whole : sequence of bool
-        Whether the file has a column's numbers without decimals.
+        Whether the numbers of a column are written without decimals.
     intensity_first : bool, optional
-        Whether an intensity stands before or behind colours if their values do not decide.
+        Whether an intensity precedes or follows the colours, if their values do not decide.
 
     Raises
     ------
     UndecidedError
-        If colours may be either of two groups of columns.
+        If either of two groups of columns may be colours.
     """
     k = values.shape[1]
     names = [f"column_{c}" for c in range(1, k + 1)]
@@ -82,53 +82,53 @@ def judge(values: Values, is_whole: Sequence[bool], intensity_first: bool | None
         names[left[0]] = _scalar(values[:, left[0]], colors is not None and left[0] == begin + colors + 3)
     note = _note(names, begin > 3)
     if is_guess and colors is not None:
-        note = f"columns {begin + colors + 1} to {begin + colors + 3} are taken for colours; {note or HOW}"
-    return Judged(names, note)
+        note = f"columns {begin + colors + 1} to {begin + colors + 3} are read as colours; {note or ADVICE}"
+    return ColumnNames(names, note)
 
 
-def judge_array(blocks: Callable[[], Iterable[NDArray[Any]]], width: int) -> Judged:
-    """Decide what the columns of an array are. blocks : returns its rows, (m, width) blocks; it may be called twice"""
+def recognise_array_columns(blocks: Callable[[], Iterable[NDArray[Any]]], width: int) -> ColumnNames:
+    """Recognise the columns of an array. blocks : returns its rows in (m, width) blocks; may be called twice"""
     head = next(iter(blocks()), np.empty((0, width)))[:SAMPLE]
     if not len(head):
-        return Judged([*POSITIONS, *(f"column_{c}" for c in range(4, width + 1))], "")
+        return ColumnNames([*POSITIONS, *(f"column_{c}" for c in range(4, width + 1))], "")
     is_whole = [head.dtype.kind != "f"] * width
     try:
-        found = judge(head.astype(np.float64), is_whole)
+        found = recognise_columns(head.astype(np.float64), is_whole)
     except UndecidedError as error:
-        raise ValueError(f"{error}; --columns x,y,z,... names them") from None
+        raise ValueError(f"{error}; name them with --columns x,y,z,...") from None
     names = list(found.names)
     for three, holds in ((NORMALS, _stay_normals), (COLORS, _stay_colors)):
         if three[0] in names:
             c = names.index(three[0])
             if not holds([block[:, c : c + 3] for block in blocks()]):
                 names[c : c + 3] = [f"column_{c + at}" for at in (1, 2, 3)]
-    return Judged(names, _note(names, names[0] != "x"))
+    return ColumnNames(names, _note(names, names[0] != "x"))
 
 
-def _note(names: Sequence[str], is_late: bool) -> str:
+def _note(names: Sequence[str], has_leading_column: bool) -> str:
     notes = []
-    if is_late:
-        kind = "numbers the points" if names[0] == INDEX else "is taken for a time"
+    if has_leading_column:
+        kind = "contains point numbers" if names[0] == INDEX else "is read as time"
         notes.append(f"column 1 {kind}: x, y, z are columns 2 to 4")
     left = [name for name in names if name.startswith("column_")]
     if left:
         first, last = left[0].removeprefix("column_"), left[-1].removeprefix("column_")
         if len(left) > MOST_NAMED:
-            notes.append(f"{len(left)} of the columns {first} to {last} are not recognised: kept as {left[0]}, ...")
+            notes.append(f"{len(left)} of the columns {first} to {last} are not recognised: read as {left[0]}, ...")
         else:
             numbers = ", ".join(name.removeprefix("column_") for name in left)
             some = f"columns {numbers} are" if len(left) > 1 else f"column {numbers} is"
-            notes.append(f"{some} not recognised: kept as {', '.join(left)}")
-    return "; ".join([*notes, HOW]) if notes else ""
+            notes.append(f"{some} not recognised: read as {', '.join(left)}")
+    return "; ".join([*notes, ADVICE]) if notes else ""
 
 
 # ------------------------------------------------------------------------------------------------- leading columns
 
 
 def _leading(values: Values, is_whole: Sequence[bool]) -> str | None:
-    """The name of a column before x, y, z: a point's number, the index of a scan line, or a time; None: there is none.
+    """Return the name of a column before x, y, z: a point number, a scan line index or a time; None if there is none.
 
-    x, y and z have decimals, such numbers have not. Times increase in even steps, which sorted coordinates do not.
+    x, y and z have decimals, point numbers do not. Times increase in even steps, sorted coordinates do not.
     """
     if values.shape[1] < 4 or len(values) < 3:
         return None
@@ -136,7 +136,7 @@ def _leading(values: Values, is_whole: Sequence[bool]) -> str | None:
     if not np.isfinite(column).all() or np.isnan(others).all():
         return None
     steps = np.diff(column)
-    if column.min() > EARLY and np.nanmax(np.abs(others)) < EARLY:
+    if column.min() > MIN_TIME and np.nanmax(np.abs(others)) < MIN_TIME:
         return TIME
     decimals = sum(not _are_whole(others[:, c]) for c in range(3))
     if (steps < 0).any() or not steps.any():
@@ -145,7 +145,7 @@ def _leading(values: Values, is_whole: Sequence[bool]) -> str | None:
         counts = bool((steps == 1).all()) or column[0] <= 1
         return INDEX if counts and decimals >= 2 and not any(is_whole[1:3]) else None
     rising = steps[steps > 0]
-    is_even = len(rising) > 10 and rising.std() < STEADY * rising.mean()
+    is_even = len(rising) > 10 and rising.std() < MAX_STEP_DEVIATION * rising.mean()
     return TIME if is_even and decimals == 3 else None
 
 
@@ -158,19 +158,19 @@ def _are_whole(values: Values) -> bool:
 
 
 def are_normals(rows: NDArray[Any]) -> bool:
-    """Whether (n, 3) rows have length 1, as far as they are neither zero nor NaN."""
+    """Whether (n, 3) rows that are neither zero nor NaN have length 1."""
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.sqrt((rows.astype(np.float64) ** 2).sum(axis=1))
     length = length[np.isfinite(length) & (length > 0)]
-    return len(length) > 0 and bool((np.abs(length - 1) <= UNIT).mean() >= MOSTLY)
+    return len(length) > 0 and bool((np.abs(length - 1) <= UNIT).mean() >= MIN_UNIT_FRACTION)
 
 
 def _find_colors(
     more: Values, is_whole: Sequence[bool], normals: int | None, intensity_first: bool | None
 ) -> tuple[int | None, bool]:
-    """Return the first of three columns of colours, or None, and whether that is a guess.
+    """Return the first of three colour columns, or None, and whether it is a guess.
 
-    more : (n, m), what follows x, y, z
+    more : (n, m), the columns after x, y, z
     """
     m = more.shape[1]
     taken = set() if normals is None else {normals, normals + 1, normals + 2}
@@ -179,7 +179,7 @@ def _find_colors(
     kinds: dict[int, list[int]] = {}
     for c in starts:
         kind = _color_kind(more[:, c : c + 3], all(is_whole[c : c + 3]), is_strict)
-        if kind is None and m == 4 and c == intensity_first and _are_bytes(more[:, c:]):  # very dark
+        if kind is None and m == 4 and c == intensity_first and _are_bytes(more[:, c:]):  # very dark colours
             kind = 0
         if kind is not None:
             kinds.setdefault(kind, []).append(c)
@@ -193,20 +193,20 @@ def _find_colors(
     varied = [c for c in found if np.ptp(more[:, c : c + 3], axis=0).all()] or found
     differences = {c: _difference(more[:, c : c + 3]) for c in varied}
     best, *others = sorted(varied, key=lambda c: differences[c])
-    if not others or differences[best] < CLEARLY * differences[others[0]]:
+    if not others or differences[best] < CLEAR_RATIO * differences[others[0]]:
         return best, True
     if is_strict:
         return None, False
-    raise UndecidedError("which of its columns are colours, normals and intensity cannot be told")
+    raise UndecidedError("ambiguous columns: colours, normals and intensity cannot be told apart")
 
 
 def _color_kind(rows: Values, is_whole: bool, is_strict: bool) -> int | None:
-    """How (n, 3) values may be colours: 0 whole to 255, 1 whole to 65535, 2 floats to 1; None: they are not.
+    """Return the range of (n, 3) colours: 0 integers to 255, 1 integers to 65535, 2 floats to 1; None: not colours.
 
-    is_strict : whether they have to be colours rather than other numbers of this size
+    is_strict : whether other numbers of this size must be excluded
     """
     least, most = float(rows.min(initial=np.inf)), rows.max(axis=0, initial=0.0)
-    if not least >= 0 or are_normals(rows):  # NaN too
+    if not least >= 0 or are_normals(rows):  # also excludes NaN
         return None
     if most.max() > 2 and (rows == np.rint(rows)).all():
         varied = np.ptp(rows, axis=0) > 0
@@ -224,19 +224,19 @@ def _are_bytes(rows: Values) -> bool:
 
 
 def _is_opaque(column: Values, kind: int) -> bool:
-    """Whether a column behind colours is an alpha that hides what is behind."""
+    """Whether a column after colours is an alpha channel that is fully opaque."""
     return bool((column == (255, 65535, 1)[kind]).all())
 
 
 def _difference(rows: Values) -> float:
-    """How much neighbouring columns differ, relative to their size: colours of a scan are similar."""
+    """Return how much neighbouring columns differ, relative to their size: the channels of a scan are similar."""
     left, right = rows[:, :-1], rows[:, 1:]
     return float((np.abs(left - right).mean(axis=0) / np.maximum((left + right).mean(axis=0), 1e-30)).sum())
 
 
-def _scalar(column: Values, is_behind_colors: bool) -> str:
-    """The name of the only column that is left."""
-    if is_behind_colors:
+def _scalar(column: Values, is_after_colors: bool) -> str:
+    """Return the name of the only unnamed column."""
+    if is_after_colors:
         if len(column) > 1 and (column == column[0]).all() and column[0] in (1, 255, 65535):
             return ALPHA
         if _are_whole(column) and 0 <= column.min() and column.max() <= MOST_CLASSES:
@@ -249,7 +249,7 @@ def _stay_normals(parts: list[NDArray[Any]]) -> bool:
 
 
 def _stay_colors(parts: list[NDArray[Any]]) -> bool:
-    """Whether all values of columns are within the range of the first ones."""
+    """Whether all values of the columns are within the colour range of the first rows."""
     kind = parts[0].dtype
     try:
         return ColorRange.of(parts).white(kind) == ColorRange.of([parts[0][:SAMPLE]]).white(kind)

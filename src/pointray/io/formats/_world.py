@@ -1,4 +1,4 @@
-"""World coordinates of points, as they are written."""
+"""World coordinates of points for writing."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from ...cloud.points import Points
 
 
 def is_float64(points: Points) -> bool:
-    """Whether world coordinates need 8 bytes."""
+    """Whether world coordinates need float64."""
     return bool(points.origin.any()) or points.survey.projection is not None or _has_grid(points)
 
 
 def world_rows(points: Points, part: slice) -> NDArray[Any]:
-    """World coordinates of some rows as files have them, (m, 3) float64, or float32 where that loses nothing.
+    """Return the world coordinates of some rows, (m, 3) float64, or float32 if nothing is lost.
 
-    What float32 lost of a file's whole numbers is put back, so that these are the file's again.
+    The grid steps that float32 lost are added, which restores the coordinates of the original file exactly.
     """
     if not is_float64(points):
         return points.positions[part]

@@ -1,7 +1,7 @@
-"""Sparse points of COLMAP, `points3D.txt` and `points3D.bin`: triangulated from pictures, each with its track.
+"""Sparse points of COLMAP, `points3D.txt` and `points3D.bin`, triangulated from images, each with its track.
 
-The formats are those of COLMAP's documentation ("Output Format"). A point's track, the pictures that show it, has any
-length, so the rows of both files are found one after the other.
+The formats are documented by COLMAP ("Output Format"). The track of a point, the images that show it, has variable
+length, so rows of both files must be parsed one after the other.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from ._counts import missing
 from ._odd_numbers import plain_lines
 from ._source import CHUNK, HEAD, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 
-BINARY = "points3d.bin"  # the file's name in lower case
+BINARY = "points3d.bin"  # file name in lower case
 TITLE = re.compile(rb"(#[^\n]*\n)*#\s*POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK", re.IGNORECASE)
-# A row of the binary file up to its track, whose entries take 8 bytes each.
+# Row of the binary file without its track, whose entries take 8 bytes each.
 ROW = np.dtype([("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8"), ("track", "<u8")])
 ENTRY = 8
 MOST = (1 << 64) - 1, 255, 255, 255  # the largest point id, red, green and blue
-FIELDS, SHOWN = 8, 60  # numbers of a line before its track; characters of a line that messages quote
+FIELDS, SHOWN = 8, 60  # numbers of a line before its track; maximum length of a line quoted in a message
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is one of the two: the text by its title, the binary file by its name and its first row."""
+    """Detect both kinds: the text file by its title, the binary file by its name and its first row."""
     if TITLE.match(head):
         return SURE
     return SURE if path.name.lower() == BINARY and _is_plausible(head) else NO
@@ -45,7 +45,7 @@ def _is_plausible(head: bytes) -> bool:
 
 
 class ColmapSource(Source):
-    """A file of sparse points; ValueError says what is wrong with it."""
+    """A file of sparse points."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -78,21 +78,21 @@ def _chunk(rows: NDArray[Any], share: float) -> Chunk:
 
 
 def _announced(file: BinaryIO, size: int, faults: Faults) -> int:
-    """The number of points; ValueError if it is 0, or a strict reader finds the file too small for them."""
+    """Return the number of points; raise ValueError if it is 0 or too large for the file (if strict, or for any)."""
     if size < 8:
-        raise ValueError("is cut off in the number of points")
+        raise ValueError("is cut off within the number of points")
     count = int(struct.unpack("<Q", file.read(8))[0])
     if count == 0:
-        raise ValueError("holds no points: 0 are announced")
+        raise ValueError("contains no points: the header announces 0")
     if count * ROW.itemsize > size - 8 and (faults.strict or _most(count, size) == 0):
         raise ValueError(
-            f"is cut off: {count:,} points of {ROW.itemsize} bytes or more are announced, {size - 8:,} bytes are there"
+            f"is cut off: {count:,} points of {ROW.itemsize} bytes or more expected, {size - 8:,} bytes found"
         )
     return count
 
 
 def _most(count: int, size: int) -> int:
-    """How many of the announced points a file of this size can hold, at most."""
+    """Return the maximum number of the announced points that fit into a file of this size."""
     return min(count, max(size - 8, 0) // ROW.itemsize)
 
 
@@ -118,7 +118,7 @@ def _read_binary(file: BinaryIO, size: int, faults: Faults) -> Iterator[Chunk]:
         if heads:
             yield _chunk(np.frombuffer(b"".join(heads), ROW), done / count)
     if at < size:
-        faults.add(f"goes on for {size - at:,} bytes behind its {count:,} points: their number is wrong")
+        faults.add(f"has {size - at:,} more bytes after {count:,} points: the number of points is wrong")
 
 
 # -------------------------------------------------------------------------------------------------------- text
@@ -136,11 +136,11 @@ def _read_text(file: BinaryIO, size: int, faults: Faults) -> Iterator[Chunk]:
         found += len(rows)
         yield _chunk(array, min(file.tell() / size, 1.0))
     if found == 0:
-        raise ValueError("holds no points")
+        raise ValueError("contains no points")
 
 
 class _Rows:
-    """The rows of a text, each (id, x, y, z, r, g, b, error, length of its track)."""
+    """Iterator over the rows of a text file: (id, x, y, z, r, g, b, error, length of the track)."""
 
     def __init__(self, file: BinaryIO, faults: Faults) -> None:
         self._faults = faults
@@ -165,7 +165,7 @@ class _Rows:
         whole, track = (*fields[:1], *fields[4:7]), len(fields) - FIELDS
         if track < 0 or track % 2:
             raise ValueError(
-                f"line {number:,} is no point of COLMAP, id x y z r g b error and pairs of its track: {text[:SHOWN]!r}"
+                f"line {number:,} is invalid, expected id x y z r g b error and pairs of its track: {text[:SHOWN]!r}"
             )
         try:
             point, *color = (_whole(field, most) for field, most in zip(whole, MOST, strict=True))
@@ -176,7 +176,7 @@ class _Rows:
 
 def _whole(text: str, most: int) -> int:
     if not (text.isascii() and text.isdecimal() and len(text) <= 20 and int(text) <= most):
-        raise ValueError(f"{text[:SHOWN]!r} is no whole number from 0 to {most}")
+        raise ValueError(f"{text[:SHOWN]!r} is not an integer from 0 to {most}")
     return int(text)
 
 
@@ -189,8 +189,8 @@ FORMAT = Format(
         "positions": "X, Y, Z",
         "normals": "",
         "colors": "R, G, B",
-        "attributes": "error (pixels), track_length (pictures that show the point), point_id",
+        "attributes": "error (pixels), track_length (number of images that show the point), point_id",
         "survey": "",
-        "note": "points3D.txt is recognised by its title, points3D.bin by its name and first row",
+        "note": "points3D.txt is detected by its title, points3D.bin by its name and first row",
     },
 )

@@ -1,6 +1,6 @@
-"""Depth pictures: PNG of 16 bits, or NPY. A pixel becomes the point that the camera saw there.
+"""Depth images: 16-bit PNG, or NPY. Each pixel becomes the point that the camera saw there.
 
-The camera looks along z, with x to the right and y down, as in OpenCV; the middle of the first pixel is (0, 0).
+The camera looks along z, with x to the right and y down, as in OpenCV. The centre of the first pixel is (0, 0).
 """
 
 from __future__ import annotations
@@ -18,33 +18,33 @@ from ...cloud.georeference import Survey
 from ._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
 
 PNG, NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
-IHDR = slice(16, 26)  # width, height, bits of a channel, kind of colour
+IHDR = slice(16, 26)  # width, height, bits per channel, colour type
 GREY = 0
-SQUEEZED = 1032  # the most bytes that deflate makes of one
-SMALLEST = 17  # rows and columns of an array that is taken for a picture: fewer may be columns of points
+DEFLATE_RATIO = 1032  # maximum compression ratio of deflate
+SMALLEST = 17  # minimum rows and columns of an array read as an image; fewer may be the columns of a point array
 MILLIMETRES = 1000.0
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is a depth picture. An array is one if it has many columns: more certain than any array."""
+    """Detect depth images. An array with many rows and columns is ranked above the NPY format."""
     if head.startswith(PNG) and head[12:16] == b"IHDR":
         return SURE
-    return SURE + 1 if head.startswith(NPY) and _is_picture(head) else NO
+    return SURE + 1 if head.startswith(NPY) and _is_image(head) else NO
 
 
-def _is_picture(head: bytes) -> bool:
+def _is_image(head: bytes) -> bool:
     try:
         file = io.BytesIO(head)
         version = np.lib.format.read_magic(file)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         shape, _, dtype = read(file)
-    except Exception:  # its header is evaluated as Python, which may end in anything
+    except Exception:  # NumPy evaluates the header as Python literals, which can raise anything
         return False
     return len(shape) == 2 and min(shape) >= SMALLEST and dtype.kind in "uif"
 
 
 class DepthSource(Source):
-    """The points that a camera saw; ValueError says what is wrong with the picture or with what is asked."""
+    """Points of a depth image."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path = path
@@ -54,7 +54,7 @@ class DepthSource(Source):
         if self._png:
             _check_png(head, path.stat().st_size)
         if request.intrinsics is None:
-            raise ValueError("is a depth picture: say --intrinsics fx,fy,cx,cy of its camera in pixels")
+            raise ValueError("is a depth image: pass the camera as --intrinsics fx,fy,cx,cy, in pixels")
         self._fx, self._fy, self._cx, self._cy, *steps = request.intrinsics
         height, width, dtype = _size_of(head, path) if self._png else _array(path)
         self._whole = dtype.kind != "f"
@@ -65,11 +65,11 @@ class DepthSource(Source):
         self.listing = Listing(None, 12 + 3 * self._dtype.itemsize, height * width, survey, self._facts)
 
     def chunks(self) -> Iterator[Chunk]:
-        picture = _picture(self._path) if self._png else np.load(self._path, mmap_mode="r", allow_pickle=False)
-        height, width = picture.shape
+        pixels = _read_png(self._path) if self._png else np.load(self._path, mmap_mode="r", allow_pickle=False)
+        height, width = pixels.shape
         rows, left_out = max(CHUNK // width, 1), 0
         for start in range(0, height, rows):
-            depth = np.asarray(picture[start : start + rows], np.float64) / self._steps
+            depth = np.asarray(pixels[start : start + rows], np.float64) / self._steps
             seen = (depth > 0) & (depth < np.inf)
             left_out += int(seen.size - np.count_nonzero(seen))
             v, u = np.nonzero(seen)
@@ -81,16 +81,16 @@ class DepthSource(Source):
 
 
 def _check_png(head: bytes, size: int) -> None:
-    """ValueError if a PNG file is none of depths, or cannot hold as many pixels as it says."""
+    """Raise ValueError if a PNG file is not a depth image, or is too small for its number of pixels."""
     if len(head) < IHDR.stop:
-        raise ValueError(f"is cut off: it has {size} bytes")
+        raise ValueError(f"is cut off: it has only {size} bytes")
     width, height = (int.from_bytes(head[IHDR][k : k + 4], "big") for k in (0, 4))
     bits, color = head[IHDR][8:]
     if color != GREY or bits != 16:
-        what = f"a grey picture of {bits} bits" if color == GREY else "a picture of colours"
-        raise ValueError(f"is {what}, not of depths: these are grey, of 16 bits")
-    if not 0 < width * height * 2 <= size * SQUEEZED:
-        raise ValueError(f"is damaged or cut off: {width:,} x {height:,} pixels are announced, it has {size:,} bytes")
+        what = f"a grey image of {bits} bits" if color == GREY else "a colour image"
+        raise ValueError(f"is {what}, expected a 16-bit grey depth image")
+    if not 0 < width * height * 2 <= size * DEFLATE_RATIO:
+        raise ValueError(f"is damaged or cut off: {width:,} x {height:,} pixels expected, {size:,} bytes found")
 
 
 def _size_of(head: bytes, path: Path) -> tuple[int, int, np.dtype[Any]]:
@@ -100,39 +100,39 @@ def _size_of(head: bytes, path: Path) -> tuple[int, int, np.dtype[Any]]:
 
 def _array(path: Path) -> tuple[int, int, np.dtype[Any]]:
     try:
-        picture = np.load(path, mmap_mode="r", allow_pickle=False)
-    except Exception as error:  # its header is evaluated as Python, which may end in anything
+        pixels = np.load(path, mmap_mode="r", allow_pickle=False)
+    except Exception as error:  # NumPy evaluates the header as Python literals, which can raise anything
         raise ValueError(f"is damaged or cut off: {error}") from error
-    height, width = picture.shape
-    return height, width, picture.dtype
+    height, width = pixels.shape
+    return height, width, pixels.dtype
 
 
-def _picture(path: Path) -> NDArray[Any]:
+def _read_png(path: Path) -> NDArray[Any]:
     from PIL import Image
 
     try:
         with warnings.catch_warnings(), Image.open(path, formats=["PNG"]) as image:
-            warnings.simplefilter("ignore")  # of many pixels, which are fewer than the file can hold
-            picture = np.asarray(image)
+            warnings.simplefilter("ignore")  # about images with many pixels; _check_png has compared them with the size
+            pixels = np.asarray(image)
     except Exception as error:
         raise ValueError(f"is damaged or cut off: {error}") from error
-    if picture.ndim != 2:
-        raise ValueError(f"is no picture of one channel: its shape is {picture.shape}")
-    return picture
+    if pixels.ndim != 2:
+        raise ValueError(f"must have one channel: its shape is {pixels.shape}")
+    return pixels
 
 
 FORMAT = Format(
-    "Depth picture",
+    "Depth image",
     (".png", ".npy"),
     recognise,
     DepthSource,
     {
-        "positions": "pixels, with --intrinsics fx,fy,cx,cy and perhaps the depth's steps in a unit (1000 for whole "
-        "numbers, 1 for floats): x right, y down, z along the view; 0, NaN and infinite are left out",
+        "positions": "one point per pixel, with --intrinsics fx,fy,cx,cy and optionally the depth steps per unit "
+        "(default 1000 for integers, 1 for floats): x right, y down, z forward; 0, NaN and infinity are skipped",
         "normals": "none",
         "colors": "none",
         "attributes": "none",
-        "survey": "the camera as the station, at 0, 0, 0",
-        "note": "PNG of 16 bits in grey, or an array of more than 16 rows and columns",
+        "survey": "the camera position, 0, 0, 0, as the scanner",
+        "note": "16-bit grey PNG, or an array with more than 16 rows and columns",
     },
 )

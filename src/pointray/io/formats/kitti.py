@@ -1,7 +1,7 @@
-"""Sweeps of a spinning laser scanner as KITTI (.bin) and nuScenes (.pcd.bin) have them: rows of float32, no header.
+"""Lidar sweeps of KITTI (.bin) and nuScenes (.pcd.bin): rows of float32 without a header.
 
-The number of columns follows from the file size and from the values after x, y, z: with a wrong number of columns,
-coordinates appear there, and some of them are negative.
+The number of columns is found from the file size and the values after x, y, z. With a wrong number of columns,
+coordinates appear among these values, and some of them are negative.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ from ...cloud.georeference import Survey
 from ._named_columns import roles_of
 from ._source import CHUNK, MAYBE, NO, Chunk, Faults, Format, Listing, Request, Source
 
-# The columns after x, y, z, by the number of columns; the most specific layout comes first.
+# Columns after x, y, z, by the number of columns; the most specific layout comes first.
 LAYOUTS = {5: ("intensity", "ring"), 6: ("red", "green", "blue"), 4: ("reflectance",)}
 NAMES = {4: "KITTI", 5: "nuScenes", 6: "with colours"}
 LEFT_OUT = "-"
-FARTHEST = 1e4  # metres: no such scanner sees farther
-NEAREST = 1e-2  # some coordinate of a sweep's beginning is larger: zeros are no points
-TINY = 1e-20  # numbers below are bytes that mean something else
+FARTHEST = 1e4  # metres: beyond the range of any such scanner
+NEAREST = 1e-2  # the largest coordinate at the beginning of a sweep exceeds this: zeros are not points
+TINY = 1e-20  # smaller values are bytes of other types
 MOST_RINGS = 256
 HEAD_ROWS = 200
-ADVICE = "; --columns x,y,z,intensity tells what each float32 of a row is (- leaves one out)"
+ADVICE = "; name each float32 of a row with --columns x,y,z,intensity (- ignores one)"
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file may be a sweep: by the extension, and as its numbers are plausible."""
+    """Detect sweeps by the extension and plausible values."""
     if path.suffix.lower() != ".bin":
         return NO
     return MAYBE if any(_is_plausible(_rows(head, width)) for width in _widths(path)) else NO
 
 
 def _widths(path: Path) -> tuple[int, ...]:
-    """Possible numbers of columns, the most specific layout first."""
+    """Return the possible numbers of columns, the most specific layout first."""
     return (5,) if path.name.lower().endswith(".pcd.bin") else tuple(LAYOUTS)
 
 
@@ -48,13 +48,13 @@ def _rows(head: bytes, width: int) -> NDArray[np.float32]:
 
 def _is_plausible(rows: NDArray[np.float32]) -> bool:
     size = np.abs(rows)
-    if not len(rows) or not (size < FARTHEST).all() or size[:, :3].max() < NEAREST:  # NaN too
+    if not len(rows) or not (size < FARTHEST).all() or size[:, :3].max() < NEAREST:  # also excludes NaN
         return False
     return bool(((size == 0) | (size > TINY)).all())
 
 
 def _fits(rows: NDArray[np.float32]) -> bool:
-    """Whether the values after x, y, z are plausible for the layout with this number of columns."""
+    """Whether the values after x, y, z are plausible for this number of columns."""
     more = rows[:, 3:]
     if not _is_plausible(rows) or (more < 0).any():
         return False
@@ -67,7 +67,7 @@ def _fits(rows: NDArray[np.float32]) -> bool:
 
 
 class KittiSource(Source):
-    """A sweep; ValueError says what is wrong with it."""
+    """A lidar sweep."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -77,13 +77,13 @@ class KittiSource(Source):
         self._width = width = len(self._columns)
         twice = next((n for n in self._columns if n != LEFT_OUT and self._columns.count(n) > 1), None)
         if twice is not None:
-            raise ValueError(f"two columns are named {twice!r}: {','.join(self._columns)}")
+            raise ValueError(f"duplicate column name {twice!r}: {','.join(self._columns)}")
         if size == 0 or (size % (4 * width) and request.columns):
-            raise ValueError(f"its {size:,} bytes are no rows of {width} float32: {','.join(self._columns)}")
+            raise ValueError(f"its {size:,} bytes are not a multiple of {width} float32: {','.join(self._columns)}")
         if size % (4 * width):
-            self.faults.add(f"is cut off: its {size:,} bytes are no rows of {4 * width}")
+            self.faults.add(f"is cut off: its {size:,} bytes are not a multiple of {4 * width}")
         self._roles = roles_of({name: (np.dtype("<f4"), 0) for name in self._columns if name != LEFT_OUT})
-        survey = Survey(stations=((0.0, 0.0, 0.0),), format="KITTI")  # coordinates are the scanner's
+        survey = Survey(stations=((0.0, 0.0, 0.0),), format="KITTI")  # coordinates are relative to the scanner
         facts = {"layout": ",".join(self._columns) if request.columns else NAMES[width]}
         self.listing = Listing(size // (4 * width), 36 + 4 * width, survey=survey, facts=facts)
 
@@ -101,21 +101,21 @@ class KittiSource(Source):
 
 
 def _columns(path: Path, size: int, head: bytes, faults: Faults) -> tuple[str, ...]:
-    """The columns of a file, as its size and its numbers allow; ValueError if none of the layouts fits.
+    """Return the columns that fit the size and the values of a file; raise ValueError if no layout does.
 
-    A file of no whole number of rows is cut off: its numbers alone say which layout it has.
+    If the size is not a multiple of any row, the file is cut off, and only the values decide.
     """
     widths = [width for width in _widths(path) if size >= 4 * width]
     fitting = [width for width in widths if size % (4 * width) == 0]
     if not fitting and (faults.strict or not widths):
         sizes = " or ".join(str(4 * width) for width in sorted(_widths(path)))
         raise ValueError(
-            f"is cut off, or no sweep of a scanner: its {size:,} bytes are no rows of {sizes} bytes{ADVICE}"
+            f"is cut off, or not a lidar sweep: its {size:,} bytes are not a multiple of {sizes} bytes{ADVICE}"
         )
     others = [] if faults.strict else [width for width in widths if width not in fitting]
     found = next((width for width in (*fitting, *others) if _fits(_rows(head, width))), None)
     if found is None:
-        raise ValueError(f"the numbers of its rows are not those of a known sweep{ADVICE}")
+        raise ValueError(f"unsupported layout: the values of its rows fit no known lidar sweep{ADVICE}")
     return ("x", "y", "z", *LAYOUTS[found])
 
 
@@ -127,9 +127,9 @@ FORMAT = Format(
     {
         "positions": "x, y, z",
         "normals": "",
-        "colors": "of six numbers in a row the last three, 0 to 1 or to 255",
-        "attributes": "reflectance (KITTI); intensity and ring (nuScenes, .pcd.bin); or as --columns says",
-        "survey": "the scanner stands at 0, 0, 0",
-        "note": "recognised by the extension, the size and plausible values; rows of other numbers need --columns",
+        "colors": "the last three of six columns, 0 to 1 or to 255",
+        "attributes": "reflectance (KITTI); intensity and ring (nuScenes, .pcd.bin); or as named with --columns",
+        "survey": "the scanner position, 0, 0, 0",
+        "note": "detected by the extension, the size and plausible values; other layouts need --columns",
     },
 )

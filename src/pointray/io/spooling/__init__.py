@@ -1,6 +1,6 @@
-"""Files larger than memory -> columns on disk, with the values that `gather` gives them in memory.
+"""Columns on disk for files larger than memory, with the same values as `gather` produces in memory.
 
-raw : the columns of a file as it holds them; convert : in the types of `Points`; spooled : the cloud on disk
+raw : columns as stored in the files; convert : conversion to the types of `Points`; spooled : the cloud on disk
 
 Begin with spool.
 """

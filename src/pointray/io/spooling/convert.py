@@ -1,4 +1,4 @@
-"""Converting: raw columns become those of a cloud, in the types of `Points`, without rows that are not finite."""
+"""Conversion of raw columns to the columns and types of `Points`, without rows that are not finite."""
 
 from __future__ import annotations
 
@@ -42,12 +42,12 @@ class File(NamedTuple):
     Attributes
     ----------
     part : Part
-        Its chunks have no rows, but tell types.
+        Its chunks have no rows and carry only the types.
     begin, end : int
-        Its rows of the cloud.
+        Range of its rows in the cloud.
     color_range : ColorRange
     first : int or None
-        The number of its first station, see `first_stations`.
+        Number of its first station, see `first_stations`.
     """
 
     part: Part
@@ -58,7 +58,7 @@ class File(NamedTuple):
 
 
 class Cloud(NamedTuple):
-    """The rows of all files in raw columns: "positions", "normals", "colors", "attribute." and an attribute's name."""
+    """Rows of all files in raw columns: "positions", "normals", "colors", and "attribute." + name for attributes."""
 
     columns: Columns
     raws: dict[str, Raw]
@@ -66,17 +66,17 @@ class Cloud(NamedTuple):
 
     @property
     def rows(self) -> int:
-        """How many rows all files have."""
+        """Number of rows of all files."""
         return self.files[-1].end if self.files else 0
 
     def raw(self, name: str) -> Raw:
-        """The raw column with a name; an empty one, if it is new."""
+        """Return the raw column with a name; it is created empty if missing."""
         if name not in self.raws:
             self.raws[name] = Raw(self.columns, len(self.raws))
         return self.raws[name]
 
     def blocks(self, progress: Progress | None) -> Iterator[tuple[File, int, int]]:
-        """All rows, a few at a time, which are of one file: from one number to another."""
+        """Yield all rows in blocks (file, begin, end), each within one file."""
         for file in self.files:
             for begin in range(file.begin, file.end, CHUNK):
                 tell(progress, begin / self.rows)
@@ -84,7 +84,7 @@ class Cloud(NamedTuple):
 
 
 class Target(NamedTuple):
-    """A column as it shall be. rows : gives some of its rows; plain : they are what the raw column holds"""
+    """Output column. rows : returns a range of its rows; plain : whether these are unchanged rows of the raw column"""
 
     dtype: np.dtype[Any]
     width: int
@@ -93,18 +93,18 @@ class Target(NamedTuple):
 
 
 class Located(NamedTuple):
-    """What is known when positions are written.
+    """Result of writing the positions.
 
     Attributes
     ----------
     origin : (3,) float64
     survey : Survey
     rows : int
-        How many are finite.
+        Number of finite rows.
     left_out : Column or None
-        True for rows of the files that are not; None if all are.
+        True for rows that are not finite; None if all are.
     losses : Column or None
-        What positions lose of whole numbers, see `RESIDUAL`; None if nothing.
+        Grid steps lost in float32, see `RESIDUAL`; None if nothing is lost.
     """
 
     origin: NDArray[np.float64]
@@ -115,7 +115,7 @@ class Located(NamedTuple):
 
 
 def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
-    """Write all columns; each raw one is removed when that is done."""
+    """Write all columns; remove each raw column once it is converted."""
     files = [f._replace(part=colored(f.part, f.color_range)) for f in cloud.files if f.part.chunks]
     parts = [file.part for file in files]
     survey, firsts = common_survey(parts), first_stations(parts)
@@ -138,7 +138,7 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
         _write(cloud, located, name, names.get(name, name), target, part_of(progress, begin, end))
         cloud.raw(name).drop()
         tell(progress, end)
-    if located.losses is not None:  # in place of an attribute of the files that has its name
+    if located.losses is not None:  # replaces an attribute of the files with the same name
         cloud.columns.rename(LOSSES, names[ATTRIBUTE + RESIDUAL])
     cloud.columns.drop(LEFT_OUT)
     cloud.columns.sync()
@@ -151,7 +151,7 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
 
 
 def _locate(cloud: Cloud, survey: Survey, progress: Progress | None) -> Located:
-    """Write the positions that are finite, and what they lose of whole numbers."""
+    """Write the finite positions, and the grid steps that they lose."""
     raw, columns, total = cloud.raw(POSITIONS), cloud.columns, cloud.rows
     survey, sample = surveyed(raw.sample(sample_step(total)), survey)
     origin = origin_of(sample, total)
@@ -183,7 +183,7 @@ def _locate(cloud: Cloud, survey: Survey, progress: Progress | None) -> Located:
 
 
 def _write(cloud: Cloud, located: Located, name: str, new: str, target: Target, progress: Progress | None) -> None:
-    """Write a column but for rows that are left out; a raw one that is as it shall be gets its name."""
+    """Write a column without the rows left out. A raw column that needs no conversion is only renamed."""
     whole = cloud.raw(name).whole(cloud.rows)
     if target.plain and whole is not None and whole.dtype == target.dtype and located.left_out is None:
         cloud.columns.rename(whole.name, new)
@@ -193,7 +193,7 @@ def _write(cloud: Cloud, located: Located, name: str, new: str, target: Target, 
         rows = target.rows(file, begin, end)
         if located.left_out is not None:
             rows = rows[~located.left_out[begin:end]]
-        with np.errstate(over="ignore"):  # too large a number becomes infinite
+        with np.errstate(over="ignore"):  # overflow to infinity
             column.append(rows.astype(target.dtype, copy=False))
 
 
@@ -217,7 +217,7 @@ def _normals(cloud: Cloud) -> Target | None:
 
 
 def _colors(cloud: Cloud) -> Target | None:
-    """As 8 bits, by the range of each file."""
+    """Return the colours as 8 bits, by the range of each file."""
     raw, colored_files = cloud.raw(COLORS), sum(color_kind(file.part) is not None for file in cloud.files)
     if not colored_files:
         raw.drop()
@@ -233,7 +233,7 @@ def _colors(cloud: Cloud) -> Target | None:
 
 
 def _scans(cloud: Cloud) -> Target:
-    """Stations, counted over all files."""
+    """Return the stations, numbered over all files."""
     raw = cloud.raw(ATTRIBUTE + SCAN)
 
     def rows(file: File, begin: int, end: int) -> Rows:

@@ -1,4 +1,4 @@
-"""Raw columns: what files hold, on disk as they hold it, until the types are known in which it is kept."""
+"""Raw columns: values on disk in the types of the files, until the common types are known."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from ...base.disk_columns import Column, Columns
 
-RAW = "raw."  # how the names of their columns begin
+RAW = "raw."  # prefix of the names of raw columns
 
 
-class _Stretch(NamedTuple):
-    """Rows of the cloud that lie one after the other in a column. first : the column's row that is the first of them"""
+class _RowRange(NamedTuple):
+    """Range of rows of the cloud stored contiguously in a column. first : index of its first row in the column"""
 
     begin: int
     end: int
@@ -24,22 +24,22 @@ class _Stretch(NamedTuple):
 
 
 class Raw:
-    """One column of a cloud, with some rows missing. Rows of each dtype lie in a column of their own.
+    """One column of a cloud, possibly with missing rows. Rows of different dtypes are stored in separate columns.
 
     Parameters
     ----------
     columns : Columns
     number : int
-        What tells it from others there.
+        Unique number of this raw column within `columns`.
     """
 
     def __init__(self, columns: Columns, number: int) -> None:
         self._columns, self._number = columns, number
-        self._stretches: list[_Stretch] = []
+        self._ranges: list[_RowRange] = []
         self._of: dict[tuple[np.dtype[Any], int], Column] = {}
 
     def add(self, begin: int, rows: NDArray[Any]) -> None:
-        """Append rows (n,) or (n, k) of the cloud, from number `begin` on."""
+        """Append rows, (n,) or (n, k), which begin at row `begin` of the cloud."""
         if not len(rows):
             return
         kind = rows.dtype.newbyteorder("="), rows.shape[1] if rows.ndim > 1 else 0
@@ -48,59 +48,59 @@ class Raw:
         column = self._of[kind]
         first = len(column)
         column.append(rows)
-        last = self._stretches[-1] if self._stretches else None
+        last = self._ranges[-1] if self._ranges else None
         if last is not None and last.column is column and last.end == begin:
-            self._stretches[-1] = last._replace(end=begin + len(rows))
+            self._ranges[-1] = last._replace(end=begin + len(rows))
         else:
-            self._stretches.append(_Stretch(begin, begin + len(rows), column, first))
+            self._ranges.append(_RowRange(begin, begin + len(rows), column, first))
 
     def read(self, begin: int, end: int, dtype: np.dtype[Any] | None = None, missing: float = 0) -> NDArray[Any]:
-        """Rows from `begin` to `end`, in a dtype that is given or holds them all. missing : where there are none"""
+        """Return rows `begin` to `end` in `dtype`, by default the common type. missing : fill value of missing rows"""
         found = list(self._within(begin, end))
         if dtype is None:
-            dtype = np.result_type(*(stretch.column.dtype for stretch in found))
+            dtype = np.result_type(*(span.column.dtype for span in found))
         if len(found) == 1 and found[0].begin <= begin and end <= found[0].end:
             return _read(found[0], begin, end).astype(dtype, copy=False)
         out = np.full((end - begin, *self._shape), missing, dtype)
-        for stretch in found:
-            first, last = max(stretch.begin, begin), min(stretch.end, end)
-            out[first - begin : last - begin] = _read(stretch, first, last)
+        for span in found:
+            first, last = max(span.begin, begin), min(span.end, end)
+            out[first - begin : last - begin] = _read(span, first, last)
         return out
 
     def sample(self, step: int) -> list[NDArray[Any]]:
-        """Every so manieth row of the cloud, in pieces."""
+        """Return every `step`-th row of the cloud, in pieces."""
         pieces = []
-        for stretch in self._stretches:
-            end = stretch.first + stretch.end - stretch.begin
-            pieces.append(stretch.column[stretch.first + -stretch.begin % step : end : step])
+        for span in self._ranges:
+            end = span.first + span.end - span.begin
+            pieces.append(span.column[span.first + -span.begin % step : end : step])
         return pieces
 
     def whole(self, rows: int) -> Column | None:
-        """The column that holds all rows of a cloud, if one does."""
-        one = self._stretches[0] if len(self._stretches) == 1 else None
+        """Return the column if one column holds all rows of the cloud, else None."""
+        one = self._ranges[0] if len(self._ranges) == 1 else None
         return one.column if one is not None and one.end - one.begin == rows else None
 
     def drop(self) -> None:
-        """Remove what lies on the disk."""
+        """Delete the data on disk."""
         for column in self._of.values():
             self._columns.drop(column.name)
         self._of.clear()
-        self._stretches.clear()
+        self._ranges.clear()
 
     @property
     def _shape(self) -> tuple[int, ...]:
-        width = self._stretches[0].column.width
+        width = self._ranges[0].column.width
         return (width,) if width else ()
 
-    def _within(self, begin: int, end: int) -> Iterator[_Stretch]:
-        """The stretches of which some rows are asked for."""
-        k = max(bisect_right(self._stretches, begin, key=lambda stretch: stretch.begin) - 1, 0)
-        while k < len(self._stretches) and self._stretches[k].begin < end:
-            if self._stretches[k].end > begin:
-                yield self._stretches[k]
+    def _within(self, begin: int, end: int) -> Iterator[_RowRange]:
+        """Yield the ranges that overlap `begin` to `end`."""
+        k = max(bisect_right(self._ranges, begin, key=lambda span: span.begin) - 1, 0)
+        while k < len(self._ranges) and self._ranges[k].begin < end:
+            if self._ranges[k].end > begin:
+                yield self._ranges[k]
             k += 1
 
 
-def _read(stretch: _Stretch, begin: int, end: int) -> NDArray[Any]:
-    shift = stretch.first - stretch.begin
-    return stretch.column[begin + shift : end + shift]
+def _read(span: _RowRange, begin: int, end: int) -> NDArray[Any]:
+    shift = span.first - span.begin
+    return span.column[begin + shift : end + shift]

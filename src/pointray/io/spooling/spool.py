@@ -1,7 +1,7 @@
-"""Spooling: scans that do not fit into memory become columns on disk, with the values that `gather` gives them.
+"""Spooling: scans too large for memory are read into columns on disk, with the same values as `gather` produces.
 
-The files are read once, and leave their columns as they have them. What is known only at the end (the origin, the
-dtypes that hold all values, whether colours have 8 or 16 bits) is applied when these are read again.
+The files are read once, and their columns are stored unchanged. What is known only at the end (the origin, the common
+dtypes, whether colours have 8 or 16 bits) is applied in a second pass over the columns.
 """
 
 from __future__ import annotations
@@ -22,46 +22,46 @@ from ..colors import ColorRange
 from ..filling import Filling
 from ..formats._source import Chunk, Listing
 from ..joining import Part, common_survey
-from ..opening import Opener, announced_rows, check_some, chosen_of, listings_of, name_of, named, shares_of
+from ..opening import Opener, announced_rows, check_selected, listings_of, name_of, named, selected_chunks, shares_of
 from ..selection import Selection
 from .convert import Cloud, File, convert
 from .spooled import ATTRIBUTE, COLORS, FACTS, NORMALS, POSITIONS, Spooled, clear, spooled_in
 
-READ = 0.6  # the share of the time after which the files are read
+READ = 0.6  # fraction of the time that reading the files takes
 
 __all__ = ["Spooled", "spool", "spooled_in"]
 
 
 def spool(files: Sequence[Opener], selection: Selection, columns: Columns, progress: Progress | None = None) -> Spooled:
-    """Read files one after the other into columns on disk; memory for a few chunks is enough.
+    """Read files one after the other into columns on disk; only a few chunks are held in memory.
 
-    Rows, their order, values and warnings are those of `gather`, but rows that are not finite are left out. Columns
-    of an earlier cloud are removed first, and what is unfinished if an error is raised.
+    Rows, their order, values and warnings are those of `gather`, except that rows that are not finite are left out.
+    Columns of an earlier cloud are removed first, and unfinished ones if an error is raised.
 
     Raises
     ------
     OSError
         If the disk is full.
     ValueError
-        If a file is damaged, the files have different coordinate systems, nothing is chosen, there are more than
-        2^31 - 1 rows, the disk has too little room, or `selection.max_points` is given.
+        If a file is damaged, the files have different coordinate systems, no row is selected, there are more than
+        2^31 - 1 rows, there is too little disk space, or `selection.max_points` is given.
     """
     if selection.max_points is not None:
-        raise ValueError("max_points chooses among points in memory: read them with `read`")
+        raise ValueError("max_points is unsupported when points are stored on disk: read them with `read`")
     listings = listings_of(files)
     clear(columns)
     with named(name_of(files)):
-        _check_room(listings, selection, columns.folder)
+        _check_disk_space(listings, selection, columns.folder)
     some = [Part(file.name, [], x.survey) for file, x in zip(files, listings, strict=True) if x.count != 0]
     if some:
-        common_survey(some)  # before work, if headers tell
+        common_survey(some)  # detects a conflict from the headers, before any row is read
     try:
         cloud = Cloud(columns, {}, [])
         shares = [READ * share for share in shares_of(listings)]
         for file, begin, end in zip(files, shares[:-1], shares[1:], strict=True):
             with named(file.name):
                 cloud.files.append(_read(file, selection, cloud, part_of(progress, begin, end)))
-        check_some(files, selection, cloud.rows)
+        check_selected(files, selection, cloud.rows)
         with named(files[0].name) if len(files) == 1 else nullcontext():
             spooled = convert(cloud, part_of(progress, READ, 1.0))
     except BaseException:  # Ctrl-C too
@@ -71,8 +71,8 @@ def spool(files: Sequence[Opener], selection: Selection, columns: Columns, progr
     return spooled
 
 
-def _check_room(listings: Sequence[Listing], selection: Selection, folder: Path) -> None:
-    """ValueError if rows are too many or do not fit on the disk; with filters nobody knows yet how many there are."""
+def _check_disk_space(listings: Sequence[Listing], selection: Selection, folder: Path) -> None:
+    """Raise ValueError if there are too many rows or too little disk space; with filters their number is unknown."""
     if selection.filters:
         return
     rows = announced_rows(listings, selection)
@@ -80,19 +80,19 @@ def _check_room(listings: Sequence[Listing], selection: Selection, folder: Path)
     need = sum(n * listing.row for n, listing in zip(rows, listings, strict=True))
     free = shutil.disk_usage(folder).free
     if need > free:
-        text = f"{sum(rows):,} points need {need / 2**30:.1f} GiB of the disk of {folder}"
-        raise ValueError(f"{text}, which has {free / 2**30:.1f} GiB left")
+        text = f"{sum(rows):,} points need {need / 2**30:.1f} GiB of disk space in {folder}"
+        raise ValueError(f"{text}, only {free / 2**30:.1f} GiB are free")
 
 
 def _read(file: Opener, selection: Selection, cloud: Cloud, progress: Progress | None) -> File:
-    """Append the chosen rows of a file to raw columns; returns what is known of it when all are read."""
+    """Append the selected rows of a file to raw columns; return its types, range of rows and colour statistics."""
     heads: list[Chunk] = []
     kinds: set[tuple[np.dtype[Any], ...]] = set()
     known, begin = ColorRange(), cloud.rows
     end = begin
     with file.open() as source:
-        filling = Filling(0) if selection.is_all and source.listing.count else None  # of types: there are no rows
-        for chunk in chosen_of(file.name, source, selection, progress):
+        filling = Filling(0) if selection.is_all and source.listing.count else None  # collects types only, no rows
+        for chunk in selected_chunks(file.name, source, selection, progress):
             rows = chunk if chunk.colors is None else chunk._replace(colors=chunk.colors[:, :3])
             if rows.colors is not None:
                 known.add(rows.colors)
@@ -112,7 +112,7 @@ def _read(file: Opener, selection: Selection, cloud: Cloud, progress: Progress |
 
 
 def _columns_of(chunk: Chunk) -> dict[str, NDArray[Any]]:
-    """The columns of a chunk, by names that tell them apart."""
+    """Return the columns of a chunk by unique names."""
     plain = {POSITIONS: chunk.positions, NORMALS: chunk.normals, COLORS: chunk.colors}
     there = {name: column for name, column in plain.items() if column is not None}
     for name, column in chunk.attributes.items():

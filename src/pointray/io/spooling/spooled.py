@@ -1,4 +1,4 @@
-"""Spooled: a cloud in columns on disk, and what is known of it."""
+"""`Spooled`: description of a cloud in columns on disk."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from .raw import RAW
 
 FACTS = "spooled"
 POSITIONS, NORMALS, COLORS = "positions", "normals", "colors"
-ATTRIBUTE = "attribute."  # and the number of the attribute
+ATTRIBUTE = "attribute."  # followed by the number of the attribute
 
 
 class Spooled(NamedTuple):
-    """A cloud in columns: "positions" (n, 3) float32, and perhaps "normals", "colors" and "attribute.0" and so on.
+    """A cloud in columns: "positions" (n, 3) float32, optionally "normals", "colors" and "attribute.0" and so on.
 
     Attributes
     ----------
@@ -27,11 +27,11 @@ class Spooled(NamedTuple):
         World coordinates = origin + positions.
     survey : Survey
     attributes : list of str
-        Names, in the order of the numbers of their columns.
+        Names, in the order of the column numbers.
     normals, colors : bool
-        Whether there are (n, 3) float32, (n, 3) uint8.
+        Whether there are normals, (n, 3) float32, and colours, (n, 3) uint8.
     lost : int
-        Rows of the files that are left out, because they are not finite.
+        Number of rows left out because they are not finite.
     """
 
     rows: int
@@ -44,12 +44,12 @@ class Spooled(NamedTuple):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The same in values of JSON."""
+        """The fields as JSON values."""
         return {**self._asdict(), "origin": self.origin.tolist(), "survey": self.survey.facts}
 
 
 def spooled_in(columns: Columns) -> Spooled | None:
-    """The cloud that has been spooled; None if none has been. ValueError if what is known of it is damaged."""
+    """Return the spooled cloud in `columns`; None if there is none. Raise ValueError if its description is damaged."""
     facts = columns.get(FACTS)
     if facts is None:
         return None
@@ -61,7 +61,7 @@ def spooled_in(columns: Columns) -> Spooled | None:
 
 
 def clear(columns: Columns) -> None:
-    """Remove all that spooling makes, or has left unfinished."""
+    """Remove all columns and files that spooling writes, finished or not."""
     columns.drop(FACTS)
     for name in columns.names:
         if name in (POSITIONS, NORMALS, COLORS) or name.startswith((RAW, ATTRIBUTE)):

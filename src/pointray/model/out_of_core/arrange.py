@@ -1,4 +1,4 @@
-"""Rows in the order of files -> rows in kd order, part after part, on disk."""
+"""Reordering of columns on disk: from file order to kd order, part by part."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from ...base.progress import Progress, part_of, tell
 from ...cloud.neighbors import kd_order
 from ...cloud.neighbors.cuts import Cuts, find_cuts
 
-CHUNK = 1 << 20  # rows that are scattered at once
+CHUNK = 1 << 20  # rows scattered at once
 TILE = 1 << 12  # points of the kd order that are read together: the unit of margins
-CUT = 0.5  # share of the time after which the cuts are known
+CUT = 0.5  # progress after the cuts are found
 SCATTERED, SORTED = "scattered.", "points."  # prefixes of columns
 
 Floats = NDArray[np.float32]
 
 
 class Arrangement:
-    """The columns of a cloud, from the order of files to the kd order. Each step is done once, and then known.
+    """Columns of a cloud, moved from file order to kd order. Finished steps are not repeated.
 
     Parameters
     ----------
     columns : Columns
-        With the columns that `spool` leaves.
+        As left by `spool`.
     names : list of str
-        Those columns: "positions" first.
+        Names of the columns, "positions" first.
     count : int
-        How many rows they have.
+        Number of rows.
     size : int
-        Points of a part: a power of two, `TILE` or more.
+        Points of a part, a power of two, at least `TILE`.
     """
 
     def __init__(self, columns: Columns, names: list[str], count: int, size: int) -> None:
@@ -41,7 +41,7 @@ class Arrangement:
         self.parts = -(-count // size)
 
     def cut_and_scatter(self, progress: Progress | None = None) -> None:
-        """Write the rows to the stretches of their parts, in the order of files."""
+        """Write each row to the range of its part, in file order."""
         columns = self._columns
         if columns.get("scattered") is None:
             self._cut_and_scatter(progress)
@@ -73,7 +73,7 @@ class Arrangement:
         made: dict[str, Column],
         free: NDArray[np.int64],
     ) -> None:
-        """Write the rows of a chunk behind those that their parts have. free : (parts,), the next row of each"""
+        """Append the rows of a chunk to their parts. free : (parts,), the next free row of each part"""
         part = cuts.parts_of(chunk["positions"], row)
         order = np.argsort(part, kind="stable")
         ends = np.bincount(part, minlength=self.parts).cumsum()
@@ -84,7 +84,7 @@ class Arrangement:
         free += np.diff(ends, prepend=0)
 
     def sort(self, part: int) -> None:
-        """Write the rows of a part in kd order, and the boxes of its tiles."""
+        """Write the rows of a part in kd order, and the bounding boxes of its tiles."""
         columns = self._columns
         rows = slice(part * self._size, min((part + 1) * self._size, self._count))
         positions = columns[SCATTERED + "positions"][rows]
@@ -93,8 +93,8 @@ class Arrangement:
             columns[SORTED + name].write(rows.start, columns[SCATTERED + name][rows][order])
         columns["tiles"].write(rows.start // TILE, boxes_of(positions[order]))
 
-    def make_room(self) -> None:
-        """Make the columns that `sort` writes to."""
+    def make_columns(self) -> None:
+        """Create the columns that `sort` writes to."""
         columns = self._columns
         for name in self._names:
             if SORTED + name not in columns:
@@ -104,13 +104,13 @@ class Arrangement:
             columns.make("tiles", np.float32, 6, -(-self._count // TILE))
 
     def tidy(self) -> None:
-        """Remove what is no longer needed when all parts are sorted."""
+        """Remove the columns that are not needed after all parts are sorted."""
         for name in self._names:
             self._columns.drop(SCATTERED + name)
 
 
 def boxes_of(positions: Floats) -> Floats:
-    """The boxes around tiles of positions, low x y z, high x y z."""
+    """Return the bounding boxes of tiles of positions, low x y z, high x y z."""
     first = np.arange(0, len(positions), TILE)
     low, high = np.minimum.reduceat(positions, first), np.maximum.reduceat(positions, first)
     return np.concatenate([low, high], axis=1)

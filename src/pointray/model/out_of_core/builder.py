@@ -1,7 +1,7 @@
-"""A cloud that does not fit into memory -> a model in parts.
+"""Builder of a model in parts from a cloud that does not fit into memory.
 
-Stages follow each other. Of most, each part is independent of the others, once the stages before are done for all
-parts; what each finds stays in columns in the folder "unfinished", so that an interrupted run goes on where it stopped.
+In most stages the parts are independent of each other once the previous stages are done for all parts. Results are
+stored as columns in the folder "unfinished", so that an interrupted run can be resumed.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from ...base.disk_columns import Columns
 from ...base.executor import TaskExecutor
 from ...base.progress import Progress, part_of
 from ...base.warning_log import warn
-from ...cloud.denoising.noise import Stretches, settled
+from ...cloud.denoising.noise import NoiseRanges, raise_to_typical
 from ...cloud.georeference import SCAN
 from ...cloud.normals.consistency import agreement_share, sample_rows
-from ...cloud.normals.estimate import DISAGREE, told
+from ...cloud.normals.estimate import DISAGREE, describe_repairs
 from ...cloud.normals.stations import warn_of_ignored
 from ...cloud.normals.units import to_units
 from ...io.spooling.spooled import Spooled
@@ -28,9 +28,9 @@ from ...surface.splats.support import lone_note
 from ...surface.tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import TILE, Arrangement
 from .facing import turn_fits, turn_given
-from .finish import Described, Half, finish, finish_loose, finish_surface, id_in
+from .finish import Described, WrittenParts, finish, finish_loose, finish_surface, id_in
 from .given import RADIUS, GivenColumns
-from .level_steps import Named
+from .level_steps import ModelInfo
 from .second_layers import find_layers
 from .separate_scattered import LOOSE, ROW, SEPARATED, SURFACE, Shaping, number_rows, separate
 from .stages import (
@@ -59,27 +59,27 @@ from .tasks import (
     measure_noise,
     move_layers,
 )
-from .thin_sheets import part_thin_sheets
+from .thin_sheets import orient_sheets_of_parts
 from .trees import least_size
 from .work import Work
 
-SEERS = SCAN, "point_source_id"  # attributes that tell who saw each point
-# Shares of the time after which stages are done.
+SCAN_ATTRIBUTES = SCAN, "point_source_id"  # attributes that hold the scan of each point
+# Progress after each stage.
 ARRANGED, SORTED, SEARCHED, MERGED_AT, TURNED_AT, EXAMINED, PLACED_AT, TURNED_FITS, FACED_AT, SUPPORTED = (
     *(0.12, 0.16, 0.22, 0.3, 0.35, 0.4, 0.5, 0.56, 0.6, 0.8),
 )
-LEVELED, WRITTEN = 0.95, 0.97  # those of the surface, and of scattered points
-SEPARATED_AT = 0.3  # share after which these are in columns of their own; the surface takes the rest
+LEVELED, WRITTEN = 0.95, 0.97  # progress after the levels of the surface, and of scattered points
+SEPARATED_AT = 0.3  # progress after scattered points are in columns of their own; the surface takes the rest
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """How a model is made, see `Model`.
+class BuildOptions:
+    """Options of a model, see `Model`.
 
     size : points of a part, a power of two
     leveled : whether parts get levels of detail
-    drawing : how scattered points are drawn, its scatter perhaps "auto", see `check_drawing`; None: as `Model` does
-    given : whether the cloud comes with radii; None: as its columns tell
+    drawing : how scattered points are drawn, possibly "auto", see `check_drawing`; None: as `Model` does
+    given : whether the cloud has radii; None: decided by its columns
     """
 
     settings: TreeSettings
@@ -91,19 +91,19 @@ class Wanted:
 
 
 class OutOfCoreBuilder:
-    """A cloud on disk, stage by stage; `build` makes a model of it.
+    """Builder of a model from a cloud on disk; `build` runs all stages.
 
     Parameters
     ----------
     folder : path
-        Of the model.
+        Folder of the model.
     columns : Columns
-        What `spool` has left, and what is found.
+        As left by `spool`; results are added.
     spooled : Spooled
-    wanted : Wanted
+    options : BuildOptions
     progress : callable, optional
     tasks : TaskExecutor, optional
-        Workers who do the parts of stages, and see the folder. None: this process.
+        Workers that process parts and see the folder. None: this process.
     """
 
     def __init__(
@@ -111,43 +111,45 @@ class OutOfCoreBuilder:
         folder: Path,
         columns: Columns,
         spooled: Spooled,
-        wanted: Wanted,
+        options: BuildOptions,
         progress: Progress | None = None,
         tasks: TaskExecutor | None = None,
     ) -> None:
         self._folder, self._columns, self._spooled = folder, columns, spooled
         self._given_columns = given_columns = GivenColumns(columns, spooled)
         self._names = given_columns.names
-        size = max(wanted.size, least_size(spooled.rows), TILE)
-        given = given_columns.have_radii() if wanted.given is None else wanted.given
-        smooth = 0.0 if given and wanted.smooth == "auto" else wanted.smooth
-        self._wanted, self._given = replace(wanted, size=size, smooth=smooth), given
-        scatter, factor = ("auto", 1.0) if wanted.drawing is None else wanted.drawing
+        size = max(options.size, least_size(spooled.rows), TILE)
+        given = given_columns.have_radii() if options.given is None else options.given
+        smooth = 0.0 if given and options.smooth == "auto" else options.smooth
+        self._options, self._given = replace(options, size=size, smooth=smooth), given
+        scatter, factor = ("auto", 1.0) if options.drawing is None else options.drawing
         self._drawing = check_drawing(scatter, factor, given)
-        seers = {name: f"points.{self._names[name]}" for name in SEERS if name in self._names}
+        viewpoint_columns = {name: f"points.{self._names[name]}" for name in SCAN_ATTRIBUTES if name in self._names}
         ignored = given_columns.ignored_stations()
-        about = columns, spooled.rows, spooled.origin, spooled.survey, seers
+        about = columns, spooled.rows, spooled.origin, spooled.survey, viewpoint_columns
         self._cloud = Cloud(*about, given_columns.are_seen(ignored), ignored)
         self._work, self._tasks = Work(columns, spooled.rows, size, progress, tasks), tasks
-        self.settings, self._progress = wanted.settings, progress
+        self.settings, self._progress = options.settings, progress
 
     def build(self) -> int:
-        """Do all stages, and write the model; the index comes last. Returns how many points it has."""
-        halves, drawing = [], self._drawing
+        """Run all stages and write the model, the index last; return the number of points."""
+        all_written, drawing = [], self._drawing
         surface, loose = self._separate()
-        half = None if surface is None else surface.make()
-        if half is not None:
-            halves.append(half)
+        written = None if surface is None else surface.make()
+        if written is not None:
+            all_written.append(written)
         if loose is not None:
-            halves.append(finish_loose(self._named, loose, drawing, half, self._wanted.leveled, (LEVELED, WRITTEN)))
-        settings = self._wanted.settings if surface is None else surface.settings
-        facts = {**settings._asdict(), "smooth": self._wanted.smooth, **drawing.facts}
-        count = 0 if loose is None else halves[-1].rows
-        finish(self._named, halves, facts, count, part_of(self._progress, WRITTEN, 1.0))
-        return sum(half.rows for half in halves)
+            all_written.append(
+                finish_loose(self._info, loose, drawing, written, self._options.leveled, (LEVELED, WRITTEN))
+            )
+        settings = self._options.settings if surface is None else surface.settings
+        facts = {**settings._asdict(), "smooth": self._options.smooth, **drawing.facts}
+        count = 0 if loose is None else all_written[-1].rows
+        finish(self._info, all_written, facts, count, part_of(self._progress, WRITTEN, 1.0))
+        return sum(written.rows for written in all_written)
 
-    def make(self) -> Half:
-        """Do all stages of a surface, and write its parts."""
+    def make(self) -> WrittenParts:
+        """Run all stages of a surface, and write its parts."""
         self._arrange()
         self._merge()
         self._place()
@@ -155,13 +157,13 @@ class OutOfCoreBuilder:
         return self._write()
 
     @property
-    def _named(self) -> Named:
-        """What the files of the model say."""
+    def _info(self) -> ModelInfo:
+        """Facts that the model's files contain."""
         spooled = self._spooled
-        return Named(self._folder, id_in(self._columns), spooled.origin, spooled.survey, list(self._names))
+        return ModelInfo(self._folder, id_in(self._columns), spooled.origin, spooled.survey, list(self._names))
 
     def _separate(self) -> tuple[OutOfCoreBuilder | None, Work | None]:
-        """The surface, and where scattered points are; None where there are no such points."""
+        """Return the builder of the surface and the columns of scattered points; None for either without points."""
         if not self._drawing.is_apart:
             return self, None
         columns, work, drawing = self._columns, self._work, self._drawing
@@ -177,8 +179,8 @@ class OutOfCoreBuilder:
             return self, None
         surface, scattered = (Columns(columns.folder / name) for name in (SURFACE, LOOSE))
         surface.put("id", {"id": id_in(columns)})
-        wanted = replace(self._wanted, drawing=ALL_SURFACE, given=self._given)
-        about = self._spooled._replace(rows=count), wanted, rest, self._tasks
+        options = replace(self._options, drawing=ALL_SURFACE, given=self._given)
+        about = self._spooled._replace(rows=count), options, rest, self._tasks
         made = OutOfCoreBuilder(self._folder, surface, *about) if count else None
         return made, Work(scattered, loose, work.size, self._progress, self._tasks) if loose else None
 
@@ -188,62 +190,62 @@ class OutOfCoreBuilder:
             names = self._given_columns.all + [ROW] * (self._given_columns.find(ROW) is not None)
             arrangement = Arrangement(columns, names, self._cloud.total, self._work.size)
             arrangement.cut_and_scatter(self._work.watch((0.0, ARRANGED)))
-            arrangement.make_room()
+            arrangement.make_columns()
             self._work.each("sort", arrangement.sort, (ARRANGED, SORTED))
             columns.put("sorted", {})
             arrangement.tidy()
 
     def _merge(self) -> None:
         """Move second layers onto one surface."""
-        if self._wanted.smooth == 0.0 or self._given:
+        if self._options.smooth == 0.0 or self._given:
             return
         cloud, work = self._cloud, self._work
-        usual = work.surveyed("layers", partial(merge, cloud))
+        statistics = work.statistics_for("layers", partial(merge, cloud))
         find_layers(work, cloud, (SORTED, SEARCHED))
-        work.room(MERGED, np.float32, 3)
-        work.each("merge", partial(move_layers, work, cloud, usual), (SEARCHED, MERGED_AT))
+        work.make_column(MERGED, np.float32, 3)
+        work.each("merge", partial(move_layers, work, cloud, statistics), (SEARCHED, MERGED_AT))
         self._columns.put(MERGED, {})
 
     def _place(self) -> None:
-        """Find normals and noise, and move noisy points."""
-        cloud, sigma, work = self._cloud, self._wanted.smooth, self._work
+        """Find normals and noise, and smooth noisy points."""
+        cloud, sigma, work = self._cloud, self._options.smooth, self._work
         has_normals = GIVEN in self._columns
         if has_normals:
             self._check_signs()
         if not has_normals or cloud.has_units:
             warn_of_ignored(cloud.ignored, len(cloud.survey.stations))
-        stretches = self._stretches() if sigma == "auto" else None
-        usual = None if has_normals else work.surveyed("fits", partial(survey_fits, cloud))
+        ranges = self._noise_ranges() if sigma == "auto" else None
+        statistics = None if has_normals else work.statistics_for("fits", partial(survey_fits, cloud))
         for name in (PLACED, NORMALS, *PLANES):
-            work.room(name, np.float32, 3)
-        work.room(NOISE, np.float32)
-        work.room(THICK, np.int8)
+            work.make_column(name, np.float32, 3)
+        work.make_column(NOISE, np.float32)
+        work.make_column(THICK, np.int8)
         if cloud.is_seen:
-            work.room(KNOWN, np.int8)
-        measure = Measure(sigma, stretches, usual)
+            work.make_column(KNOWN, np.int8)
+        measure = Measure(sigma, ranges, statistics)
         facts = work.each("place", partial(find_surface, work, cloud, measure), (EXAMINED, PLACED_AT))
         self._is_noisy = any(fact["is_noisy"] for fact in facts)
         if not has_normals:
             turn_fits(work, cloud, any(fact["has_planes"] for fact in facts), (PLACED_AT, TURNED_FITS))
             if not cloud.is_seen:
-                part_thin_sheets(work, cloud, facts, (TURNED_FITS, FACED_AT))
-        mended = [fact["mended"] for fact in facts] + [(self._columns.get(TURNED) or {}).get("mended", (0, 0))]
-        lost, odd = np.sum(mended, axis=0).tolist()
-        for text in told(lost, odd, cloud.total):
+                orient_sheets_of_parts(work, cloud, facts, (TURNED_FITS, FACED_AT))
+        repaired = [fact["mended"] for fact in facts] + [(self._columns.get(TURNED) or {}).get("mended", (0, 0))]
+        lost, odd = np.sum(repaired, axis=0).tolist()
+        for text in describe_repairs(lost, odd, cloud.total):
             warn(text, stacklevel=4)
 
-    def _stretches(self) -> Stretches:
-        """The noise of all parts."""
+    def _noise_ranges(self) -> NoiseRanges:
+        """Measure the noise of all parts."""
         facts = self._work.each("noise", partial(measure_noise, self._work, self._cloud), (TURNED_AT, EXAMINED))
         kinds = np.int64, np.float32, np.float64, np.float64
         arrays = [
             np.concatenate([np.array(fact[name], kind) for fact in facts])
-            for name, kind in zip(Stretches._fields, kinds, strict=True)
+            for name, kind in zip(NoiseRanges._fields, kinds, strict=True)
         ]
-        return settled(Stretches(*arrays))
+        return raise_to_typical(NoiseRanges(*arrays))
 
     def _check_signs(self) -> None:
-        """Warn of normals that look to opposite sides or inwards."""
+        """Warn of normals that face opposite sides; recompute their signs."""
         columns, rows = self._columns, sample_rows(self._cloud.total)
         where = columns[self._cloud.latest(MERGED, POSITIONS)]
         unit, length = to_units(columns[GIVEN][rows])
@@ -251,31 +253,31 @@ class OutOfCoreBuilder:
         share = agreement_share(where[rows][good], unit[good], np.arange(len(good), dtype=np.int32))
         if share > DISAGREE:
             turn_given(self._work, self._cloud, (MERGED_AT, TURNED_AT))
-            opposite = f"{100 * share:.0f}% of neighbouring normals look to opposite sides"
-            warn(f"{opposite}: directions kept, signs set anew", stacklevel=5)
+            opposite = f"{100 * share:.0f}% of neighbouring normals face opposite sides"
+            warn(f"{opposite}: directions kept, signs recomputed", stacklevel=5)
 
     def _support(self) -> None:
         """Find the support of each point."""
         cloud, work = self._cloud, self._work
-        supporting = Supporting(f"points.{self._names[RADIUS]}" if self._given else None, self._wanted.settings)
-        usual = work.surveyed("support", partial(supporting.find, cloud))
-        work.room(RADII, np.float32)
-        work.room(BORDERS, np.float32, 3)
-        work.room(SHEETS, np.int8)
-        find = partial(find_supports, work, cloud, supporting, usual)
+        supporting = Supporting(f"points.{self._names[RADIUS]}" if self._given else None, self._options.settings)
+        statistics = work.statistics_for("support", partial(supporting.find, cloud))
+        work.make_column(RADII, np.float32)
+        work.make_column(BORDERS, np.float32, 3)
+        work.make_column(SHEETS, np.int8)
+        find = partial(find_supports, work, cloud, supporting, statistics)
         self._supports = work.each("support", find, (FACED_AT, SUPPORTED))
         note = lone_note(sum(fact["lone"] for fact in self._supports), cloud.total)
         if note:
             warn(note, stacklevel=4)
 
-    def _write(self) -> Half:
+    def _write(self) -> WrittenParts:
         """Write the files of all parts."""
-        facts, settings = self._supports, self._wanted.settings
+        facts, settings = self._supports, self._options.settings
         if any(fact["tight"] for fact in facts):
             settings = settings._replace(trim=LOOSE_TRIM)
         self.settings = settings
         optional = [name for name in (BORDERS, SHEETS) if any(fact[name] for fact in facts)]
         optional += [NOISE] if self._is_noisy else []
         attributes = {name: f"points.{column}" for name, column in self._names.items()}
-        model = Described(settings, self._wanted.smooth, attributes, tuple(optional), self._wanted.leveled)
-        return finish_surface(self._named, self._work, self._cloud, model, (SUPPORTED, LEVELED))
+        model = Described(settings, self._options.smooth, attributes, tuple(optional), self._options.leveled)
+        return finish_surface(self._info, self._work, self._cloud, model, (SUPPORTED, LEVELED))

@@ -1,4 +1,4 @@
-"""Votes on disk: tables of them, each of which fits into memory, however many there are in all."""
+"""Votes on disk: tables that fit into memory one at a time."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Columns
-from ...cloud.normals.joins import Held, Tables
-from ...cloud.normals.votes import Votes, sum_of
+from ...cloud.normals.joins import InMemoryVotes, VoteTables
+from ...cloud.normals.votes import Votes, sum_votes
 
-PIECES = 1 << 18  # of a table, which has the votes of pairs whose lower piece is one of them: 5 to 10 for each
+PIECES = 1 << 18  # pieces per table; it has the votes of pairs whose lower piece is one of them, 5 to 10 for each
 
-VOTES = "votes-"  # names of columns begin so
+VOTES = "votes-"  # prefix of column names
 
 Whole = NDArray[np.int64]
 
 
 class OnDiskVotes:
-    """Votes in columns, which others replace when they are changed. See `Tables`.
+    """Votes in columns, see `VoteTables`. Transforming them replaces the columns.
 
     Parameters
     ----------
     columns : Columns
     names : sequence of str
-        Columns of votes, see `keep`, each pair once in each of them.
+        Columns of votes, see `keep`; each pair occurs at most once per column.
     cuts : sequence of (t + 1,) int64
-        What `keep` says of each column.
+        Result of `keep` for each column.
     """
 
     def __init__(self, columns: Columns, names: Sequence[str], cuts: Sequence[Whole]) -> None:
@@ -37,12 +37,12 @@ class OnDiskVotes:
         for k in range(len(self._cuts[0]) - 1):
             slices = [(name, slice(*cut[k : k + 2])) for name, cut in zip(self._names, self._cuts, strict=True)]
             found = [self._columns[name][rows] for name, rows in slices if rows.stop > rows.start]
-            yield sum_of([Votes(*np.ascontiguousarray(rows.T)) for rows in found or [np.empty((0, 3), np.int64)]])
+            yield sum_votes([Votes(*np.ascontiguousarray(rows.T)) for rows in found or [np.empty((0, 3), np.int64)]])
 
-    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> Tables:
-        """See `Tables`; few votes stay in memory."""
+    def changed(self, change: Callable[[Votes], Votes], pieces: int) -> VoteTables:
+        """Transform all tables, see `VoteTables`; few votes are kept in memory."""
         if pieces <= PIECES:
-            return Held([change(votes) for votes in self])
+            return InMemoryVotes([change(votes) for votes in self])
         generation, names, cuts = _generation(self._names[0]) + 1, [], []
         for k, votes in enumerate(self):
             names.append(name_of(k, generation))
@@ -53,9 +53,9 @@ class OnDiskVotes:
 
 
 def keep(columns: Columns, name: str, votes: Votes, pieces: int) -> Whole:
-    """Write votes to a new column; returns where the rows of each table begin, and how many rows there are.
+    """Write votes to a new column; return the first row of each table, and the number of rows.
 
-    pieces : how many there are in the whole cloud
+    pieces : number of pieces of the whole cloud
     """
     columns.fill(name, np.stack(votes, axis=1))
     tables = max(-(-pieces // PIECES), 1)
@@ -70,7 +70,7 @@ def drop_all(columns: Columns) -> None:
 
 
 def name_of(k: int, generation: int = 0) -> str:
-    """The name of a column of votes."""
+    """Return the name of a column of votes."""
     return f"{VOTES}{generation:02d}-{k:04d}"
 
 

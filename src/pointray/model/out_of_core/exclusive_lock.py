@@ -1,4 +1,4 @@
-"""A lock on a folder: one process at a time works there."""
+"""Lock on a folder: one process at a time works in it."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ LOCK = "lock"
 
 
 @contextmanager
-def alone(folder: Path) -> Iterator[None]:
-    """Keep other processes from working in a folder; ValueError if one does."""
+def exclusive_lock(folder: Path) -> Iterator[None]:
+    """Lock a folder; raise a ValueError if another process holds the lock."""
     if sys.platform == "win32":
         yield
         return
@@ -26,9 +26,9 @@ def alone(folder: Path) -> Iterator[None]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise _busy(folder) from None
-        except OSError:  # a file system without locks
+        except OSError:  # file system without locks
             pass
-        if not _is_same(lock, folder / LOCK):  # who worked here has ended, and has removed the folder
+        if not _is_same(lock, folder / LOCK):  # the previous owner has finished and removed the folder
             raise _busy(folder)
         yield
     finally:
@@ -43,4 +43,4 @@ def _is_same(file: int, path: Path) -> bool:
 
 
 def _busy(folder: Path) -> ValueError:
-    return ValueError(f"{folder.parent}: another process prepares a model there just now")
+    return ValueError(f"{folder.parent}: another process is preparing a model in this folder")

@@ -1,4 +1,4 @@
-"""The sides that normals face, over all parts: as in a whole cloud, neighbours agree, and scanners see no back."""
+"""Orientation of normals across parts: neighbours agree as in a whole cloud, and normals face known scanners."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...base.disk_columns import Column
 from ...cloud.neighbors import NeighborTree
-from ...cloud.normals.layers import KEPT, sides
+from ...cloud.normals.layers import KEPT, signs_facing
 from ...cloud.normals.orientation import NEAR
 from . import signs
 from .local import Local
@@ -17,22 +17,22 @@ from .signs import PIECE, SIGN, SIGNED, Outlook, Shared, Signs, Whole, firsts_of
 from .stages import FACED, KNOWN, MERGED, NORMALS, PLACED, PLANES, POSITIONS, TURNED, UNITS, Cloud, units
 from .work import Facts, Work
 
-FOUND, VOTED, JOINED, LOOKED = 0.4, 0.75, 0.8, 0.9  # shares of the time after which a pass is done
+FOUND, VOTED, JOINED, EXAMINED = 0.4, 0.75, 0.8, 0.9  # progress of the passes
 
 Span = tuple[float, float]
 
 
 class Facing:
-    """Signs of the normals in a column, and what they are made of.
+    """Orientation of the normals in a column.
 
     Parameters
     ----------
     work : Work
     cloud : Cloud
     places, normals : str
-        Columns: positions, and normals of either sign.
+        Columns of positions, and of normals with arbitrary signs.
     near : int
-        Neighbours that signs pass to.
+        Number of neighbours along which signs propagate.
     """
 
     def __init__(self, work: Work, cloud: Cloud, places: str, normals: str, near: int) -> None:
@@ -40,23 +40,23 @@ class Facing:
         self._near = near
         self._signs = Signs(work.columns, np.minimum(np.arange(work.parts + 1) * work.size, cloud.total))
         for name, dtype in ((PIECE, np.int32), (SIGN, np.int8), (SIGNED, np.int8)):
-            work.room(name, dtype)
+            work.make_column(name, dtype)
 
-    def settle(self, span: Span) -> None:
-        """Write the sign of each normal to the column `SIGNED`; those that scanners tell are kept."""
+    def orient(self, span: Span) -> None:
+        """Write the sign of each normal to the column `SIGNED`; signs known from scanners are kept."""
         begin, length = span[0], span[1] - span[0]
-        shares = ((0, FOUND), (FOUND, VOTED), (JOINED, LOOKED))
+        shares = ((0, FOUND), (FOUND, VOTED), (JOINED, EXAMINED))
         passes = [(begin + a * length, begin + b * length) for a, b in shares]
         work = self._work
         firsts = firsts_of(work.all(self._find, passes[0]))
         shared = self._signs.gather(firsts, work.all(partial(self._vote, firsts), passes[1]))
-        inward = self._signs.face(work.all(partial(self._look, firsts, shared), passes[2]))
+        inward = self._signs.face(work.all(partial(self._examine, firsts, shared), passes[2]))
         known = work.columns.find(KNOWN)
         if known is not None:
-            seen, away = self._told(firsts, known, len(inward))
+            seen, away = self._known_groups(firsts, known, len(inward))
             inward = np.where(seen, away, inward)
         for part in range(work.parts):
-            kept = None if known is None else known[work.stretch(part)] != 0
+            kept = None if known is None else known[work.part_rows(part)] != 0
             self._signs.write(part, firsts, inward, kept)
 
     def _find(self, part: int) -> int:
@@ -65,20 +65,20 @@ class Facing:
     def _vote(self, firsts: Whole, part: int) -> Whole:
         return self._signs.vote(self._load(part), part, firsts)
 
-    def _look(self, firsts: Whole, shared: list[Shared], part: int) -> Outlook:
-        return self._signs.look(self._load(part, alone=True), part, firsts, shared[part])
+    def _examine(self, firsts: Whole, shared: list[Shared], part: int) -> Outlook:
+        return self._signs.examine(self._load(part, alone=True), part, firsts, shared[part])
 
-    def _told(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which groups have normals that scanners tell, and which of these must be turned, see `settle_unknown`."""
+    def _known_groups(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which groups have signs known from scanners, and which of these to invert, see `orient_unknown`."""
         counts, votes = np.zeros((2, groups))
         for part in range(self._work.parts):
-            group, sign = self._signs.told(part, firsts, known[self._work.stretch(part)] != 0)
+            group, sign = self._signs.known_signs(part, firsts, known[self._work.part_rows(part)] != 0)
             counts += np.bincount(group, minlength=groups)
             votes += np.bincount(group, sign, groups)
         return counts > 0, votes < 0
 
     def _load(self, part: int, alone: bool = False) -> signs.Local:
-        """A part with its margin; alone : without both, as neighbours are not asked for"""
+        """Return a part with its margin. alone : without margin and neighbours"""
         columns = self._work.columns
         local = _own(self._work, part) if alone else self._work.local(part)
         core = slice(int(local.own[0]), int(local.own[-1]) + 1)
@@ -88,14 +88,14 @@ class Facing:
 
 
 def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDArray[np.int32]:
-    """The neighbours of a part's own points, or of some points, (m, k), each itself first."""
+    """Return the neighbours of a part's own points, or of some points, (m, k), each itself first."""
     places = local.read(cloud.columns[cloud.latest(MERGED, POSITIONS)])
     tree = NeighborTree(places, in_order=True)
     if isinstance(core, slice):
         rows, near = np.arange(core.start, core.stop), tree.rows(count, core)
     else:
         rows, near = core, tree.rows_at(count, places[core])
-    odd = np.flatnonzero(near[:, 0] != rows)  # another point is at the same place
+    odd = np.flatnonzero(near[:, 0] != rows)  # another point has the same position
     if len(odd):
         at = near[odd] == rows[odd, None]
         near[odd] = np.where(at, near[odd, :1], near[odd])
@@ -104,59 +104,59 @@ def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDAr
 
 
 def _own(work: Work, part: int) -> Local:
-    stretch = work.stretch(part)
-    return Local(np.arange(stretch.start, stretch.stop), np.arange(stretch.stop - stretch.start))
+    part_rows = work.part_rows(part)
+    return Local(np.arange(part_rows.start, part_rows.stop), np.arange(part_rows.stop - part_rows.start))
 
 
 def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
-    """Write the normals that were fitted to points, with their signs, to the column `FACED`."""
+    """Write the fitted normals with their signs to the column `FACED`."""
     columns, middle = work.columns, span[0] + 0.8 * (span[1] - span[0])
     if columns.get(FACED) is not None:
         return
     names = PLANES if has_planes else (PLACED, NORMALS)
-    Facing(work, cloud, *names, KEPT if has_planes else NEAR).settle((span[0], middle))
-    work.room(FACED, np.float32, 3)
+    Facing(work, cloud, *names, KEPT if has_planes else NEAR).orient((span[0], middle))
+    work.make_column(FACED, np.float32, 3)
     work.all(partial(_turn, work, cloud, has_planes), (middle, span[1]))
     columns.put(FACED, {})
 
 
 def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
     """Write the fitted normals of a part with their signs."""
-    columns, stretch = work.columns, work.stretch(part)
-    normals = columns[NORMALS][stretch]
+    columns, part_rows = work.columns, work.part_rows(part)
+    normals = columns[NORMALS][part_rows]
     if has_planes:
         local = work.local(part)
         core = slice(int(local.own[0]), int(local.own[-1]) + 1)
         planes = local.read(columns[PLANES[1]]) * local.read(columns[SIGNED])[:, None]
-        signed = sides(normals, planes, near_in(cloud, local, core, KEPT))
+        signed = signs_facing(normals, planes, near_in(cloud, local, core, KEPT))
     else:
-        signed = columns[SIGNED][stretch]
-    columns[FACED].write(stretch.start, normals * signed[:, None])
+        signed = columns[SIGNED][part_rows]
+    columns[FACED].write(part_rows.start, normals * signed[:, None])
 
 
 def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
-    """Write the normals that points came with, as units with signs of their own, to the column `TURNED`."""
+    """Write the given normals, at unit length and with recomputed signs, to the column `TURNED`."""
     columns = work.columns
     if columns.get(TURNED) is not None:
         return
-    directions = work.room(UNITS, np.float32, 3)
+    directions = work.make_column(UNITS, np.float32, 3)
     if cloud.is_seen:
-        work.room(KNOWN, np.int8)
+        work.make_column(KNOWN, np.int8)
     first, last = (span[0] + share * (span[1] - span[0]) for share in (0.2, 0.9))
     facts = work.each("units", partial(_put_units, work, cloud), (span[0], first))
-    Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).settle((first, last))
-    out, signed = work.room(TURNED, np.float32, 3), columns[SIGNED]
+    Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).orient((first, last))
+    out, signed = work.make_column(TURNED, np.float32, 3), columns[SIGNED]
     for part in range(work.parts):
-        stretch = work.stretch(part)
-        out.write(stretch.start, directions[stretch] * signed[stretch][:, None])
+        part_rows = work.part_rows(part)
+        out.write(part_rows.start, directions[part_rows] * signed[part_rows][:, None])
     columns.put(TURNED, {"mended": np.sum([fact["mended"] for fact in facts], axis=0).tolist()})
 
 
 def _put_units(work: Work, cloud: Cloud, part: int) -> Facts:
-    """Write the normals of a part as units."""
+    """Write the normals of a part at unit length."""
     local = work.local(part)
     found = units(cloud, local)
     local.write(work.columns[UNITS], found.normals)
     if found.known is not None:
         local.write(work.columns[KNOWN], found.known)
-    return {"mended": list(found.mended)}
+    return {"mended": list(found.repaired)}

@@ -1,4 +1,4 @@
-"""Splats in columns -> the files of a model in parts."""
+"""Writing of a model in parts from splats in columns."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from ..model_folder import Index, PartFile, write_columns, write_index, write_pa
 from . import layer
 from .arrange import CHUNK
 from .layer import Layer
-from .level_steps import ATTRIBUTE, Named
+from .level_steps import ATTRIBUTE, ModelInfo
 from .levels import median_of, write_levels
 from .scattered_parts import LooseParts, write_loose_levels, write_loose_part
 from .separate_scattered import DIRECTIONS, SPHERES
@@ -30,13 +30,13 @@ from .tasks import BORDERS, RADII, SHEETS
 from .trees import Plan, bounds_about, cells_of, plan_of, shown, tree_of
 from .work import Facts, Work
 
-SHOWN, TREES = 0.07, 0.6  # shares of the time after which boxes and trees are there; the rest is for levels of detail
+SHOWN, TREES = 0.07, 0.6  # progress after boxes, and after trees; levels of detail take the rest
 
 Span = tuple[float, float]
 
 
 class Described(NamedTuple):
-    """What a model is besides its columns.
+    """Description of the surface of a model.
 
     settings, smooth : see `Model`
     attributes : dict of str to str, the columns of the attributes
@@ -51,13 +51,13 @@ class Described(NamedTuple):
     leveled: bool
 
 
-class Half(NamedTuple):
-    """What is written of the surface, or of the scattered points.
+class WrittenParts(NamedTuple):
+    """Written parts of the surface, or of the scattered points.
 
-    rows : how many points they are; files : what the index says of their parts; supports : boxes around all supports
-    longest : longest step of the samples
-    columns : (positions, normals and colours by name, each perhaps None; attributes; radii)
-    median : of the radii; None: not asked
+    rows : number of points; files : index entries of the parts; supports : bounding boxes of supports
+    longest : longest sampling step
+    columns : (positions, normals and colours by name, each may be None; attributes; radii)
+    median : median radius, or None
     """
 
     rows: int
@@ -69,7 +69,7 @@ class Half(NamedTuple):
 
 
 class Chain:
-    """Columns one behind the other, for `write_columns`."""
+    """Concatenation of columns, for `write_columns`."""
 
     def __init__(self, columns: list[Column]) -> None:
         self._columns = columns
@@ -91,13 +91,13 @@ def _chained(columns: list[Column | None]) -> Chain | None:
 
 
 class Numbers:
-    """The numbers of rows, for slices and for rows."""
+    """Row numbers, as if read from a column."""
 
     def __getitem__(self, rows: Any) -> NDArray[np.int32]:
         return np.arange(rows.start, rows.stop, dtype=np.int32) if isinstance(rows, slice) else rows.astype(np.int32)
 
 
-def finish_surface(named: Named, work: Work, cloud: Cloud, model: Described, span: Span) -> Half:
+def finish_surface(named: ModelInfo, work: Work, cloud: Cloud, model: Described, span: Span) -> WrittenParts:
     """Write the parts of the surface."""
     columns, size = work.columns, work.size
     if NOISE in model.optional:
@@ -115,10 +115,12 @@ def finish_surface(named: Named, work: Work, cloud: Cloud, model: Described, spa
     points = {name: columns.find(f"points.{name}") for name in ("positions", "normals", "colors")}
     attributes = {name: columns[column] for name, column in model.attributes.items()}
     longest, supports = max(tree["longest"] for tree in trees), [plan.supports.astype(float).tolist()]
-    return Half(cloud.total, files, supports, longest, (points, attributes, columns[RADII]), median)
+    return WrittenParts(cloud.total, files, supports, longest, (points, attributes, columns[RADII]), median)
 
 
-def finish_loose(named: Named, work: Work, drawing: Drawing, surface: Half | None, leveled: bool, span: Span) -> Half:
+def finish_loose(
+    named: ModelInfo, work: Work, drawing: Drawing, surface: WrittenParts | None, leveled: bool, span: Span
+) -> WrittenParts:
     """Write the parts of scattered points, which follow those of the surface, see `separate_scattered`."""
     columns, middle = work.columns, (span[0] + span[1]) / 2
     sources: dict[str, Any] = {layer.POSITIONS: "positions", layer.NORMALS: DIRECTIONS, layer.RADII: SPHERES}
@@ -126,7 +128,7 @@ def finish_loose(named: Named, work: Work, drawing: Drawing, surface: Half | Non
         sources[layer.COLORS] = "colors"
     keys = {name: f"{ATTRIBUTE}{k}" for k, name in enumerate(named.attributes)}
     sources |= {key: key for key in keys.values()}
-    sizes = np.array([rows.stop - rows.start for rows in map(work.stretch, range(work.parts))], np.int64)
+    sizes = np.array([rows.stop - rows.start for rows in map(work.part_rows, range(work.parts))], np.int64)
     parts, rows = ([], 0) if surface is None else (surface.files, surface.rows)
     loose = LooseParts(Layer(0, columns, sizes, sizes, sources), drawing, len(parts), rows)
     facts = work.each("tree", partial(write_loose_part, named, loose), (span[0], middle if leveled else span[1]))
@@ -137,30 +139,34 @@ def finish_loose(named: Named, work: Work, drawing: Drawing, surface: Half | Non
     points = {name: columns.find(name) for name in ("positions", "normals", "colors")}
     attributes = {name: columns[key] for name, key in keys.items()}
     supports = [fact["supports"] for fact in facts]
-    return Half(int(sizes.sum()), files, supports, 0.0, (points, attributes, columns[SPHERES]))
+    return WrittenParts(int(sizes.sum()), files, supports, 0.0, (points, attributes, columns[SPHERES]))
 
 
-def finish(named: Named, halves: list[Half], settings: dict[str, Any], loose: int, say: Progress | None) -> None:
-    """Write the points and, last, the index. loose : how many points are scattered"""
-    points = {name: _chained([half.columns[0][name] for half in halves]) for name in halves[0].columns[0]}
-    attributes = {name: _chained([half.columns[1][name] for half in halves]) for name in named.attributes}
-    radii = _chained([half.columns[2] for half in halves])
+def finish(
+    named: ModelInfo, all_written: list[WrittenParts], settings: dict[str, Any], loose: int, report: Progress | None
+) -> None:
+    """Write the points and, last, the index. loose : number of scattered points"""
+    points = {
+        name: _chained([written.columns[0][name] for written in all_written]) for name in all_written[0].columns[0]
+    }
+    attributes = {name: _chained([written.columns[1][name] for written in all_written]) for name in named.attributes}
+    radii = _chained([written.columns[2] for written in all_written])
     assert radii is not None
     known = {name: column for name, column in attributes.items() if column is not None}
     about = named.folder, named.id
-    sizes = write_columns(*about, named.origin, points, known, radii, lambda share: tell(say, share))
-    files = [file for half in halves for file in half.files]
+    sizes = write_columns(*about, named.origin, points, known, radii, lambda share: tell(report, share))
+    files = [file for written in all_written for file in written.files]
     boxes = np.array([file.bounds for file in files])
     bounds = [boxes[:, 0].min(axis=0).tolist(), boxes[:, 1].max(axis=0).tolist()]
-    supports = np.array([box for half in halves for box in half.supports])
+    supports = np.array([box for written in all_written for box in written.supports])
     around = [*supports[:, :3].min(axis=0).tolist(), *supports[:, 3:].max(axis=0).tolist()]
-    longest = max(half.longest for half in halves)
+    longest = max(written.longest for written in all_written)
     index = Index(named.id, settings, named.survey.facts, bounds, around, longest, *sizes, files, loose)
     write_index(named.folder, index)
 
 
 def _splats_of(cloud: Cloud, model: Described) -> Splats:
-    """All splats, in columns that are opened anew."""
+    """Return all splats, in newly opened columns."""
     columns = cloud.columns
     arrays: list[Any] = [
         *(columns[PLACED], columns[cloud.normals], columns[RADII], Numbers()),
@@ -171,20 +177,20 @@ def _splats_of(cloud: Cloud, model: Described) -> Splats:
 
 
 def _show(work: Work, cloud: Cloud, model: Described, part: int) -> tuple[Groups, NDArray[np.float32]]:
-    """What a part shows to the others."""
+    """Return the groups and bounds of a part that other parts need."""
     return shown(_splats_of(cloud, model), work.size, part)
 
 
 def _grow(folder: Path, id: str, work: Work, cloud: Cloud, model: Described, plan: Plan, part: int) -> Facts:
     """Write the file of a part with its tree."""
     tree = tree_of(_splats_of(cloud, model), plan, part, model.settings)
-    here = work.columns[POSITIONS][work.stretch(part)]
+    here = work.columns[POSITIONS][work.part_rows(part)]
     file = write_part(folder, id, part, len(here), bounds_about(here, cloud.origin), tree)
     return {"file": file.facts, "longest": float(tree.head[LONGEST])}
 
 
 def _layer_of(work: Work, cloud: Cloud, model: Described) -> Layer:
-    """The splats, as levels of detail are made of them."""
+    """Return the splats as the finest layer of levels of detail."""
     columns = work.columns
     sources: dict[str, Any] = {layer.POSITIONS: PLACED, layer.NORMALS: cloud.normals, layer.RADII: RADII}
     if NOISE in model.optional:
@@ -192,12 +198,12 @@ def _layer_of(work: Work, cloud: Cloud, model: Described) -> Layer:
     if "points.colors" in columns:
         sources[layer.COLORS] = "points.colors"
     sources |= {f"{ATTRIBUTE}{k}": column for k, column in enumerate(model.attributes.values())}
-    sizes = np.array([rows.stop - rows.start for rows in map(work.stretch, range(work.parts))], np.int64)
+    sizes = np.array([rows.stop - rows.start for rows in map(work.part_rows, range(work.parts))], np.int64)
     return Layer(0, columns, sizes, sizes, sources)
 
 
 def _limit_noise(columns: Columns) -> None:
-    """Whatever a caller says of the noise, a surface has no bumps higher than its supports."""
+    """Limit the noise to the radii: a surface has no bumps higher than its supports."""
     noise, radii = columns[NOISE], columns[RADII]
     for start in range(0, len(radii), CHUNK):
         rows = slice(start, start + CHUNK)
@@ -205,7 +211,7 @@ def _limit_noise(columns: Columns) -> None:
 
 
 def id_in(columns: Columns) -> str:
-    """What all files of the folder name."""
+    """Return the id that all files of the folder contain; create it if missing."""
     facts = columns.get("id")
     if facts is None:
         facts = {"id": secrets.token_hex(8)}

@@ -1,4 +1,4 @@
-"""What a cloud on disk comes with, in the order of the files or in kd order: radii, and stations that saw it."""
+"""Input data of a cloud on disk, in file order or kd order: radii, and stations that saw it."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from ...io.spooling.spooled import Spooled
 from ...surface.splats.radii import radii_among
 from .arrange import CHUNK
 
-# What is found once: stations that are not believed, and whether there are radii.
+# Names of cached results: ignored stations, and whether there are radii.
 IGNORED, GIVEN_RADII = "ignored-stations", "given-radii"
-RADIUS = "radius"  # the attribute that holds given radii
+RADIUS = "radius"  # attribute that holds given radii
 
 
 class GivenColumns:
-    """The columns of a cloud as it was given.
+    """Columns of a cloud as given.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class GivenColumns:
     Attributes
     ----------
     names : dict of str to str
-        The columns of the attributes.
+        Column of each attribute.
     """
 
     def __init__(self, columns: Columns, spooled: Spooled) -> None:
@@ -37,15 +37,15 @@ class GivenColumns:
 
     @property
     def all(self) -> list[str]:
-        """All of them that are there."""
+        """Names of the columns that exist."""
         return [name for name in ("positions", "normals", "colors", *self.names.values()) if self.find(name)]
 
     def find(self, name: str) -> Column | None:
-        """A column, in kd order or not yet."""
+        """Return a column, in kd order or file order."""
         return self._columns.find(name) or self._columns.find(f"points.{name}")
 
     def have_radii(self) -> bool:
-        """Whether the cloud comes with radii, see `radii_in`; found once."""
+        """Return whether the cloud has radii, see `radii_in`; cached."""
         known = self._columns.get(GIVEN_RADII)
         if known is None:
             known = {"given": self._find_radii()}
@@ -60,12 +60,12 @@ class GivenColumns:
         return all(radii_among(chunk) is not None for chunk in chunks)
 
     def _scans(self) -> Column | None:
-        """The column with the station of each point."""
+        """Return the column with the station of each point."""
         column = self.find(self.names[SCAN]) if SCAN in self.names else None
         return None if column is None or column.width else column
 
     def ignored_stations(self) -> tuple[int, ...]:
-        """The stations that are not believed, found once."""
+        """Return the stations to ignore; cached."""
         spooled, columns, scans = self._spooled, self._columns, self._scans()
         stations, positions = len(spooled.survey.stations), self.find("positions")
         if not stations or positions is None:

@@ -1,4 +1,4 @@
-"""The grid of a level of detail, over all parts: which splats share a cell, and which part's splat stands for them."""
+"""Grid of a level of detail across parts: which splats share a cell, and which part owns the merged splat."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...surface.splats.groups import Groups, cell_numbers, groups_in_cells
 from ...surface.splats.scattered.levels import uniform_normals
 from .layer import NORMALS, POSITIONS, Layer
-from .sorted_sets import among, distinct_numbers
+from .sorted_sets import distinct_numbers, isin_sorted
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
@@ -18,9 +18,9 @@ Rows = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Grid:
-    """The grid of a level.
+    """Grid of a level.
 
-    cell : edge of its cells; low : (3,) where it begins
+    cell : edge of a cell; low : (3,) origin
     """
 
     cell: float
@@ -28,16 +28,16 @@ class Grid:
 
 
 def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tuple[Rows, Groups]:
-    """Return the groups of splats in a cell that a part's splats stand for: those whose first splat is the part's.
+    """Return the groups of splats in a cell that a part owns: those whose first splat belongs to the part.
 
-    sides : whether splats in a cell that face different main directions are different groups
+    sides : whether splats in a cell that face different main directions form different groups
 
     Returns
     -------
     rows : (n,) int64, ascending
-        The splats of the part, and those of others that share cells with them.
+        The part's splats, and those of other parts that share cells with them.
     groups : Groups
-        Of these.
+        Groups of these rows.
     """
     own, (cell, low) = layer.own(part), (grid.cell, np.array(grid.low, np.float32))
 
@@ -49,7 +49,9 @@ def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tu
         return cell_numbers(positions, facing(rows, len(positions)), cell, low)
 
     mine = distinct_numbers(numbers(own))
-    others = layer.near(part, widened(layer.boxes(part), 1.01 * cell), None, lambda rows: among(mine, numbers(rows)))
+    others = layer.near(
+        part, widened(layer.boxes(part), 1.01 * cell), None, lambda rows: isin_sorted(mine, numbers(rows))
+    )
     rows = np.sort(np.concatenate([others, np.arange(own.start, own.stop)]))
     groups = groups_in_cells(layer.read(POSITIONS, rows), facing(rows, len(rows)), cell, low)
     owner = rows[groups.first]
@@ -57,5 +59,5 @@ def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tu
 
 
 def widened(boxes: Floats, reach: float) -> Floats:
-    """Boxes (n, 6) that reach so much farther on each side."""
+    """Return boxes (n, 6) enlarged by a distance on each side."""
     return np.concatenate([boxes[:, :3] - np.float32(reach), boxes[:, 3:] + np.float32(reach)], axis=1)

@@ -1,6 +1,6 @@
-"""One level of detail of all parts: splats in columns, those of a part side by side, and in the order of all parts.
+"""Level of detail of all parts: splats in columns, contiguous for each part, in the order of the parts.
 
-Each splat is of one part, and lies beside others of other parts: `near` finds them without reading all.
+Each splat belongs to one part, but may be close to splats of other parts: `near` finds these without reading all.
 """
 
 from __future__ import annotations
@@ -17,62 +17,62 @@ from .local import touched
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
-Source = str | NDArray[Any]  # the name of a column, or an array
+Source = str | NDArray[Any]  # a column name, or an array
 
 POSITIONS, NORMALS, RADII, NOISE, COLORS = "positions", "normals", "radii", "noise", "colors"
-BOXES = "boxes"  # of tiles
+BOXES = "boxes"  # column of the tiles' bounding boxes
 FOUR = 4  # splats of a block, which share their noise
 
 
 class Layer:
-    """A level of detail of a model in parts.
+    """Level of detail of a model in parts.
 
     Parameters
     ----------
     number : int
-        0 is the model itself.
+        0 is the full model.
     columns : Columns
-    room : (parts,) int64
-        Rows that each part has in the columns.
+    capacity : (parts,) int64
+        Rows reserved for each part in the columns.
     sizes : (parts,) int64
-        How many of them, from the first one on, are splats.
+        Number of splats of each part; they come first.
     sources : dict of str to str or array
-        Where what is known of the splats is kept.
+        Column or array of each property of the splats.
     """
 
     def __init__(
-        self, number: int, columns: Columns, room: Rows, sizes: Rows, sources: dict[str, Source] | None = None
+        self, number: int, columns: Columns, capacity: Rows, sizes: Rows, sources: dict[str, Source] | None = None
     ) -> None:
-        self.number, self.columns, self.room, self.sizes = number, columns, room, sizes
+        self.number, self.columns, self.capacity, self.sizes = number, columns, capacity, sizes
         self.sources: dict[str, Source] = sources or {}
         self._open: dict[str, Column] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """The state without open files."""
+        """Return the state without open files."""
         return {**self.__dict__, "_open": {}}
 
     @property
     def total(self) -> int:
-        """Splats of all parts."""
+        """Number of splats of all parts."""
         return int(self.sizes.sum())
 
     def own(self, part: int) -> slice:
-        """The rows of a part."""
-        first = int(self.room[:part].sum())
+        """Return the rows of a part."""
+        first = int(self.capacity[:part].sum())
         return slice(first, first + int(self.sizes[part]))
 
     def rows_of(self, numbers: slice) -> Rows:
-        """The rows of a stretch of all splats, counted without the room that is left."""
+        """Return the rows of a range of all splats, numbered without unused rows."""
         ends = np.cumsum(self.sizes)
         places = np.arange(numbers.start, min(numbers.stop, int(ends[-1])))
         part = np.searchsorted(ends, places, side="right")
-        return np.asarray(places - (ends - self.sizes)[part] + (np.cumsum(self.room) - self.room)[part])
+        return np.asarray(places - (ends - self.sizes)[part] + (np.cumsum(self.capacity) - self.capacity)[part])
 
     def __contains__(self, name: str) -> bool:
         return name in self.sources
 
     def column(self, name: str) -> Column | NDArray[Any]:
-        """All rows of what is known."""
+        """Return all rows of a property."""
         source = self.sources[name]
         return self._opened(source) if isinstance(source, str) else source
 
@@ -82,7 +82,7 @@ class Layer:
         return self._open[name]
 
     def read(self, name: str, rows: slice | Rows) -> NDArray[Any]:
-        """Some rows of what is known; of the model itself, four splats side by side have the same noise."""
+        """Return some rows of a property. At level 0 the noise is the maximum over a block of four splats."""
         column = self.column(name)
         if name != NOISE or self.number:
             return np.asarray(column[rows])
@@ -91,11 +91,11 @@ class Layer:
         return np.max([column[np.minimum(block + k, len(column) - 1)] for k in range(FOUR)], axis=0)
 
     def find(self, name: str, rows: slice | Rows) -> NDArray[Any] | None:
-        """`read`, or None if nothing is known."""
+        """Return some rows of a property; None if it does not exist."""
         return self.read(name, rows) if name in self else None
 
     def chunks(self, name: str) -> Iterator[NDArray[Any]]:
-        """All that is known, part after part."""
+        """Yield all rows of a property, part by part."""
         column = self.column(name)
         for part in range(len(self.sizes)):
             own = self.own(part)
@@ -103,13 +103,13 @@ class Layer:
                 yield np.asarray(column[start : min(start + CHUNK, own.stop)])
 
     def make(self, name: str, dtype: Any, width: int = 0) -> None:
-        """Make a column for all rows, unless there is one."""
-        self._make(name, dtype, width, int(self.room.sum()))
+        """Create a column for all rows, unless it exists."""
+        self._make(name, dtype, width, int(self.capacity.sum()))
         self.sources[name] = self._name(name)
 
     def make_boxes(self) -> None:
-        """Make the column that `write_boxes` writes to."""
-        self._make(BOXES, np.float32, 6, int(_tiles(self.room).sum()))
+        """Create the column that `write_boxes` writes to."""
+        self._make(BOXES, np.float32, 6, int(_tiles(self.capacity).sum()))
 
     def _make(self, name: str, dtype: Any, width: int, rows: int) -> None:
         if self._name(name) not in self.columns:
@@ -119,20 +119,20 @@ class Layer:
         return f"level.{self.number}.{name}"
 
     def write(self, name: str, part: int, values: NDArray[Any]) -> None:
-        """Write what is found of the splats of a part."""
+        """Write a property of the splats of a part."""
         self._opened(self._name(name)).write(self.own(part).start, values)
 
     def drop(self) -> None:
         """Remove all columns of this level."""
-        self._open.clear()  # closed files, else their room on the disk is not free
+        self._open.clear()  # disk space of open files is not freed
         for name in self.columns.names:
             if name.startswith(self._name("")):
                 self.columns.drop(name)
 
     def write_boxes(self, part: int, positions: Floats) -> None:
-        """Write the boxes around the tiles of a part."""
+        """Write the bounding boxes of the tiles of a part."""
         if len(positions):
-            first = int(_tiles(self.room[:part]).sum())
+            first = int(_tiles(self.capacity[:part]).sum())
             self._opened(self._name(BOXES)).write(first, boxes_of(positions))
 
     def near(
@@ -142,18 +142,18 @@ class Layer:
         wide: Floats | None,
         keep: Callable[[slice], NDArray[np.bool_]],
     ) -> Rows:
-        """Rows around some boxes, ascending.
+        """Find rows near some boxes, ascending.
 
         Parameters
         ----------
         part : int, optional
-            Rows of this part are left out.
+            Skip the rows of this part.
         boxes : (m, 6) float32
-            Only tiles that meet one of these are looked at.
+            Only tiles that overlap one of these are read.
         wide : (parts,) float32, optional
-            How much larger the tiles of each part count.
+            Enlargement of the tiles of each part.
         keep : callable
-            Which of some rows are wanted.
+            Returns which of some rows to keep.
         """
         found = [np.zeros(0, np.int64)]
         for rows in self._touched(part, boxes, wide):
@@ -163,17 +163,19 @@ class Layer:
         return np.concatenate(found)
 
     def boxes(self, part: int) -> Floats:
-        """The boxes of a part's tiles, (n, 6)."""
-        first = int(_tiles(self.room[:part]).sum())
+        """Return the bounding boxes of a part's tiles, (n, 6)."""
+        first = int(_tiles(self.capacity[:part]).sum())
         return np.asarray(self._opened(self._name(BOXES))[first : first + int(_tiles(self.sizes[part]))])
 
     def _touched(self, part: int | None, boxes: Floats, wide: Floats | None) -> Iterator[slice]:
-        """The rows of all tiles that meet some boxes, in long stretches."""
+        """Yield the rows of all tiles that overlap some boxes, in long ranges."""
         counts = _tiles(self.sizes)
         owner = np.repeat(np.arange(len(counts)), counts)
-        number = np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]  # of each tile in its part
-        firsts, ends = np.cumsum(self.room) - self.room, np.cumsum(self.room) - self.room + self.sizes
-        tiles = self._opened(self._name(BOXES))[:][(np.cumsum(_tiles(self.room)) - _tiles(self.room))[owner] + number]
+        number = np.arange(len(owner)) - (np.cumsum(counts) - counts)[owner]  # number of each tile within its part
+        firsts, ends = np.cumsum(self.capacity) - self.capacity, np.cumsum(self.capacity) - self.capacity + self.sizes
+        tiles = self._opened(self._name(BOXES))[:][
+            (np.cumsum(_tiles(self.capacity)) - _tiles(self.capacity))[owner] + number
+        ]
         if wide is not None:
             tiles = tiles + wide[owner, None] * np.array([-1, -1, -1, 1, 1, 1], np.float32)
         low, high = boxes[:, :3], boxes[:, 3:]
@@ -188,5 +190,5 @@ class Layer:
 
 
 def _tiles(rows: Any) -> Any:
-    """How many tiles so many rows are."""
+    """Return the number of tiles of `rows` rows."""
     return -(-rows // TILE)

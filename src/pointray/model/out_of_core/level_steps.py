@@ -1,7 +1,7 @@
-"""A level of detail of a part, step by step: its splats, their supports, its tree. As in a whole model's levels.
+"""Steps that make a level of detail of a part: its splats, their supports, its tree; same as a whole model's levels.
 
-A splat that stands for several, of different parts, belongs to the part of the first of them. Others see it in their
-margins.
+A splat that replaces several splats of different parts belongs to the part of the first of them. Other parts see it in
+their margins.
 """
 
 from __future__ import annotations
@@ -30,27 +30,27 @@ from ..model_folder import write_level
 from .arrange import boxes_of
 from .grid import Grid, cells_of_part, widened
 from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
-from .sorted_sets import among, distinct_numbers
+from .sorted_sets import distinct_numbers, isin_sorted
 from .trees import tree_within, with_margins
 from .work import Facts
 
 LIMITS, BORDERS, SHEETS = "limits", "borders", "sheets"  # columns
-ATTRIBUTE = "attribute."  # and the number of the attribute
-# Cells around a part's splats that decide about their supports, at least: 80 neighbours lie within 5 cells, and those
-# that are looked for across a gap within 14.
+ATTRIBUTE = "attribute."  # prefix, followed by the number of the attribute
+# Least margin around a part's splats, in cells, that their supports depend on: 80 neighbours lie within 5 cells, and
+# those searched across a gap within 14.
 MARGIN = 16
-LEAST = 1 << 16  # splats that a margin may have, however small the part is
-WIDEST = 4.0  # cells: what no more than a few supports are wider than
+LEAST = 1 << 16  # splats that a margin may always have, however small the part
+WIDEST = 4.0  # width in cells that only a few supports exceed
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
 
-class Whole(NamedTuple):
-    """What the trees of all parts of a level share.
+class SharedValues(NamedTuple):
+    """Values that the trees of all parts of a level share.
 
-    supports : (6,) float32, bounds of all supports; reference : the radius that steps are powers of two of
-    longest : (parts,) float32, greatest radius of each part
+    supports : (6,) float32, bounds of all supports; reference : radius; steps are powers of two times it
+    longest : (parts,) float32, largest radius of each part
     """
 
     supports: Floats
@@ -58,17 +58,17 @@ class Whole(NamedTuple):
     longest: Floats
 
 
-class Written(NamedTuple):
-    """What is written of a part so far: how many levels, and the spacing of the last one, 0 if there is none."""
+class LevelProgress(NamedTuple):
+    """Number of levels written of a part, and the spacing of the last one, 0 if none."""
 
     levels: int
     spacing: float
 
 
-class Named(NamedTuple):
-    """What files say of a model besides.
+class ModelInfo(NamedTuple):
+    """Facts about a model that its files contain.
 
-    folder : where they are; id : that all of them name
+    folder : folder of the files; id : contained in all of them
     origin : (3,) float64; attributes : names
     """
 
@@ -80,21 +80,21 @@ class Named(NamedTuple):
 
 
 def show_part(layer: Layer, part: int) -> Facts:
-    """Write the boxes of a part's tiles; the box around its splats."""
+    """Write the bounding boxes of a part's tiles; return the bounding box of its splats."""
     positions = layer.read(POSITIONS, layer.own(part))
     layer.write_boxes(part, positions)
     return box_around(positions)
 
 
 def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], part: int) -> Facts:
-    """Write the splats of a part's next level; how many they are, and the box around them.
+    """Write the splats of a part's next level; return their number and bounding box.
 
     categories : the columns of attributes that have categories
     """
     if not fine.sizes[part]:
         return {"size": 0}
     rows, groups = cells_of_part(fine, grid, part)
-    if len(groups.starts) == 1:  # all cells are those of parts before
+    if len(groups.starts) == 1:  # all cells belong to earlier parts
         return {"size": 0}
     positions, normals, cell = fine.read(POSITIONS, rows), fine.read(NORMALS, rows), grid.cell
     found = means_of(
@@ -113,7 +113,7 @@ def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], 
 
 
 def survey_supports(layer: Layer, cell: float) -> dict[str, float]:
-    """What is usual in a level, found in a sample."""
+    """Compute the statistics of a level from a sample."""
     rows = own = np.concatenate([layer.rows_of(some) for some in sample_of(layer.total)])
     if len(own) < layer.total:
         here, reach = layer.read(POSITIONS, own), MARGIN * cell
@@ -124,7 +124,7 @@ def survey_supports(layer: Layer, cell: float) -> dict[str, float]:
 
 
 def support_part(layer: Layer, cell: float, known: dict[str, float], part: int) -> Facts:
-    """Write the supports of a part's splats; how wide they are, and how many are of close sheets."""
+    """Write the supports of a part's splats; return their largest radius, and how many belong to close sheets."""
     own = layer.own(part)
     if own.start == own.stop:
         return {"longest": 0.0, "borders": False, "sheets": 0}
@@ -143,22 +143,22 @@ def support_part(layer: Layer, cell: float, known: dict[str, float], part: int) 
     for name, values in ((RADII, radii), (BORDERS, borders), (SHEETS, sheets)):
         layer.write(name, part, values)
     splats = Splats(here, here, radii, np.zeros(0, np.int32), None)
-    said = {"longest": float(radii.max()), "supports": bounds_of(splats).astype(float).tolist()}
-    return {**said, "borders": bool(borders.any()), "sheets": int(sheets.sum())}
+    facts = {"longest": float(radii.max()), "supports": bounds_of(splats).astype(float).tolist()}
+    return {**facts, "borders": bool(borders.any()), "sheets": int(sheets.sum())}
 
 
 def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sample: Rows | None = None) -> Support:
-    """The supports of some splats, in the order of their rows. sample : those that tell what is usual, into `known`"""
+    """Return the supports of some splats, in the order of their rows. sample : rows that `known` is computed from"""
     positions = layer.read(POSITIONS, rows)
     order = kd_order(positions)
     back = np.empty(len(order), np.int64)
     back[order] = np.arange(len(order))
-    if (positions == positions[0]).all():  # nothing tells how far apart splats are
+    if (positions == positions[0]).all():  # their spacing is undefined
         radii = np.full(len(rows), SUPPORT * cell, np.float32)
         return Support(radii, None, None, False, None, np.zeros(len(rows), np.bool_))
-    usual = CloudStatistics(None, known, is_told=True)
+    statistics = CloudStatistics(None, known, is_complete=True)
     if sample is not None:
-        usual = SampledStatistics(np.flatnonzero(np.isin(rows[order], sample)), known)
+        statistics = SampledStatistics(np.flatnonzero(np.isin(rows[order], sample)), known)
     found = find_support(
         positions[order],
         layer.read(NORMALS, rows)[order],
@@ -167,7 +167,7 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
         borders=True,
         sheets=True,
         within=(SUPPORT * cell, layer.read(LIMITS, rows)[order]),
-        statistics=usual,
+        statistics=statistics,
     )
     sheets = None if found.sheets is None else found.sheets[back]
     borders = None if found.borders is None else found.borders[back]
@@ -177,15 +177,15 @@ def _supports(layer: Layer, rows: Rows, cell: float, known: dict[str, float], sa
 def tree_part(
     layer: Layer,
     cells: NDArray[np.float64],
-    whole: Whole,
+    whole: SharedValues,
     settings: TreeSettings,
-    named: Named,
-    written: list[Written | None],
+    named: ModelInfo,
+    written: list[LevelProgress | None],
     part: int,
 ) -> Facts:
-    """Write the file of a part's level; what the index says of it, if rays can hit anything there, and how far.
+    """Write the file of a part's level; return its index entry and surface bounds, or no entry if nothing can be hit.
 
-    cells : (parts, 6) the space of each part; written : what there is of each part, None: no more is wanted
+    cells : (parts, 6) the space of each part; written : levels written of each part, None: no further level is wanted
     """
     before = written[part]
     rows = None if before is None else _reaching(layer, cells[part], whole, longest_step(settings.samples))
@@ -226,8 +226,8 @@ def tree_part(
     return {"file": file._asdict(), "reach": reach.tolist()}
 
 
-def _reaching(layer: Layer, cell: NDArray[np.float64], whole: Whole, step: float) -> Rows:
-    """The splats whose supports reach into a box, or to within a sample's step of it."""
+def _reaching(layer: Layer, cell: NDArray[np.float64], whole: SharedValues, step: float) -> Rows:
+    """Return the splats whose supports reach into a box, or within a sampling step of it."""
 
     def reach(around: float) -> Rows:
         def keep(rows: slice) -> NDArray[np.bool_]:
@@ -244,7 +244,7 @@ def _reaching(layer: Layer, cell: NDArray[np.float64], whole: Whole, step: float
 
 
 def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], NDArray[np.bool_]]:
-    """Tells which rows lie within some distance of positions, or somewhat farther away."""
+    """Return a function that finds the rows within a distance of positions, or slightly farther away."""
     low = positions.min(axis=0).astype(np.float64) - 2 * reach
     count = np.floor((positions.max(axis=0) - low) / reach).astype(np.int64) + 3
 
@@ -259,7 +259,7 @@ def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], 
 
     def keep(rows: slice) -> NDArray[np.bool_]:
         found, inside = numbers(layer.read(POSITIONS, rows))
-        return inside & among(cells, found)
+        return inside & isin_sorted(cells, found)
 
     return keep
 

@@ -1,8 +1,8 @@
-"""Levels of detail of all parts: those of the whole, each part with its own splats and a margin of its neighbours'.
+"""Levels of detail of all parts, same as those of the whole model; each part has its own splats and a margin.
 
-Level by level, each for all parts before the next one. So a cell of the grid that a cut goes through gives one splat,
-of all points in it, and the trees on both sides of the cut hold it. What is found stays in columns until the next level
-is done.
+Each level is made for all parts before the next one. A cell of the grid that a cut passes through thus gives one splat
+for all points in it, which the trees on both sides of the cut contain. Results stay in columns until the next level is
+done.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from .level_steps import (
     BORDERS,
     LIMITS,
     SHEETS,
-    Named,
-    Whole,
-    Written,
+    LevelProgress,
+    ModelInfo,
+    SharedValues,
     coarsen_part,
     show_part,
     support_part,
@@ -40,55 +40,55 @@ from .level_steps import (
 from .trees import nth_least
 from .work import Facts, Work
 
-SHOWN = 0.05  # share of the time after which the boxes of the finest splats are known
-COARSENED, SUPPORTED = 0.3, 0.6  # shares of a level's time
+SHOWN = 0.05  # progress after the boxes of the finest splats are written
+COARSENED, SUPPORTED = 0.3, 0.6  # progress within a level
 
 Span = tuple[float, float]
 
 
 class Steps(NamedTuple):
-    """What is done for each level.
+    """Steps of each level.
 
-    cell : edge of the cells of the grid that would be the model's own
-    names : of the attributes
-    make_room : makes the columns of a level; called with the finer one, and the level
+    cell : edge of the grid cells that would correspond to the full model
+    names : names of the attributes
+    make_columns : creates the columns of a level; called with the finer level and the level
     coarsen : see `coarsen_part`
-    shape : writes the files of a level, (level, cell, what is written of each part, span) -> what is said of each
-    others : what rays can hit of parts that are not among these, or None
+    shape : writes the files of a level, (level, cell, levels written of each part, span) -> facts of each part
+    others : surface bounds of other parts of the model, or None
     """
 
     cell: float
     names: list[str]
-    make_room: Callable[[Layer, Layer], None]
+    make_columns: Callable[[Layer, Layer], None]
     coarsen: Callable[..., Facts]
-    shape: Callable[[Layer, float, list[Written | None], Span], list[Facts]]
+    shape: Callable[[Layer, float, list[LevelProgress | None], Span], list[Facts]]
     others: Sequence[Any] = ()
 
 
 def write_levels(
-    work: Work, whole: Layer, named: Named, cells: NDArray[np.float64], parts: list[PartFile], span: Span
+    work: Work, whole: Layer, named: ModelInfo, cells: NDArray[np.float64], parts: list[PartFile], span: Span
 ) -> list[PartFile]:
-    """Write levels of detail of a surface; what the index says of the parts then.
+    """Write levels of detail of a surface; return the index entries of the parts.
 
     Parameters
     ----------
     whole : Layer
-        The model itself.
+        The full model.
     cells : (parts, 6) float64
-        The space of each part.
+        Space of each part.
     parts : list of PartFile
-        What it says of them without levels.
+        Index entries without levels.
     """
 
-    def shape(layer: Layer, cell: float, written: list[Written | None], span: Span) -> list[Facts]:
+    def shape(layer: Layer, cell: float, written: list[LevelProgress | None], span: Span) -> list[Facts]:
         return _shaped(work, layer, cell, named, cells, written, span)
 
-    steps = Steps(median_of(whole, work.columns), named.attributes, _make_room, coarsen_part, shape)
+    steps = Steps(median_of(whole, work.columns), named.attributes, _make_columns, coarsen_part, shape)
     return write_all_levels(work, whole, steps, parts, span)
 
 
 def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFile], span: Span) -> list[PartFile]:
-    """Write levels of detail until no part has LEAST_POINTS splats in one; what the index says of the parts then."""
+    """Write levels of detail until no part has LEAST_POINTS splats in one; return the index entries of the parts."""
     columns, fine = work.columns, whole
     span = span[0] + SHOWN * (span[1] - span[0]), span[1]
     whole.make_boxes()
@@ -101,7 +101,7 @@ def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFil
         middle = span[0] + (1 - COARSER**-2) * (span[1] - span[0])
         coarse = Layer(number, columns, fine.sizes, fine.sizes)
         if not _is_done(columns, number + 1):
-            steps.make_room(fine, coarse)
+            steps.make_columns(fine, coarse)
         grid = Grid(cell, np.min([fact["low"] for fact in facts if "low" in fact], axis=0).tolist())
         facts = _coarsened(work, (fine, coarse), grid, steps, (span[0], middle))
         coarse.sizes = np.array([fact["size"] for fact in facts], np.int64)
@@ -110,7 +110,7 @@ def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFil
             break
         wanted = large & (coarse.sizes * LEAST_GAIN <= last)
         written = [
-            Written(len(some), some[-1].spacing if some else 0.0) if wanted[part] else None
+            LevelProgress(len(some), some[-1].spacing if some else 0.0) if wanted[part] else None
             for part, some in enumerate(files)
         ]
         for part, fact in enumerate(steps.shape(coarse, cell, written, (span[0], middle))):
@@ -130,7 +130,7 @@ def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFil
 
 
 def _coarsened(work: Work, layers: tuple[Layer, Layer], grid: Grid, steps: Steps, span: Span) -> list[Facts]:
-    """Write the splats of a level for all parts. layers : what it is made of, and the level"""
+    """Write the splats of a level for all parts. layers : the finer level, and the level"""
     fine, coarse = layers
     name = f"level-{coarse.number}-categories"
     known = work.columns.get(name)
@@ -147,9 +147,9 @@ def _shaped(
     work: Work,
     layer: Layer,
     cell: float,
-    named: Named,
+    named: ModelInfo,
     cells: NDArray[np.float64],
-    written: list[Written | None],
+    written: list[LevelProgress | None],
     span: Span,
 ) -> list[Facts]:
     """Find the supports of a level, and write its files, see `tree_part`."""
@@ -170,22 +170,22 @@ def _shaped(
         columns.put(f"{stage}-steps", steps)
     boxes = np.array([fact["supports"] for fact in supports if "supports" in fact], np.float32)
     box = np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
-    whole = Whole(box, steps["reference"], np.array([fact["longest"] for fact in supports], np.float32))
+    whole = SharedValues(box, steps["reference"], np.array([fact["longest"] for fact in supports], np.float32))
     settings = check_settings("paper", LEVEL_SAMPLES, 1, "auto")
     return work.each(
         f"{stage}-tree", partial(tree_part, layer, cells, whole, settings, named, written), (second, span[1])
     )
 
 
-def _make_room(fine: Layer, coarse: Layer) -> None:
-    """Make the columns of a level."""
+def _make_columns(fine: Layer, coarse: Layer) -> None:
+    """Create the columns of a level."""
     for name in (BORDERS, LIMITS, SHEETS):
         coarse.make(name, np.int8 if name == SHEETS else np.float32, 3 if name == BORDERS else 0)
-    make_room(fine, coarse)
+    make_columns(fine, coarse)
 
 
-def make_room(fine: Layer, coarse: Layer) -> None:
-    """Make the columns that levels of the surface and of scattered points have."""
+def make_columns(fine: Layer, coarse: Layer) -> None:
+    """Create the columns that levels of the surface and of scattered points share."""
     coarse.make_boxes()
     for name in (NORMALS, POSITIONS):
         coarse.make(name, np.float32, 3)
@@ -197,12 +197,12 @@ def make_room(fine: Layer, coarse: Layer) -> None:
 
 
 def _is_done(columns: Columns, number: int) -> bool:
-    """Whether a level is done for all parts: what it was made of is gone."""
+    """Return whether a level is done for all parts: the columns that it was made from are gone."""
     return columns.get(f"level-{number}") is not None
 
 
 def median_of(layer: Layer, columns: Columns) -> float:
-    """The median of all radii of the finest level, as NumPy has it."""
+    """Return the median of all radii of the finest level, equal to NumPy's."""
     known = columns.get("level-0-median")
     if known is None:
         places = {(layer.total - 1) // 2, layer.total // 2}
@@ -213,9 +213,9 @@ def median_of(layer: Layer, columns: Columns) -> float:
 
 
 def _widened(reaches: list[list[Any]], others: Sequence[Any] = ()) -> list[Any]:
-    """What rays can hit of each part in any level, no farther away than what they can hit of the finest of any part.
+    """Return the surface bounds of each part over all levels, limited to those of the finest level of any part.
 
-    others : what they can hit of further parts, or None
+    others : surface bounds of further parts, or None
     """
     finest = np.array([box for box in (*(boxes[0] for boxes in reaches), *others) if box is not None])
     if not len(finest):

@@ -1,7 +1,7 @@
-"""A part with its margin: the points around it, as far as they decide what its surface is.
+"""Part of a cloud with its margin: the surrounding points that its surface depends on.
 
-All are read as tiles, aligned stretches of the kd order, in that order. So the neighbours, samples and stretches of a
-part's points are those of the whole.
+Points are read as tiles, aligned ranges of the kd order, in that order. The neighbours, samples and ranges of a part's
+points are thus those of the whole cloud.
 """
 
 from __future__ import annotations
@@ -14,38 +14,38 @@ from numpy.typing import NDArray
 from ...base.disk_columns import Column, Columns
 from .arrange import TILE
 
-GROUP = 64  # points whose extent tells how far the margin around them reaches
-EDGE = 3  # points of a group, on each side of an axis, that do not count: strays
-REACH = 3.0  # extents of a group: some 30 spacings
-MOST, LEAST = 1.0, 64  # tiles of a margin at most, in tiles of the part: sparse points have dense ones around them
-PAIRS = 1 << 22  # of tiles and groups that are looked at together
+GROUP = 64  # points whose extent defines the width of the margin around them
+EDGE = 3  # points of a group at each end of an axis that are skipped as outliers
+REACH = 3.0  # width of the margin in extents of a group: about 30 spacings
+MOST, LEAST = 1.0, 64  # largest margin, in tiles of the part; in tiles: sparse points may have dense ones around them
+PAIRS = 1 << 22  # pairs of tiles and groups tested at once
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
 
 class Local(NamedTuple):
-    """The points of some tiles.
+    """Points of some tiles.
 
-    rows : (n,) int64, ascending, their places in the kd order of all
-    own : (m,) int64, which of them are the part's own; the others are its margin
+    rows : (n,) int64, ascending, their places in the kd order of the cloud
+    own : (m,) int64, indices of the part's own points; the others are its margin
     """
 
     rows: Rows
     own: Rows
 
     def read(self, column: Column) -> NDArray[Any]:
-        """The rows of a column."""
+        """Return the rows of a column."""
         pieces = [column[run] for run in runs_of(self.rows)]
         return np.concatenate(pieces) if len(pieces) > 1 else pieces[0]
 
     @property
     def tiles(self) -> Rows:
-        """The tiles, ascending."""
+        """Tiles, ascending."""
         return np.unique(self.rows // TILE)
 
     def write(self, column: Column, values: NDArray[Any]) -> None:
-        """Write what is found of the part's own points, out of (n, ...) values."""
+        """Write the values, (n, ...), of the part's own points to a column."""
         start = 0
         for run in runs_of(self.rows[self.own]):
             column.write(run.start, values[self.own[start : start + run.stop - run.start]])
@@ -53,16 +53,16 @@ class Local(NamedTuple):
 
 
 def local_of(columns: Columns, part: Rows, count: int) -> Local:
-    """The points of a part and of the margin around it.
+    """Return the points of a part and of the margin around it.
 
     Parameters
     ----------
     columns : Columns
-        "tiles" has the boxes of all tiles, "points.positions" the positions.
+        "tiles" holds the bounding boxes of all tiles, "points.positions" the positions.
     part : (t,) int64
-        The part's tiles, ascending.
+        Tiles of the part, ascending.
     count : int
-        Points of the whole cloud.
+        Number of points of the cloud.
     """
     boxes, positions = columns["tiles"][:], columns["points.positions"]
     here = np.concatenate([positions[run] for run in runs_of(_rows_of(part, count))])
@@ -76,7 +76,7 @@ def local_of(columns: Columns, part: Rows, count: int) -> Local:
 
 
 def points_of(tiles: Rows, part: Rows, count: int) -> Local:
-    """The points of some tiles, of which some are the part's own."""
+    """Return the points of some tiles, some of which belong to the part."""
     rows = _rows_of(tiles, count)
     return Local(rows, np.flatnonzero(np.isin(rows // TILE, part)))
 
@@ -87,7 +87,7 @@ def _rows_of(tiles: Rows, count: int) -> Rows:
 
 
 def _margin(boxes: Floats, part: Rows, positions: Floats, reach: float) -> Rows:
-    """The tiles around a part, and those before and behind each stretch of it, which the noise goes on to."""
+    """Return the tiles around a part, and those before and after each of its ranges, for interpolating noise."""
     low, high = _widened(positions, reach)
     others = np.setdiff1d(np.arange(len(boxes)), part)
     near = (boxes[others, :3] <= high.max(axis=0)).all(axis=1) & (boxes[others, 3:] >= low.min(axis=0)).all(axis=1)
@@ -98,7 +98,7 @@ def _margin(boxes: Floats, part: Rows, positions: Floats, reach: float) -> Rows:
 
 
 def touched(boxes: Floats, low: Floats, high: Floats) -> NDArray[np.bool_]:
-    """Which of some boxes (n, 6) meet any of others, given by their corners (m, 3)."""
+    """Return which boxes (n, 6) overlap any of the boxes given by their corners (m, 3)."""
     out = np.zeros(len(boxes), np.bool_)
     step = max(PAIRS // len(low), 1)
     for start in range(0, len(boxes), step):
@@ -111,7 +111,7 @@ def touched(boxes: Floats, low: Floats, high: Floats) -> NDArray[np.bool_]:
 
 
 def _widened(positions: Floats, reach: float) -> tuple[Floats, Floats]:
-    """The boxes of groups of points without their outermost ones, widened by so many of their diagonals."""
+    """Return the bounding boxes of groups of points without the outermost ones, enlarged by `reach` diagonals."""
     whole = len(positions) // GROUP * GROUP
     groups = positions[:whole].reshape(-1, GROUP, 3) if whole else positions[None]
     edge = min(EDGE, (groups.shape[1] - 1) // 2)
@@ -122,7 +122,7 @@ def _widened(positions: Floats, reach: float) -> tuple[Floats, Floats]:
 
 
 def runs_of(rows: Rows) -> list[slice]:
-    """Ascending rows as stretches."""
+    """Return ascending rows as ranges."""
     breaks = np.flatnonzero(np.diff(rows) != 1) + 1
     firsts, lasts = rows[np.append(0, breaks)], rows[np.append(breaks, len(rows)) - 1]
     return [slice(int(first), int(last) + 1) for first, last in zip(firsts, lasts, strict=True)]

@@ -1,4 +1,4 @@
-"""Files -> a model in parts, whatever their size: an interrupted run goes on where it stopped."""
+"""Preparation of a model in parts from files of any size; an interrupted run can be resumed."""
 
 from __future__ import annotations
 
@@ -26,37 +26,37 @@ from ...io.spooling.spooled import spooled_in
 from ...surface.splats.scattered.spheres import Drawing
 from ...surface.tree.settings import TreeSettings
 from ..model_folder import INDEX, UNFINISHED, VERSION
-from .builder import OutOfCoreBuilder, Wanted
-from .exclusive_lock import alone
+from .builder import BuildOptions, OutOfCoreBuilder
+from .exclusive_lock import exclusive_lock
 
-TASK = "task"  # what is known of the files and settings, there
-SPOOLED = 0.25  # share of the time
-UNKNOWN = 1 << 32  # bytes, where nobody says how many are available
-# Bytes at the peak: of a point of a part, with its share of a margin; of all else, the sample of the cloud included.
+TASK = "task"  # facts about the files and settings of the unfinished work
+SPOOLED = 0.25  # progress after spooling
+UNKNOWN = 1 << 32  # bytes, if the available memory is unknown
+# Bytes at the peak: per point of a part, including its share of a margin; for everything else, including the sample.
 EACH, REST, LEAST = 600, 3 << 28, 3 << 29
-PROCESS, FEWEST = 1 << 28, 1 << 18  # bytes of a worker without any points; points of a part that it has room for
-ATTEMPTS, PAUSE = 20, 0.5  # to remove what is unfinished; seconds
+PROCESS, FEWEST = 1 << 28, 1 << 18  # bytes of a worker without points; points of a part that must fit, at least
+ATTEMPTS, PAUSE = 20, 0.5  # attempts to remove the folder; seconds between them
 
 
 def part_points_within(memory: int, workers: int = 0) -> int:
-    """How many points a part may have so that preparing takes no more than so many bytes, a power of two.
+    """Return the largest part size, a power of two, with which preparation takes at most `memory` bytes.
 
-    workers : processes that make parts at the same time, beside this one; 0: this one does
+    workers : processes that make parts at the same time, besides this one; 0: this one does
     """
     rest, each = REST + workers * PROCESS, EACH * max(workers, 1)
     least = rest + each * FEWEST if workers else LEAST
     if memory < least:
         raise ValueError(
-            f"parts cannot be made in {memory / 2**30:.2f} GiB of memory: {least / 2**30:.1f} GiB are needed"
+            f"not enough memory: {memory / 2**30:.2f} GiB, but {least / 2**30:.1f} GiB are needed"
             + (f" with {workers} workers on one machine" if workers else "")
         )
     return 1 << (((memory - rest) // each).bit_length() - 1)
 
 
 def part_points_for(client: Any, memory: int | None) -> int:
-    """How many points a part may have so that preparing fits into so much memory of each machine, a power of two.
+    """Return the largest part size, a power of two, with which preparation fits into the memory of each machine.
 
-    client : whose workers make parts, or None; memory : None: what is available
+    client : client of the workers, or None; memory : bytes per machine, None: what is available
     """
     if client is None:
         return part_points_within(memory or available_memory() or UNKNOWN)
@@ -65,15 +65,15 @@ def part_points_for(client: Any, memory: int | None) -> int:
     return part_points_within(memory or min((free or UNKNOWN for free, _ in machines), default=UNKNOWN), most)
 
 
-def begun_points(path: Path) -> int | None:
-    """The points of a part of what is unfinished in a folder; None if nothing is."""
+def unfinished_part_points(path: Path) -> int | None:
+    """Return the part size of unfinished work in a folder; None if there is none."""
     known = Columns(path / UNFINISHED).get(TASK) if (path / UNFINISHED).is_dir() else None
     size = None if known is None else known.get("size")
     return size if isinstance(size, int) and size > 0 else None
 
 
 def fits(files: Sequence[Path], request: Request, memory: int | None) -> bool:
-    """Whether a model of all points of files can be made in memory, or in so much of it."""
+    """Return whether a model of all points of the files can be made in the available memory, or in `memory` bytes."""
     need = sum(listing.rows * (listing.row + PEAK) for _, _, listing in headers(files, request))
     free = available_memory() if memory is None else memory
     return free is None or need <= free
@@ -89,24 +89,24 @@ def prepare(
     client: Any = None,
     levels: bool = True,
 ) -> int:
-    """Write a model in parts, see `Model`; returns how many points it has.
+    """Write a model in parts, see `Model`; return the number of points.
 
-    With a client of Dask its workers make the parts, and write them. The files are the same as without.
+    With a Dask client, its workers make the parts and write them. The files are the same as without.
 
     Parameters
     ----------
     reading : Request and Selection
         Which points are read, and how.
     path : path
-        A folder, which must be empty, not exist, or hold what an interrupted run has left.
-    settings : TreeSettings, the noise's deviation or "auto", and perhaps Drawing
-        How scattered points are drawn; None or left out: as `Model` does, but as a surface if there are radii.
+        A folder that is empty, does not exist, or holds the unfinished work of an interrupted run.
+    settings : TreeSettings, noise ("auto" or its standard deviation), and optionally Drawing
+        Drawing of scattered points; None or omitted: as `Model` does, but as a surface if there are radii.
     part_points : int
-        Of a part, at most.
+        Points of a part, at most.
     progress : callable, optional
-        Called with the share done.
+        Called with the fraction done.
     client : distributed.Client, optional
-        Its workers must see the folder at the same path, and may write there.
+        Its workers must see the folder at the same path and be able to write to it.
     levels : bool
         Whether parts get levels of detail.
 
@@ -115,14 +115,14 @@ def prepare(
     OSError
         If a file cannot be read or written.
     ValueError
-        If a file is damaged, the folder holds something else, another process works there, or a worker does not see
-        the folder or has another version of pointray.
+        If a file is damaged, the folder holds something else, another process works in it, or a worker does not see the
+        folder or has another version of pointray.
     """
     there, path = path.exists(), path if client is None else path.absolute()
     columns = Columns(check_unfinished(path))
     size = 1 << (part_points.bit_length() - 1)
-    wanted = Wanted(settings[0], settings[1], size, levels, settings[2] if len(settings) > 2 else None)
-    with alone(columns.folder), _going_on(path):
+    options = BuildOptions(settings[0], settings[1], size, levels, settings[2] if len(settings) > 2 else None)
+    with exclusive_lock(columns.folder), _explain_full_disk(path):
         if columns.get(TASK) is None and (path / INDEX).exists():
             _remove(columns.folder, None)
             raise _not_empty(path)
@@ -133,9 +133,9 @@ def prepare(
             if spooled is None:
                 with open_files(files, reading[0]) as openers:
                     spooled = spool(openers, reading[1], columns, part_of(progress, 0.0, SPOOLED))
-            count = OutOfCoreBuilder(path, columns, spooled, wanted, part_of(progress, SPOOLED, 1.0), tasks).build()
+            count = OutOfCoreBuilder(path, columns, spooled, options, part_of(progress, SPOOLED, 1.0), tasks).build()
         except BaseException:  # Ctrl-C too
-            if spooled_in(columns) is None:  # nothing is worth to be kept
+            if spooled_in(columns) is None:  # nothing is worth keeping
                 _remove(columns.folder, None if there else path)
             raise
         _remove(columns.folder, None)
@@ -143,19 +143,19 @@ def prepare(
 
 
 @contextmanager
-def _going_on(path: Path) -> Iterator[None]:
-    """Say in the error of a full disk what to do."""
+def _explain_full_disk(path: Path) -> Iterator[None]:
+    """Add advice to the error of a full disk."""
     try:
         yield
     except OSError as error:
         if error.errno not in FULL_DISK:
             raise
-        advice = f"{error.strerror}: make room and run the same command again, it goes on"
+        advice = f"{error.strerror}: free some space and run the same command again to resume"
         raise OSError(error.errno, advice, str(error.filename or path)) from error
 
 
 def check_unfinished(path: Path) -> Path:
-    """Where work in a folder is kept until it is done; an error if the folder holds something else."""
+    """Return the folder of unfinished work; raise a ValueError if the folder holds something else."""
     unfinished = path / UNFINISHED
     others = path.exists() and (not path.is_dir() or any(path.iterdir()))
     if others and not unfinished.is_dir():
@@ -165,13 +165,13 @@ def check_unfinished(path: Path) -> Path:
 
 
 def _not_empty(path: Path) -> ValueError:
-    return ValueError(f"{path}: there is something already: name a new or an empty folder")
+    return ValueError(f"{path}: already exists and is not empty: choose a new or empty folder")
 
 
 def _task_of(
     files: Sequence[Path], reading: tuple[Request, Selection], settings: tuple[Any, ...], size: int
 ) -> Mapping[str, Any]:
-    """What must be the same for a run to go on with what another has left."""
+    """Return the facts that must be the same to resume unfinished work."""
     return {
         "files": [[str(file.resolve()), *stamp(file)] for file in files],
         "reading": [repr(one) for one in reading],
@@ -184,24 +184,24 @@ def _task_of(
 def _check_task(columns: Columns, task: Mapping[str, Any]) -> None:
     known = columns.get(TASK)
     if known is None:
-        # Parts of other points or settings have another id, those of the same have the same.
+        # The id is derived from the task: other points or settings give another id.
         columns.put("id", {"id": hashlib.sha256(json.dumps(task).encode()).hexdigest()[:16]})
         columns.put(TASK, task)
     elif known != task:
         what = next(name for name in task if known.get(name) != task[name])
         raise ValueError(
-            f"{columns.folder.parent}: holds unfinished work of other {what}: "
-            "go on with those, or remove the folder to begin anew"
+            f"{columns.folder.parent}: contains unfinished work with different {what}: "
+            "use the same to resume, or remove the folder to start over"
         )
 
 
 def _remove(unfinished: Path, folder: Path | None) -> None:
-    """Remove what is unfinished, and the folder around it, if that was made for it."""
+    """Remove unfinished work, and the folder around it if given."""
     for _ in range(ATTEMPTS):
         shutil.rmtree(unfinished, ignore_errors=True)
         if not unfinished.exists():
             break
-        time.sleep(PAUSE)  # a worker whose job was done by another one writes there until it notices
+        time.sleep(PAUSE)  # a worker whose job another one has finished writes here until it notices
     if folder is not None:
         with suppress(OSError):
             folder.rmdir()

@@ -1,7 +1,7 @@
-"""Scattered points of a model in parts: parts of their own, which follow those of the surface.
+"""Scattered points of a model in parts: separate parts, which follow those of the surface.
 
-Their trees hold nothing else, so that each point lies in one part, and a part is a stretch of their kd order. Levels of
-detail are those of the whole: a cell that several parts share gives one point.
+Their trees hold nothing else, so each point belongs to one part, and a part is a range of their kd order. Levels of
+detail are those of the whole model: a cell that several parts share gives one point.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part
 from .grid import Grid, cells_of_part
 from .layer import COLORS, NORMALS, POSITIONS, RADII, Layer
-from .level_steps import ATTRIBUTE, Named, Written, box_around
-from .levels import Steps, make_room, median_of, write_all_levels
+from .level_steps import ATTRIBUTE, LevelProgress, ModelInfo, box_around
+from .levels import Steps, make_columns, median_of, write_all_levels
 from .trees import bounds_about
 from .work import Facts, Work
 
@@ -37,11 +37,11 @@ Span = tuple[float, float]
 
 @dataclass(frozen=True)
 class LooseParts:
-    """Scattered points, part after part.
+    """Scattered points of all parts.
 
-    layer : Layer, number 0: their positions, directions (as normals), radii, and perhaps colours and attributes
+    layer : Layer, number 0: positions, directions (as normals), radii, and optionally colours and attributes
     drawing : Drawing, spheres or discs
-    first_part, first_row : those before them in the folder
+    first_part, first_row : number of parts and rows before them in the folder
     """
 
     layer: Layer
@@ -50,8 +50,8 @@ class LooseParts:
     first_row: int = 0
 
 
-def write_loose_part(named: Named, loose: LooseParts, part: int) -> Facts:
-    """Write the file of a part; what the index says of it, and the bounds of its spheres."""
+def write_loose_part(named: ModelInfo, loose: LooseParts, part: int) -> Facts:
+    """Write the file of a part; return its index entry and the bounds of its spheres."""
     own, layer = loose.layer.own(part), loose.layer
     rows = np.arange(loose.first_row + own.start, loose.first_row + own.stop, dtype=np.int32)
     splats = _splats(layer, own, rows)
@@ -63,31 +63,36 @@ def write_loose_part(named: Named, loose: LooseParts, part: int) -> Facts:
 
 
 def write_loose_levels(
-    work: Work, loose: LooseParts, named: Named, surface: tuple[float | None, list[PartFile]], parts: Any, span: Span
+    work: Work,
+    loose: LooseParts,
+    named: ModelInfo,
+    surface: tuple[float | None, list[PartFile]],
+    parts: Any,
+    span: Span,
 ) -> list[PartFile]:
-    """Write levels of detail; what the index says of the parts then.
+    """Write levels of detail; return the index entries of the parts.
 
     Parameters
     ----------
     surface : (float or None, list of PartFile)
-        The median radius of the model's surface, and its parts; None and nothing if it has none.
+        Median radius of the model's surface, and its parts; None and an empty list if there is no surface.
     parts : list of PartFile
-        What the index says of the scattered points' parts without levels.
+        Index entries of the scattered points' parts without levels.
     """
 
-    def shape(layer: Layer, cell: float, written: list[Written | None], span: Span) -> list[Facts]:
+    def shape(layer: Layer, cell: float, written: list[LevelProgress | None], span: Span) -> list[Facts]:
         do = partial(_write_loose_level, layer, loose, cell, named, written)
         return work.each(f"level-{layer.number}-tree", do, (span[0] + 0.5 * (span[1] - span[0]), span[1]))
 
     median, others = surface
     cell = spacing_in(loose, work.columns) if median is None else median
     reaches = [part.reach for part in others]
-    steps = Steps(cell, named.attributes, make_room, coarsen_loose_part, shape, reaches)
+    steps = Steps(cell, named.attributes, make_columns, coarsen_loose_part, shape, reaches)
     return write_all_levels(work, loose.layer, steps, parts, span)
 
 
 def spacing_in(loose: LooseParts, columns: Columns) -> float:
-    """The spacing that all scattered points stand for."""
+    """Return the spacing that the radii of all scattered points correspond to."""
     return spacing_of(np.array([median_of(loose.layer, columns)], np.float32), loose.drawing)
 
 
@@ -96,7 +101,7 @@ def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[
     if not fine.sizes[part]:
         return {"size": 0}
     rows, groups = cells_of_part(fine, grid, part, sides=False)
-    if len(groups.starts) == 1:  # all cells are those of parts before
+    if len(groups.starts) == 1:  # all cells belong to earlier parts
         return {"size": 0}
     names = [name for name in fine.sources if name.startswith(ATTRIBUTE)]
     attributes = {name: fine.read(name, rows) for name in names}
@@ -114,7 +119,7 @@ def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[
 
 
 def _write_loose_level(
-    layer: Layer, loose: LooseParts, cell: float, named: Named, written: list[Written | None], part: int
+    layer: Layer, loose: LooseParts, cell: float, named: ModelInfo, written: list[LevelProgress | None], part: int
 ) -> Facts:
     """Write the file of a part's level, see `tree_part`."""
     before, own = written[part], layer.own(part)
@@ -136,7 +141,7 @@ def _write_loose_level(
 
 
 def _splats(layer: Layer, own: slice, rows: NDArray[np.int32]) -> Splats:
-    """The scattered points of a part."""
+    """Return the scattered points of a part."""
     positions, normals, radii = (layer.read(name, own) for name in (POSITIONS, NORMALS, RADII))
     return Splats(positions, normals, radii, rows, layer.find(COLORS, own))
 

@@ -1,4 +1,4 @@
-"""Where a cloud in parts has second layers: blocks are opened from part to part, as `cloud/outliers/search.py` does."""
+"""Search for second layers across parts, continuing from part to part like `cloud/outliers/search.py`."""
 
 from __future__ import annotations
 
@@ -7,29 +7,29 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cloud.outliers.floors import LEAST, Ground
-from ...cloud.outliers.search import Search, block_size
+from ...cloud.outliers.floors import LEAST, FloorSearch
+from ...cloud.outliers.search import LayerSearch, block_size
 from .local import Local
-from .stages import LAYERS, Cloud, path_of
+from .stages import LAYERS, Cloud, ordering_of
 from .work import Facts, Work
 
 Rows = NDArray[np.int64]
 
-OPEN, NEW = 1, 2  # what the column says of a block
+OPEN, NEW = 1, 2  # values of the column of blocks
 
 
 def find_layers(work: Work, cloud: Cloud, span: tuple[float, float]) -> None:
-    """Write which blocks of the kd order are to be looked at."""
+    """Write which blocks of the kd order must be examined."""
     columns, count = work.columns, -(-cloud.total // block_size(cloud.total))
     if columns.get(LAYERS) is not None:
         return
-    said = np.zeros(count, np.int8)
+    states = np.zeros(count, np.int8)
     facts = work.each("layers", partial(_show, work, cloud), span)
     while True:
         found = np.concatenate([np.array(fact["blocks"], np.int64) for fact in facts])
-        new = found[said[found] == 0]
-        said[said == NEW], said[new] = OPEN, NEW
-        columns.fill(LAYERS, said)
+        new = found[states[found] == 0]
+        states[states == NEW], states[new] = OPEN, NEW
+        columns.fill(LAYERS, states)
         if not len(new):
             break
         facts = work.all(partial(_follow, work, cloud), (span[1], span[1]), "layers")
@@ -37,7 +37,7 @@ def find_layers(work: Work, cloud: Cloud, span: tuple[float, float]) -> None:
 
 
 def _show(work: Work, cloud: Cloud, part: int) -> Facts:
-    """The blocks of a part whose middle shows a layer."""
+    """Return the blocks of a part whose middle shows a layer."""
     search = _search(cloud, work.local(part))
     own = _blocks_of(work, cloud, part)
     found = np.zeros(0, np.int64) if search is None else search.seeds()
@@ -45,7 +45,7 @@ def _show(work: Work, cloud: Cloud, part: int) -> Facts:
 
 
 def _follow(work: Work, cloud: Cloud, part: int) -> Facts:
-    """The blocks into which layers go on from those of a part that were opened last."""
+    """Return the blocks in which layers continue from a part's newly opened blocks."""
     own = _blocks_of(work, cloud, part)
     new = own.start + np.flatnonzero(work.columns[LAYERS][own] == NEW)
     search = _search(cloud, work.local(part)) if len(new) else None
@@ -53,14 +53,14 @@ def _follow(work: Work, cloud: Cloud, part: int) -> Facts:
 
 
 def _blocks_of(work: Work, cloud: Cloud, part: int) -> slice:
-    """A part's own blocks."""
-    size, rows = block_size(cloud.total), work.stretch(part)
+    """Return the blocks of a part."""
+    size, rows = block_size(cloud.total), work.part_rows(part)
     return slice(rows.start // size, -(-rows.stop // size))
 
 
-def _search(cloud: Cloud, local: Local) -> Search | None:
-    """The search among some points; None: they are too few."""
-    along = path_of(cloud.points(local).positions)
-    if len(along.positions) < LEAST:
+def _search(cloud: Cloud, local: Local) -> LayerSearch | None:
+    """Return the search among some points; None if there are too few."""
+    ordering = ordering_of(cloud.points(local).positions)
+    if len(ordering.positions) < LEAST:
         return None
-    return Search(Ground(along.positions), cloud.total, local.rows[along.rows])
+    return LayerSearch(FloorSearch(ordering.positions), cloud.total, local.rows[ordering.rows])

@@ -1,7 +1,6 @@
-"""Scattered points of a cloud on disk: found part by part, then put into columns of their own.
+"""Separation of scattered points of a cloud on disk: found part by part, then moved to columns of their own.
 
-Points of the surface go back to the order of the files, so that their kd order, in which they are sorted next, is that
-of a whole model's surface.
+Points of the surface are put back into file order, so that sorting them gives the kd order of a whole model's surface.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from ...base.disk_columns import Columns
 from ...base.progress import tell
 from ...cloud.neighbors import take
 from ...cloud.normals.estimate import estimate_normals
-from ...cloud.sampled_statistics import of_places
+from ...cloud.sampled_statistics import of_distinct_positions
 from ...cloud.statistics import CloudStatistics
 from ...surface.splats.build import check_size
 from ...surface.splats.local_planes import columns_of
@@ -26,77 +25,77 @@ from ...surface.splats.scattered.fitted_normals import Normals
 from ...surface.splats.scattered.spheres import Drawing, shapes_of
 from .arrange import CHUNK, SORTED
 from .local import Local
-from .stages import Cloud, path_of
+from .stages import Cloud, ordering_of
 from .work import Facts, Work
 
-# Columns: the number of each point in the files; whether it is scattered; and how it is drawn then.
+# Columns: row of each point in the files; whether it is scattered; radius and direction if it is.
 ROW, APART, SPHERES, DIRECTIONS = "row", "apart", "sphere-radii", "sphere-directions"
-SURFACE, LOOSE = "surface", "loose"  # folders of columns in that of the whole cloud
-BY_ROW = "by-row"  # a column of the surface's points, in stretches of rows that are not yet sorted
+SURFACE, LOOSE = "surface", "loose"  # subfolders with columns
+BY_ROW = "by-row"  # column of the surface's points, in ranges of rows that are not sorted yet
 SEPARATED = "separated"
-FOUND, SHAPED = 0.5, 0.8  # shares of the time
+FOUND, SHAPED = 0.5, 0.8  # progress
 
 Span = tuple[float, float]
 Floats = NDArray[np.float32]
 
 
 class Shaping(NamedTuple):
-    """How scattered points are drawn. radii : the column of given ones, or None"""
+    """Options for drawing scattered points. radii : the column of given radii, or None"""
 
     drawing: Drawing
     radii: str | None
 
     def find(
-        self, cloud: Cloud, local: Local, usual: CloudStatistics, mask: NDArray[np.bool_] | None = None
+        self, cloud: Cloud, local: Local, statistics: CloudStatistics, mask: NDArray[np.bool_] | None = None
     ) -> tuple[Floats, Floats]:
-        """Radii and directions of some points, see `shapes_of`."""
+        """Return radii and directions of some points, see `shapes_of`."""
         points = cloud.points(local)
-        along = path_of(points.positions)
+        ordering = ordering_of(points.positions)
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
-        return shapes_of(points, along, self.drawing, given, of_places(usual, along.ids), mask)
+        return shapes_of(points, ordering, self.drawing, given, of_distinct_positions(statistics, ordering.ids), mask)
 
 
 def number_rows(columns: Columns, count: int) -> None:
-    """Write the number of each point, in the order of the files."""
+    """Write the number of each point, in file order."""
     column = columns.make(ROW, np.int32)
     for start in range(0, count, CHUNK):
         column.append(np.arange(start, min(start + CHUNK, count), dtype=np.int32))
 
 
 def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, span: Span) -> tuple[int, int]:
-    """Find the scattered points, and put the points into the columns of `SURFACE` and `LOOSE`.
+    """Find the scattered points, and move all points into the columns of `SURFACE` and `LOOSE`.
 
-    If none are scattered the columns stay as they are; points of neither kind that are left out are dropped.
+    If none are scattered the columns are unchanged; scattered points that are not drawn are dropped.
 
     Parameters
     ----------
     names : sequence of str
-        The columns of the cloud, without `ROW`.
+        Columns of the cloud, without `ROW`.
 
     Returns
     -------
     surface, loose : int
-        How many points are in them.
+        Number of points in each.
 
     Raises
     ------
     ValueError
-        If all points are scattered, and those are left out.
+        If all points are scattered and none are drawn.
     """
     columns, drawing = work.columns, shaping.drawing
     known = columns.get(SEPARATED)
     if known is None:
         first, second = (span[0] + share * (span[1] - span[0]) for share in (FOUND, SHAPED))
-        work.room(APART, np.int8)
+        work.make_column(APART, np.int8)
         found = [fact["scattered"] for fact in work.each("apart", partial(_find, work, cloud), (span[0], first))]
         count, is_shown = sum(found), drawing.scatter != "none"
         if count == cloud.total and not is_shown:
             raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
         if count and is_shown and columns.get(f"apart-{DIRECTIONS}") is None:
-            usual = work.surveyed("shapes", partial(shaping.find, cloud))
-            work.room(SPHERES, np.float32)
-            work.room(DIRECTIONS, np.float32, 3)
-            work.each("shapes", partial(_shape, work, cloud, shaping, usual), (first, second))
+            statistics = work.statistics_for("shapes", partial(shaping.find, cloud))
+            work.make_column(SPHERES, np.float32)
+            work.make_column(DIRECTIONS, np.float32, 3)
+            work.each("shapes", partial(_shape, work, cloud, shaping, statistics), (first, second))
         if count:
             _put_apart(work, cloud.total, names, is_shown, (second, span[1]))
         known = {"surface": cloud.total - count, "loose": count if is_shown else 0}
@@ -108,34 +107,34 @@ def _find(work: Work, cloud: Cloud, part: int) -> Facts:
     """Write which points of a part are scattered."""
     local = work.local(part)
     points = cloud.points(local)
-    along, fitted = path_of(points.positions), points.normals is None
-    if fitted and len(along.positions) > FEW:
+    ordering, fitted = ordering_of(points.positions), points.normals is None
+    if fitted and len(ordering.positions) > FEW:
         points = estimate_normals(points)
     normals = None
     if points.normals is not None:
-        normals = Normals(columns_of(take(points.normals, along.rows)), fitted)
-    scattered = scattered_places(along.positions, local.rows[along.rows], normals)[along.ids]
+        normals = Normals(columns_of(take(points.normals, ordering.rows)), fitted)
+    scattered = scattered_places(ordering.positions, local.rows[ordering.rows], normals)[ordering.ids]
     local.write(work.columns[APART], scattered)
     return {"scattered": int(scattered[local.own].sum())}
 
 
-def _shape(work: Work, cloud: Cloud, shaping: Shaping, usual: CloudStatistics, part: int) -> None:
-    """Write how the scattered points of a part are drawn."""
-    apart = work.columns[APART][work.stretch(part)] != 0
+def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatistics, part: int) -> None:
+    """Write radii and directions of the scattered points of a part."""
+    apart = work.columns[APART][work.part_rows(part)] != 0
     if not apart.any():
         return
     local = work.local(part)
     mask = np.zeros(len(local.rows), np.bool_)
     mask[local.own[apart]] = True
-    radii, directions = shaping.find(cloud, local, usual, mask)
+    radii, directions = shaping.find(cloud, local, statistics, mask)
     check_size(radii[mask])
     local.write(work.columns[SPHERES], radii)
     local.write(work.columns[DIRECTIONS], directions)
 
 
 def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, span: Span) -> None:
-    """Write each column of the cloud to those of the surface and of scattered points, and remove it."""
-    columns, say = work.columns, work.watch(span)
+    """Copy each column to those of the surface and of scattered points, and remove it."""
+    columns, report = work.columns, work.watch(span)
     surface, loose = (Columns(columns.folder / name) for name in (SURFACE, LOOSE))
     shapes = [SPHERES, DIRECTIONS] if is_shown else []
     every = [*(f"{SORTED}{name}" for name in names), *shapes]
@@ -145,27 +144,27 @@ def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, spa
             source = columns[name]
             out = loose.make(short, source.dtype, source.width)
             for part in range(work.parts if is_shown else 0):
-                rows = work.stretch(part)
+                rows = work.part_rows(part)
                 out.append(source[rows][columns[APART][rows] != 0])
             loose.sync()
             if name not in shapes:
                 _put_back(work, total, name, surface)
             columns.put(done, {})
         columns.drop(name)
-        tell(say, (k + 1) / len(every))
+        tell(report, (k + 1) / len(every))
 
 
 def _put_back(work: Work, total: int, name: str, surface: Columns) -> None:
-    """Write a column of the surface's points in the order of the files: into stretches of rows, which are sorted."""
+    """Write a column of the surface's points in file order, as ranges of rows that are then sorted."""
     columns, size = work.columns, work.size
     source, apart, numbers = columns[name], columns[APART], columns[f"{SORTED}{ROW}"]
     between = surface.make(BY_ROW, source.dtype, source.width, total)
     places = surface.make(f"{BY_ROW}-{ROW}", np.int32, 0, total)
     counts = np.zeros(-(-total // size), np.int64)
     for part in range(work.parts):
-        stretch = work.stretch(part)
-        mine = np.flatnonzero(apart[stretch] == 0)
-        rows, values = numbers[stretch][mine], source[stretch][mine]
+        part_rows = work.part_rows(part)
+        mine = np.flatnonzero(apart[part_rows] == 0)
+        rows, values = numbers[part_rows][mine], source[part_rows][mine]
         order = np.argsort(rows)
         rows, values = rows[order], values[order]
         ends = np.searchsorted(rows, np.arange(1, len(counts) + 1) * size)

@@ -1,16 +1,16 @@
-"""Signs of normals of a cloud in parts: to the bit those of `orient` for the whole.
+"""Signs of normals of a cloud in parts, equal to those of `orient` for the whole cloud.
 
-Each pass goes over all parts, in any order, or at once: what it needs is known before it begins, and a part writes the
-labels of its own rows only, the same whenever it is asked. So a pass may be shared out, and goes on after a break.
+Each pass handles all parts, in any order or concurrently: its inputs are complete before it begins, and each part
+writes only its own rows, always with the same values. Passes can thus be distributed, and resumed.
 
-    find       a part -> how many pieces its points form
-    vote       a part and the labels around it -> the votes of its edges
-    gather     all of these -> the groups of the whole
-    look       a part -> which groups in it face inward, and samples of those that reach farther
-    face       all of these -> which groups are turned
-    write      a part's labels -> its signs
+find       part -> number of pieces of its points
+vote       part and the labels around it -> votes of its edges
+gather     all of these -> groups of the whole cloud
+examine    part -> which of its groups face inward, and samples of groups that extend into other parts
+face       all of these -> which groups are inverted
+write      labels of a part -> signs
 
-All that has a row for each point or piece, or for each pair of pieces, stays in columns.
+Data with a row per point, piece, or pair of pieces stays in columns.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from ...cloud.normals.pieces import TILE, find_pieces
 from ...cloud.normals.votes import cast_votes
 from .disk_votes import OnDiskVotes, drop_all, keep, name_of
 
-# Columns: of each point its piece, counted in its part, its sign in that, and its sign; of each piece, which are
-# counted part after part, its group and its sign in that; of each group how many points it has.
+# Columns: per point its piece, numbered within the part, its sign in the piece, and its final sign; per piece, numbered
+# part by part, its group and its sign in the group; per group its number of points.
 PIECE, SIGN, SIGNED, GROUP, TURN, POINTS = "piece", "sign", "signed", "group", "turn", "group.points"
 
 Floats = NDArray[np.float32]
@@ -38,20 +38,20 @@ Flags = NDArray[np.bool_]
 
 
 class Local(NamedTuple):
-    """A part with a margin, and the neighbours of its own points.
+    """Part with a margin, and the neighbours of its own points.
 
     Attributes
     ----------
     rows : (n,) int64
-        The numbers of the points in the order of the whole, ascending.
+        Numbers of the points in the order of the whole cloud, ascending.
     core : slice
-        The part's own points among them, m, which follow each other in the whole too.
+        The part's own m points among them, consecutive in the whole cloud as well.
     positions : (n, 3) float32
-        All different.
+        All distinct.
     normals : (n, 3) float32, unit
-        Of either sign; or other unit vectors, such as those of planes.
+        Arbitrary signs; may be other unit vectors, such as those of planes.
     near : (m, k) int32
-        For each of the part's own points its neighbours among the n, the point itself first.
+        Neighbours of each of the part's own points among the n, the point itself first.
     """
 
     rows: Whole
@@ -62,10 +62,10 @@ class Local(NamedTuple):
 
 
 class Shared(NamedTuple):
-    """The groups in a part that lie in other parts too.
+    """Groups of a part that also lie in other parts.
 
     groups : (s,) int32, ascending
-    earlier : (s,) int64, how many of their points lie in parts before this one
+    earlier : (s,) int64, number of their points in earlier parts
     """
 
     groups: NDArray[np.int32]
@@ -73,10 +73,10 @@ class Shared(NamedTuple):
 
 
 class Outlook(NamedTuple):
-    """What a part tells of the groups in it.
+    """Result of examining the groups of a part.
 
-    inward : (i,) int32, groups that lie in this part alone and face inward
-    sample : points of those that reach into other parts
+    inward : (i,) int32, groups within this part alone that face inward
+    sample : points of groups that extend into other parts
     """
 
     inward: NDArray[np.int32]
@@ -84,39 +84,39 @@ class Outlook(NamedTuple):
 
 
 class Signs:
-    """The passes over a cloud in parts. It can be sent to other processes that see the columns.
+    """Passes over a cloud in parts. Can be sent to other processes that see the columns.
 
     Parameters
     ----------
     columns : Columns
         `PIECE`, `SIGN` and `SIGNED` have a row for each point; they are overwritten.
     starts : (parts + 1,) int64
-        The first row of each part, and how many rows there are.
+        First row of each part, then the number of rows.
     """
 
     def __init__(self, columns: Columns, starts: Whole) -> None:
         self._columns, self._starts = columns, starts
 
     def find(self, local: Local) -> int:
-        """Label the points of a part by their pieces; returns how many there are.
+        """Label the points of a part by their pieces; return the number of pieces.
 
         Raises
         ------
         ValueError
-            If the part does not begin where a tile of the whole does.
+            If the part does not begin at a tile of the whole cloud.
         """
         first = int(local.rows[local.core.start])
         if first % TILE:
-            raise ValueError(f"a part begins at a multiple of {TILE:,} rows, not at row {first:,}")
+            raise ValueError(f"a part must begin at a multiple of {TILE:,} rows, not at row {first:,}")
         found = find_pieces(local.positions, local.normals, local.near, local.core)
         self._columns[PIECE].write(first, found.piece)
         self._columns[SIGN].write(first, found.sign)
         return len(found.sizes)
 
     def vote(self, local: Local, part: int, firsts: Whole) -> Whole:
-        """Write the votes of the edges that begin in a part; returns where each table of them begins.
+        """Write the votes of the edges that begin in a part; return the first row of each table.
 
-        firsts : (parts + 1,) the first piece of each part, and how many there are, by what `find` told
+        firsts : (parts + 1,) first piece of each part, then the number of pieces, from the results of `find`
         """
         of = np.searchsorted(self._starts, local.rows, side="right") - 1
         piece = self._columns[PIECE][local.rows] + firsts[of].astype(np.int32)
@@ -125,7 +125,7 @@ class Signs:
         return keep(self._columns, name_of(part), votes, int(firsts[-1]))
 
     def gather(self, firsts: Whole, cuts: Sequence[Whole]) -> list[Shared]:
-        """Write the groups of the whole, from what `find` and `vote` told of each part; returns those of each part."""
+        """Write the groups of the whole cloud from the results of `find` and `vote`; return those of each part."""
         names = [name_of(part) for part in range(len(cuts))]
         group, turn = join(int(firsts[-1]), OnDiskVotes(self._columns, names, cuts))
         drop_all(self._columns)
@@ -143,8 +143,8 @@ class Signs:
             running[ids] += here
         return shared
 
-    def look(self, local: Local, part: int, firsts: Whole, shared: Shared) -> Outlook:
-        """Which groups in a part face inward; a group that reaches into other parts is left to `face`."""
+    def examine(self, local: Local, part: int, firsts: Whole, shared: Shared) -> Outlook:
+        """Find which groups of a part face inward; groups that extend into other parts are left to `face`."""
         piece, signs, group = self._labels(part, firsts)
         groups, each = np.unique(group, return_inverse=True)
         points, earlier = self._columns[POINTS][groups], np.zeros(len(groups), np.int64)
@@ -158,7 +158,7 @@ class Signs:
         return Outlook(groups[inward], rest._replace(groups=groups[rest.groups]))
 
     def face(self, outlooks: Sequence[Outlook]) -> Flags:
-        """Which groups must be turned, (g,), from what `look` told of each part, in their order."""
+        """Return which groups must be inverted, (g,), from the results of `examine` in the order of the parts."""
         inward = inward_of([each.sample for each in outlooks], self._columns[POINTS][:])
         inward[np.concatenate([each.inward for each in outlooks])] = True
         return inward
@@ -171,24 +171,24 @@ class Signs:
             signs[kept] = 1
         self._columns[SIGNED].write(int(self._starts[part]), signs)
 
-    def told(self, part: int, firsts: Whole, known: Flags) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
-        """The group of each point of a part whose normal is known, and the sign that makes it face with its group."""
+    def known_signs(self, part: int, firsts: Whole, known: Flags) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
+        """Return the group of each point of a part with known normal, and the sign that agrees with its group."""
         piece, signs, group = self._labels(part, firsts)
         return group[piece[known]], signs[known]
 
     def _labels(self, part: int, firsts: Whole) -> tuple[NDArray[Any], NDArray[np.int8], NDArray[np.int32]]:
-        """The piece of each point of a part, and its sign in its group; and the group of each piece."""
+        """Return the piece of each point of a part, its sign in its group, and the group of each piece."""
         rows, pieces = slice(*self._starts[part : part + 2].tolist()), slice(*firsts[part : part + 2].tolist())
         piece, columns = self._columns[PIECE][rows], self._columns
         return piece, columns[SIGN][rows] * columns[TURN][pieces][piece], columns[GROUP][pieces]
 
     def _groups_in(self, part: int, group: NDArray[np.int32]) -> tuple[NDArray[np.int32], Whole]:
-        """The groups in a part, ascending, and how many of their points lie in it. group : of each of its pieces"""
+        """Return the groups of a part, ascending, and their number of points. group : of each piece of the part"""
         ids, each = np.unique(group, return_inverse=True)
         sizes = np.bincount(self._columns[PIECE][slice(*self._starts[part : part + 2].tolist())], minlength=len(group))
         return ids, np.bincount(each, sizes, len(ids)).astype(np.int64)
 
 
 def firsts_of(pieces: Sequence[int]) -> Whole:
-    """The first piece of each part, and how many there are."""
+    """Return the first piece of each part, then the number of pieces."""
     return np.cumsum([0, *pieces])

@@ -1,4 +1,4 @@
-"""A model that fits into memory -> the same in parts, in a folder."""
+"""Conversion of a model in memory to a model in parts."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from ..model import Model
 from ..model_folder import INDEX, Index, PartFile, write_index, write_points
 from . import layer
 from .layer import Layer
-from .level_steps import ATTRIBUTE, Named
+from .level_steps import ATTRIBUTE, ModelInfo
 from .levels import write_levels
 from .scattered_parts import LooseParts, write_loose_levels, write_loose_part
 from .trees import Trees, cells_of, least_size, write_trees
 from .work import Work
 
-POINTS, TREES = 0.2, 0.6  # shares of the time after which points are written, and then the trees of the surface
-LEVELS, LOOSE = "levels", "loose"  # folders in it that hold what levels of detail are made of, until all is done
-PART = 1 << 22  # points of a part, if nothing else is asked for
+POINTS, TREES = 0.2, 0.6  # progress after the points, and after the trees of the surface
+LEVELS, LOOSE = "levels", "loose"  # subfolders for intermediate data of levels of detail
+PART = 1 << 22  # default number of points of a part
 
 
 def check_new(path: str | os.PathLike[str]) -> Path:
-    """A folder that is empty or can be made; an error if it is neither."""
+    """Validate that a folder is empty or can be made."""
     folder = Path(path)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(f"{folder}: there is something already: name a new or an empty folder")
+        raise ValueError(f"{folder}: already exists and is not empty: choose a new or empty folder")
     check_writable(folder / INDEX if folder.exists() else folder)
     return folder
 
@@ -50,19 +50,18 @@ def split(
     progress: Progress | None = None,
     levels: bool = True,
 ) -> None:
-    """Write a model in parts, for `Model.load`: rays meet in it what they meet in the model.
+    """Write a model in parts, to be opened by `Model.load`; rays have the same hits as in the model.
 
-    Rows that no splat stands for are left out, and the others are put into the order of the parts: those of the surface
-    first, then scattered points.
+    Rows without a splat are omitted, and the others are reordered by part: first the surface, then scattered points.
 
     Parameters
     ----------
     path : str or path
-        A folder, which must be empty or not exist.
+        Folder that is empty or does not exist.
     part_points : int, optional
-        How many points a part has at most; it has a power of two of them. None: 4 million.
+        Largest number of points of a part; rounded down to a power of two. None: 4 million.
     progress : callable, optional
-        Called with the share done.
+        Called with the fraction done.
     levels : bool
         Whether each part gets levels of detail.
 
@@ -71,7 +70,7 @@ def split(
     OSError
         If the folder or a file cannot be written.
     ValueError
-        If the folder is not empty, or the model is in parts itself.
+        If the folder is not empty, or the model already is in parts.
     """
     check_path(path)
     check_callback(progress)
@@ -100,7 +99,7 @@ def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Pro
     points = model.points.select(rows)
     size, id = max(1 << (wanted.bit_length() - 1), least_size(max(count, 1))), secrets.token_hex(8)
     sizes = write_points(folder, id, points, radii, partial(tell, part_of(progress, 0.0, POINTS)))
-    about = Named(folder, id, points.origin, points.survey, list(points.attributes))
+    about = ModelInfo(folder, id, points.origin, points.survey, list(points.attributes))
     ends = np.array([0.0, count / len(rows), 1.0]) * (1.0 - POINTS) + POINTS
     files: list[PartFile] = []
     median, longest, supports = None, 0.0, []
@@ -122,7 +121,7 @@ def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Pro
 
 
 def _write_surface(
-    about: Named, points: Points, splats: Splats, size: int, model: Model, leveled: bool, progress: Progress | None
+    about: ModelInfo, points: Points, splats: Splats, size: int, model: Model, leveled: bool, progress: Progress | None
 ) -> Trees:
     """Write the parts of the surface."""
     grown = part_of(progress, 0.0, TREES if leveled else 1.0)
@@ -137,13 +136,13 @@ def _write_surface(
 
 
 def _write_loose(
-    about: Named,
+    about: ModelInfo,
     loose: LooseParts,
     surface: tuple[float | None, list[PartFile]],
     leveled: bool,
     progress: Progress | None,
 ) -> tuple[list[PartFile], list[list[float]]]:
-    """Write the parts of scattered points; what the index says of them, and the bounds of their spheres."""
+    """Write the parts of scattered points; return their index entries, and the bounds of their spheres."""
     layer, facts = loose.layer, []
     for part in range(len(layer.sizes)):
         facts.append(write_loose_part(about, loose, part))
@@ -157,7 +156,7 @@ def _write_loose(
 
 
 def _layer_of(folder: Path, size: int, splats: Splats, points: Points) -> Layer:
-    """Splats, as levels of detail are made of them."""
+    """Return splats as the finest layer of levels of detail."""
     named: dict[str, Any] = {layer.POSITIONS: splats.positions, layer.NORMALS: splats.normals}
     named |= {layer.RADII: splats.radii, layer.NOISE: splats.noise, layer.COLORS: points.colors}
     named |= {f"{ATTRIBUTE}{k}": values for k, values in enumerate(points.attributes.values())}

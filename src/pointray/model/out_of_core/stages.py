@@ -1,7 +1,7 @@
-"""What a part's surface is: positions and normals where they are met by rays, and supports, as in a whole model.
+"""Stages that compute the surface of a part: positions, normals and supports, equal to those of a whole model.
 
-Each function does one stage for one part, from columns of earlier stages, which other parts have written too. Numbers
-that hold for all parts come from a sample, see `cloud.statistics`, or from all parts, as the noise.
+Each function computes one stage for one part, from columns of earlier stages, including those of other parts. Values
+that are common to all parts come from a sample, see `cloud.statistics`, or from all parts, such as the noise.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Columns
-from ...cloud.denoising.noise import Stretches, examined, points_per_stretch
+from ...cloud.denoising.noise import NoiseRanges, measure_ranges, points_per_range
 from ...cloud.denoising.smooth import Fitting, Noise, noise_by, smooth_known
 from ...cloud.georeference import Survey
-from ...cloud.kd_ordering import Path
+from ...cloud.kd_ordering import KdOrdering
 from ...cloud.neighbors import distinct, take
-from ...cloud.normals.estimate import estimate_normals, seen_from, with_units
-from ...cloud.normals.jets import survey
+from ...cloud.normals.estimate import estimate_normals, normalize_normals, seen_from
+from ...cloud.normals.jets import measure_noise
 from ...cloud.normals.layers import Layers
 from ...cloud.normals.orientation import NEAR
 from ...cloud.normals.sheets import is_thick
@@ -27,7 +27,7 @@ from ...cloud.normals.stations import eyes_of, faced, is_known
 from ...cloud.outliers.layers import Part, merge_for_model
 from ...cloud.outliers.search import block_size
 from ...cloud.points import Points
-from ...cloud.sampled_statistics import of_places
+from ...cloud.sampled_statistics import of_distinct_positions
 from ...cloud.statistics import CloudStatistics
 from ...surface.splats.support import Support, find_support
 from ...surface.tree.settings import TreeSettings
@@ -36,68 +36,68 @@ from .sorted_sets import distinct_numbers
 
 Floats = NDArray[np.float32]
 
-# Columns: of the cloud as it was given, and of what is found, stage by stage.
+# Columns: of the given cloud, and of the results of each stage.
 POSITIONS, GIVEN = "points.positions", "points.normals"
 MERGED, UNITS, TURNED, KNOWN = "merged", "units", "turned", "known"
 LAYERS = "layers"  # of blocks, see `second_layers.py`
 PLACED, NORMALS, FACED, NOISE = "placed", "normals", "faced", "noise"
 PLANES = "planes.moved", "planes.normals"
-THICK, PARTED = "thick", "parted"  # whether a point may be of two sheets; normals where these were looked for
+THICK, PARTED = "thick", "parted"  # whether a point may be near two sheets; normals after orienting these
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """A cloud on disk, in kd order.
+    """Cloud on disk, in kd order.
 
     columns : Columns
-    total : int, how many points it has
+    total : int, number of points
     origin : (3,) float64
     survey : Survey
-    seers : dict of str to str, the columns of the attributes that tell who saw each point
-    is_seen : whether they tell it of any
-    ignored : the numbers of stations that are not believed, see `eyes_of`
+    viewpoint_columns : dict of str to str, columns of the attributes that hold the scan of each point
+    is_seen : whether any point has a known viewpoint
+    ignored : numbers of stations to ignore, see `eyes_of`
     """
 
     columns: Columns
     total: int
     origin: NDArray[np.float64]
     survey: Survey
-    seers: dict[str, str]
+    viewpoint_columns: dict[str, str]
     is_seen: bool
     ignored: tuple[int, ...] = ()
 
     @property
     def has_units(self) -> bool:
-        """Whether the normals that points have by now are unit ones: those of another length would be rounded again."""
+        """Whether the current normals have unit length; normalising them again would round them again."""
         return self.columns.get(TURNED) is not None
 
     @property
     def normals(self) -> str:
-        """The column with the normals of the surface that are there by now."""
+        """Name of the column with the current normals of the surface."""
         return self.latest(PARTED, self.latest(FACED, NORMALS))
 
     def points(self, local: Local) -> Points:
-        """Some of the points, where they are by now, with the normals that they have by now."""
+        """Return some points with their current positions and normals."""
         columns = self.columns
         positions = local.read(columns[self.latest(MERGED, POSITIONS)])
         normals = local.read(columns[self.latest(TURNED, GIVEN)]) if GIVEN in columns else None
-        attributes = {name: local.read(columns[column]) for name, column in self.seers.items()}
+        attributes = {name: local.read(columns[column]) for name, column in self.viewpoint_columns.items()}
         return Points.about(self.origin, positions, normals, None, attributes, self.survey)
 
     def latest(self, found: str, given: str) -> str:
-        """The column that a stage has found, if it is done for all parts, or what was given."""
+        """Return the column `found` if that stage is done for all parts, else `given`."""
         return given if self.columns.get(found) is None else found
 
 
 class Surface(NamedTuple):
-    """Some points where rays meet them.
+    """Surface at some points.
 
     positions, normals : (n, 3) float32, unit normals
-    noise : (n,) float32, what was smoothed away; None if nothing was
-    planes : (n, 3) float32 each, positions on planes around noisy points and the planes' normals, which tell signs
-    known : (n,) bool, whose scanner is known; None: nobody's
-    mended : how many normals were lost, and of another length
-    thick : (n,) bool, which points may be of two sheets; None: not asked
+    noise : (n,) float32, noise that was removed; None if none
+    planes : (n, 3) float32 each, positions moved onto planes around noisy points, and the planes' normals, for signs
+    known : (n,) bool, whether the viewpoint is known; None: none is known
+    repaired : number of missing normals, and of normals of another length
+    thick : (n,) bool, which points may be near two sheets; None: not computed
     """
 
     positions: Floats
@@ -105,86 +105,90 @@ class Surface(NamedTuple):
     noise: Floats | None
     planes: tuple[Floats, Floats] | None = None
     known: NDArray[np.bool_] | None = None
-    mended: tuple[int, int] = (0, 0)
+    repaired: tuple[int, int] = (0, 0)
     thick: NDArray[np.bool_] | None = None
 
 
-def path_of(positions: Floats) -> Path:
-    """The path through points that are in kd order and finite, see `along_path`."""
+def ordering_of(positions: Floats) -> KdOrdering:
+    """Return the kd ordering of finite points in kd order, see `compute_kd_ordering`."""
     rows, ids = distinct(positions)
-    return Path(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
+    return KdOrdering(positions if len(rows) == len(positions) else take(positions, rows), ids, rows)
 
 
-def merge(cloud: Cloud, local: Local, usual: CloudStatistics) -> Floats:
-    """Positions with those of second layers moved onto one surface, in the blocks that show them if these are known."""
+def merge(cloud: Cloud, local: Local, statistics: CloudStatistics) -> Floats:
+    """Move second layers onto one surface, in the blocks that show them if these are known; return the positions."""
     points = cloud.points(local)
-    along = path_of(points.positions)
+    ordering = ordering_of(points.positions)
     blocks = None
     if cloud.columns.get(LAYERS) is not None:
         here = distinct_numbers(local.rows // block_size(cloud.total))
         blocks = here[cloud.columns[LAYERS][here] != 0]
-    part = Part(cloud.total, local.rows[along.rows], of_places(usual, along.ids), blocks, cloud.ignored)
-    return merge_for_model(points, along=along, part=part).positions
+    part = Part(
+        cloud.total, local.rows[ordering.rows], of_distinct_positions(statistics, ordering.ids), blocks, cloud.ignored
+    )
+    return merge_for_model(points, ordering=ordering, part=part).positions
 
 
-def examine(cloud: Cloud, local: Local) -> Stretches:
-    """What the stretches of a part show of its noise; places are those of the whole cloud."""
+def examine(cloud: Cloud, local: Local) -> NoiseRanges:
+    """Measure the noise of the ranges of a part; places refer to the whole cloud."""
     points = cloud.points(local)
-    along = path_of(points.positions)
-    known = None if points.normals is None else take(_units_of(cloud, local, points).normals, along.rows)
-    found = examined(along.positions, known, points_per_stretch(cloud.total))
-    rows = along.rows[found.places]
+    ordering = ordering_of(points.positions)
+    known = None if points.normals is None else take(_units_of(cloud, local, points).normals, ordering.rows)
+    found = measure_ranges(ordering.positions, known, points_per_range(cloud.total))
+    rows = ordering.rows[found.places]
     own = np.isin(rows, local.own)
-    return Stretches(local.rows[rows[own]], found.middles[own], found.noise[own], found.spacing[own])
+    return NoiseRanges(local.rows[rows[own]], found.middles[own], found.noise[own], found.spacing[own])
 
 
-def place(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None) -> Surface:
-    """Points with normals of their own, moved where they are noisy. stretches : of all parts; None: sigma tells"""
+def place(cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None) -> Surface:
+    """Smooth points with normals. ranges : noise of all parts; None: given by sigma"""
     points = cloud.points(local)
-    mended = _units_of(cloud, local, points)
-    along = path_of(points.positions)
-    noise = _noise_along(local, along, stretches)
-    placed = smooth_known(points.with_normals(mended.normals), sigma, along=along, known_noise=noise)
+    repaired = _units_of(cloud, local, points)
+    ordering = ordering_of(points.positions)
+    noise = _noise_along(local, ordering, ranges)
+    placed = smooth_known(points.with_normals(repaired.normals), sigma, ordering=ordering, known_noise=noise)
     assert placed.points.normals is not None
-    return Surface(placed.points.positions, placed.points.normals, placed.noise, mended=mended.mended)
+    return Surface(placed.points.positions, placed.points.normals, placed.noise, repaired=repaired.repaired)
 
 
-def survey_fits(cloud: Cloud, local: Local, usual: CloudStatistics) -> None:
-    """Find what fits to points without normals ask of the whole cloud."""
-    along = path_of(cloud.points(local).positions)
-    survey(along.positions, of_places(usual, along.ids))
+def survey_fits(cloud: Cloud, local: Local, statistics: CloudStatistics) -> None:
+    """Compute the statistics that fits to points without normals need."""
+    ordering = ordering_of(cloud.points(local).positions)
+    measure_noise(ordering.positions, of_distinct_positions(statistics, ordering.ids))
 
 
-def fit(cloud: Cloud, local: Local, sigma: str | float, stretches: Stretches | None, usual: CloudStatistics) -> Surface:
-    """Points without normals, moved where they are noisy; signs are those that scanners tell, or not known."""
+def fit(
+    cloud: Cloud, local: Local, sigma: str | float, ranges: NoiseRanges | None, statistics: CloudStatistics
+) -> Surface:
+    """Smooth points without normals and fit normals; signs are known only where viewpoints are."""
     points = cloud.points(local)
-    along, (eye, known) = path_of(points.positions), _eyes_of(cloud, points)
-    path, eyes = along.positions, None if eye is None else take(eye, along.rows)
-    layers = None if cloud.is_seen else Layers(path)
-    fitting = Fitting(sigma, _noise_along(local, along, stretches), usual)
-    found = fitting.fit(path, NEAR, eyes, None, layers)
-    normals, noise = along.spread(found.normals, points), None
+    ordering, (eye, known) = ordering_of(points.positions), _eyes_of(cloud, points)
+    ordered, eyes = ordering.positions, None if eye is None else take(eye, ordering.rows)
+    layers = None if cloud.is_seen else Layers(ordered)
+    fitting = Fitting(sigma, _noise_along(local, ordering, ranges), statistics)
+    found = fitting.fit(ordered, NEAR, eyes, None, layers)
+    normals, noise = ordering.spread(found.normals, points), None
     if found.noise is not None:
-        noise = along.spread(found.noise, points)
-    positions = points.positions if found.positions is path else along.spread(found.positions, points)
+        noise = ordering.spread(found.noise, points)
+    positions = points.positions if found.positions is ordered else ordering.spread(found.positions, points)
     planes = None
     if layers is not None and layers.noisy:
-        planes = along.spread(layers.moved, points), along.spread(layers.planes, points)
-    thick = None if layers is None else along.spread(is_thick(found.residuals), points)
+        planes = ordering.spread(layers.moved, points), ordering.spread(layers.planes, points)
+    thick = None if layers is None else ordering.spread(is_thick(found.residuals), points)
     return Surface(positions, normals, noise, planes, known, thick=thick)
 
 
 def units(cloud: Cloud, local: Local) -> Surface:
-    """Points with unit normals, which face those who saw them, where that is known."""
+    """Return points with unit normals, turned towards known viewpoints."""
     points = cloud.points(local)
-    mended, (eye, known) = _units_of(cloud, local, points), _eyes_of(cloud, points)
+    repaired, (eye, known) = _units_of(cloud, local, points), _eyes_of(cloud, points)
     if eye is not None:
-        mended.normals[~faced(points.positions, mended.normals, eye)] *= -1
-    return mended._replace(known=known)
+        repaired.normals[~faced(points.positions, repaired.normals, eye)] *= -1
+    return repaired._replace(known=known)
 
 
 def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bool_] | None]:
-    """Who saw each point, about the origin, (n, 3), NaN where that is not known; and where it is known."""
+    """Return the viewpoint of each point relative to the origin, (n, 3), NaN where unknown, and where it is known."""
     if not cloud.is_seen:
         return None, None
     eyes = eyes_of(points, cloud.ignored)
@@ -194,24 +198,24 @@ def _eyes_of(cloud: Cloud, points: Points) -> tuple[Floats | None, NDArray[np.bo
     return eye, is_known(eye) & (eye != points.positions).any(axis=1)
 
 
-def _noise_along(local: Local, along: Path, stretches: Stretches | None) -> Noise | None:
-    return None if stretches is None else noise_by(stretches, local.rows[along.rows])
+def _noise_along(local: Local, ordering: KdOrdering, ranges: NoiseRanges | None) -> Noise | None:
+    return None if ranges is None else noise_by(ranges, local.rows[ordering.rows])
 
 
 def _units_of(cloud: Cloud, local: Local, points: Points) -> Surface:
-    """The points with unit normals; where none is good they are estimated. Own points alone count as mended."""
+    """Return the points with unit normals, estimated if none is valid. Repairs are counted for own points only."""
     if cloud.has_units:
         return Surface(points.positions, np.asarray(points.normals), None)
-    found = with_units(points, local.own)
+    found = normalize_normals(points, local.own)
     if found is None:
         return Surface(points.positions, np.asarray(estimate_normals(points).normals), None)
-    return Surface(points.positions, found.unit, None, mended=(found.lost, found.odd))
+    return Surface(points.positions, found.unit, None, repaired=(found.lost, found.odd))
 
 
 def support(
-    cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, usual: CloudStatistics
+    cloud: Cloud, local: Local, given: Floats | None, settings: TreeSettings, statistics: CloudStatistics
 ) -> Support:
-    """The support of points on their surface. given : (n,), their radii; None: chosen"""
+    """Return the support of points on their surface. given : (n,), their radii; None: automatic"""
     positions, normals = (local.read(cloud.columns[name]) for name in (PLACED, cloud.normals))
     automatic = settings.overhang < np.inf
     return find_support(
@@ -221,6 +225,6 @@ def support(
         1.0,
         borders=automatic,
         sheets=automatic and settings.surface != "paper",
-        statistics=usual,
+        statistics=statistics,
         noise=local.read(cloud.columns[NOISE]),
     )

@@ -1,6 +1,6 @@
-"""What is done for one part: columns of earlier stages -> columns, and a few facts.
+"""Tasks for one part: columns of earlier stages -> new columns, and a few facts.
 
-These are functions of a module with small arguments, so that workers can be told to do them; columns are opened anew.
+These are module-level functions with small arguments, so that they can be sent to workers; columns are reopened.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...cloud.denoising.noise import Stretches
+from ...cloud.denoising.noise import NoiseRanges
 from ...cloud.statistics import CloudStatistics
 from ...surface.splats.build import check_size
 from ...surface.splats.support import Support
@@ -22,47 +22,47 @@ RADII, BORDERS, SHEETS = "radii", "borders", "sheets"  # columns
 
 
 class Measure(NamedTuple):
-    """How the surface of a part is found.
+    """Options for finding the surface of a part.
 
-    sigma : the noise's deviation, or "auto"
-    stretches : the noise of all parts; None: sigma tells
-    usual : what fits to points without normals ask of the whole cloud; None: points have normals
+    sigma : standard deviation of the noise, or "auto"
+    ranges : noise of all parts; None: given by sigma
+    statistics : of the whole cloud, for fits to points without normals; None: points have normals
     """
 
     sigma: str | float
-    stretches: Stretches | None
-    usual: CloudStatistics | None
+    ranges: NoiseRanges | None
+    statistics: CloudStatistics | None
 
 
 class Supporting(NamedTuple):
-    """How supports are found. radii : the column of given ones, or None"""
+    """Options for finding supports. radii : the column of given radii, or None"""
 
     radii: str | None
     settings: TreeSettings
 
-    def find(self, cloud: Cloud, local: Local, usual: CloudStatistics) -> Support:
-        """The supports of some points."""
+    def find(self, cloud: Cloud, local: Local, statistics: CloudStatistics) -> Support:
+        """Return the supports of some points."""
         given = None if self.radii is None else np.asarray(local.read(cloud.columns[self.radii]), np.float32)
-        return support(cloud, local, given, self.settings, usual)
+        return support(cloud, local, given, self.settings, statistics)
 
 
-def move_layers(work: Work, cloud: Cloud, usual: CloudStatistics, part: int) -> None:
+def move_layers(work: Work, cloud: Cloud, statistics: CloudStatistics, part: int) -> None:
     """Move second layers onto one surface."""
     local = work.local(part)
-    local.write(work.columns[MERGED], merge(cloud, local, usual))
+    local.write(work.columns[MERGED], merge(cloud, local, statistics))
 
 
 def measure_noise(work: Work, cloud: Cloud, part: int) -> Facts:
-    """What the stretches of a part show of its noise, see `Stretches`."""
+    """Measure the noise of the ranges of a part, see `NoiseRanges`."""
     found = examine(cloud, work.local(part))
     return {name: values.tolist() for name, values in found._asdict().items()}
 
 
 def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts:
-    """Write where rays meet the points, their normals and noise."""
+    """Write the surface positions, normals and noise of a part."""
     local, columns = work.local(part), work.columns
-    sigma, stretches, usual = measure
-    found = place(cloud, local, sigma, stretches) if usual is None else fit(cloud, local, sigma, stretches, usual)
+    sigma, ranges, statistics = measure
+    found = place(cloud, local, sigma, ranges) if statistics is None else fit(cloud, local, sigma, ranges, statistics)
     local.write(columns[PLACED], found.positions)
     local.write(columns[NORMALS], found.normals)
     if found.noise is not None:
@@ -71,19 +71,19 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
         local.write(columns[name], values)
     if found.known is not None:
         local.write(columns[KNOWN], found.known)
-    said: Facts = {"is_noisy": found.noise is not None, "has_planes": found.planes is not None}
+    facts: Facts = {"is_noisy": found.noise is not None, "has_planes": found.planes is not None}
     if found.thick is not None:
         local.write(columns[THICK], found.thick)
         own = found.positions[local.own]
-        said |= {"thick": int(found.thick[local.own].sum()), "low": own.min(axis=0).tolist()}
-        said |= {"high": own.max(axis=0).tolist()}
-    return {**said, "mended": list(found.mended)}
+        facts |= {"thick": int(found.thick[local.own].sum()), "low": own.min(axis=0).tolist()}
+        facts |= {"high": own.max(axis=0).tolist()}
+    return {**facts, "mended": list(found.repaired)}
 
 
-def find_supports(work: Work, cloud: Cloud, supporting: Supporting, usual: CloudStatistics, part: int) -> Facts:
+def find_supports(work: Work, cloud: Cloud, supporting: Supporting, statistics: CloudStatistics, part: int) -> Facts:
     """Write the supports of a part."""
     local, columns = work.local(part), work.columns
-    found = supporting.find(cloud, local, usual)
+    found = supporting.find(cloud, local, statistics)
     check_size(found.radii)
     local.write(columns[RADII], found.radii)
     if found.borders is not None:

@@ -1,8 +1,8 @@
-"""Thin sheets of a closed cloud in parts: normals are turned as in the whole, to the bit, see `cloud.normals.sheets`.
+"""Orientation of thin sheets across parts, equal to that of the whole cloud to the bit; see `cloud.normals.sheets`.
 
-A winding number is a sum over all points: over tiles of the kd order, of whose trees all parts know the roots. A pass
-reads the tiles that its numbers ask for. What a pass finds is in columns of its own when the next one begins: a part
-that is made twice does no harm, however late.
+A winding number is a sum over all points, by tiles of the kd order; all parts know the roots of the tiles' trees. A
+pass reads the tiles that its numbers need. Each pass writes columns of its own before the next one begins, so computing
+a part twice is harmless.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from .local import Local, runs_of
 from .stages import FACED, PARTED, PLACED, THICK, Cloud
 from .work import Facts, Work
 
-# Columns: the square root of each point's area; whether a ring has found it, in its own part or in another one; what
-# its numbers have gained; whether it is turned at first, not decided by numbers, turned back, turned by its edges.
+# Columns: square root of each point's area; whether a ring has found it, in its own part or from another part; gain of
+# its numbers; whether it is flipped at first, undecided by numbers, flipped back, flipped by its edges.
 SPACING, FOUND, BESIDE, GAIN = "spacing", "found", "beside", "gain"
 TURNS, UNSURE, BACK, VOTED = "turns", "unsure", "turned.back", "voted"
 TOP, NUMBERS, DONE = "winding", "numbers", "sheets-done"
@@ -45,10 +45,10 @@ Flags = NDArray[np.bool_]
 
 
 class Field(NamedTuple):
-    """What is known of the winding numbers' splats.
+    """State of the winding numbers' splats.
 
-    scale : what spacings are divided by, or None
-    has_turned : whether normals are turned by what TURNS says
+    scale : divisor of spacings, or None
+    has_turned : whether normals are flipped as TURNS says
     """
 
     scale: float | None = None
@@ -56,16 +56,16 @@ class Field(NamedTuple):
 
     @property
     def top(self) -> str:
-        """The column with the tree over all tiles."""
+        """Name of the column with the tree over all tiles."""
         return f"{TOP}-{(self.scale is not None) + self.has_turned}"
 
 
 class Around(NamedTuple):
-    """A part with its margin, and the neighbours of some of its own points.
+    """Part with its margin, and the neighbours of some of its own points.
 
-    rows : (m,) int64, these points, among the n
+    rows : (m,) int64, indices of these points among the n
     positions, normals : (n, 3) float32
-    near : (n, k) int32, of these points alone; 0 elsewhere
+    near : (n, k) int32, of these points only; 0 elsewhere
     """
 
     local: Local
@@ -75,8 +75,8 @@ class Around(NamedTuple):
     near: NDArray[np.int32]
 
 
-class Thin:
-    """The passes. It can be sent to workers.
+class ThinSheets:
+    """Passes over the parts. Can be sent to workers.
 
     Parameters
     ----------
@@ -84,14 +84,14 @@ class Thin:
     cloud : Cloud
     frame : Frame
     thick : sequence of int
-        How many points of each part may be of two sheets.
+        Number of points of each part that may be near two sheets.
     """
 
     def __init__(self, work: Work, cloud: Cloud, frame: Frame, thick: Sequence[int]) -> None:
         self._work, self._cloud, self._frame, self._thick = work, cloud, frame, list(thick)
 
-    def part_sheets(self, span: Span) -> bool:
-        """Write all normals, some of which are turned, to the column `PARTED`; returns whether there are any."""
+    def orient(self, span: Span) -> bool:
+        """Write all normals, some flipped, to the column `PARTED`; return whether any may be flipped."""
         work = self._work
         ends = np.linspace(*span, 13)
         spans = iter(zip(ends[:-1].tolist(), ends[1:].tolist(), strict=True))
@@ -100,31 +100,31 @@ class Thin:
             return work.all(do, next(spans), "sheets")
 
         for name in (SPACING, GAIN):
-            work.room(name, np.float32)
+            work.make_column(name, np.float32)
         for name in (TURNS, UNSURE, BACK, VOTED, *_ring_columns()):
-            work.room(name, np.int8)
+            work.make_column(name, np.int8)
         each(self._measure)
-        self._settle(each, Field())
+        self._write_top(each, Field())
         near, far = (np.concatenate(numbers) for numbers in zip(*each(self._sample), strict=True))
         scale = scale_of(near, far)
         if scale is None:
             return False
         field = Field(scale)
-        self._settle(each, field)
+        self._write_top(each, field)
         for ring in range(RINGS):
             self._mark(ring, each(partial(self._ring, field, ring)))
         if not any(each(partial(self._turn, field))):
             return False
         field = Field(scale, has_turned=True)
-        self._settle(each, field)
+        self._write_top(each, field)
         each(partial(self._weigh, field))
         each(self._turn_back)
         each(self._vote)
-        work.room(PARTED, np.float32, 3)
+        work.make_column(PARTED, np.float32, 3)
         each(self._write)
         return True
 
-    def _settle(self, each: Any, field: Field) -> None:
+    def _write_top(self, each: Any, field: Field) -> None:
         """Write the tree over all tiles."""
         self._work.columns.fill(field.top, top_of(np.concatenate(each(partial(self._roots, field)))))
 
@@ -134,10 +134,10 @@ class Thin:
         core = slice(int(local.own[0]), int(local.own[-1]) + 1)
         positions = self._frame.of(local.read(columns[PLACED]))
         found = spacings(positions, near_in(self._cloud, local, core, NEAR), core.start)
-        columns[SPACING].write(self._work.stretch(part).start, found)
+        columns[SPACING].write(self._work.part_rows(part).start, found)
 
     def _read(self, field: Field, tiles: Rows) -> Splats:
-        """Splats of some tiles."""
+        """Return the splats of some tiles."""
         rows = (tiles[:, None] * TILE + np.arange(TILE)).ravel()
         columns, runs = self._work.columns, runs_of(rows[rows < self._cloud.total])
         placed, normals, spacing = (_rows(columns[name], runs) for name in (PLACED, FACED, SPACING))
@@ -148,55 +148,55 @@ class Thin:
         return Splats(self._frame.of(placed), normals, spacing)
 
     def _around(self, field: Field, rows: Rows, step: float = STEP) -> Floats:
-        """The winding numbers in front of and behind some points of the cloud."""
+        """Return the winding numbers in front of and behind some points of the cloud."""
         tiles = -(-self._cloud.total // TILE)
         return Winding(self._work.columns[field.top][:], tiles, partial(self._read, field)).around(rows, step)
 
     def _roots(self, field: Field, part: int) -> Floats:
-        stretch = self._work.stretch(part)
-        return roots_of(self._read(field, np.arange(stretch.start // TILE, -(-stretch.stop // TILE))))
+        part_rows = self._work.part_rows(part)
+        return roots_of(self._read(field, np.arange(part_rows.start // TILE, -(-part_rows.stop // TILE))))
 
     def _sample(self, part: int) -> tuple[Floats, Floats]:
-        """The numbers of those points of the sample that lie in a part, one spacing away and farther."""
-        rows, stretch = sample_of(self._cloud.total), self._work.stretch(part)
-        rows = rows[(rows >= stretch.start) & (rows < stretch.stop)]
+        """Return the numbers of the sampled points of a part, one spacing away and farther."""
+        rows, part_rows = sample_of(self._cloud.total), self._work.part_rows(part)
+        rows = rows[(rows >= part_rows.start) & (rows < part_rows.stop)]
         return self._around(Field(), rows, 1.0), self._around(Field(), rows)
 
     def _ring(self, field: Field, ring: int, part: int) -> Rows:
-        """Mark a part's own points around those whose numbers are odd; returns those in other parts."""
-        columns, stretch = self._work.columns, self._work.stretch(part)
+        """Mark a part's own points around those whose numbers do not add up to 1; return those in other parts."""
+        columns, part_rows = self._work.columns, self._work.part_rows(part)
         before = self._suspects(part, ring)
         if ring == 0:
-            thick, earlier = np.flatnonzero(columns[THICK][stretch]), sum(self._thick[:part])
+            thick, earlier = np.flatnonzero(columns[THICK][part_rows]), sum(self._thick[:part])
             step = step_of(sum(self._thick), self._cloud.total)
             rows = thick[-earlier % step :: step]
         else:
             rows = np.flatnonzero(before)
-        rows = rows[is_odd(self._around(field, rows + stretch.start))]
+        rows = rows[is_odd(self._around(field, rows + part_rows.start))]
         around = self._neighborhood(part, rows)
         beside = around.local.rows[np.unique(around.near[around.rows])]
-        is_own = (beside >= stretch.start) & (beside < stretch.stop)
+        is_own = (beside >= part_rows.start) & (beside < part_rows.stop)
         found = np.zeros(len(before), np.int8)
-        found[beside[is_own] - stretch.start] = 1
-        columns[f"{FOUND}-{ring}"].write(stretch.start, found)
+        found[beside[is_own] - part_rows.start] = 1
+        columns[f"{FOUND}-{ring}"].write(part_rows.start, found)
         return np.asarray(beside[~is_own])
 
     def _mark(self, ring: int, rows: Sequence[Rows]) -> None:
-        """Mark points that parts have found in others."""
+        """Mark points that other parts have found."""
         beside = np.unique(np.concatenate(rows))
         for run in runs_of(beside) if len(beside) else []:
             self._work.columns[f"{BESIDE}-{ring}"].write(run.start, np.ones(run.stop - run.start, np.int8))
 
     def _suspects(self, part: int, rings: int = RINGS) -> Flags:
-        """Which of a part's points some rings have found."""
-        stretch = self._work.stretch(part)
-        found = np.zeros(stretch.stop - stretch.start, np.bool_)
+        """Return which of a part's points some rings have found."""
+        part_rows = self._work.part_rows(part)
+        found = np.zeros(part_rows.stop - part_rows.start, np.bool_)
         for name in _ring_columns(rings):
-            found |= self._work.columns[name][stretch] != 0
+            found |= self._work.columns[name][part_rows] != 0
         return found
 
     def _neighborhood(self, part: int, rows: Rows) -> Around:
-        """A part with its margin. rows : of its own points"""
+        """Return a part with its margin. rows : of its own points"""
         local, columns = self._work.local(part), self._work.columns
         mine = local.own[rows]
         near = np.zeros((len(local.rows), NEAR), np.int32)
@@ -205,50 +205,50 @@ class Thin:
         return Around(local, mine, self._frame.of(local.read(columns[PLACED])), local.read(columns[FACED]), near)
 
     def _turn(self, field: Field, part: int) -> bool:
-        """Say which of the suspects are turned; returns whether there are any suspects."""
-        columns, stretch = self._work.columns, self._work.stretch(part)
+        """Write which suspects are flipped; return whether there are any suspects."""
+        columns, part_rows = self._work.columns, self._work.part_rows(part)
         rows = np.flatnonzero(self._suspects(part))
-        numbers = self._around(field, rows + stretch.start)
+        numbers = self._around(field, rows + part_rows.start)
         columns.fill(f"{NUMBERS}-{part:04d}", numbers)
         _, mine, positions, normals, near = self._neighborhood(part, rows)
-        self._say(TURNS, part, rows[is_wrong(mine, numbers, positions, normals, near)])
+        self._write_flags(TURNS, part, rows[is_wrong(mine, numbers, positions, normals, near)])
         return len(rows) > 0
 
     def _weigh(self, field: Field, part: int) -> None:
-        """Write what the suspects have gained, and which are unsure."""
-        columns, stretch = self._work.columns, self._work.stretch(part)
-        gain, rows = np.zeros(stretch.stop - stretch.start, np.float32), np.flatnonzero(self._suspects(part))
-        before, after = columns[f"{NUMBERS}-{part:04d}"][:], self._around(field, rows + stretch.start)
+        """Write the gain of the suspects, and which are undecided."""
+        columns, part_rows = self._work.columns, self._work.part_rows(part)
+        gain, rows = np.zeros(part_rows.stop - part_rows.start, np.float32), np.flatnonzero(self._suspects(part))
+        before, after = columns[f"{NUMBERS}-{part:04d}"][:], self._around(field, rows + part_rows.start)
         gain[rows] = energy(before) - energy(after)
-        columns[GAIN].write(stretch.start, gain)
-        self._say(UNSURE, part, rows[is_unsure(before, after)])
+        columns[GAIN].write(part_rows.start, gain)
+        self._write_flags(UNSURE, part, rows[is_unsure(before, after)])
 
     def _turn_back(self, part: int) -> None:
-        """Say which are turned back, as they have gained nothing."""
+        """Write which are flipped back because they gained nothing."""
         columns = self._work.columns
-        turned = np.flatnonzero(columns[TURNS][self._work.stretch(part)])
+        turned = np.flatnonzero(columns[TURNS][self._work.part_rows(part)])
         local, mine, _, _, near = self._neighborhood(part, turned)
-        self._say(BACK, part, turned[local.read(columns[GAIN])[near[mine]].sum(axis=1) <= 0])
+        self._write_flags(BACK, part, turned[local.read(columns[GAIN])[near[mine]].sum(axis=1) <= 0])
 
     def _vote(self, part: int) -> None:
-        """Say which of those that are unsure edges turn."""
-        columns, stretch = self._work.columns, self._work.stretch(part)
-        unsure = np.flatnonzero(columns[UNSURE][stretch] | columns[BACK][stretch])
+        """Write which of the undecided points are flipped by their edges."""
+        columns, part_rows = self._work.columns, self._work.part_rows(part)
+        unsure = np.flatnonzero(columns[UNSURE][part_rows] | columns[BACK][part_rows])
         local, mine, positions, normals, near = self._neighborhood(part, unsure)
         normals *= _signs(local.read(columns[TURNS]) ^ local.read(columns[BACK]))
-        self._say(VOTED, part, unsure[disagrees(mine, positions, normals, near)])
+        self._write_flags(VOTED, part, unsure[disagrees(mine, positions, normals, near)])
 
-    def _say(self, name: str, part: int, rows: Rows) -> None:
-        """Write 1 for some of a part's points, and 0 for its others."""
-        stretch = self._work.stretch(part)
-        flags = np.zeros(stretch.stop - stretch.start, np.int8)
+    def _write_flags(self, name: str, part: int, rows: Rows) -> None:
+        """Write 1 for some of a part's points, and 0 for the others."""
+        part_rows = self._work.part_rows(part)
+        flags = np.zeros(part_rows.stop - part_rows.start, np.int8)
         flags[rows] = 1
-        self._work.columns[name].write(stretch.start, flags)
+        self._work.columns[name].write(part_rows.start, flags)
 
     def _write(self, part: int) -> None:
-        columns, stretch = self._work.columns, self._work.stretch(part)
-        turns = columns[TURNS][stretch] ^ columns[BACK][stretch] ^ columns[VOTED][stretch]
-        columns[PARTED].write(stretch.start, columns[FACED][stretch] * _signs(turns))
+        columns, part_rows = self._work.columns, self._work.part_rows(part)
+        turns = columns[TURNS][part_rows] ^ columns[BACK][part_rows] ^ columns[VOTED][part_rows]
+        columns[PARTED].write(part_rows.start, columns[FACED][part_rows] * _signs(turns))
 
 
 def _rows(column: Any, runs: list[slice]) -> NDArray[Any]:
@@ -256,7 +256,7 @@ def _rows(column: Any, runs: list[slice]) -> NDArray[Any]:
 
 
 def _signs(turned: NDArray[np.int8]) -> NDArray[np.int8]:
-    """-1 where points are turned, (n, 1)."""
+    """Return -1 where points are flipped, else 1, (n, 1)."""
     return np.where(turned, np.int8(-1), np.int8(1))[:, None]
 
 
@@ -264,13 +264,13 @@ def _ring_columns(rings: int = RINGS) -> list[str]:
     return [f"{name}-{ring}" for ring in range(rings) for name in (FOUND, BESIDE)]
 
 
-def part_thin_sheets(work: Work, cloud: Cloud, facts: Sequence[Facts], span: Span) -> None:
-    """Turn normals of thin plates and cavities, unless that is done. facts : of all parts, see `find_surface`"""
+def orient_sheets_of_parts(work: Work, cloud: Cloud, facts: Sequence[Facts], span: Span) -> None:
+    """Flip normals of thin plates and cavities, unless already done. facts : of all parts, see `find_surface`"""
     thick = [fact["thick"] for fact in facts]
     if work.columns.get(DONE) is not None or not sum(thick):
         return
     low, high = (np.array([fact[name] for fact in facts], np.float32) for name in ("low", "high"))
     frame = Frame(work.columns[PLACED][:1][0], float((high.max(axis=0) - low.min(axis=0)).max()))
-    if Thin(work, cloud, frame, thick).part_sheets(span):
+    if ThinSheets(work, cloud, frame, thick).orient(span):
         work.columns.put(PARTED, {})
     work.columns.put(DONE, {})

@@ -1,8 +1,8 @@
-"""The trees of the parts, over splats that need not fit into memory: together they are the tree of the whole.
+"""Trees of the parts, over splats that need not fit into memory; together they equal the tree of the whole model.
 
-A part is an aligned stretch of the kd order. Its tree holds the voxels that the whole's tree has around this stretch,
-each with the same blocks: of the part, and of others whose splats reach there. So rays meet in parts what they meet in
-one model.
+A part is an aligned range of the kd order. Its tree holds the voxels that the whole tree has around this range, each
+with the same blocks: of the part, and of other parts whose splats reach there. Rays thus have the same hits as in a
+single model.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from ...surface.tree.top import PER_GROUP, Groups, cells_of_parts, cut_top, grou
 from ..model_folder import PartFile, write_part
 
 GROUP = PER_BLOCK * PER_GROUP  # splats
-# Radii. A statue in 8 parts, each second one a level coarser: of 3,500 lit pixels 44 are dark without a margin, 10, 8
-# and 1 with 0.1, 0.15 and 0.25; 1, 68, 100 and 157 in shadow are light.
+# Radii. Of a statue in 8 parts, every second one a level coarser, 44 of 3,500 lit pixels are dark without a margin; 10,
+# 8 and 1 with 0.1, 0.15 and 0.25. 1, 68, 100 and 157 shadowed pixels are lit.
 STEP_BESIDE = 0.1
-BINS = 1 << 16  # of the upper half of a float's bits, and of the lower
+BINS = 1 << 16  # of the upper half of a float's bits, and of the lower half
 
 
 class Plan(NamedTuple):
-    """What the trees of all parts share.
+    """Values that the trees of all parts share.
 
-    size : splats of a part, a power of two, `least_size` or more
+    size : splats of a part, a power of two, at least `least_size`
     groups : of all splats, each of `GROUP`
     supports : (6,) float32, bounds of all supports
-    reference : the radius that steps are powers of two of
+    reference : radius; steps are powers of two times it
     """
 
     size: int
@@ -49,9 +49,9 @@ class Plan(NamedTuple):
 
 
 class Trees(NamedTuple):
-    """What `write_trees` has written.
+    """Result of `write_trees`.
 
-    plan : what they share; longest : longest step of the samples in any leaf
+    plan : shared values; longest : longest sampling step in any leaf
     """
 
     parts: list[PartFile]
@@ -60,7 +60,7 @@ class Trees(NamedTuple):
 
 
 def least_size(count: int) -> int:
-    """The fewest splats that a part of so many may have, a power of two."""
+    """Return the least number of splats of a part, a power of two."""
     return GROUP * groups_per_root(-(-count // GROUP))
 
 
@@ -78,11 +78,11 @@ def write_trees(
     Parameters
     ----------
     points : Points
-        A row for each splat.
+        One row per splat.
     splats : Splats
         In kd order.
     size : int
-        Splats of a part, a power of two, `least_size` or more.
+        Splats of a part, a power of two, at least `least_size`.
     """
     parts = range(-(-len(splats.radii) // size))
     plan = plan_of([shown(splats, size, part) for part in parts], splats.radii, size)
@@ -97,14 +97,14 @@ def write_trees(
 
 
 def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:
-    """What a part shows to the others: its groups, and the bounds of its supports. Arrays may be columns."""
+    """Return the groups of a part, and the bounds of its supports. Arrays may be columns."""
     mine = part_of(splats, slice(part * size, min((part + 1) * size, len(splats.radii))))
     order = np.arange(len(mine.radii), dtype=np.int32)
     return groups_of(*make_blocks(mine.positions, mine.normals, mine.radii, order)), bounds_of(mine)
 
 
 def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: int) -> Plan:
-    """What the trees share, from what all parts show. radii : of all splats, an array or a column"""
+    """Return the values that the trees share. radii : of all splats, an array or a column"""
     groups = Groups(*(np.concatenate(arrays) for arrays in zip(*(groups for groups, _ in parts), strict=True)))
     starts = range(0, len(radii), size)
     reference = nth_least(lambda: (radii[start : start + size] for start in starts), len(radii) // 50)
@@ -112,24 +112,24 @@ def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: i
 
 
 def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tree:
-    """The tree of a part. Arrays of the splats may be columns."""
+    """Build the tree of a part. Arrays of the splats may be columns."""
     count, step = len(splats.radii), longest_step(settings.samples)
-    stretch = slice(part * plan.size, min((part + 1) * plan.size, count))
-    top, needed = top_of_part(plan.groups, step, range(stretch.start // GROUP, -(-stretch.stop // GROUP)))
+    part_rows = slice(part * plan.size, min((part + 1) * plan.size, count))
+    top, needed = top_of_part(plan.groups, step, range(part_rows.start // GROUP, -(-part_rows.stop // GROUP)))
     rows = (needed[:, None] * GROUP + np.arange(GROUP)).reshape(-1)
     whole = WholeModel(top, plan.supports, plan.reference)
     return without_unused(build_tree(part_of(splats, rows[rows < count]), settings, in_order=True, whole=whole))
 
 
 def cells_of(plan: Plan) -> NDArray[np.float64]:
-    """The space of each part, (parts, 6): the same planes cut it as in the whole's tree."""
+    """Return the space of each part, (parts, 6): split by the same planes as the whole tree."""
     return cells_of_parts(plan.groups, plan.size // GROUP)
 
 
 def tree_within(
     splats: Splats, box: NDArray[np.float64], shared: tuple[NDArray[np.float32], float], settings: TreeSettings
 ) -> Tree:
-    """The tree of some splats, in kd order, in a box only.
+    """Build the tree of splats in kd order within a box.
 
     box : (6,) float64; shared : with other trees, `supports` and `reference` as in `Plan`
     """
@@ -139,10 +139,10 @@ def tree_within(
 
 
 def with_margins(tree: Tree, box: NDArray[np.float64]) -> Tree:
-    """The tree of a level of detail in a box, with margins (`Tree.noise`) in the leaves beside the box's faces.
+    """Return the tree of a level of detail in a box with margins (`Tree.noise`) in the leaves at the box's faces.
 
-    Beyond a face another level may be shown, whose surface lies a little higher or lower: a shadow ray that begins on
-    the lower one would go through the step between them.
+    Beyond a face another level may be shown, whose surface is slightly higher or lower: a shadow ray that starts on the
+    lower one would pass through the step between them.
     """
     leaves = tree.leaves.reshape(-1, LEAF)
     voxels, radii = leaves[:, CELL : CELL + 6], leaves[:, RADIUS]
@@ -155,24 +155,24 @@ def with_margins(tree: Tree, box: NDArray[np.float64]) -> Tree:
 
 
 def bounds_about(positions: NDArray[np.float32], origin: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The box around positions, (2, 3), world."""
+    """Return the bounding box of positions, (2, 3), world."""
     return np.stack([positions.min(axis=0), positions.max(axis=0)]).astype(np.float64) + origin
 
 
 def part_of(splats: Splats, rows: slice | NDArray[np.int64]) -> Splats:
-    """Some of the splats."""
+    """Select some of the splats."""
     arrays: list[Any] = [None if array is None else np.ascontiguousarray(array[rows]) for array in splats]
     return Splats(*arrays)
 
 
 def _around(boxes: list[NDArray[np.float32]]) -> NDArray[np.float32]:
-    """The box around boxes, (6,)."""
+    """Return the bounding box of boxes, (6,)."""
     each = np.array(boxes)
     return np.concatenate([each[:, :3].min(axis=0), each[:, 3:].max(axis=0)])
 
 
 def nth_least(read: Callable[[], Iterable[NDArray[np.float32]]], n: int) -> float:
-    """The number that would stand at place n if all, which are positive, were sorted. read : gives all, in chunks"""
+    """Return the nth of all values in ascending order; they are positive. read : yields all values, in chunks"""
     upper = sum(np.bincount(bits >> 16, minlength=BINS) for bits in _bits_of(read()))
     high = int(np.searchsorted(np.cumsum(upper), n, side="right"))
     n -= int(np.cumsum(upper)[high - 1]) if high else 0

@@ -1,7 +1,7 @@
-"""Work on a cloud in parts: stages that follow each other, and what each has found, on disk.
+"""Work on a cloud in parts: consecutive stages, and their results on disk.
 
-What is done is not done again, so that an interrupted run goes on. Parts of a stage are done one after the other here,
-or at once by workers.
+Finished work is not repeated, so an interrupted run can be resumed. The parts of a stage are processed one after the
+other in this process, or concurrently by workers.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ Result = TypeVar("Result")
 class Work:
     """Columns of a cloud in parts, and stages for each part.
 
-    It can be sent to workers, which do parts of a stage with it, and tell nobody of their progress.
+    Can be sent to workers, which process parts of a stage with it and report no progress.
 
     Parameters
     ----------
     columns : Columns
     total : int
-        Points of the cloud.
+        Number of points of the cloud.
     size : int
-        Points of a part, a power of two, `TILE` or more.
+        Points of a part, a power of two, at least `TILE`.
     progress : callable, optional
-        Called with the share done.
+        Called with the fraction done.
     tasks : TaskExecutor, optional
-        Workers who see the columns. What is done for parts is sent to them, so it is a function of a module, or a
-        method, with small arguments. None: this process.
+        Workers that see the columns. Functions applied to parts are sent to them: module-level functions, or methods,
+        with small arguments. None: this process.
 
     Attributes
     ----------
     is_sent : bool
-        Whether this is a worker's, or another machine's.
+        Whether this is a copy in a worker.
     """
 
     def __init__(
@@ -65,28 +65,28 @@ class Work:
     def __reduce__(self) -> tuple[Any, ...]:
         return Work, (self.columns, self._total, self.size), {"is_sent": True}
 
-    def stretch(self, part: int) -> slice:
-        """The rows of a part."""
+    def part_rows(self, part: int) -> slice:
+        """Return the rows of a part."""
         return slice(part * self.size, min((part + 1) * self.size, self._total))
 
     def watch(self, span: tuple[float, float]) -> Progress | None:
-        """The progress of a share of the time."""
+        """Return the progress callback of a span of the time."""
         return part_of(self._progress, *span)
 
-    def room(self, name: str, dtype: Any, width: int = 0) -> Column:
-        """A column for all points, as it is if there is one; ValueError if there was one, which is lost."""
+    def make_column(self, name: str, dtype: Any, width: int = 0) -> Column:
+        """Return a column for all points, created if missing; raise a ValueError if it existed and was lost."""
         there, made = self.columns.find(name), f"made-{name}"
         if there is not None:
             return there
         if self.columns.get(made) is not None:
-            raise ValueError(f"{self.columns.folder}: {name} is missing: remove the folder to begin anew")
+            raise ValueError(f"{self.columns.folder}: {name} is missing: remove the folder to start over")
         column = self.columns.make(name, dtype, width, self._total)
         self.columns.put(made, {})
         return column
 
     def local(self, part: int) -> Local:
-        """The points of a part with its margin, which is looked for once."""
-        tiles, name = np.arange(part * self.size, self.stretch(part).stop, TILE) // TILE, f"margin-{part:04d}"
+        """Return the points of a part with its margin, which is computed once."""
+        tiles, name = np.arange(part * self.size, self.part_rows(part).stop, TILE) // TILE, f"margin-{part:04d}"
         known = self.columns.get(name)
         if known is not None:
             return points_of(np.array(known["tiles"], np.int64), tiles, self._total)
@@ -94,54 +94,54 @@ class Work:
         self.columns.put(name, {"tiles": local.tiles.tolist()})
         return local
 
-    def surveyed(self, stage: str, look: Callable[[Local, CloudStatistics], Any]) -> CloudStatistics:
-        """What a stage asks of the whole cloud, found by doing it for the sample."""
+    def statistics_for(self, stage: str, compute: Callable[[Local, CloudStatistics], Any]) -> CloudStatistics:
+        """Return the statistics that a stage needs of the whole cloud, computed on the sample and cached."""
         known = self.columns.get(f"usual-{stage}")
         if known is None:
-            stretches = sample_of(self._total)
-            tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in stretches])
+            ranges = sample_of(self._total)
+            tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in ranges])
             local = local_of(self.columns, tiles, self._total)
-            usual = SampledStatistics(local.own)
-            look(local, usual)
-            known = usual.known
+            statistics = SampledStatistics(local.own)
+            compute(local, statistics)
+            known = statistics.known
             self.columns.put(f"usual-{stage}", known)
-        return CloudStatistics(None, known, is_told=True)
+        return CloudStatistics(None, known, is_complete=True)
 
     def all(self, do: Callable[[int], Result], span: tuple[float, float], name: str = "signs") -> list[Result]:
-        """Do something for each part, whether or not it is done; what each gives. name : what the dashboard shows"""
+        """Call a function for each part; return the results. name : for the dashboard"""
         results = dict(self._share(name, partial(_do, self, do), range(self.parts), span))
         return [results[part] for part in range(self.parts)]
 
     def each(self, stage: str, do: Callable[[int], Facts | None], span: tuple[float, float]) -> list[Facts]:
-        """Do a stage for each part, unless it is done; what each says."""
+        """Run a stage for each part where it is not done yet; return the facts of all parts."""
         known = {part: self.columns.get(_mark(stage, part)) for part in range(self.parts)}
-        todo = [part for part, said in known.items() if said is None]
+        todo = [part for part, facts in known.items() if facts is None]
         known.update(self._share(stage, partial(_do_once, self, stage, do), todo, span))
         return [known[part] or {} for part in range(self.parts)]
 
     def _share(
         self, name: str, do: Callable[[int], Result], todo: Sequence[int], span: tuple[float, float]
     ) -> Iterator[tuple[int, Result]]:
-        """Do something for some parts, by the executor; yields each with what it gives."""
-        say, done = self.watch(span), self.parts - len(todo)
+        """Call a function for some parts, by the executor; yield each part with its result."""
+        report, done = self.watch(span), self.parts - len(todo)
 
         def tick() -> None:
-            tell(say, done / self.parts)
+            tell(report, done / self.parts)
 
         for one in self._tasks.share(name, do, todo, tick):
             done += 1
-            tell(say, done / self.parts)
+            tell(report, done / self.parts)
             yield one
         self._tasks.refresh(self.columns.folder)
 
 
 def _mark(stage: str, part: int) -> str:
-    """The facts that say that a stage is done for a part."""
+    """Return the name of the facts that mark a stage of a part as done."""
     return f"{stage}-{part:04d}"
 
 
 def _do(work: Work, do: Callable[[int], Result], part: int) -> Result:
-    """Do something for a part; what it has written is on the disk then, for all machines."""
+    """Call a function for a part, then flush its columns to the disk, for all machines."""
     if work.is_sent:
         look_again(work.columns.folder)
     result = do(part)
@@ -151,7 +151,7 @@ def _do(work: Work, do: Callable[[int], Result], part: int) -> Result:
 
 
 def _do_once(work: Work, stage: str, do: Callable[[int], Facts | None], part: int) -> Facts:
-    """Do a stage for a part, and mark it as done."""
-    said = _do(work, do, part) or {}
-    work.columns.put(_mark(stage, part), said)
-    return said
+    """Run a stage for a part, and mark it as done."""
+    facts = _do(work, do, part) or {}
+    work.columns.put(_mark(stage, part), facts)
+    return facts

@@ -1,4 +1,4 @@
-"""What rays of pictures meet, with all that shading reads of models there: asked of those who hold the models."""
+"""Intersection of forwarded rays with the models of a holder, with the data that shading needs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from ...surface.trace.hits import describe_tile
 from ...surface.trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from, trace_tile
 
 BATCH = 16  # tiles that a thread takes at a time
-BEGINS, SLOT = 128, 63  # bits of a ray's slot: whether it is the first one of a tile; which ray of the tile it is
+BEGINS, SLOT = 128, 63  # masks of a ray's slot: first ray of a tile; index of the ray in its tile
 
 Rays: TypeAlias = tuple[Array, Array, Array, Array]  # origins, directions, ends, sides: float64, flat
 
@@ -35,12 +35,12 @@ Rays: TypeAlias = tuple[Array, Array, Array, Array]  # origins, directions, ends
 def _answer(
     work: Array, world: World, rays: Rays, tiles: tuple[Array, Array], any_hit: bool, out: tuple[Array, Array]
 ) -> int:
-    """What rays meet, tile by tile.
+    """Intersect rays, tile by tile.
 
-    tiles : slots of the rays, uint8, and where each tile begins among them, int64, one more than there are tiles
-    any_hit : whether it only matters that they meet something
-    out : instances (n,) int32, -1 where nothing is met; and of what is met facts (n * 8,) float64, t, normal, color and
-        the margin of `shading_points`
+    tiles : slots of the rays, uint8; begin of each tile, and the end, int64
+    any_hit : whether to test for occlusion only
+    out : instances (n,) int32, -1 for a miss; facts (n * 8,) float64: t, normal, color and the margin of
+        `shading_points`
     """
     origins, directions, ends, sides = borrow(rays[0]), borrow(rays[1]), borrow(rays[2]), borrow(rays[3])
     slots, begins, instances, facts = borrow(tiles[0]), borrow(tiles[1]), borrow(out[0]), borrow(out[1])
@@ -67,7 +67,7 @@ def _answer(
                     continue
                 instances[i] = scratch.numbers[INSTANCE_OF + k]
                 if instances[i] >= 0:
-                    # Of a sphere the blended normal, which faces the eye as the exact one does; else the exact one.
+                    # For spheres the blended normal, which is on the eye's side as the exact one is.
                     side = scratch.shading_points[SHADING_SIDE + k]
                     normal = scale(load3(scratch.shading_points, SHADING_NORMAL + k), side)
                     color = load3(scratch.world, COLOR + k)
@@ -81,30 +81,30 @@ def _answer(
 
 
 def answer(world: World, rays: Array, slots: Array, any_hit: bool, pace: Pace = PLAIN) -> tuple[Array, Array]:
-    """What rays meet.
+    """Intersect rays.
 
     Parameters
     ----------
     rays : (n, 8) float64
         Origin, unit direction, end, side.
     slots : (n,) uint8
-        Which ray of a tile each is, with `BEGINS` where a tile begins. Rays are traced in the tiles in which they were
-        asked for, whose rays are alike.
+        Index of each ray in its tile, with `BEGINS` at the first ray of a tile. Rays keep the tiles of the image, whose
+        rays are coherent.
     any_hit : bool
-        Whether it only matters that they meet something.
+        Whether to test for occlusion only.
 
     Returns
     -------
     instances : (n,) int32
-        The row of what is met, 0 where only that matters; -1: nothing.
+        Row of the instance hit, or 0 with `any_hit`; -1 for a miss.
     facts : (n, 8) float64
-        t, normal, colour, margin; without meaning where nothing is met, and where that does not matter.
+        t, normal, colour, margin; undefined for a miss. Empty with `any_hit`.
     """
     n = len(rays)
     instances, facts = np.full(n, -1, np.int32), np.empty((0 if any_hit else n, 8))
     columns = tuple(np.ascontiguousarray(rays[:, part]).reshape(-1) for part in (slice(3), slice(3, 6), 6, 7))
     begins = np.unique([0, *np.flatnonzero(slots & BEGINS), n])
-    # What came in a message cannot be written to, and would be another type for the kernel.
+    # Arrays from a message are read-only, which would be another type for the kernel.
     args = columns, (np.array(slots), begins.astype(np.int64)), any_hit, (instances, facts.reshape(-1))
     run(_answer, -(-(len(begins) - 1) // BATCH), world, *args, **pace._asdict())
     return instances, facts

@@ -1,4 +1,4 @@
-"""A picture by the workers of a cluster who each hold some of the models: several pieces at once, wave after wave."""
+"""Exchange of rays with the workers of a cluster that each hold some of the models, for several pieces at once."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from ..camera import Camera
 from ..lod import at_distance
 from ..pieces import Piece
 from .route import route
-from .wave import Answer, KernelArguments, Question, Waves, answer_question, passes_of, pieces_of
+from .wave import Answer, KernelArguments, Question, Waves, answer_query, passes_of, pieces_of
 
-PIECES = 3  # in the works at once: while the rays of some travel, others go on here
-MOST_RAYS = 1 << 16  # of a message: 4 MiB
-WORLDS = 4  # that the holders in a process keep
+PIECES = 3  # pieces in progress: some are shaded while the rays of others are on the way
+MOST_RAYS = 1 << 16  # rays a message: 4 MiB
+WORLDS = 4  # worlds cached by the holders in a process
 
 
 @dataclass(frozen=True)
 class View:
-    """What levels of detail depend on. samples : of a pixel; None: there are no levels"""
+    """Parameters of the selection of levels of detail. samples : a pixel; None: no levels"""
 
     camera: Camera
     samples: int | None
@@ -37,16 +37,16 @@ class View:
 
 @dataclass(frozen=True)
 class Traffic:
-    """What has travelled.
+    """Statistics of forwarded rays.
 
     Attributes
     ----------
     waves : int
-        Questions of pieces.
+        Queries of pieces.
     asked : int
-        Rays in them.
+        Rays in these queries.
     rays : int
-        Rays that were sent: a ray that may meet what several hold goes to each of them.
+        Rays sent: a ray that may hit parts of several holders is sent to each.
     sent, received : int
         Bytes of rays, and of answers.
     """
@@ -58,22 +58,22 @@ class Traffic:
     received: int = 0
 
     def plus(self, **more: int) -> Traffic:
-        """The sum with some numbers."""
+        """Return the sum with some numbers."""
         return replace(self, **{name: getattr(self, name) + number for name, number in more.items()})
 
     def since(self, before: Traffic) -> Traffic:
-        """What was added since it was like that."""
+        """Return the difference to earlier statistics."""
         return self.plus(**{name: -number for name, number in vars(before).items()})
 
 
 class _Meter:
-    """Counts what travels."""
+    """Statistics of this process."""
 
     traffic = Traffic()
 
 
 def traffic() -> Traffic:
-    """All that has travelled for pictures of this process so far."""
+    """Return the statistics of all images of this process so far."""
     return _Meter.traffic
 
 
@@ -89,16 +89,16 @@ def add_by_waves(
     samples: tuple[int, int],
     progress: Callable[[float], None] | None,
 ) -> None:
-    """Add samples to all of a picture.
+    """Add samples to the whole image.
 
-    executor : of the same scene; scene : as the camera sees it, with nothing opened
-    samples : the number of the first one, and of the one after the last
+    executor : of the same scene; scene : for the camera, with no parts opened
+    samples : range of sample indices
     """
     RayExchange(executor, scene, view, progress).add(picture, samples)
 
 
 class RayExchange:
-    """Pieces of a picture in the works, and their questions on the way."""
+    """Pieces of an image in progress, and their pending queries."""
 
     def __init__(
         self, executor: Executor, scene: Snapshot, view: View, progress: Callable[[float], None] | None = None
@@ -108,12 +108,12 @@ class RayExchange:
         self._boxes = boxes_of(scene, self._shares.rows)
         self._jobs = deque[Job]()
         self._asked: dict[Job, tuple[_Piece, Rows]] = {}
-        self._waiting: dict[_Piece, int] = {}  # pieces in the works, and how many answers each waits for
+        self._waiting: dict[_Piece, int] = {}  # pieces in progress: number of missing answers
         self._done, self._total = 0, 1
         self._waves = 0
 
     def add(self, picture: KernelArguments, samples: tuple[int, int]) -> None:
-        """Add samples to all of a picture."""
+        """Add samples to the whole image."""
         size = picture.image.shape[1], picture.image.shape[0]
         pieces = [_Piece(picture, piece, samples) for piece in pieces_of(size, samples)]
         self._total = len(pieces)
@@ -128,15 +128,15 @@ class RayExchange:
             self._progress(self._done / self._total)
 
     def _begin(self, pending: Iterator[_Piece]) -> None:
-        """Begin pieces until enough of them are in the works."""
+        """Start pieces until enough are in progress."""
         while len(self._waiting) < PIECES:
             piece = next(pending, None)
             if piece is None:
                 return
-            self._go_on(piece)
+            self._continue(piece)
 
-    def _go_on(self, piece: _Piece) -> None:
-        """Have a piece ask; if nobody has to be asked, go on until it is done."""
+    def _continue(self, piece: _Piece) -> None:
+        """Run a piece until it has rays to send, or is finished."""
         while (question := piece.ask(self._tick)) is not None:
             sent = self._send(piece, question)
             if sent > 0:
@@ -145,7 +145,7 @@ class RayExchange:
         self._done += 1
 
     def _send(self, piece: _Piece, question: Question) -> int:
-        """Send a question to those who hold what its rays may meet; returns in how many messages."""
+        """Send a query to the holders of parts that its rays may hit; return the number of messages."""
         self._shares.pass_on(self._executor.workers)
         shares, sent = self._shares, 0
         meets = route(question.rays, self._boxes, shares.owners, len(shares.holders), None)
@@ -164,25 +164,25 @@ class RayExchange:
         return sent
 
     def _take(self, job: Job, given: Answer) -> None:
-        """Take an answer; when it is the last one to a question, the piece goes on."""
+        """Store an answer; after the last one of a query, continue the piece."""
         piece, rows = self._asked.pop(job)
         _count(received=given.nbytes)
         piece.take(rows, given)
         self._waiting[piece] -= 1
         if self._waiting[piece] == 0:
             del self._waiting[piece]
-            self._go_on(piece)
+            self._continue(piece)
 
 
 class _Piece:
-    """The samples of a piece of a picture, some of them after the others."""
+    """Samples of a piece of an image, pass by pass."""
 
     def __init__(self, picture: KernelArguments, piece: Piece, samples: tuple[int, int]) -> None:
         self._passes = (Waves(picture, piece, some) for some in passes_of(samples))
-        self._now: Waves | None = None  # nothing takes memory before the piece is begun
+        self._now: Waves | None = None  # allocated when the piece is started
 
     def ask(self, progress: Any) -> Question | None:
-        """See `Waves.ask`; None: all samples are there."""
+        """Return the next query, see `Waves.ask`; None if all samples are finished."""
         while True:
             question = None if self._now is None else self._now.ask(progress)
             if question is None:
@@ -191,7 +191,7 @@ class _Piece:
                 return question
 
     def take(self, rows: NDArray[np.int64], given: Answer) -> None:
-        """See `Waves.take`."""
+        """Store an answer, see `Waves.take`."""
         assert self._now is not None
         self._now.take(rows, given)
 
@@ -201,13 +201,13 @@ _LOCK = threading.Lock()
 
 
 def answer_here(scene: Snapshot, view: View, rows: Rows, question: Question, threads: int, check: Any) -> Answer:
-    """Answer a question on a worker. rows : of the instances that it holds"""
-    return answer_question(world_of(scene, view, rows), question, Pace(threads, check))
+    """Answer a query on a worker. rows : of the instances that it holds"""
+    return answer_query(world_of(scene, view, rows), question, Pace(threads, check))
 
 
 def world_of(scene: Snapshot, view: View, rows: Rows) -> World:
-    """What rays meet in what somebody holds, which is opened; it is kept."""
-    key = id(scene), view, rows.tobytes()  # the scene is kept too, so that no other one gets its id
+    """Return the world of a holder's instances, from a cache; models are opened."""
+    key = id(scene), view, rows.tobytes()  # the cache keeps the scene alive, so that its id stays unique
     with _LOCK:
         if key not in _WORLDS:
             made = held_world(scene, view, rows)
@@ -219,7 +219,7 @@ def world_of(scene: Snapshot, view: View, rows: Rows) -> World:
 
 
 def held_world(scene: Snapshot, view: View, rows: Rows) -> World:
-    """What rays meet in some instances that lie on disk, and in all that does not; planes are left out."""
+    """Return the world with the given instances on disk, and all others that are not on disk; without planes."""
     if view.samples is None:
         world = scene.opened(rows).world
     else:

@@ -1,12 +1,11 @@
-"""The kernels of pictures without models: what rays meet is recalled from answers that others gave.
+"""Rendering kernels without models: hits are read from a table of answers of other workers.
 
-A sample of a tile runs from its start in each wave, with all answers so far. It asks what is not answered yet, one tile
-of rays, and ends there: from then on its rays meet nothing, and what comes of them is not kept. After the last wave
-nothing is left to ask, and the sample is what it would be with the models at hand, by the same code with the same
-numbers.
+In each wave a sample of a tile runs from its start, with all answers so far. At the first missing answer it stores the
+rays of its tile as a query; from then on its rays hit nothing, and its result is discarded. After the last wave no
+answer is missing, and the result is that of the original kernels, by the same code with the same numbers.
 
-That code is not repeated here. `exchanged` makes copies of the functions of the other kernels, in which those that
-trace rays are exchanged.
+That code is not repeated here: `copy_replacing` copies the functions of the original kernels, and replaces those that
+trace rays.
 """
 
 from __future__ import annotations
@@ -47,46 +46,46 @@ from ...surface.trace.world import occlude_tile, trace_tile
 from ..film import EDGE, Corner, set_pixel_rays
 from ..integrate import BLOCK_EDGE, Pass, quick_frame, sampled_frame
 
-# A ray that is asked for, RAY float64: it begins at 0, as all rays of pictures do.
+# Fields of a ray of a query, RAY float64; its t_min is 0.
 RAY = 8
 RAY_ORIGIN, RAY_DIRECTION, RAY_END, RAY_SIDE = 0, 3, 6, 7  # side: see `scratch.SIDE_OF`
-# What is told of a hit, FACTS float64; margin: see `scratch.SHADING_MARGIN`.
+# Fields of a hit, FACTS float64; margin: see `scratch.SHADING_MARGIN`.
 FACTS = 9
 FACT_INSTANCE, FACT_T, FACT_NORMAL, FACT_COLOR, FACT_MARGIN = 0, 1, 2, 5, 8
 MISS = -1
 
-# Numbers of a thread's sample, in `scratch.stack`: a walk through models needs it, and here is none.
-COLUMN, ROW, SAMPLE = 0, 1, 2  # the first pixel of its tile; its number
-TURN = 3  # how many questions it has asked since its start
-SILENT = 4  # 1: it has no answers any more
+# State of a thread's sample, in `scratch.stack`, which only the traversal of models uses otherwise.
+COLUMN, ROW, SAMPLE = 0, 1, 2  # first pixel of the tile; sample index
+TURN = 3  # number of queries since the start of the sample
+SILENT = 4  # 1: no answers are left
 
 
 class ReplayTable(NamedTuple):
-    """Answers, and questions. The samples of a piece of a picture are counted block by block, tile by tile.
+    """Answers and queries of a piece of an image. Units are samples of a tile, ordered by block and tile.
 
     Attributes
     ----------
     first_block, across : int
-        Number of the piece's first block; blocks in a row of the picture.
+        Number of the piece's first block; blocks in a row of the image.
     first, samples : int
-        Number of the first sample, and how many there are, of each tile.
+        First sample index, and number of samples, of each tile.
     units : int
-        Samples of all tiles.
+        Number of units.
     turns : int
-        How many questions have been answered, of those who asked so many.
+        Number of answered waves.
     last : bool
-        Whether nobody has anything to ask.
+        Whether no unit has a query.
     begins : (turns * units,) int64
-        Where the answers to each question begin; -1: it was not asked.
+        Begin of the answers to each query in `found`; -1: no query.
     found : (n,) int64
-        The row of a hit's facts; MISS. For a ray that may be blocked, whether it is: 0 or MISS.
+        Row of a hit in `facts`, or MISS; for shadow rays 0 if blocked, or MISS.
     facts : (m * FACTS,) float64
     asked : (units,) int64
-        What samples ask now: which rays of their tiles, as bits.
+        Rays of the tile in the current query of each unit, as bits.
     kinds : (units,) uint8
-        1: whether they are blocked; 0: what they meet.
+        1: occlusion; 0: closest hit.
     rays : (units * TILE * RAY,) float64
-        The rays of their tiles.
+        Rays of the current queries.
     """
 
     first_block: int
@@ -104,14 +103,14 @@ class ReplayTable(NamedTuple):
     rays: Array
 
 
-# A `World` with answers: the exchanged functions take it, as it has the same fields.
+# A `World` with answers, for the copied functions.
 ReplayWorld: Any = namedtuple("ReplayWorld", [*World._fields, "recall"])  # type: ignore[misc]  # noqa: PYI024
 
 
-def exchanged(functions: Sequence[Any], others: dict[Any, Any]) -> list[Any]:
-    """Pieces of kernels that are copied, with all that they call, where other pieces are called instead of some.
+def copy_replacing(functions: Sequence[Any], others: dict[Any, Any]) -> list[Any]:
+    """Copy kernel functions, with all that they call, replacing some callees.
 
-    others : by the pieces that are exchanged; what calls none of them is not copied
+    others : replacements by callee; functions that call none of them are not copied
     """
     made: dict[Any, Any] = dict(others)
 
@@ -129,7 +128,7 @@ def exchanged(functions: Sequence[Any], others: dict[Any, Any]) -> list[Any]:
 
 
 def _with_globals(function: Callable[..., Any], others: dict[str, Any]) -> Callable[..., Any]:
-    """A copy of a function that sees other things by some global names."""
+    """Return a copy of a function with some of its globals replaced."""
     assert isinstance(function, FunctionType)
     twin = FunctionType(
         function.__code__,
@@ -144,23 +143,23 @@ def _with_globals(function: Callable[..., Any], others: dict[str, Any]) -> Calla
 
 @inline
 def _no_walk(world: Any, scratch: Scratch) -> int:
-    """There is nothing but planes."""
+    """Replace `begin_walk`: only planes are intersected."""
     return 0
 
 
 @inline
 def _no_instance(world: Any, offset: int, rays: int, any_hit: bool, scratch: Scratch) -> None:
-    """Nothing is in an instance."""
+    """Replace `through_instance`: instances are empty."""
 
 
-_trace_planes, _occlude_planes = exchanged(
+_trace_planes, _occlude_planes = copy_replacing(
     (trace_tile, occlude_tile), {begin_walk: _no_walk, through_instance: _no_instance}
 )
 
 
 @inline
 def _unit_of(recall: ReplayTable, stack: Array) -> int:
-    """The number of a thread's sample among those of the piece."""
+    """Return the unit of a thread's sample."""
     block = stack[ROW] // BLOCK_EDGE * recall.across + stack[COLUMN] // BLOCK_EDGE - recall.first_block
     tile = stack[ROW] // EDGE % 2 * 2 + stack[COLUMN] // EDGE % 2
     return i64(block * 4 + tile) * recall.samples + stack[SAMPLE] - recall.first
@@ -168,7 +167,7 @@ def _unit_of(recall: ReplayTable, stack: Array) -> int:
 
 @inline
 def _is_open(scratch: Scratch, i: int) -> bool:
-    """Whether models may be in the way of ray i, after planes."""
+    """Return whether ray i may hit models, after planes are intersected."""
     return scratch.world[T_MIN + i] <= scratch.world[NEAREST + i]
 
 
@@ -176,7 +175,7 @@ def _is_open(scratch: Scratch, i: int) -> bool:
 def _begin_sample(
     camera: Array, size: tuple[int, int], corner: Corner, sample: int, drawn: tuple[int, int], scratch: Scratch
 ) -> None:
-    """In place of `set_pixel_rays`: takes note of which sample begins."""
+    """Replace `set_pixel_rays`: also store which sample begins."""
     stack = scratch.stack
     stack[COLUMN], stack[ROW], stack[SAMPLE], stack[TURN], stack[SILENT] = corner[0], corner[1], sample, 0, 0
     set_pixel_rays(camera, size, corner, sample, drawn, scratch)
@@ -184,16 +183,16 @@ def _begin_sample(
 
 @routine
 def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
-    """ReplayTable what the tile's rays meet, after planes; else ask."""
+    """Read the hits of the tile's rays from the table, after planes are intersected; else store a query."""
     scratch, world = borrow(scratch), borrow(world)
     recall, stack = world.recall, scratch.stack
     asked = i64(0)
     for i in range(TILE):
-        scratch.world[LOCAL + i] = 0.0  # the margin of what is met
+        scratch.world[LOCAL + i] = 0.0  # margin of the hit
         asked |= i64(_is_open(scratch, i)) << i
     unit, turn = _unit_of(recall, stack), i64(stack[TURN])
     if recall.turns > 0 and not recall.last and recall.begins[(recall.turns - 1) * recall.units + unit] < 0:
-        stack[SILENT] = 1  # it had nothing more to ask in the wave before
+        stack[SILENT] = 1  # it had no query in the previous wave
     if asked != 0 and stack[SILENT] == 0:
         stack[TURN] += 1
         begin = recall.begins[turn * recall.units + unit] if turn < recall.turns else i64(-1)
@@ -209,7 +208,7 @@ def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
 
 @inline
 def _take(recall: ReplayTable, begin: int, any_hit: bool, scratch: Scratch) -> None:
-    """Take the answers to a tile's question."""
+    """Read the answers to a tile's query."""
     wide, numbers = scratch.world, scratch.numbers
     k = begin
     for i in range(TILE):
@@ -233,7 +232,7 @@ def _take(recall: ReplayTable, begin: int, any_hit: bool, scratch: Scratch) -> N
 
 @inline
 def _ask(recall: ReplayTable, unit: int, asked: Bits, any_hit: bool, scratch: Scratch) -> None:
-    """Write down some of the tile's rays (bits) as the question of a sample."""
+    """Store some of the tile's rays (bits) as the query of a sample."""
     recall.asked[unit] = asked
     recall.kinds[unit] = 1 if any_hit else 0
     for i in range(TILE):
@@ -249,26 +248,26 @@ def _ask(recall: ReplayTable, unit: int, asked: Bits, any_hit: bool, scratch: Sc
 
 @inline
 def _recall_closest(world: Any, scratch: Scratch) -> None:
-    """In place of `trace_tile`."""
+    """Replace `trace_tile`."""
     _trace_planes(world, scratch)
     _recall_tile(world, False, scratch)
 
 
 @inline
 def _recall_occlusion(world: Any, scratch: Scratch) -> None:
-    """In place of `occlude_tile`."""
+    """Replace `occlude_tile`."""
     _occlude_planes(world, scratch)
     _recall_tile(world, True, scratch)
 
 
 @inline
 def _recalled_colors(world: Any, seen_only: bool, scratch: Scratch) -> None:
-    """In place of `describe_tile`: colours came with the hits."""
+    """Replace `describe_tile`: colours are part of the answers."""
 
 
 @inline
 def _store_with_margins(world: Any, scratch: Scratch) -> None:
-    """In place of `store_shading_points`: margins came with the hits."""
+    """Replace `store_shading_points`: margins are part of the answers."""
     store_shading_points(world, scratch)
     for i in range(TILE):
         scratch.shading_points[SHADING_MARGIN + i] = scratch.world[LOCAL + i]
@@ -281,28 +280,28 @@ _RECALLED = {
     describe_tile: _recalled_colors,
     store_shading_points: _store_with_margins,
 }
-_quick, _sampled = exchanged((quick_frame, sampled_frame), _RECALLED)
+_quick, _sampled = copy_replacing((quick_frame, sampled_frame), _RECALLED)
 
 
 @kernel
 def recalled_quick(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """`quick_frame` for a `ReplayWorld`."""
+    """Replace `quick_frame`, for a `ReplayWorld`."""
     return _quick(work, world, camera, job, film, image)
 
 
 @kernel
 def recalled_sampled(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """`sampled_frame` for a `ReplayWorld`."""
+    """Replace `sampled_frame`, for a `ReplayWorld`."""
     return _sampled(work, world, camera, job, film, image)
 
 
-def recalled_for(frame: Any) -> Any:
-    """The kernel in place of one of `integrate`."""
+def replay_kernel_for(frame: Any) -> Any:
+    """Return the replacement of a kernel of `integrate`."""
     return {quick_frame: recalled_quick, sampled_frame: recalled_sampled}[frame]
 
 
-def nothing_asked(units: int, first_block: int, across: int, samples: tuple[int, int]) -> ReplayTable:
-    """Before the first wave. samples : number of the first one, and of the one after the last"""
+def empty_table(units: int, first_block: int, across: int, samples: tuple[int, int]) -> ReplayTable:
+    """Return an empty table, before the first wave. samples : range of sample indices"""
     return ReplayTable(
         first_block,
         across,

@@ -1,4 +1,4 @@
-"""Which rays meet the boxes of what somebody holds."""
+"""Selection of the holders to which rays are sent, by the boxes of their parts."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ from ...engine.jit import Array, borrow, kernel, next_tile, run
 from ...engine.kernels.vec import load3_flat
 
 BATCH = 4096  # rays that a thread takes at a time
-PAD = (
-    1e-5  # share of the size of all boxes together: they are grown by it, more than `surface/tree/instance_bvh.py` does
-)
+PAD = 1e-5  # padding of boxes relative to the size of their union, more than in `surface/tree/instance_bvh.py`
 
 
 @kernel
 def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) -> int:
-    """out[ray, owner] = 1 where a ray enters one of an owner's boxes before it ends.
+    """Set out[ray, owner] = 1 where a ray enters a box of an owner before its end.
 
-    rays : (n, 8) float64, see `answer`; boxes : (m, 6) float64, lo x y z, hi x y z; owners : (m,) int64
+    rays : (n, 8) float64, see `answer`; boxes : (m, 6) float64, minimum, maximum; owners : (m,) int64
     """
     rays, boxes, owners, out = borrow(rays), borrow(boxes), borrow(owners), borrow(out)
     batch = next_tile(work)
@@ -26,7 +24,7 @@ def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) ->
         for i in range(batch * BATCH, min((batch + 1) * BATCH, len(rays))):
             ray = rays[i]
             o = load3_flat(ray, 0)
-            # No axis is parallel: 0 times inf would be NaN.
+            # No component is 0, as 0 times inf is NaN.
             inverse = (
                 1.0 / (ray[3] if abs(ray[3]) > 1e-300 else 1e-300),
                 1.0 / (ray[4] if abs(ray[4]) > 1e-300 else 1e-300),
@@ -49,7 +47,7 @@ def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) ->
 def route(
     rays: NDArray[np.float64], boxes: NDArray[np.float64], owners: NDArray[np.int64], count: int, threads: int | None
 ) -> NDArray[np.bool_]:
-    """Which owners hold boxes that rays meet, (n, count) bool.
+    """Return which owners have boxes that each ray enters, (n, count) bool.
 
     Parameters
     ----------
@@ -57,7 +55,7 @@ def route(
         See `answer.answer`.
     boxes : (m, 6) float64
     owners : (m,) int64
-        Who holds what is in each box.
+        Owner of each box.
     """
     out = np.zeros((len(rays), count), np.uint8)
     if len(boxes) and len(rays):

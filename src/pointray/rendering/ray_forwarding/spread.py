@@ -1,4 +1,4 @@
-"""Whether models are spread over the workers of a cluster."""
+"""The option `spread`: whether models are spread over the workers of a cluster."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from ...base.arguments import check_flag
 from ...base.executor import backend
 from ..settings import Settings
 
-NOTHING: NDArray[np.int64] = np.zeros(0, np.int64)  # the rows of instances that the process holds that asks
-WITHOUT = "baked", "cost"  # integrators that need the models at hand
+NOTHING: NDArray[np.int64] = np.zeros(0, np.int64)  # rows of instances held by the shading process
+WITHOUT = "baked", "cost"  # integrators that need the models in the same process
 
 
 def check_spread(spread: bool | None, client: Any, settings: Settings) -> bool | None:
-    """Whether models are spread over workers; None: as they fit. ValueError if they cannot be."""
+    """Return whether models are spread over workers; None: if they do not fit. ValueError if they cannot be spread."""
     if spread is None and (client is None or not backend().is_spread_preferred(client)):
         return False if settings.integrator in WITHOUT else None
     spread = True if spread is None else spread
     check_flag(spread, "spread")
     if spread and client is None:
-        raise ValueError("spread: it takes a client of Dask, whose workers hold the models")
+        raise ValueError("spread needs a Dask client, whose workers hold the models")
     if spread and settings.integrator in WITHOUT:
         raise ValueError(f"spread: the integrator {settings.integrator!r} needs all models in one process")
     return spread

@@ -1,4 +1,4 @@
-"""A piece of a picture, wave after wave: its samples ask, others answer, the samples go on."""
+"""Waves of a piece of an image: its samples send rays, holders answer, the samples continue."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from ..film import LONGEST_PASS
 from ..integrate import BLOCK_EDGE, Pass
 from ..pieces import Floats, Piece, cut
 from .answer import BEGINS, SLOT, answer
-from .replay import FACT_INSTANCE, FACTS, MISS, RAY, ReplayWorld, nothing_asked
+from .replay import FACT_INSTANCE, FACTS, MISS, RAY, ReplayWorld, empty_table
 
-RAYS = 1 << 17  # rays of a piece's samples, at most: 8 MiB of them travel at once
-TILES = BLOCK_EDGE * BLOCK_EDGE // TILE  # of a block
+RAYS = 1 << 17  # maximum rays of a piece's samples: 8 MiB
+TILES = BLOCK_EDGE * BLOCK_EDGE // TILE  # tiles a block
 
 
 class Question(NamedTuple):
-    """Rays of which somebody is asked what they meet.
+    """Query: rays sent to another worker for intersection.
 
     rays, slots : (n, 8) float64, (n,) uint8, see `answer.answer`
-    closest : the first so many ask what they meet; the others only whether they meet anything
+    closest : number of closest-hit rays, which come first; the others are occlusion rays
     """
 
     rays: NDArray[np.float64]
@@ -38,16 +38,16 @@ class Question(NamedTuple):
         return self.rays.nbytes + self.slots.nbytes
 
     def of(self, rows: NDArray[np.int64]) -> Question:
-        """The question of some of the rays, whose places are given in ascending order."""
+        """Return the query of some of the rays. rows : ascending"""
         tiles = np.cumsum(self.slots >= BEGINS)[rows]
         return Question(self.rays[rows], _marked(self.slots[rows] & SLOT, tiles), int((rows < self.closest).sum()))
 
 
 class Answer(NamedTuple):
-    """What these rays meet in what somebody holds.
+    """Hits of a query's rays with the models of one holder.
 
-    met : (n / 8,) uint8, bits: which rays meet anything
-    facts : (m, FACTS) float64, see `recall.FACTS`, of those of the first that do
+    met : (n / 8,) uint8, bits: which rays hit anything
+    facts : (m, FACTS) float64, see `replay.FACTS`, of the closest-hit rays that hit
     """
 
     met: NDArray[np.uint8]
@@ -58,8 +58,8 @@ class Answer(NamedTuple):
         return self.met.nbytes + self.facts.nbytes
 
 
-def answer_question(world: World, question: Question, pace: Pace = PLAIN) -> Answer:
-    """What rays meet in a world."""
+def answer_query(world: World, question: Question, pace: Pace = PLAIN) -> Answer:
+    """Intersect the rays of a query with a world."""
     rays, slots, k = question
     instances, facts = answer(world, rays[:k], slots[:k], False, pace)
     blocked, _ = answer(world, rays[k:], slots[k:], True, pace)
@@ -70,9 +70,9 @@ def answer_question(world: World, question: Question, pace: Pace = PLAIN) -> Ans
 
 @dataclass(frozen=True)
 class KernelArguments:
-    """What a picture's kernel takes, and how it runs.
+    """Arguments of a rendering kernel.
 
-    kernel : one of `replay`; world, camera, job : what it takes; film may be empty; threads : see `jit.run`
+    kernel : one of `replay`; film may be empty; threads : see `jit.run`
     """
 
     kernel: Any
@@ -85,23 +85,23 @@ class KernelArguments:
 
 
 def pieces_of(size: tuple[int, int], samples: tuple[int, int]) -> list[Piece]:
-    """The pieces of a picture, of which each has a bounded number of rays."""
+    """Return the pieces of an image, with a limited number of rays each."""
     blocks = -(-size[0] // BLOCK_EDGE) * -(-size[1] // BLOCK_EDGE)
     longest = min(samples[1] - samples[0], LONGEST_PASS)
     return cut(size, max(-(-blocks // max(RAYS // (BLOCK_EDGE * BLOCK_EDGE * longest), 1)), 1))
 
 
 def passes_of(samples: tuple[int, int]) -> list[tuple[int, int]]:
-    """Samples that are added one after the other, where their sums may be rounded: see `film.round_sums`."""
+    """Divide a range of samples into passes where sums may be rounded, see `film.round_sums`."""
     first, end = samples
     starts = [first, *range((first // LONGEST_PASS + 1) * LONGEST_PASS, end, LONGEST_PASS)]
     return list(zip(starts, [*starts[1:], end], strict=True))
 
 
 class Waves:
-    """Samples of a piece of a picture.
+    """Samples of a piece of an image.
 
-    Until `ask` returns None: give what others know of its rays to `take`, in any order; each nearest hit counts.
+    Call `ask` until it returns None, passing the answers of all holders to `take` after each call, in any order.
     """
 
     def __init__(self, picture: KernelArguments, piece: Piece, samples: tuple[int, int]) -> None:
@@ -109,19 +109,19 @@ class Waves:
         self._job = picture.job._replace(first=samples[0], end=samples[1])
         units = piece.blocks * TILES * (samples[1] - samples[0])
         across = -(-picture.image.shape[1] // BLOCK_EDGE)
-        self._recall = nothing_asked(units, piece.block, across, samples)
+        self._recall = empty_table(units, piece.block, across, samples)
         self._begins, self._found, self._facts = (_Growing(kind) for kind in (np.int64, np.int64, np.float64))
         kept = picture.film.size > 0 and samples[0] > 0
         self._before = piece.of(picture.film).copy() if kept else None
-        self._order = np.zeros(0, np.int64)  # of the rays in the question: their places among the answers
+        self._order = np.zeros(0, np.int64)  # index in the answers of each ray of the query
         self._closest = 0
         self._best = np.zeros((0, FACTS))
         self._met = np.zeros(0, np.bool_)
 
     def ask(self, progress: Any = None) -> Question | None:
-        """What the samples ask next; None: nothing, the picture has them.
+        """Return the next query, or None if the samples are finished and added to the image.
 
-        progress : called while the kernel runs; an error in it ends the work
+        progress : called while the kernel runs; an exception in it ends the call
         """
         recall = self._recall
         if recall.turns > 0:
@@ -136,18 +136,18 @@ class Waves:
         return self._question()
 
     def take(self, rows: NDArray[np.int64], given: Answer) -> None:
-        """Take what somebody knows of some rays. rows : their places in the question"""
+        """Merge the answer of a holder. rows : of the rays in the query"""
         met = np.unpackbits(given.met, count=len(rows)).view(np.bool_)
         hit = rows[met]
         self._met[hit] = True
         hit = hit[hit < self._closest]
         new, old = given.facts, self._best[hit]
-        # Of hits at the same place that of the first instance counts, whoever answers first.
+        # Ties go to the first instance, whatever the order of answers.
         nearer = (new[:, 1] < old[:, 1]) | ((new[:, 1] == old[:, 1]) & (new[:, FACT_INSTANCE] < old[:, FACT_INSTANCE]))
         self._best[hit[nearer]] = new[nearer]
 
     def _run(self, progress: Any) -> None:
-        """Run all samples from their start."""
+        """Run all samples from the start."""
         picture, piece = self._picture, self._piece
         if self._before is not None:
             piece.of(picture.film)[:] = self._before
@@ -156,7 +156,7 @@ class Waves:
         run(picture.kernel, piece.blocks, *args, threads=picture.threads, progress=progress, first=piece.block)
 
     def _question(self) -> Question:
-        """The rays that samples have written down: those that ask what they meet, then the others."""
+        """Return the rays stored by the samples as a query: closest-hit rays, then occlusion rays."""
         recall = self._recall
         asking = np.flatnonzero(recall.asked)
         tiles, places = np.nonzero(recall.asked[asking, None] >> np.arange(TILE) & 1)
@@ -175,7 +175,7 @@ class Waves:
         return Question(rays[self._order], slots[self._order], self._closest)
 
     def _keep_answers(self) -> None:
-        """Put the answers to a question into the table."""
+        """Append the answers to a query to the table."""
         found = np.full(len(self._met), MISS, np.int64)
         hits = np.flatnonzero(self._met[: self._closest])
         found[self._order[self._closest :][self._met[self._closest :]]] = 0
@@ -187,18 +187,18 @@ class Waves:
 
 
 def _marked(slots: NDArray[Any], tiles: NDArray[Any]) -> NDArray[np.uint8]:
-    """Slots of rays, with marks where another tile begins. tiles : a number of each ray's tile"""
+    """Return slots with `BEGINS` where a tile begins. tiles : tile of each ray"""
     return (slots | np.where(np.diff(tiles, prepend=-1) != 0, BEGINS, 0)).astype(np.uint8)
 
 
 class _Growing:
-    """An array that grows at its end."""
+    """Array with amortized append."""
 
     def __init__(self, kind: Any) -> None:
         self._room, self.size = np.zeros(1024, kind), 0
 
     def add(self, more: Array) -> None:
-        """Put numbers at the end."""
+        """Append numbers."""
         if self.size + more.size > self._room.size:
             room = np.zeros(2 * (self.size + more.size), self._room.dtype)
             room[: self.size] = self._room[: self.size]
@@ -208,5 +208,5 @@ class _Growing:
 
     @property
     def all(self) -> Array:
-        """All numbers."""
+        """Return all numbers."""
         return self._room[: self.size]

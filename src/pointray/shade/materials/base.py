@@ -1,4 +1,4 @@
-"""What all materials share: they are checked when they are made, and write a record for the kernels."""
+"""Base class of materials. Parameters are validated on construction."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Color = ArrayLike | Attribute | None
 
 
 def record_of(kind: int, color: Color, name: str = "color") -> NDArray[np.float64]:
-    """The record of a kind of material with a colour of 0 to 1."""
+    """Return the record of a kind of material with a colour from 0 to 1."""
     out = np.zeros(MATERIAL_SIZE)
     out[MATERIAL_KIND], out[OWN_COLOR] = kind, color is None or isinstance(color, Attribute)
     out[BASE_COLOR : BASE_COLOR + 3] = reflectance(1.0 if out[OWN_COLOR] else color, name)
@@ -21,17 +21,17 @@ def record_of(kind: int, color: Color, name: str = "color") -> NDArray[np.float6
 
 
 class Material:
-    """How a surface scatters light; subclasses have its parameters."""
+    """Base class of materials, which define how a surface scatters light."""
 
     def __post_init__(self) -> None:
         self.record()
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (10,) float64; ValueError if a value is out of range."""
+        """Return the record for kernels, (10,) float64; ValueError if a value is out of range."""
         raise NotImplementedError
 
     @property
     def attribute(self) -> Attribute | None:
-        """The attribute that colours the material, if there is one."""
+        """Return the attribute that colours the material, or None."""
         color = getattr(self, "base_color", getattr(self, "color", None))
         return color if isinstance(color, Attribute) else None

@@ -1,6 +1,6 @@
-"""Diffuse reflection: `Diffuse`, and `Emissive`, which emits light besides.
+"""Diffuse reflection: `Diffuse`, and `Emissive`, which also emits light.
 
-cosine : between normal and light, positive. Pdfs are per solid angle.
+cosine : of the angle between normal and light, positive. Pdfs are per solid angle.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from .base import Color, Material, record_of
 
 @dataclass(frozen=True)
 class Diffuse(Material):
-    """Reflects evenly (Lambert): BRDF color / pi.
+    """Lambertian reflection with the BRDF color / pi.
 
     Parameters
     ----------
@@ -30,27 +30,27 @@ class Diffuse(Material):
     color: Color = None
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (10,) float64."""
+        """Return the record for kernels, (10,) float64."""
         return record_of(DIFFUSE, self.color)
 
 
 @dataclass(frozen=True)
 class Emissive(Material):
-    """Emits the same radiance into all directions from both sides, and reflects diffusely.
+    """Lambertian reflection, and emission of the same radiance in all directions on both sides.
 
     Parameters
     ----------
     radiance : float or (3,) float
         W/(sr m2), RGB.
     color : float or (3,) float, 0 to 1, or Attribute, optional
-        The colour of the reflection: BRDF color / pi.
+        Albedo of the reflection, with the BRDF color / pi.
     """
 
     radiance: ArrayLike
     color: Color = 0.0
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (10,) float64."""
+        """Return the record for kernels, (10,) float64."""
         out = record_of(EMISSIVE, self.color)
         out[EMITTED : EMITTED + 3] = rgb(self.radiance, "radiance")
         return out
@@ -58,12 +58,12 @@ class Emissive(Material):
 
 @inline
 def eval_diffuse(point: ShadingPoint, cosine: float) -> tuple[Vec3, float]:
-    """(BRDF times cosine, pdf)."""
+    """Return (BRDF times cosine, pdf)."""
     pdf = cosine / math.pi
     return scale(point.color, pdf), pdf
 
 
 @inline
 def sample_diffuse(normal: Vec3, u: float, v: float) -> Vec3:
-    """A direction with pdf cosine / pi: uniform on the disc below the hemisphere (Malley's method)."""
+    """Sample a direction with pdf cosine / pi by projecting the disc to the hemisphere (Malley's method)."""
     return around(normal, math.sqrt(1.0 - u), v)

@@ -1,6 +1,6 @@
 """Phong's highlight over diffuse reflection: `Phong`.
 
-cosine : between normal and light, positive. Pdfs are per solid angle.
+cosine : of the angle between normal and light, positive. Pdfs are per solid angle.
 """
 
 from __future__ import annotations
@@ -18,24 +18,24 @@ from ...engine.kernels.vec import Vec3, add, around, dot, mirrored, scale
 from .base import Color, Material, record_of
 from .diffuse import eval_diffuse, sample_diffuse
 
-MOST_EXPONENT = 1e8  # half a hundredth of a degree wide: a narrower highlight is lost in rounding
+MOST_EXPONENT = 1e8  # a lobe 0.005 degrees wide; narrower ones are lost in rounding
 
 
 @dataclass(frozen=True)
 class Phong(Material):
-    """Diffuse with a highlight, energy-conserving.
+    """Modified Phong model: diffuse with an energy-conserving highlight (Lafortune and Willems 1994).
 
-    BRDF (1 - specular) color / pi + specular (exponent + 2) / (2 pi) cos^exponent, with the angle between the eye and
-    the mirrored direction to the light (Lafortune and Willems 1994). The highlight reflects `specular` of the light at
-    normal incidence and less at other angles; a narrow one reflects `specular` times the cosine.
+    The BRDF is (1 - specular) color / pi + specular (exponent + 2) / (2 pi) cos^exponent, with the cosine of the angle
+    between the eye and the mirrored direction to the light. The albedo of the highlight is `specular` at normal
+    incidence and less at other angles; that of a narrow highlight is `specular` times the cosine.
 
     Parameters
     ----------
     color : float or (3,) float, 0 to 1, or Attribute, optional
     specular : float
-        Share of the light that the highlight reflects, 0 to 1.
+        Albedo of the highlight at normal incidence, 0 to 1.
     exponent : float
-        How narrow the highlight is, from 0; beyond 1e8 nothing changes.
+        Exponent of the highlight, at least 0; larger is narrower. Limited to 1e8.
     """
 
     color: Color = None
@@ -43,7 +43,7 @@ class Phong(Material):
     exponent: float = 20
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (10,) float64."""
+        """Return the record for kernels, (10,) float64."""
         out = record_of(PHONG, self.color)
         out[SPECULAR] = check_range(self.specular, "specular", 0, 1)
         out[EXPONENT] = min(check_range(self.exponent, "exponent", 0), MOST_EXPONENT)
@@ -52,16 +52,16 @@ class Phong(Material):
 
 @inline
 def _share_of_highlight(color: Vec3, specular: float) -> float:
-    """The probability with which the highlight is sampled: by what each lobe reflects at most. specular > 0."""
+    """Return the probability of sampling the highlight, by the largest albedo of each lobe. specular > 0"""
     return specular / (specular + (1.0 - specular) * (color[0] + color[1] + color[2]) / 3.0)
 
 
 @inline
 def eval_phong(world: World, material: int, point: ShadingPoint, wi: Vec3, cosine: float) -> tuple[Vec3, float]:
-    """(BRDF times cosine, pdf)."""
+    """Return (BRDF times cosine, pdf)."""
     specular = world.materials[material + SPECULAR]
     diffuse, pdf = eval_diffuse(point, cosine)
-    if specular == 0.0:  # the power is what takes long here
+    if specular == 0.0:  # skips the costly power
         return diffuse, pdf
     exponent, share = world.materials[material + EXPONENT], _share_of_highlight(point.color, specular)
     along = dot(mirrored(wi, point.normal), point.wo)
@@ -73,9 +73,9 @@ def eval_phong(world: World, material: int, point: ShadingPoint, wi: Vec3, cosin
 
 @inline
 def sample_phong(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
-    """A direction by the cosine, or by a power of the cosine about the mirrored one, which may lie below the surface.
+    """Sample the diffuse lobe, or the highlight, whose directions may lie below the surface.
 
-    After Lafortune and Willems (1994).
+    See Lafortune and Willems (1994).
     """
     specular = world.materials[material + SPECULAR]
     if specular == 0.0 or which >= _share_of_highlight(point.color, specular):
@@ -86,6 +86,6 @@ def sample_phong(world: World, material: int, point: ShadingPoint, which: float,
 
 @inline
 def lobes_of_phong(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3]:
-    """(what is reflected evenly, what the highlight reflects), see `bsdf.lobes_of`."""
+    """Return the albedos (diffuse, highlight), see `bsdf.lobes_of`."""
     specular = world.materials[material + SPECULAR]
     return scale(point.color, 1.0 - specular), (specular, specular, specular)

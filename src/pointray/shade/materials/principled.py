@@ -1,7 +1,7 @@
-"""Principled: a rough specular surface of small facets (GGX) over a diffuse base, or of metal.
+"""Microfacet material (GGX): a rough dielectric over a diffuse base, or rough metal.
 
-Facets follow Walter et al. (2007), masking and shadowing follow Smith, correlated by height (Heitz 2014). Visible
-normals are sampled (Heitz 2018) with the spherical caps of Dupuy and Benyoub (2023). cosine : between normal and light,
+Facets: Walter et al. (2007). Masking and shadowing: Smith, height-correlated (Heitz 2014). Visible normals are sampled
+(Heitz 2018) with the spherical caps of Dupuy and Benyoub (2023). cosine : of the angle between normal and light,
 positive. Pdfs are per solid angle.
 """
 
@@ -22,14 +22,14 @@ from .base import Color, Material, record_of
 from .diffuse import sample_diffuse
 
 F0 = 0.04  # reflectance of a dielectric of index 1.5 at normal incidence
-LEAST_ALPHA = 1e-3  # a lobe a twentieth of a degree wide; for a narrower one there is Mirror
+LEAST_ALPHA = 1e-3  # a lobe 0.05 degrees wide; use Mirror instead of narrower ones
 
 
 def _coat(alpha: float) -> tuple[float, float, float]:
-    """(a, b, p): dielectric facets reflect a + b (1 - c)^p of the light that meets them with cosine c to the normal.
+    """Return (a, b, p) so that the albedo of dielectric facets is a + b (1 - c)^p for light at cosine c to the normal.
 
-    They are fitted to integrals of F D G2 / (4 c), nowhere below them, so that facets and base together reflect at most
-    all light; the fit is above them by at most 0.015 where c > 0.2, and by at most 0.05 where c > 0.1.
+    This is a fit to integrals of F D G2 / (4 c) that is nowhere below them, so that facets and base conserve energy. It
+    exceeds them by at most 0.015 for c > 0.2, and by at most 0.05 for c > 0.1.
     """
     rough = alpha**0.5
     least = 0.0404 - 0.0261 * rough**3.62
@@ -39,25 +39,24 @@ def _coat(alpha: float) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Principled(Material):
-    """A rough glossy surface over a diffuse base, or metal: base colour, roughness and metallic as in glTF 2.0.
+    """Microfacet model with base colour, roughness and metallic as in glTF 2.0: dielectric over diffuse, or metal.
 
-    BRDF F D G2 / (4 c c') + (1 - metallic) base_color / pi t(c) t(c') / t', with cosines c and c' of eye and light to
-    the normal. D : GGX (Walter et al. 2007) with alpha = roughness^2, at least 0.001; G2 : Smith's, correlated by
-    height (Heitz 2014); F : Schlick's, from (1 - metallic) 0.04 + metallic base_color at normal incidence to 1;
-    t : share of the light from one direction that dielectric facets let through, t' its mean (Kelemen and
-    Szirmay-Kalos 2001).
+    The BRDF is F D G2 / (4 c c') + (1 - metallic) base_color / pi t(c) t(c') / t', with cosines c and c' of eye and
+    light to the normal. D : GGX (Walter et al. 2007) with alpha = roughness^2, at least 0.001; G2 : Smith,
+    height-correlated (Heitz 2014); F : Schlick, from (1 - metallic) 0.04 + metallic base_color at normal incidence to
+    1; t : directional transmittance of dielectric facets, t' its mean (Kelemen and Szirmay-Kalos 2001).
 
-    Light that meets several facets is lost (single scattering): white metal reflects 99.9% at roughness 0.1, 92% at
-    0.5, 31% at 1 and normal incidence. A white dielectric reflects at least 98% up to 78 degrees, 95% up to 84.
+    Scattering between facets is neglected (single scattering): at normal incidence white metal reflects 99.9% at
+    roughness 0.1, 92% at 0.5 and 31% at 1. A white dielectric reflects at least 98% up to 78 degrees, 95% up to 84.
 
     Parameters
     ----------
     base_color : float or (3,) float, 0 to 1, or Attribute, optional
-        The colour of the diffuse base, and of the metal's reflection at normal incidence.
+        Colour of the diffuse base, and of metal at normal incidence.
     roughness : float
-        0 (nearly a mirror: a lobe of a tenth of a degree) to 1.
+        0 (nearly a mirror, with a lobe of 0.1 degrees) to 1.
     metallic : float
-        0 (dielectric) to 1 (metal); between them the BRDFs are blended.
+        0 (dielectric) to 1 (metal); the BRDFs are blended in between.
     """
 
     base_color: Color = None
@@ -65,7 +64,7 @@ class Principled(Material):
     metallic: float = 0.0
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (10,) float64."""
+        """Return the record for kernels, (10,) float64."""
         out = record_of(PRINCIPLED, self.base_color, "base_color")
         alpha = max(check_range(self.roughness, "roughness", 0, 1) ** 2, LEAST_ALPHA)
         out[ALPHA], out[METALLIC] = alpha, check_range(self.metallic, "metallic", 0, 1)
@@ -80,36 +79,33 @@ def _mean(color: Vec3) -> float:
 
 @inline
 def _schlick(at_normal: Vec3, cosine: float) -> Vec3:
-    """Fresnel reflectance, RGB (Schlick 1994)."""
+    """Return the Fresnel reflectance, RGB (Schlick 1994)."""
     x = max(1.0 - cosine, 0.0)
     rise = x * x * (x * x) * x
     return add(scale(at_normal, 1.0 - rise), (rise, rise, rise))
 
 
 @inline
-def _let_in(coat: Vec3, cosine: float) -> float:
-    """Share of the light from one direction that the facets of a dielectric let through to the base."""
+def _transmittance(coat: Vec3, cosine: float) -> float:
+    """Return the directional transmittance of dielectric facets to the base."""
     return 1.0 - coat[0] - coat[1] * max(1.0 - cosine, 0.0) ** coat[2]
 
 
 @inline
-def _let_in_on_average(coat: Vec3) -> float:
-    """The mean of `_let_in` over the hemisphere, weighted by the cosine."""
+def _mean_transmittance(coat: Vec3) -> float:
+    """Return the cosine-weighted mean of `_transmittance` over the hemisphere."""
     return 1.0 - coat[0] - 2.0 * coat[1] / ((coat[2] + 1.0) * (coat[2] + 2.0))
 
 
 @inline
 def _smith(alpha: float, cosine: float) -> float:
-    """The root in Smith's masking: G1 = 2 cosine / (cosine + root)."""
+    """Return the root in Smith's masking: G1 = 2 cosine / (cosine + root)."""
     return math.sqrt(alpha * alpha + (1.0 - alpha * alpha) * cosine * cosine)
 
 
 @inline
 def _facets(alpha: float, cosine: float, cos_o: float, half: float) -> tuple[float, float]:
-    """(D G2 / (4 cosine cos_o) times cosine, pdf of visible normals); cosines with the normal.
-
-    D : density of the facets' normals; G2 : share of them that both eye and light see
-    """
+    """Return (D G2 / (4 cosine cos_o) times cosine, pdf of visible normals); cosines are with the normal."""
     spread = 1.0 + (alpha * alpha - 1.0) * half * half
     facets = alpha * alpha / (math.pi * spread * spread)
     both = 0.5 * cosine / (cosine * _smith(alpha, cos_o) + cos_o * _smith(alpha, cosine))
@@ -118,10 +114,10 @@ def _facets(alpha: float, cosine: float, cos_o: float, half: float) -> tuple[flo
 
 @inline
 def _share_of_facets(world: World, material: int, point: ShadingPoint, cos_o: float) -> float:
-    """The probability with which facets are sampled, not the base: roughly by what they reflect."""
+    """Return the probability of sampling the facets rather than the base, roughly by their albedos."""
     metallic, through = (
         world.materials[material + METALLIC],
-        _let_in(load3_flat(world.materials, material + COAT), cos_o),
+        _transmittance(load3_flat(world.materials, material + COAT), cos_o),
     )
     gray = _mean(point.color)
     reflected = (1.0 - metallic) * (1.0 - through) + metallic * gray + 1e-6  # black metal reflects at grazing angles
@@ -130,7 +126,7 @@ def _share_of_facets(world: World, material: int, point: ShadingPoint, cos_o: fl
 
 @inline
 def eval_principled(world: World, material: int, point: ShadingPoint, wi: Vec3, cosine: float) -> tuple[Vec3, float]:
-    """(BRDF times cosine, pdf)."""
+    """Return (BRDF times cosine, pdf)."""
     metallic, coat = world.materials[material + METALLIC], load3_flat(world.materials, material + COAT)
     cos_o = dot(point.normal, point.wo)
     normal = unit(add(point.wo, wi))
@@ -138,7 +134,7 @@ def eval_principled(world: World, material: int, point: ShadingPoint, wi: Vec3, 
     plain = F0 * (1.0 - metallic)
     at_normal = add((plain, plain, plain), scale(point.color, metallic))
     gloss = scale(_schlick(at_normal, dot(point.wo, normal)), lobe)
-    through = _let_in(coat, cos_o) * _let_in(coat, cosine) / _let_in_on_average(coat)
+    through = _transmittance(coat, cos_o) * _transmittance(coat, cosine) / _mean_transmittance(coat)
     pdf = cosine / math.pi
     share = _share_of_facets(world, material, point, cos_o)
     both = add(gloss, scale(point.color, (1.0 - metallic) * through * pdf))
@@ -147,13 +143,13 @@ def eval_principled(world: World, material: int, point: ShadingPoint, wi: Vec3, 
 
 @inline
 def sample_principled(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
-    """A cosine-distributed direction, or one mirrored at a visible facet, which may lie below the surface."""
+    """Sample the diffuse base, or a reflection at a visible facet, whose direction may lie below the surface."""
     normal, cos_o = point.normal, dot(point.normal, point.wo)
     if which >= _share_of_facets(world, material, point, cos_o):
         return sample_diffuse(normal, u, v)
     alpha = world.materials[material + ALPHA]
-    # Stretched along the normal, the facets form a hemisphere. The eye sees a cap of it about the stretched direction,
-    # and the points of that cap mirror this direction uniformly.
+    # Stretched along the normal, the facets form a hemisphere. Reflections of the stretched eye direction at its
+    # visible part are uniform on a spherical cap (Dupuy and Benyoub 2023).
     eye = unit(add(scale(point.wo, alpha), scale(normal, (1.0 - alpha) * cos_o)))
     height = dot(normal, eye)
     facet = add(around(normal, (1.0 - u) * (1.0 + height) - height, v), eye)
@@ -163,7 +159,7 @@ def sample_principled(world: World, material: int, point: ShadingPoint, which: f
 
 @inline
 def _share_reflected(alpha: float, cosine: float) -> float:
-    """The share of even light that facets without Fresnel's loss reflect to an eye: the rest meets several of them."""
+    """Return the albedo of facets without Fresnel loss; the rest is scattered between facets."""
     x, y = cosine * (COLUMNS - 1), alpha * (ROWS - 1)
     column, row = min(int(x), COLUMNS - 2), min(int(y), ROWS - 2)
     at, right, below = row * COLUMNS + column, x - column, y - row
@@ -176,9 +172,9 @@ def _share_reflected(alpha: float, cosine: float) -> float:
 
 @inline
 def lobes_of_principled(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3]:
-    """(what is reflected evenly, what the facets reflect of even light), see `bsdf.lobes_of`."""
+    """Return the albedos (diffuse, facets), see `bsdf.lobes_of`."""
     metallic, cos_o = world.materials[material + METALLIC], max(dot(point.normal, point.wo), 0.0)
-    through = _let_in(load3_flat(world.materials, material + COAT), cos_o)
+    through = _transmittance(load3_flat(world.materials, material + COAT), cos_o)
     plain, share = (1.0 - metallic) * (1.0 - through), _share_reflected(world.materials[material + ALPHA], cos_o)
     gloss = add((plain, plain, plain), scale(_schlick(point.color, cos_o), metallic * share))
     return scale(point.color, (1.0 - metallic) * through), gloss
@@ -186,8 +182,8 @@ def lobes_of_principled(world: World, material: int, point: ShadingPoint) -> tup
 
 @inline
 def exponent_of_facets(alpha: float) -> float:
-    """The exponent of a lobe about the mirrored direction as wide as that of the facets at normal incidence.
+    """Return the exponent of a lobe about the mirrored direction, as wide as that of the facets at normal incidence.
 
-    It is a quarter of the exponent 2 / alpha^2 - 2 of their normals (Walter et al. 2007).
+    It is a quarter of the exponent 2 / alpha^2 - 2 of the facets' normals (Walter et al. 2007).
     """
     return 0.25 * max(2.0 / (alpha * alpha) - 2.0, 0.0)

@@ -1,4 +1,4 @@
-"""Smooth surfaces, which send light into one or two directions only: `Mirror` and `Dielectric`."""
+"""Smooth surfaces with delta distributions: `Mirror` and `Dielectric`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .base import Color, Material, record_of
 
 @dataclass(frozen=True)
 class Mirror(Material):
-    """Reflects `color` of the light into the mirrored direction, at any angle.
+    """Perfect mirror with the reflectance `color` at all angles.
 
     Parameters
     ----------
@@ -27,30 +27,30 @@ class Mirror(Material):
     color: Color = 1.0
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (10,) float64."""
+        """Return the record for kernels, (10,) float64."""
         return record_of(MIRROR, self.color)
 
 
 @dataclass(frozen=True)
 class Dielectric(Material):
-    """A clear body with a smooth surface: glass, water. Outside is where normals point; the surface must be closed.
+    """Smooth, clear dielectric such as glass or water. Normals point outside; the surface must be closed.
 
-    Snell's law, and Fresnel's equations for unpolarised light: with the cosines c and c' to the normal on this side and
-    beyond it, and the indices' ratio n, ((c - n c') / (c + n c'))^2 / 2 + ((n c - c') / (n c + c'))^2 / 2 is reflected,
-    all of it where c' does not exist. Refracted light is not coloured. `shade/bsdf.py` explains why it has no
-    factor n^2.
+    Light follows Snell's law and Fresnel's equations for unpolarised light. With the cosines c and c' to the normal on
+    this and the other side, and the ratio n of the indices, the reflectance is
+    ((c - n c') / (c + n c'))^2 / 2 + ((n c - c') / (n c + c'))^2 / 2, and 1 with total reflection. Refracted light is
+    not coloured. `shade/bsdf.py` explains why it has no factor n^2.
 
     Parameters
     ----------
     ior : float
-        Index of refraction of the inside over that of the outside, 0.01 to 100: 1.33 for water in air, 0.75 for air in
-        water.
+        Index of refraction of the inside divided by that of the outside, 0.01 to 100: 1.33 for water in air, 0.75 for
+        air in water.
     """
 
     ior: float = 1.5
 
     def record(self) -> NDArray[np.float64]:
-        """The material as kernels read it, (10,) float64."""
+        """Return the record for kernels, (10,) float64."""
         out = record_of(DIELECTRIC, 1.0)
         out[IOR] = check_range(self.ior, "ior", 0.01, 100)
         return out
@@ -58,10 +58,10 @@ class Dielectric(Material):
 
 @inline
 def fresnel(cosine: float, beyond: float, ratio: float) -> float:
-    """The share of unpolarised light that a smooth dielectric reflects.
+    """Return the reflectance of a smooth dielectric for unpolarised light.
 
-    cosine, beyond : cosines of the angles to the normal on this side and on the other, not both 0
-    ratio : index of refraction of the other side over that of this one
+    cosine, beyond : cosines to the normal on this side and on the other, not both 0
+    ratio : index of refraction of the other side divided by that of this one
     """
     across = (cosine - ratio * beyond) / (cosine + ratio * beyond)
     within = (ratio * cosine - beyond) / (ratio * cosine + beyond)
@@ -70,9 +70,9 @@ def fresnel(cosine: float, beyond: float, ratio: float) -> float:
 
 @inline
 def glass(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3, float]:
-    """(reflected direction, refracted direction, share reflected) of a Dielectric; the rest is refracted.
+    """Return (reflected direction, refracted direction, reflectance) of a Dielectric.
 
-    With total reflection, or a ray that only grazes, the share is 1 and the refracted direction is the reflected one.
+    With total reflection, or at cosine 0, the reflectance is 1 and the refracted direction is the reflected one.
     """
     ior = world.materials[material + IOR]
     ratio = ior if point.side > 0.0 else 1.0 / ior
@@ -88,7 +88,7 @@ def glass(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Vec3,
 
 @inline
 def sample_specular(world: World, material: int, point: ShadingPoint, which: float) -> tuple[Vec3, Vec3, float, float]:
-    """(direction, weight, pdf 0, side on which it leaves) of a Mirror or a Dielectric, see `bsdf.sample_bsdf`."""
+    """Sample a Mirror or a Dielectric, as `bsdf.sample_bsdf` does; the pdf is 0."""
     if world.materials[material + MATERIAL_KIND] == MIRROR:
         return mirrored(point.wo, point.normal), point.color, 0.0, point.side
     reflected, refracted, share = glass(world, material, point)

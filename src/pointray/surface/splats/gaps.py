@@ -240,7 +240,7 @@ def find_limits(
 def largest_reach(positions: Floats, statistics: CloudStatistics) -> float:
     """Return the largest reach of a disc in disorder, or of a sphere: it covers less than 2% of an image."""
     count = len(positions)
-    share = statistics.ask(
+    share = statistics.get_or_compute(
         "reach in diagonals", lambda: max(LARGEST, 1 / math.sqrt(count)) if count > FEW else math.inf
     )
     return share * statistics.diagonal("diagonal", positions)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...base.progress import Progress, part_of, tell
 from ...cloud.neighbors import NeighborTree, distinct, take
-from ...cloud.sampled_statistics import of_places
+from ...cloud.sampled_statistics import of_distinct_positions
 from ...cloud.statistics import CloudStatistics
 from .cells import NEIGHBORS
 from .fringe import trim_fringe
@@ -127,7 +127,7 @@ def find_support(
     facing = normals if rows is None else take(normals, rows)
     tree = NeighborTree(sites, in_order=True)
     tell(progress, SORTED)
-    statistics = CloudStatistics.of(len(sites)) if statistics is None else of_places(statistics, ids)
+    statistics = CloudStatistics.of(len(sites)) if statistics is None else of_distinct_positions(statistics, ids)
     found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, statistics, others)
     if borders and noise is not None:
         trim_fringe(sites, facing, tree, found, (noise if rows is None else noise[rows]) > 0, statistics)

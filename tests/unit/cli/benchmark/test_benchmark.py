@@ -84,7 +84,7 @@ def test_the_command_draws_a_plot(tmp_path, capsys, monkeypatch):
         (["--plot", "nowhere/bench.png"], "no such folder"),
     ],
 )
-def test_bad_input_is_told_before_the_work(arguments, word, tmp_path, monkeypatch, capsys):
+def test_bad_input_is_reported_before_the_work(arguments, word, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert execute(["bench", *arguments]) == 2
     assert word in capsys.readouterr().err and not list(tmp_path.iterdir())

@@ -68,14 +68,14 @@ def test_creases_of_a_valley_are_those_of_a_ridge():
 @pytest.mark.parametrize("share", [long(0.1), 0.3, long(0.5), 1.0])
 def test_smooth_surfaces_have_no_creases(share, monkeypatch):
     settled = []
-    original = Edges.settle
+    original = Edges.find_moves
 
-    def settle(self, normals):
+    def find_moves(self, normals):
         found = original(self, normals)
         settled.append(len(found[0]))
         return found
 
-    monkeypatch.setattr(Edges, "settle", settle)
+    monkeypatch.setattr(Edges, "find_moves", find_moves)
     rng = np.random.default_rng(3)
     rows = rng.normal(size=(N, 3))
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)

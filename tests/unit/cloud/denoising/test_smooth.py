@@ -5,8 +5,8 @@ import pytest
 
 import pointray as pr
 from helpers.marks import long
-from pointray.cloud.denoising.noise import noise_along
-from pointray.cloud.kd_ordering import along_path
+from pointray.cloud.denoising.noise import estimate_noise
+from pointray.cloud.kd_ordering import compute_kd_ordering
 
 
 def torus_points(rng, n):
@@ -62,17 +62,17 @@ def test_clean_points_stay_to_the_bit(name, count):
 def test_noise_is_measured(share, known, rng):
     rows, normals, h = noisy(rng, share, 50_000)
     points = pr.Points(rows, normals)
-    path, _, first = along_path(points)
-    noise, spacing = noise_along(path, normals[first].astype(np.float32) if known else None)
+    path, _, first = compute_kd_ordering(points)
+    noise, spacing = estimate_noise(path, normals[first].astype(np.float32) if known else None)
     assert 0.6 * share < np.median(noise) / h < 1.2 * share
     assert np.median(spacing) == pytest.approx(h, rel=0.6 * share + 0.1)
 
 
 def test_no_stretch_of_a_loud_cloud_passes_for_detail(rng):
     rows, _, h = noisy(rng, 1.0, 50_000)
-    path, _, _ = along_path(pr.Points(rows))
+    path, _, _ = compute_kd_ordering(pr.Points(rows))
     # At most 2% of the points are in quieter stretches (150 clouds), 19 to 35% if each stretch stands for itself.
-    assert np.quantile(noise_along(path)[0], 0.1) / h > 0.6
+    assert np.quantile(estimate_noise(path)[0], 0.1) / h > 0.6
 
 
 def test_only_the_noisy_part_moves(rng):

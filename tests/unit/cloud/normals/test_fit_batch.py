@@ -88,8 +88,8 @@ def test_planes_are_those_of_the_twin():
     points = saddle(0.4).astype(np.float32)
     near = table(points, 64)
     layers = Layers(points)
-    layers.wanted(1.0)
-    layers.lay(slice(0, COUNT), near)
+    layers.needed(1.0)
+    layers.add_neighbors(slice(0, COUNT), near)
     wide = points.astype(np.float64)
     truth = [naive_fits.plane(wide[near[i]] - wide[i]) for i in range(COUNT)]
     normals = np.array([axes[0] for axes, _, _ in truth])

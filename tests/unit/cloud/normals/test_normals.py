@@ -6,11 +6,11 @@ from helpers.marks import long
 from helpers.places import shared_model
 from pointray.cloud.neighbors import distinct, kd_order, neighbors
 from pointray.cloud.normals.consistency import agreement_share
-from pointray.cloud.normals.estimate import estimate_normals, mend_normals
-from pointray.cloud.normals.jets import fit_normals, survey
+from pointray.cloud.normals.estimate import estimate_normals, repair_normals
+from pointray.cloud.normals.jets import fit_normals, measure_noise
 from pointray.cloud.normals.orientation import agree
 from pointray.cloud.normals.outward import looks_inward
-from pointray.cloud.normals.sheets import part_sheets
+from pointray.cloud.normals.sheets import orient_thin_sheets
 from pointray.cloud.points import Points
 from pointray.io.files import read
 from pointray.procedural_models import procedural
@@ -104,7 +104,9 @@ def test_sharp_edges_stay_sharp(rng):
 def test_noise_is_measured_in_spacings(rng):
     positions, _ = torus(rng, 20_000)
     spacing = np.sqrt(4 * np.pi**2 * 0.4 / len(positions))
-    levels = [survey(np.float32(positions + s * spacing * rng.normal(size=positions.shape)))[0] for s in (0, 0.1)]
+    levels = [
+        measure_noise(np.float32(positions + s * spacing * rng.normal(size=positions.shape)))[0] for s in (0, 0.1)
+    ]
     assert levels[0] < 0.005
     assert 0.1 < levels[1] < 0.2  # the spacing by k neighbours is 0.56 h
 
@@ -147,7 +149,7 @@ def test_a_cavity_and_a_plate_thinner_than_the_spacing(rng, gap, residual):
         is_sheet = order >= len(wall)
         flipped = is_sheet & (path[:, 2] > 0) & (path[:, 0] < np.median(path[is_sheet, 0]))
         normals = np.where(flipped[:, None], -truth, truth)
-        part_sheets(path, normals, near, np.where(is_sheet, residual, 0).astype(np.float32))
+        orient_thin_sheets(path, normals, near, np.where(is_sheet, residual, 0).astype(np.float32))
         wrong = (np.sum(normals * truth, axis=1) < 0).sum()
         print(gap, inside, flipped.sum(), wrong)
         assert wrong < flipped.sum() / 20
@@ -280,7 +282,7 @@ def test_real_ground_looks_up(name):
 
 
 def test_good_normals_are_only_normalised(rng):
-    points, message = mend_normals(Points(SPHERE, SPHERE * 10.0 ** rng.uniform(-30, 30, (3000, 1))))
+    points, message = repair_normals(Points(SPHERE, SPHERE * 10.0 ** rng.uniform(-30, 30, (3000, 1))))
     assert "unit length" in message
     np.testing.assert_allclose(points.normals, SPHERE, atol=1e-6)
 
@@ -289,7 +291,7 @@ def test_missing_normals_come_from_their_neighbors():
     normals = SPHERE.copy()
     normals[::7], normals[3::7] = np.nan, 0
     normals[5::70, 1] = np.inf
-    points, message = mend_normals(Points(SPHERE, normals))
+    points, message = repair_normals(Points(SPHERE, normals))
     lost = ~np.isfinite(normals).all(axis=1) | ~normals.any(axis=1)
     assert message.startswith(f"{lost.sum():,} of 3,000 normals")
     assert degrees(points.normals, SPHERE).max() < 15
@@ -300,13 +302,13 @@ def test_missing_normals_come_from_their_neighbors():
 def test_opposite_normals_around_a_missing_one():
     normals = np.tile([[0, 0, 1], [0, 0, -1]], (4, 1)).astype(float)
     positions = np.vstack([sphere_points(8), [[0, 0, 0]]])
-    points, _ = mend_normals(Points(positions, np.vstack([normals, [[0, 0, 0]]])))
+    points, _ = repair_normals(Points(positions, np.vstack([normals, [[0, 0, 0]]])))
     assert abs(points.normals[8, 2]) == 1
 
 
 @pytest.mark.parametrize("normals", [None, np.zeros_like(SPHERE), np.full_like(SPHERE, np.nan)])
 def test_no_normals_at_all_are_estimated(normals):
-    points, message = mend_normals(Points(SPHERE, normals))
+    points, message = repair_normals(Points(SPHERE, normals))
     assert "estimated" in message
     assert degrees(points.normals, SPHERE).max() < 10
 
@@ -314,21 +316,21 @@ def test_no_normals_at_all_are_estimated(normals):
 def test_rows_without_position_need_no_normal():
     positions, normals = SPHERE.copy(), SPHERE.copy()
     positions[4], normals[4] = np.nan, np.nan
-    points, message = mend_normals(Points(positions, normals))
+    points, message = repair_normals(Points(positions, normals))
     assert message is None
     assert points.normals[4].tolist() == [0, 0, 0]
 
 
 def test_flipped_normals_are_noticed_and_used():
-    points, message = mend_normals(Points(SPHERE, -SPHERE))
-    assert "look inwards" in message and "-points.normals" in message and "\n" not in message
+    points, message = repair_normals(Points(SPHERE, -SPHERE))
+    assert "point inward" in message and "-points.normals" in message and "\n" not in message
     np.testing.assert_allclose(points.normals, -SPHERE, atol=1e-6)
 
 
 @pytest.mark.parametrize("share", [0.1, 0.5])
 def test_normals_without_signs_are_oriented(rng, share):
     normals = np.where(rng.random((3000, 1)) < share, -SPHERE, SPHERE)
-    points, message = mend_normals(Points(np.vstack([SPHERE, SPHERE[:9]]), np.vstack([normals, -normals[:9]])))
+    points, message = repair_normals(Points(np.vstack([SPHERE, SPHERE[:9]]), np.vstack([normals, -normals[:9]])))
     assert "opposite sides" in message
     np.testing.assert_allclose(points.normals, np.vstack([SPHERE, SPHERE[:9]]), atol=1e-6)
 
@@ -336,10 +338,10 @@ def test_normals_without_signs_are_oriented(rng, share):
 def test_a_few_odd_lengths_are_mentioned():
     normals = SPHERE.copy()
     normals[:7] *= 3
-    points, message = mend_normals(Points(SPHERE, normals))
+    points, message = repair_normals(Points(SPHERE, normals))
     assert message.startswith("7 of 3,000 normals are not of unit length")
     np.testing.assert_allclose(points.normals, SPHERE, atol=1e-6)
-    assert mend_normals(Points(SPHERE, 5 * SPHERE))[1] is None
+    assert repair_normals(Points(SPHERE, 5 * SPHERE))[1] is None
 
 
 SCANS = ["stanford_bunny", "stanford_bunny_rangescans", "stanford_dragon", "stanford_dragon_stand_rangescans"]
@@ -362,5 +364,5 @@ def test_good_normals_of_scans_cause_no_words_and_flipped_ones_do(name):
 )
 def test_exact_normals_cause_no_words(name, n):
     points = procedural(name, n)
-    assert mend_normals(points)[1] is None
-    assert "look inwards" in mend_normals(points.with_normals(-points.normals))[1]
+    assert repair_normals(points)[1] is None
+    assert "point inward" in repair_normals(points.with_normals(-points.normals))[1]

@@ -7,7 +7,7 @@ import pointray as pr
 from helpers.stations import BOTH, EAST, WEST, seen_torus
 from pointray import Points, estimate_normals
 from pointray.cloud.georeference import SCAN, Survey
-from pointray.cloud.normals.estimate import mend_normals
+from pointray.cloud.normals.estimate import repair_normals
 from pointray.cloud.normals.stations import eyes_of
 
 
@@ -58,7 +58,7 @@ def test_a_viewpoint_for_each_point():
             estimate_normals(Points(positions), viewpoint=shape)
 
 
-@pytest.mark.filterwarnings("ignore:.*are of scans like")
+@pytest.mark.filterwarnings("ignore:.*belong to scans such as")
 @pytest.mark.parametrize("scans", [[7, -1], [np.nan, 0.5]])
 def test_all_unknown_is_as_without_stations(scans):
     positions, _, scan = wall(800)
@@ -121,9 +121,9 @@ def test_models_use_the_stations():
 def test_given_normals_stay_and_missing_ones_are_estimated():
     positions, exact, scan = wall(thickness=0.2)
     survey = {"attributes": {SCAN: scan}, "survey": BOTH}
-    given, said = mend_normals(Points(positions, -exact, **survey))
+    given, said = repair_normals(Points(positions, -exact, **survey))
     np.testing.assert_array_equal(given.normals, -exact)
-    mended, said = mend_normals(Points(positions, np.zeros_like(exact), **survey))
+    mended, said = repair_normals(Points(positions, np.zeros_like(exact), **survey))
     assert wrong(mended.normals, exact) == 0 and "estimated" in said
 
 
@@ -131,14 +131,14 @@ def test_normals_that_disagree_turn_to_their_stations():
     positions, exact, scan = wall(thickness=0.2)
     signs = np.where(np.random.default_rng(3).random(len(exact)) < 0.5, -1, 1)[:, None]
     survey = {"attributes": {SCAN: scan}, "survey": BOTH}
-    mended, said = mend_normals(Points(positions, exact * signs, **survey))
-    assert wrong(mended.normals, exact) == 0 and "signs set anew" in said and "viewpoint=" not in said
+    mended, said = repair_normals(Points(positions, exact * signs, **survey))
+    assert wrong(mended.normals, exact) == 0 and "signs recomputed" in said and "viewpoint=" not in said
 
 
 def test_right_normals_of_a_thin_wall_are_not_touched():
     positions, exact, scan = wall()
     survey = {"attributes": {SCAN: scan}, "survey": BOTH}
-    mended, said = mend_normals(Points(positions, exact, **survey))
+    mended, said = repair_normals(Points(positions, exact, **survey))
     np.testing.assert_array_equal(mended.normals, exact)
     assert said is None
 
@@ -150,8 +150,8 @@ def test_a_torus_seen_from_two_stations():
 
 
 def test_fitted_normals_in_place_of_wrong_ones_face_the_stations():
-    from pointray.cloud.normals.validation import replaced
+    from pointray.cloud.normals.validation import refit_normals
 
     positions, exact, scan = wall(thickness=0.2)
     points = Points(positions, -exact, attributes={SCAN: scan}, survey=BOTH)
-    assert wrong(replaced(points).normals, exact) == 0  # the file's, which all face away, do not turn them
+    assert wrong(refit_normals(points).normals, exact) == 0  # the file's, which all face away, do not turn them

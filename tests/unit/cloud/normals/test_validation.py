@@ -15,7 +15,7 @@ from pointray.cli import execute
 from pointray.cli.scan_scene import PLAIN
 from pointray.cloud.neighbors import few_queries as nearby
 from pointray.cloud.normals.comparison import WRONG
-from pointray.cloud.normals.validation import trusted
+from pointray.cloud.normals.validation import select_normals
 from pointray.viewer.loading import FileLoader
 from pointray.viewer.shared_scene import SharedScene
 
@@ -179,8 +179,8 @@ def test_of_many_points_only_those_around_a_sample_are_looked_through(monkeypatc
 def test_wrong_normals_are_replaced_and_keep_their_side():
     truth = ripple()
     for side in (1, -1):
-        with pytest.warns(UserWarning, match="a median of 21 degrees off the surface: fitted ones are used"):
-            points = trusted(ripple(2.2).with_normals(side * ripple(2.2).normals))
+        with pytest.warns(UserWarning, match=r"by 21 degrees \(median\): replaced by fitted normals"):
+            points = select_normals(ripple(2.2).with_normals(side * ripple(2.2).normals))
         cosines = side * np.sum(points.normals * truth.normals, axis=1)
         assert np.median(cosines) > 0.999 and (cosines > 0).mean() > 0.99
 
@@ -189,10 +189,10 @@ def test_right_ones_are_kept_and_wrong_ones_where_that_is_chosen():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         right, wrong = ripple(), ripple(2.2)
-        assert trusted(right) is right
-        assert trusted(wrong, "file") is wrong
-        assert trusted(right, "fit").normals is None
-        assert trusted(right.with_normals(None)).normals is None
+        assert select_normals(right) is right
+        assert select_normals(wrong, "file") is wrong
+        assert select_normals(right, "fit").normals is None
+        assert select_normals(right.with_normals(None)).normals is None
 
 
 def test_a_model_keeps_what_points_have():
@@ -207,13 +207,13 @@ def test_render_says_so_and_how_to_keep_them(file, tmp_path, capsys):
     picture = tmp_path / "a.png"
     assert execute(["render", str(file), "-o", str(picture), *SMALL]) == 0
     assert (
-        "pointray: note: normals in the file are a median of 21 degrees off the surface: fitted ones are used "
-        "(--normals file keeps them)\n"
+        "pointray: note: normals in the file deviate from the surface by 21 degrees (median): replaced by fitted "
+        "normals (--normals file keeps them)\n"
     ) in capsys.readouterr().err
     shown = {"auto": picture.read_bytes()}
     for choice in ("file", "fit"):
         assert execute(["render", str(file), "-o", str(picture), *SMALL, "--normals", choice]) == 0
-        assert "degrees off" not in capsys.readouterr().err
+        assert "deviate from the surface" not in capsys.readouterr().err
         shown[choice] = picture.read_bytes()
     assert shown["auto"] == shown["fit"] != shown["file"]
 
@@ -222,7 +222,7 @@ def test_render_says_so_and_how_to_keep_them(file, tmp_path, capsys):
 def test_normals_that_a_file_lacks_cannot_be_used(command, bare, tmp_path, capsys):
     output = tmp_path / {"render": "a.png", "animate": "frames", "prepare": "b.ply"}[command]
     assert execute([command, str(bare), "-o", str(output), "--normals", "file"]) == 2
-    assert capsys.readouterr().err == f"pointray: {bare}: --normals file: there are no normals in the file\n"
+    assert capsys.readouterr().err == f"pointray: {bare}: --normals file: the file has no normals\n"
     assert not output.is_file()
 
 
@@ -243,7 +243,7 @@ def test_prepare_writes_the_normals_that_are_used(file, bare, tmp_path, capsys):
         assert execute(["prepare", str(file), "-o", str(out), "--normals", choice]) == 0
         cosines = np.abs(np.sum(pr.read(out).normals * truth, axis=1))
         off[choice] = np.degrees(np.median(np.arccos(np.minimum(cosines, 1))))
-        assert ("degrees off" in capsys.readouterr().err) == (choice == "auto")
+        assert ("deviate from the surface" in capsys.readouterr().err) == (choice == "auto")
     assert off["auto"] < 2 and off["fit"] < 2 and off["file"] == pytest.approx(21, abs=1)
     assert execute(["prepare", str(bare), "-o", str(out)]) == 0 and pr.read(out).normals is None
     assert execute(["prepare", str(bare), "-o", str(out), "--normals", "fit", "--viewpoint", "0,0,-90"]) == 0
@@ -257,7 +257,7 @@ def test_info_says_the_same(file, bare, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert facts["normals"] is True and facts["normals_wrong"] is True
     assert facts["normals_off"] == pytest.approx(21, abs=1)
-    assert len(facts["notes"]) == 1 and "21 degrees off the surface: fitted ones will be used" in facts["notes"][0]
+    assert len(facts["notes"]) == 1 and "by 21 degrees (median): fitted ones will be used" in facts["notes"][0]
     assert execute(["info", str(file)]) == 0
     assert "degrees off: wrong" in capsys.readouterr().out
     pr.write(file, ripple())
@@ -284,7 +284,7 @@ def test_a_scene_file_says_whose(choice, file, tmp_path, recwarn):
     line = "" if choice == "auto" else f'normals = "{choice}"\n'
     scene.write_text(f'[models.a]\nfile = "ripple.ply"\n{line}[[instances]]\nmodel = "a"\n')
     made = pr.load_scene(scene).scene
-    said = [str(w.message) for w in recwarn if "degrees off" in str(w.message)]
+    said = [str(w.message) for w in recwarn if "deviate from the surface" in str(w.message)]
     assert len(said) == (choice == "auto") and all('(normals = "file" keeps them)' in text for text in said)
     assert (off_at_a_slope(made) > 8) == (choice == "file")
 
@@ -295,7 +295,7 @@ def test_what_a_scene_file_says_wrong(file, bare, tmp_path, capsys):
     wrong = {
         'file = "ripple.ply"\nnormals = "fitted"': "normals: unknown kind of normals 'fitted' (did you mean 'fit'?)",
         'file = "m.pointray"\nnormals = "fit"': "normals: is part of a saved model (m.pointray)",
-        'file = "bare.ply"\nnormals = "file"': 'normals = "file": there are no normals in the file',
+        'file = "bare.ply"\nnormals = "file"': 'normals = "file": the file has no normals',
         'procedural = "sphere"\npoints = 900\nnormals = "fit"': "normals: unknown key 'normals'",
     }
     for text, message in wrong.items():
@@ -319,4 +319,4 @@ def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
         assert len(shown) == 1 + coarse
         assert all((off_at_a_slope(scene) > 8) == (choice == "file") for scene in shown)
         shown.clear()
-    assert sum("degrees off" in str(w.message) for w in recwarn) == 1
+    assert sum("deviate from the surface" in str(w.message) for w in recwarn) == 1

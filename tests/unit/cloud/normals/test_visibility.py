@@ -9,12 +9,12 @@ from helpers.prepared_parts import prepared
 from helpers.stations import seen_torus
 from pointray import Points, Survey, estimate_normals
 from pointray.cloud.georeference import SCAN
-from pointray.cloud.normals.estimate import mend_normals
+from pointray.cloud.normals.estimate import repair_normals
 from pointray.cloud.normals.stations import eyes_of
 from pointray.cloud.normals.visibility import HIDDEN, hidden_share, ignored_stations
 
 EYE = np.array([0.0, 0.0, 1.6])
-NOTE = "not where a scanner stood: ignored for normals"
+NOTE = "not a scanner position: ignored for normals"
 
 
 def first_hits(directions, balls, boxes, floor):
@@ -94,8 +94,8 @@ def test_signs_of_merged_normals_are_set_anew_without_a_station(rng):
     torus = pr.procedural("torus", 6000)
     given = torus.normals * rng.choice([-1, 1], (len(torus), 1))
     with pytest.warns(UserWarning, match=NOTE):
-        mended, said = mend_normals(Points(torus.world, given, survey=Survey(stations=((5.0, 2.0, 1.5),))))
-    assert (np.einsum("ij,ij->i", mended.normals, torus.normals) > 0).all() and "signs set anew" in said
+        mended, said = repair_normals(Points(torus.world, given, survey=Survey(stations=((5.0, 2.0, 1.5),))))
+    assert (np.einsum("ij,ij->i", mended.normals, torus.normals) > 0).all() and "signs recomputed" in said
 
 
 def test_each_station_is_judged_by_its_points():
@@ -107,7 +107,7 @@ def test_each_station_is_judged_by_its_points():
     assert ignored_stations(points) == (1, 2)
     eyes = eyes_of(points)
     assert (eyes[scans == 0] == EYE).all() and np.isnan(eyes[scans > 0]).all()
-    with pytest.warns(UserWarning, match="2 of 3 viewpoints of the file are not where"):
+    with pytest.warns(UserWarning, match="2 of 3 viewpoints of the file are not scanner positions"):
         estimate_normals(points)
 
 

@@ -148,7 +148,7 @@ def test_a_cloud_of_strays_is_left_as_it_is():
     assert pr.find_strays(pr.Points(np.random.default_rng(0).uniform(-1, 1, (3000, 3)))).any.mean() < 0.01
 
 
-def test_rows_that_are_not_finite_are_none_and_equal_ones_share_their_kind():
+def test_rows_that_are_not_finite_are_no_strays_and_equal_ones_share_their_kind():
     points, _ = layered(2)
     whole = pr.find_strays(points)
     rows = np.vstack([points.positions, np.full((3, 3), np.nan), points.positions[::-1]])
@@ -167,9 +167,9 @@ def test_a_wrong_viewpoint_is_refused():
     assert len(pr.find_strays(points, points.positions[0]).any) == len(points)  # at a point
 
 
-def test_kinds_are_told_in_words():
+def test_kinds_are_described_in_words():
     points, _ = layered(2)
-    with pytest.warns(UserWarning, match=r"^scan: 1,0\d\d strays \(.* of second layers, .*\) left out$"):
+    with pytest.warns(UserWarning, match=r"^scan: 1,0\d\d strays \(.* in second layers, .*\) removed$"):
         left = without_strays(points, "scan")
     assert len(left) < N + 10
 
@@ -190,7 +190,7 @@ def test_commands_leave_them_out(tmp_path, capsys):
         )
         == 0
     )
-    assert "of second layers" in capsys.readouterr().err
+    assert "in second layers" in capsys.readouterr().err
     model = tmp_path / "m.pointray"
     pr.Model(points).save(model)
     assert execute(["info", str(model), "--drop-strays"]) != 0

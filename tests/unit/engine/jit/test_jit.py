@@ -193,7 +193,7 @@ print(before, compilations())
 
 
 @pytest.mark.long
-def test_an_edit_of_a_kernels_own_file_compiles_only_that_and_is_told(tmp_path):
+def test_an_edit_of_a_kernels_own_file_compiles_only_that_and_is_reported(tmp_path):
     copy, cache = copied(tmp_path / "copy"), tmp_path / "cache"
     assert use(copy, cache, SCREEN) == ["False", "1"] and use(copy, cache, SCREEN) == ["True", "0"]
     for file, known in (("image/screen.py", False), ("cli/options.py", True), ("io/formats/ply/ply.py", True)):

@@ -123,7 +123,7 @@ def test_a_damaged_library_is_not_loaded(folder, damage):
         lambda manifest: manifest["libraries"].update({level: {} for level in manifest["libraries"]}),
     ],
 )
-def test_a_damaged_manifest_is_told(folder, change):
+def test_a_damaged_manifest_is_reported(folder, change):
     manifest = json.loads((folder / library.MANIFEST).read_text())
     change(manifest)
     (folder / library.MANIFEST).write_text(json.dumps(manifest))
@@ -132,7 +132,7 @@ def test_a_damaged_manifest_is_told(folder, change):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", "\xff", "[" * 100_000])
-def test_a_manifest_that_is_none_is_told(tmp_path, monkeypatch, text):
+def test_an_invalid_manifest_is_reported(tmp_path, monkeypatch, text):
     monkeypatch.setattr(library, "FOLDER", tmp_path)
     monkeypatch.setattr(library, "CHECK", False)
     monkeypatch.setenv("POINTRAY_KERNELS", "auto")
@@ -225,7 +225,7 @@ sys.exit(execute(["render", {str(scan)!r}, "-o", {str(tmp_path / "a.png")!r}]))
     )
 
 
-def test_the_choice_is_told(capsys):
+def test_the_choice_is_printed(capsys):
     assert execute(["info", "--system", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["kernels"] == library.choice()[1] and facts["pointray"] == pointray.__version__

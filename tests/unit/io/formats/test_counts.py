@@ -112,60 +112,60 @@ CLOUD_OBJ = "".join("v " + line for line in LINES).encode()
 COLMAP = "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[]\n" + "".join(
     f"{k} {line.strip()} 1 2 3 0.5 1 2\n" for k, line in enumerate(LINES)
 )
-# name, contents, points that are there, what the warning says, what a strict reader says
+# name, contents, points in the file, the warning, the error of a strict reader
 CASES = {
     "pts, fewer": (
         "a.pts",
         f"50\n{TEXT}",
         N,
-        "50 rows are announced, 40 are there: 10 of 50 are missing",
+        "50 rows expected, 40 found: 10 of 50 are missing",
         "is cut off",
     ),
-    "pts, more": ("a.pts", f"30\n{TEXT}", N, "30 rows are announced, 40 are there", "is damaged"),
-    "pts, blocks": ("a.pts", f"20\n{TEXT}9\n{TEXT}", 2 * N, "29 rows are announced, 80 are there", "is damaged"),
+    "pts, more": ("a.pts", f"30\n{TEXT}", N, "30 rows expected, 40 found", "is damaged"),
+    "pts, blocks": ("a.pts", f"20\n{TEXT}9\n{TEXT}", 2 * N, "29 rows expected, 80 found", "is damaged"),
     "pts, cut": (
         "a.pts",
         f"40\n{CUT}",
         N - 1,
         "last line is cut off; 40 rows .* 1 of 40",
-        "has 2 columns, not 3",
+        "has 2 columns, expected 3",
     ),
-    "xyz, cut": ("a.xyz", TEXT + "4 5", N, "its last line is cut off", "has 2 columns, not 3"),
+    "xyz, cut": ("a.xyz", TEXT + "4 5", N, "its last line is cut off", "has 2 columns, expected 3"),
     "xyz, one field": ("a.xyz", TEXT + "4", N, "its last line is cut off", "has 1 column"),
-    "xyz, half a number": ("a.xyz", TEXT + "4 5 -", N, "its last line is cut off", "'-' is no number"),
+    "xyz, half a number": ("a.xyz", TEXT + "4 5 -", N, "its last line is cut off", "'-' is not a number"),
     "ptx, fewer": (
         "a.ptx",
         ptx(8, 5, 0, 33),
         33,
-        "40 rows are announced, 33 are there: 7 of 40",
+        "40 rows expected, 33 found: 7 of 40",
         "is cut off at line 44",
     ),
     "ptx, first": (
         "a.ptx",
         ptx(5, 4, 0, 17) + ptx(5, 4, 20, N),
         37,
-        "40 rows .*, 37 are there: 3",
+        "40 rows .*, 37 found: 3",
         "the header of scan 2",
     ),
-    "ptx, more": ("a.ptx", ptx(5, 4, 0, 23) + ptx(5, 4, 20, N), 43, "40 rows .*, 43 are there", "the header of scan 2"),
+    "ptx, more": ("a.ptx", ptx(5, 4, 0, 23) + ptx(5, 4, 20, N), 43, "40 rows .*, 43 found", "the header of scan 2"),
     "ptx, header": ("a.ptx", ptx(8, 5, 0, N) + "4\n5\n0 0", N, "the header of scan 2", "the header of scan 2"),
-    "ptx, huge": ("a.ptx", ptx(10**9, 10**9, 0, N), N, "1,000,000,000,000,000,000 rows are announced", "is cut off"),
+    "ptx, huge": ("a.ptx", ptx(10**9, 10**9, 0, N), N, "1,000,000,000,000,000,000 rows expected", "is cut off"),
     "las, fewer": ("a.las", las(50), N, "50 rows of 20 bytes .* 40 rows: 10 of 50 are missing", "is cut off: 50 rows"),
     "las, huge": ("a.las", las(2**32 - 1), N, "4,294,967,255 of 4,294,967,295 are missing", "is cut off"),
     "las, more": (
         "a.las",
         las(30),
         N,
-        "30 rows; 200 bytes follow them, as many as 10 rows more$",
+        "30 rows; 200 more bytes follow, as many as 10 rows$",
         "as many as 10 rows",
     ),
-    "laz, fewer": ("a.laz", laz(50, "1.2"), N, "50 rows are announced, 40 are there: 10 of 50", "50 rows"),
-    "laz, huge": ("a.laz", laz(2**32 - 1, "1.2"), N, "4,294,967,295 rows are announced, 40 are there", "rows"),
-    "laz, layers, fewer": ("a.laz", laz(50, "1.4"), N, "50 rows are announced, 40 are there: 10 of 50", "50 rows"),
-    "laz, layers, more": ("a.laz", laz(30, "1.4"), N, "30 rows are announced, 40 are there", "30 rows"),
-    "laz, layers, huge": ("a.laz", laz(1 << 60, "1.4"), N, "rows are announced, 40 are there", "rows"),
-    "las, none": ("a.las", las(0), N, "announces 0 rows; 800 bytes follow", "holds no points: the header announces 0"),
-    "las, padding": ("a.las", las(N) + bytes(200), N, "10 rows more, which are not read", "as many as 10 rows more"),
+    "laz, fewer": ("a.laz", laz(50, "1.2"), N, "50 rows expected, 40 found: 10 of 50", "50 rows"),
+    "laz, huge": ("a.laz", laz(2**32 - 1, "1.2"), N, "4,294,967,295 rows expected, 40 found", "rows"),
+    "laz, layers, fewer": ("a.laz", laz(50, "1.4"), N, "50 rows expected, 40 found: 10 of 50", "50 rows"),
+    "laz, layers, more": ("a.laz", laz(30, "1.4"), N, "30 rows expected, 40 found", "30 rows"),
+    "laz, layers, huge": ("a.laz", laz(1 << 60, "1.4"), N, "rows expected, 40 found", "rows"),
+    "las, none": ("a.las", las(0), N, "announces 0 rows; 800 more bytes", "contains no points: the header announces 0"),
+    "las, padding": ("a.las", las(N) + bytes(200), N, "10 rows, which are not read", "as many as 10 rows"),
     "ply, fewer": (
         "a.ply",
         ply(50, XYZ.tobytes()),
@@ -179,7 +179,7 @@ CASES = {
         "a.ply",
         ply(30, XYZ.tobytes()),
         N,
-        "30 vertices are announced, 120 bytes follow them, 10 more",
+        "30 vertices expected, 120 bytes follow them, 10 more",
         "30 vert",
     ),
     "ply, padding": (
@@ -193,10 +193,10 @@ CASES = {
         "a.ply",
         ply(50, TEXT, "ascii"),
         N,
-        "40 of 3 are there: 10 of 50 are missing",
-        "40 of 3 are there",
+        "40 of 3 found: 10 of 50 are missing",
+        "40 of 3 found",
     ),
-    "ply, text, more": ("a.ply", ply(30, TEXT, "ascii"), N, "30 lines of 3 numbers are announced, 40 of 3", "30 lines"),
+    "ply, text, more": ("a.ply", ply(30, TEXT, "ascii"), N, "30 lines of 3 numbers expected, 40 of 3", "30 lines"),
     "ply, text, cut": ("a.ply", ply(N, CUT, "ascii"), N - 1, "last line is cut off; .* 1 of 40", "3 to 2"),
     "ply, text, cut, end of line": (
         "a.ply",
@@ -217,15 +217,15 @@ CASES = {
         "a.ply",
         ply(50, TEXT.replace("\n", " 2 5 6\n"), "ascii", "property list uchar uchar near\n"),
         N,
-        "50 vertices are announced, 40 are there: 10 of 50 are missing",
-        "50 vertices are announced, 40 are there",
+        "50 vertices expected, 40 found: 10 of 50 are missing",
+        "50 vertices expected, 40 found",
     ),
     "ply, text, lists, cut": (
         "a.ply",
         ply(N, TEXT.replace("\n", " 2 5 6\n")[:-3] + "\n\n", "ascii", "property list uchar uchar near\n"),
         N - 1,
-        "is cut off: 40 vertices are announced, 39 are there: 1 of 40 are missing",
-        "vertex 39 has not the values and lists",
+        "is cut off: 40 vertices expected, 39 found: 1 of 40 are missing",
+        "vertex 39 does not match",
     ),
     "pcd, fewer": (
         "a.pcd",
@@ -234,34 +234,34 @@ CASES = {
         "50 points of 12 bytes .* 10 of 50",
         "is cut off: 50 points",
     ),
-    "pcd, more": ("a.pcd", pcd(30, XYZ.tobytes(), "binary"), N, "goes on for 120 bytes", "goes on for 120 bytes"),
+    "pcd, more": ("a.pcd", pcd(30, XYZ.tobytes(), "binary"), N, "has 120 more bytes", "has 120 more bytes"),
     "pcd, width": (
         "a.pcd",
         pcd(N, XYZ.tobytes(), "binary", 7),
         N,
-        "40 points .* WIDTH x HEIGHT are 7 x 1",
+        "40 points .* WIDTH x HEIGHT is 7 x 1",
         "WIDTH x HEIGHT",
     ),
     "pcd, packed": (
         "a.pcd",
         lzf(30),
         N,
-        "480 unpacked bytes .*: 40 points are there",
-        "480 unpacked bytes are announced",
+        "480 decompressed bytes .*: 40 points found",
+        "480 decompressed bytes announced",
     ),
     "pcd, text, fewer": (
         "a.pcd",
         pcd(50, TEXT, "ascii"),
         N,
-        "50 points are announced, 40 are there: 10 of 50",
+        "50 points expected, 40 found: 10 of 50",
         "is cut off",
     ),
     "pcd, text, more": (
         "a.pcd",
         pcd(30, TEXT, "ascii"),
         N,
-        "30 points are announced, 40 are there",
-        "there are more points",
+        "30 points expected, 40 found",
+        "more points follow",
     ),
     "pcd, text, cut": ("a.pcd", pcd(N, CUT, "ascii"), N - 1, "last line is cut off; .* 1 of 40", "line 49"),
     "pcd, text, cut, end of line": (
@@ -276,26 +276,26 @@ CASES = {
         "a.npy",
         npy(50),
         N,
-        r"600 bytes of \(50, 3\) are announced, 480 are there: 10 of 50",
+        r"600 bytes of \(50, 3\) expected, 480 found: 10 of 50",
         "is cut off: 600",
     ),
-    "npy, more": ("a.npy", npy(30), 30, "goes on behind its array", "goes on behind its array: 360 bytes"),
+    "npy, more": ("a.npy", npy(30), 30, "has more bytes after its array", "has more bytes after its array: 360 bytes"),
     "kitti, cut": (
         "a.bin",
         sweep()[:-5],
         N - 1,
-        "its 635 bytes are no rows of 16",
-        "cut off, or no sweep of a scanner",
+        "its 635 bytes are not a multiple of 16",
+        "cut off, or not a lidar sweep",
     ),
-    "kitti, other rows": ("a.bin", sweep()[:620], N - 2, "its 620 bytes are no rows", "cut off|known sweep"),
+    "kitti, other rows": ("a.bin", sweep()[:620], N - 2, "its 620 bytes are not a multiple", "cut off|known lidar"),
     "colmap, fewer": ("points3D.bin", colmap(50), N, "at point 40 of 50: 10 of 50 are missing", "is cut off"),
     "colmap, huge": ("points3D.bin", colmap(1 << 60), N, "are missing", "is cut off: 1,152,921,504,606,846,976"),
-    "colmap, more": ("points3D.bin", colmap(30), 30, "goes on for 510 bytes behind its 30 points", "goes on for 510"),
-    "colmap, text": ("points3D.txt", COLMAP[:-3], N - 1, "its last line is cut off", "is no point of COLMAP"),
-    "off, faces": ("a.off", OFF[:-3], N, "40 vertices and 1 faces are announced", "is cut off: 40 vertices"),
-    "off, fewer": ("a.off", OFF.replace(b"40 1", b"50 9"), N + 1, "50 vertices and 9 faces", "more than 42 lines"),
+    "colmap, more": ("points3D.bin", colmap(30), 30, "has 510 more bytes after 30 points", "has 510 more bytes"),
+    "colmap, text": ("points3D.txt", COLMAP[:-3], N - 1, "its last line is cut off", "is invalid, expected id"),
+    "off, faces": ("a.off", OFF[:-3], N, "40 vertices and 1 faces expected", "is cut off: 40 vertices"),
+    "off, fewer": ("a.off", OFF.replace(b"40 1", b"50 9"), N + 1, "50 vertices and 9 faces", "more than its 42 lines"),
     "obj, cut": ("a.obj", CLOUD_OBJ + b"v 1 2", N, "line 41 is 'v 1 2': it is cut off", "line 41 is 'v 1 2'"),
-    "gzip": ("a.xyz.gz", gzip.compress(TEXT.encode())[:-8], N, "bytes can be unpacked", "is damaged or cut off"),
+    "gzip": ("a.xyz.gz", gzip.compress(TEXT.encode())[:-8], N, "bytes could be decompressed", "is damaged or cut off"),
 }
 
 
@@ -408,7 +408,7 @@ def test_several_scans_of_e57(tmp_path):
     own.with_xml(path, 'recordCount="500"', 'recordCount="987"')
     points, said = warned(path)
     assert len(points) == 500 and said == [
-        f"{path}: is cut off in scan 0: 987 points are announced, 500 are there: 487 of 987 are missing"
+        f"{path}: is cut off in scan 0: 987 points expected, 500 found: 487 of 987 are missing"
     ]
 
 
@@ -426,7 +426,7 @@ def test_the_command_line(tmp_path, capsys, monkeypatch):
     ):
         assert execute([command[0], "a.pts", *command[1:], "--strict"]) == 2
         err = capsys.readouterr().err
-        assert err.count("\n") == 1 and "announces 50 rows, 40 are there" in err
+        assert err.count("\n") == 1 and "announces 50 rows, 40 found" in err
     assert execute(["convert", "a.pts", "a.ply"]) == 0
     assert len(pr.read("a.ply", strict=True)) == N
 

@@ -1,4 +1,4 @@
-"""Depth pictures: PNG of 16 bits and arrays."""
+"""Depth images: PNG of 16 bits and arrays."""
 
 import zlib
 
@@ -48,7 +48,7 @@ def test_the_unit_of_depths_can_be_said(tmp_path):
 
 def test_a_camera_is_asked_for(tmp_path):
     path = save(tmp_path / "a.png", STEPS)
-    with pytest.raises(ValueError, match=r"a.png: is a depth picture: say --intrinsics fx,fy,cx,cy"):
+    with pytest.raises(ValueError, match=r"a.png: is a depth image: pass the camera as --intrinsics fx,fy,cx,cy"):
         read(path)
 
 
@@ -68,16 +68,16 @@ def header(array):
 
 def test_colors_are_no_depths(rng, tmp_path):
     path = save(tmp_path / "a.png", rng.integers(0, 256, (20, 20, 3)).astype(np.uint8))
-    with pytest.raises(ValueError, match="is a picture of colours, not of depths"):
+    with pytest.raises(ValueError, match="is a colour image, expected a 16-bit"):
         read(path, intrinsics=CAMERA)
     path = save(tmp_path / "b.png", rng.integers(0, 256, (20, 20)).astype(np.uint8))
-    with pytest.raises(ValueError, match="is a grey picture of 8 bits, not of depths"):
+    with pytest.raises(ValueError, match="is a grey image of 8 bits, expected a 16-bit"):
         read(path, intrinsics=CAMERA)
 
 
-def test_nothing_seen_is_said(tmp_path):
+def test_an_empty_depth_image_is_reported(tmp_path):
     path = save(tmp_path / "a.png", np.zeros((20, 20), np.uint16))
-    with pytest.raises(ValueError, match="holds no points"):
+    with pytest.raises(ValueError, match="contains no points"):
         read(path, intrinsics=CAMERA)
 
 
@@ -97,5 +97,5 @@ def test_a_picture_larger_than_its_file_is_refused(tmp_path):
     data[16:24] = (60_000).to_bytes(4, "big") * 2
     data[29:33] = zlib.crc32(data[12:29]).to_bytes(4, "big")
     path.write_bytes(data)
-    with pytest.raises(ValueError, match="60,000 x 60,000 pixels are announced"):
+    with pytest.raises(ValueError, match="60,000 x 60,000 pixels expected"):
         read(path, intrinsics=CAMERA)

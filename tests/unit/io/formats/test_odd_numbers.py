@@ -84,10 +84,12 @@ def test_names_in_lower_case_come_first_and_vertices_before_points(tmp_path):
 
 def test_a_ply_file_without_positions_tells_its_names(tmp_path):
     (tmp_path / "a.ply").write_text(HEADER.format("u", "y", "z", *NAMES[3:], element="vertex", count=2) + ROWS)
-    with pytest.raises(ValueError, match="no properties x, y, z, only: u, y, z, red, green, blue"):
+    with pytest.raises(
+        ValueError, match="properties x, y, z of the vertices not found; available: u, y, z, red, green, blue"
+    ):
         read(tmp_path / "a.ply")
     (tmp_path / "b.ply").write_text(HEADER.format(*NAMES, element="face", count=2) + ROWS)
-    with pytest.raises(ValueError, match="has no element 'vertex', only: face"):
+    with pytest.raises(ValueError, match="element 'vertex' not found; available: face"):
         read(tmp_path / "b.ply")
 
 

@@ -154,7 +154,7 @@ def test_levels_of_parts_are_those_of_the_whole(both: tuple[pr.Model, Path]) -> 
         assert {model.tree.head[:6].tobytes() for model in models} == {level.tree.head[:6].tobytes()}
 
 
-def test_the_index_tells_of_levels(both: tuple[pr.Model, Path]) -> None:
+def test_the_index_describes_levels(both: tuple[pr.Model, Path]) -> None:
     whole, folder = both
     for part in parts_of(folder):
         reaches = [part["reach"]]

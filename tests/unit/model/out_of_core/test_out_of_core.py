@@ -167,7 +167,7 @@ def test_parts_that_are_made_again_later_do_no_harm(tmp_path, monkeypatch, rng):
 
 @pytest.mark.parametrize("scramble", [False, True])
 @pytest.mark.long
-def test_what_is_mended_is_told_as_of_the_whole(scramble, tmp_path, rng):
+def test_corrections_are_reported_as_for_the_whole(scramble, tmp_path, rng):
     points = lost_normals(rng)
     points = some_signs(rng, points) if scramble else points
     pr.write(tmp_path / "a.ply", points)
@@ -218,7 +218,7 @@ def at_once(tmp_path_factory):
 def test_a_run_that_is_interrupted_at_every_stage_goes_on(at_once, tmp_path, monkeypatch):
     """What was done is not done again, and the files are the same but for the folder's id."""
     scan, whole = at_once
-    for stage in ("_arrange", "_merge", "_stretches", "_place", "_support", "_write"):
+    for stage in ("_arrange", "_merge", "_noise_ranges", "_place", "_support", "_write"):
         work = getattr(OutOfCoreBuilder, stage)
 
         def interrupted(self, work=work):
@@ -277,7 +277,7 @@ def begun(tmp_path, monkeypatch):
 
 def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
     folder = begun(tmp_path, monkeypatch)
-    with pytest.raises(ValueError, match="holds unfinished work of other size"):
+    with pytest.raises(ValueError, match="contains unfinished work with different size"):
         prepared(tmp_path / "a.ply", folder, 2 * SIZE)
     with pytest.raises(ValueError, match="other settings"):
         prepared(tmp_path / "a.ply", folder, smooth=0.0)
@@ -291,7 +291,10 @@ def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
 def test_two_writers_do_not_meet(tmp_path, monkeypatch):
     folder = begun(tmp_path, monkeypatch)
-    with prepare_module.alone(folder / "unfinished"), pytest.raises(ValueError, match="another process prepares"):
+    with (
+        prepare_module.exclusive_lock(folder / "unfinished"),
+        pytest.raises(ValueError, match="another process is preparing"),
+    ):
         prepared(tmp_path / "a.ply", folder)
     with monkeypatch.context() as patch:
         patch.setattr(OutOfCoreBuilder, "build", lambda self: 1 / 0)
@@ -322,12 +325,12 @@ def test_the_command_goes_by_parts_when_memory_is_little(tmp_path, capsys, monke
     ("words", "text"),
     [
         (["--memory", "2 apples"], "--memory must be a size like 4GiB or 500MB, not '2 apples'"),
-        (["--memory", "100MB"], "parts cannot be made in 0.09 GiB of memory: 1.5 GiB are needed"),
+        (["--memory", "100MB"], "not enough memory: 0.09 GiB, but 1.5 GiB are needed"),
         (["--memory", "2GiB", "--tolerance", "0.5"], "--tolerance is for scans that fit into memory"),
         (["--memory", "2GiB", "--drop-strays"], "--drop-strays is for scans that fit into memory"),
     ],
 )
-def test_wrong_words_are_told(words, text, tmp_path, capsys, monkeypatch):
+def test_invalid_options_are_reported(words, text, tmp_path, capsys, monkeypatch):
     pr.write(tmp_path / "a.ply", statue(20_000))
     monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
     assert execute(["prepare", str(tmp_path / "a.ply"), "-o", f"{tmp_path / 'a.pointray'}/", *words]) == 2

@@ -14,11 +14,11 @@ from helpers.places import shared_model
 from pointray.base.disk_columns import Columns
 from pointray.cloud.neighbors import NeighborTree, distinct, kd_order
 from pointray.cloud.normals.jets import fit_normals
-from pointray.cloud.normals.joins import Held, join
-from pointray.cloud.normals.layers import Layers, sides
+from pointray.cloud.normals.joins import InMemoryVotes, join
+from pointray.cloud.normals.layers import Layers, signs_facing
 from pointray.cloud.normals.orientation import NEAR, agree, orient
 from pointray.cloud.normals.outward import LARGE, SAMPLE, take_sample
-from pointray.cloud.normals.votes import STEPS, Votes, sum_of
+from pointray.cloud.normals.votes import STEPS, Votes, sum_votes
 from pointray.model.out_of_core import disk_votes as ballots
 from pointray.model.out_of_core.disk_votes import OnDiskVotes, drop_all, keep, name_of
 from pointray.model.out_of_core.signs import GROUP, PIECE, POINTS, SIGN, SIGNED, Local, Signs, firsts_of
@@ -113,7 +113,7 @@ def signs_of(cloud, folder, order=lambda parts: parts):
 
     firsts = firsts_of(each(lambda part: signs.find(load(part))))
     shared = signs.gather(firsts, each(lambda part: signs.vote(load(part), part, firsts)))
-    inward = signs.face(each(lambda part: signs.look(load(part), part, firsts, shared[part])))
+    inward = signs.face(each(lambda part: signs.examine(load(part), part, firsts, shared[part])))
     each(lambda part: signs.write(part, firsts, inward))
     return out[:]
 
@@ -179,11 +179,11 @@ def test_a_noisy_torus_follows_its_planes(tmp_path):
     signs = signs_of(cloud, tmp_path)
     whole = orient(layers.moved, layers.planes, layers.near)
     np.testing.assert_array_equal(signs, whole)
-    expected = sides(found.normals, layers.planes * whole[:, None], layers.near)
+    expected = signs_facing(found.normals, layers.planes * whole[:, None], layers.near)
     for part in range(cloud.parts):
         local, core = cloud.load(part), cloud.core(part)
         planes = local.normals * signs[local.rows][:, None]
-        np.testing.assert_array_equal(sides(found.normals[core], planes, local.near), expected[core])
+        np.testing.assert_array_equal(signs_facing(found.normals[core], planes, local.near), expected[core])
 
 
 def test_passes_go_in_any_order_and_again(tmp_path):
@@ -219,7 +219,7 @@ def test_joins_follow_the_clearest_votes():
     """Piece 2 has a large vote for 0, much of which is contradicted, and a clearer one for 1; 5 has none."""
     votes = [(0, 1, -3, 3), (0, 2, 5, 20), (1, 2, 4, 4), (3, 4, -0.5, 0.5)]
     for shared in ([votes], [votes[:2], votes[2:]], [votes[::2], [], votes[1::2]]):
-        group, turn = join(6, Held([votes_of(rows) for rows in shared]))
+        group, turn = join(6, InMemoryVotes([votes_of(rows) for rows in shared]))
         assert group.tolist() == [0, 0, 0, 1, 1, 2]
         assert (turn[:3] * turn[0]).tolist() == [1, -1, -1]
         assert turn[3] == -turn[4]
@@ -229,7 +229,7 @@ def test_votes_of_one_pair_are_added_whatever_their_order():
     """Sums of float64 would be 0 or what the small one says, by their order."""
     big, less, small = (0, 1, 2.0**30, 2.0**30), (0, 1, -(2.0**30), 2.0**30), (0, 1, -1 / STEPS, 1 / STEPS)
     for rows in ([big, small, less], [small, big, less], [big, less, small]):
-        _, turn = join(2, Held([votes_of([row]) for row in rows]))
+        _, turn = join(2, InMemoryVotes([votes_of([row]) for row in rows]))
         assert turn[0] == -turn[1]
 
 
@@ -242,14 +242,14 @@ def dice_votes(seed):
     sums = dice.integers(-3, 4, len(some)) * (STEPS if seed % 2 else dice.integers(1, STEPS))
     each = [Votes(some[[k], 0] << 32 | some[[k], 1], sums[[k]], np.abs(sums[[k]])) for k in range(len(some))]
     none = Votes(*np.zeros((3, 0), np.int64))
-    return pieces, [sum_of([none, *each[k::3]]) for k in range(3)]
+    return pieces, [sum_votes([none, *each[k::3]]) for k in range(3)]
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_tables_on_disk_join_like_one_in_memory(seed, tmp_path, monkeypatch):
     """Whatever their size; what each round leaves is gone."""
     pieces, votes = dice_votes(seed)
-    expected = join(pieces, Held(votes))
+    expected = join(pieces, InMemoryVotes(votes))
     for size in (9, 50, 1000):
         monkeypatch.setattr(ballots, "PIECES", size)
         columns = Columns(tmp_path)
@@ -261,7 +261,7 @@ def test_tables_on_disk_join_like_one_in_memory(seed, tmp_path, monkeypatch):
         assert not columns.names
 
 
-def test_tables_are_of_so_many_pieces(tmp_path, monkeypatch):
+def test_tables_have_the_expected_number_of_pieces(tmp_path, monkeypatch):
     """Each pair comes once, in order, however many columns tell of it."""
     pieces, votes = dice_votes(1)
     monkeypatch.setattr(ballots, "PIECES", 20)
@@ -271,7 +271,7 @@ def test_tables_are_of_so_many_pieces(tmp_path, monkeypatch):
     assert len(tables) == -(-pieces // 20)
     for k, table in enumerate(tables):
         assert ((table.pairs >> 32) // 20 == k).all()
-    for one, other in zip(zip(*tables, strict=True), sum_of(votes), strict=True):
+    for one, other in zip(zip(*tables, strict=True), sum_votes(votes), strict=True):
         np.testing.assert_array_equal(np.concatenate(one), other)
 
 
@@ -285,7 +285,7 @@ def test_joins_take_little_memory(tmp_path, monkeypatch):
     pairs = np.sort(np.concatenate([(one << 32 | other).ravel() for one, other in steps]))
     sums = dice.integers(-STEPS, STEPS, len(pairs))
     votes, columns = Votes(pairs, sums, np.abs(sums)), Columns(tmp_path)
-    expected = join(side * side, Held([votes]))
+    expected = join(side * side, InMemoryVotes([votes]))
     cuts = [keep(columns, name_of(0), votes, side * side)]
     del votes, pairs, sums, steps
     tracemalloc.start()

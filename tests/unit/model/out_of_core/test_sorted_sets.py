@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pointray.model.out_of_core.sorted_sets import among, distinct_numbers
+from pointray.model.out_of_core.sorted_sets import distinct_numbers, isin_sorted
 
 
 @pytest.mark.parametrize("size", [1, 2, 1000])
@@ -14,7 +14,7 @@ def test_they_are_those_of_numpy(size: int, spread: int) -> None:
     known = distinct_numbers(some)
     np.testing.assert_array_equal(known, np.unique(some))
     for numbers in (some, others, others[:0]):
-        np.testing.assert_array_equal(among(known, numbers), np.isin(numbers, some))
+        np.testing.assert_array_equal(isin_sorted(known, numbers), np.isin(numbers, some))
 
 
 def test_no_numbers_are_no_distinct_ones() -> None:

@@ -15,10 +15,10 @@ from pointray.model.out_of_core.split import split
 from pointray.rendering.picture import kernel_for
 from pointray.rendering.plan import plan
 from pointray.rendering.ray_forwarding.ray_exchange import View, held_world
-from pointray.rendering.ray_forwarding.replay import recalled_for, recalled_quick, recalled_sampled
+from pointray.rendering.ray_forwarding.replay import recalled_quick, recalled_sampled, replay_kernel_for
 from pointray.rendering.ray_forwarding.route import route
 from pointray.rendering.ray_forwarding.spread import NOTHING
-from pointray.rendering.ray_forwarding.wave import KernelArguments, Waves, answer_question, passes_of, pieces_of
+from pointray.rendering.ray_forwarding.wave import KernelArguments, Waves, answer_query, passes_of, pieces_of
 from pointray.scene.ownership import Shares, boxes_of
 from pointray.surface.trace.world import occlude_tile, trace_tile
 
@@ -34,7 +34,7 @@ def by_waves(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings, holders:
     boxes = boxes_of(now, shares.rows)
     film = np.zeros((camera.size[1], camera.size[0], 8), np.float32)
     image = np.empty((camera.size[1], camera.size[0], 4), np.float32)
-    kernel = recalled_for(kernel_for(settings))
+    kernel = replay_kernel_for(kernel_for(settings))
     picture = KernelArguments(kernel, world, camera.record(), job, film, image, None)
     asked = [0] * holders
     for piece in pieces_of(camera.size, (0, settings.spp)):
@@ -44,7 +44,7 @@ def by_waves(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings, holders:
                 meets = route(question.rays, boxes, shares.owners, holders, None)
                 for k in reversed(range(holders)):
                     some = np.flatnonzero(meets[:, k])
-                    waves.take(some, answer_question(worlds[k], question.of(some)))
+                    waves.take(some, answer_query(worlds[k], question.of(some)))
                     asked[k] += len(some)
     return image, asked
 
@@ -146,7 +146,7 @@ def test_what_a_lost_holder_held_goes_to_others(parted: pr.Model) -> None:
 
 
 def test_nothing_that_asks_traces_models() -> None:
-    """All functions that do are exchanged, whoever calls them."""
+    """All functions that trace rays are replaced, whoever calls them."""
     waiting: list[Any] = [recalled_quick, recalled_sampled]
     reached: dict[Any, str] = {}
     while waiting:

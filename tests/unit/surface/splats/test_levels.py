@@ -315,7 +315,7 @@ def test_scene_files_and_levels_of_saved_models(saved, tmp_path):
 
 
 def test_levels_look_the_way_their_points_do():
-    """The sides of a thin body face opposite directions in every level, and nothing is told about them."""
+    """The sides of a thin body face opposite directions in every level, without any message."""
     across = np.linspace(-1, 1, 160)
     x, y = (a.ravel() for a in np.meshgrid(across, across))
     body = np.concatenate([np.column_stack([x, y, np.full(len(x), z)]) for z in (-0.04, 0.04)])

@@ -220,7 +220,7 @@ def test_rays_from_hits_do_not_depend_on_their_tile(name, rng):
         assert np.abs(t[order][both] - other[both]).max() < 1e-3 * radius
 
 
-def test_rays_that_are_none_and_points_that_are_astray():
+def test_invalid_rays_and_stray_points():
     scene = pr.Scene()
     scene.add(pr.Plane((0, 0, 0), (-1, 0, 0)))
     assert not np.isfinite(scene.intersect([5, 5, 5], [[np.nan, 0, 1], [0, 0, 0]]).t).any()

@@ -1,4 +1,4 @@
-"""Arrays of NumPy.
+"""NumPy arrays.
 
-npy : one array; npz : an archive of arrays; _array : the header of an array; _members : those of an archive
+npy : one array; npz : an archive of arrays; _array : header and rows of an array; _members : arrays of an archive
 """

@@ -1,4 +1,4 @@
-"""Arrays in NumPy's own format: the header, rows read in blocks, and what unnamed columns are."""
+"""Arrays in NumPy's format: header, rows read in blocks, and checks of unnamed columns."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 from .._source import CHUNK
 
 MAGIC = b"\x93NUMPY"
-LONGEST_HEADER = 1 << 16  # bytes: beyond, a header is no list of columns that anybody wrote
-BLOCK = 1 << 25  # bytes of rows that are read together, if they are long
-MOST_COLUMNS = 64  # unnamed ones: wider arrays are depth pictures, or have their points in columns
+LONGEST_HEADER = 1 << 16  # bytes: longer headers are damaged
+BLOCK = 1 << 25  # maximum bytes of rows read at a time
+MOST_COLUMNS = 64  # maximum unnamed columns: wider arrays are depth images, or have points in columns
 
 
 class Stream(Protocol):
-    """What arrays are read from."""
+    """A stream from which arrays are read."""
 
     def read(self, size: int = ..., /) -> bytes: ...
 
 
 class Header(NamedTuple):
-    """What the header of an array says. size : bytes of the header"""
+    """Header of an array. size : bytes of the header"""
 
     shape: tuple[int, ...]
     fortran: bool
@@ -36,31 +36,31 @@ class Header(NamedTuple):
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the array's values."""
+        """Bytes of the values."""
         return math.prod(self.shape) * self.dtype.itemsize
 
     @property
     def rows(self) -> int:
-        """Rows, if the last axis of an array of more than one is its columns."""
+        """Number of rows, if the last of several axes is the columns."""
         return math.prod(self.shape[:-1]) if len(self.shape) > 1 else math.prod(self.shape)
 
     @property
     def width(self) -> int:
-        """Columns; 0 if the array has one axis."""
+        """Number of columns; 0 if the array has one axis."""
         return self.shape[-1] if len(self.shape) > 1 else 0
 
 
 def read_header(stream: Stream) -> Header:
-    """The header at the start of a stream; ValueError says what is wrong with it."""
+    """Read the header at the start of a stream; raise ValueError if it is invalid."""
     start = stream.read(8)
     if len(start) < 8 or not start.startswith(MAGIC):
-        raise ValueError(f"is no array of NumPy: it begins with {start[:8]!r}")
+        raise ValueError(f"is not a NumPy array: it begins with {start[:8]!r}")
     if start[6] not in (1, 2, 3):
-        raise ValueError(f"the header has the version {start[6]}.{start[7]}, not 1.0 to 3.0")
+        raise ValueError(f"unsupported header version {start[6]}.{start[7]}, expected 1.0 to 3.0")
     digits = 2 if start[6] == 1 else 4
     length = int.from_bytes(stream.read(digits), "little")
     if length > LONGEST_HEADER:
-        raise ValueError(f"the header is damaged: it announces {length:,} bytes of itself")
+        raise ValueError(f"the header is damaged: invalid length of {length:,} bytes")
     text = stream.read(length)
     if len(text) < length:
         raise ValueError("the header is cut off")
@@ -73,10 +73,10 @@ def read_header(stream: Stream) -> Header:
 
 
 def _parsed(text: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, whether columns lie together, and dtype."""
+    """Return the shape, whether the order is Fortran's, and the dtype."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of odd escapes, and of names of types that go out of use
+            warnings.simplefilter("ignore")  # about invalid escapes and deprecated type names
             facts = ast.literal_eval(re.sub(r"(?<=\d)L\b", "", text.strip()))  # Python 2 wrote 10L
             shape, fortran = facts["shape"], facts["fortran_order"]
             dtype = np.lib.format.descr_to_dtype(facts["descr"])
@@ -84,35 +84,35 @@ def _parsed(text: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
         raise ValueError(f"the header is damaged: {text.strip()[:80]!r}") from error
     whole = isinstance(shape, tuple) and all(type(n) is int and 0 <= n < 2**48 for n in shape)
     if not whole or len(shape) > 32 or type(fortran) is not bool:
-        raise ValueError(f"the header is damaged: the shape is {str(shape)[:60]}")
+        raise ValueError(f"the header is damaged: invalid shape {str(shape)[:60]}")
     return shape, fortran, dtype
 
 
 def check_dtype(dtype: np.dtype[Any]) -> None:
-    """ValueError for values that are no numbers."""
+    """Raise ValueError for values that are not numbers."""
     if dtype.hasobject:
-        raise ValueError("holds Python objects, which may run a program when they are read: save numbers")
+        raise ValueError("contains Python objects, which are unsafe to load: save numbers instead")
     if dtype.kind not in "biuf":
-        raise ValueError(f"holds values of the type {dtype}, no numbers")
+        raise ValueError(f"contains values of type {dtype}, expected numbers")
 
 
 def fields_of(header: Header) -> dict[str, tuple[np.dtype[Any], int]]:
-    """The dtype and the width of each field of a structured array, 0 for one number."""
+    """Return the dtype and the width of each field of a structured array; width 0 for a single number."""
     fields: dict[str, tuple[np.dtype[Any], int]] = {}
     if len(header.shape) != 1:
-        raise ValueError(f"has the shape {header.shape} of rows with fields: one axis is expected")
+        raise ValueError(f"has the shape {header.shape}: rows with fields must have one axis")
     for name, field in (header.dtype.fields or {}).items():
         base, shape = field[0].base, field[0].shape
         if len(shape) > 1 or base.kind not in "biuf":
-            raise ValueError(f"the field {name!r} holds values of the type {field[0]}, no numbers or rows of them")
+            raise ValueError(f"the field {name!r} contains values of type {field[0]}, expected numbers or rows of them")
         fields[name] = (base, shape[0] if shape else 0)
     return fields
 
 
 def blocks_of(stream: Stream, header: Header, step: int) -> Iterator[NDArray[Any]]:
-    """Rows from behind the header, at most `step` at a time: (m,) or (m, width) arrays.
+    """Yield the rows after the header, at most `step` at a time, as (m,) or (m, width) arrays.
 
-    Nothing is memory-mapped: a file that is cut off while it is mapped kills the process.
+    The file is not memory-mapped: truncating a mapped file kills the process.
     """
     columns = (header.width,) if len(header.shape) > 1 else ()
     if header.fortran and len(header.shape) > 1:
@@ -135,7 +135,7 @@ def _exactly(stream: Stream, size: int) -> bytes:
 
 
 def step_of(row: int) -> int:
-    """Rows to read together. row : bytes of one"""
+    """Return the number of rows to read at a time. row : bytes per row"""
     return max(min(CHUNK, BLOCK // max(row, 1)), 1)
 
 
@@ -143,16 +143,16 @@ def step_of(row: int) -> int:
 
 
 def check_table(header: Header, columns: tuple[str, ...] | None) -> None:
-    """ValueError if an array without names is no table of points."""
+    """Raise ValueError if an array without names is not a table of points."""
     check_dtype(header.dtype)
     shape = header.shape
-    pixels = len(shape) == 3 and header.dtype.kind == "f"  # an organised cloud
+    pixels = len(shape) == 3 and header.dtype.kind == "f"  # organised cloud
     if (len(shape) != 2 and not pixels) or header.width < 3 or header.dtype.kind == "b":
-        raise ValueError(f"has the shape {shape} of {header.dtype}: rows of x, y, z and perhaps more are expected")
+        raise ValueError(f"has the shape {shape} of {header.dtype}: expected rows of x, y, z and optional columns")
     if columns is None and header.width > MOST_COLUMNS:
         raise ValueError(
-            f"has the shape {shape}: rows of x, y, z and perhaps more are expected. If points are its columns, save "
-            "it transposed; if it is a depth picture, give --intrinsics; otherwise name all columns with --columns"
+            f"has the shape {shape}: expected rows of x, y, z and optional columns. If each column is a point, save "
+            "it transposed; for a depth image, pass --intrinsics; otherwise name all columns with --columns"
         )
     if columns is not None and len(columns) != header.width:
-        raise ValueError(f"has {header.width} columns, {len(columns)} are named")
+        raise ValueError(f"has {header.width} columns, but {len(columns)} are named")

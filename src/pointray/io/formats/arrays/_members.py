@@ -1,4 +1,4 @@
-"""The arrays of an NPZ file, which is a zip archive, checked before they are read; and what they say of all points."""
+"""Arrays of an NPZ file, a zip archive, checked before they are read; and its data about the whole cloud."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ....cloud.georeference import Survey
 from ._array import Header, blocks_of, read_header
 
 SUFFIX = ".npy"
-DEFLATE_RATIO = 1032  # what deflate can make of a byte, at most
+DEFLATE_RATIO = 1032  # maximum compression ratio of deflate
 LONGEST_TEXT = 1 << 20
 MOST_STATIONS = 1 << 20
 DAMAGE = (
@@ -33,7 +33,7 @@ class Member(NamedTuple):
     header: Header
 
     def open(self, archive: zipfile.ZipFile) -> IO[bytes]:
-        """The array's values, as a stream."""
+        """Open the values of the array as a stream."""
         stream = archive.open(self.info)
         stream.read(self.header.size)
         return stream
@@ -41,20 +41,20 @@ class Member(NamedTuple):
 
 @contextmanager
 def opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    """A zip archive; whatever is wrong with it, also while it is read, becomes a ValueError."""
+    """Open a zip archive; convert errors, also those raised while it is read, to ValueError."""
     try:
         with zipfile.ZipFile(path) as archive:
             yield archive
     except DAMAGE as error:
         raise ValueError(f"is damaged or cut off: {str(error) or 'an array ends too early'}") from error
     except OSError as error:
-        if error.errno != errno.EINVAL:  # a place before the file's beginning
+        if error.errno != errno.EINVAL:  # seek before the beginning of the file
             raise
-        raise ValueError("is damaged or cut off: its table of contents is wrong") from error
+        raise ValueError("is damaged or cut off: invalid table of contents") from error
 
 
 def members_of(archive: zipfile.ZipFile, size: int) -> dict[str, Member]:
-    """The arrays of an archive of so many bytes, by name; ValueError if one claims more than it can hold."""
+    """Return the arrays of an archive of `size` bytes by name; raise ValueError if one exceeds what it can contain."""
     infos = [info for info in archive.infolist() if info.filename.endswith(SUFFIX)]
     if sum(info.compress_size for info in infos) > size:
         raise ValueError("is damaged: its arrays are larger than the file")
@@ -62,7 +62,7 @@ def members_of(archive: zipfile.ZipFile, size: int) -> dict[str, Member]:
     for info in infos:
         name = info.filename.removesuffix(SUFFIX)
         if name in members:
-            raise ValueError(f"is damaged: there are two arrays {name!r}")
+            raise ValueError(f"is damaged: duplicate array {name!r}")
         try:
             members[name] = _member(archive, info)
         except ValueError as error:
@@ -74,19 +74,19 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
     if info.flag_bits & 1:
         raise ValueError("is encrypted")
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise ValueError("is packed in a way that NumPy does not write")
+        raise ValueError("has an unsupported compression, which NumPy does not write")
     most = info.compress_size * (DEFLATE_RATIO if info.compress_type == zipfile.ZIP_DEFLATED else 1)
     if info.file_size > most:
-        raise ValueError(f"{info.file_size:,} bytes are announced, at most {most:,} can be there")
+        raise ValueError(f"{info.file_size:,} bytes expected, but at most {most:,} can be stored")
     with archive.open(info) as stream:
         header = read_header(stream)
     if not header.dtype.hasobject and header.size + header.nbytes != info.file_size:
-        raise ValueError(f"{header.nbytes:,} bytes are announced, {info.file_size - header.size:,} are there")
+        raise ValueError(f"{header.nbytes:,} bytes expected, {info.file_size - header.size:,} found")
     return Member(info, header)
 
 
-def taken_facts(archive: zipfile.ZipFile, members: dict[str, Member]) -> dict[str, Any]:
-    """What is said of all points: "origin", and values of a `Survey`; their arrays are taken out of `members`."""
+def pop_metadata(archive: zipfile.ZipFile, members: dict[str, Member]) -> dict[str, Any]:
+    """Return the data about the whole cloud, "origin" and fields of a `Survey`; remove their arrays from `members`."""
     facts: dict[str, Any] = {}
     for name in ("crs", "unit"):
         if name in members and members[name].header.shape in ((), (1,)) and members[name].header.dtype.kind in "US":
@@ -102,12 +102,12 @@ def taken_facts(archive: zipfile.ZipFile, members: dict[str, Member]) -> dict[st
 
 
 def survey_of(facts: Mapping[str, Any]) -> Survey:
-    """The survey that such facts are; a scale alone says nothing of coordinates."""
-    said = {name: facts.get(name) or None for name in ("crs", "unit")}
+    """Return such data as a survey; a scale without an offset is ignored."""
+    stated = {name: facts.get(name) or None for name in ("crs", "unit")}
     grid = (facts.get("scale"), facts.get("offset"))
     if grid[0] is None or grid[1] is None or min(grid[0]) <= 0:
         grid = (None, None)
-    return Survey(said["crs"], said["unit"], *grid, tuple(facts.get("stations", ())))
+    return Survey(stated["crs"], stated["unit"], *grid, tuple(facts.get("stations", ())))
 
 
 def _text(archive: zipfile.ZipFile, member: Member, name: str) -> str:
@@ -120,11 +120,11 @@ def _text(archive: zipfile.ZipFile, member: Member, name: str) -> str:
     try:
         return data.decode(encoding).rstrip("\0")
     except UnicodeDecodeError as error:
-        raise ValueError(f"{name} is no text: {error}") from error
+        raise ValueError(f"{name} is not a valid text: {error}") from error
 
 
 def _numbers(archive: zipfile.ZipFile, member: Member, name: str) -> Any:
-    """Finite numbers, as nested tuples of floats."""
+    """Read finite numbers as nested tuples of floats."""
     with member.open(archive) as stream:
         blocks = [block.astype(np.float64) for block in blocks_of(stream, member.header, MOST_STATIONS)]
     values = np.concatenate(blocks) if blocks else np.empty((0, 3))

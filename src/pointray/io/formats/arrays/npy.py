@@ -1,4 +1,4 @@
-"""NPY files: one array of NumPy, with names for its columns or without."""
+"""NPY files: one NumPy array, with or without column names."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ....cloud.points import Points
 from .._counts import missing
 from .._named_columns import CHANNELS, NORMAL_AXES, Columns, roles_of
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
-from .._unnamed_columns import judge_array
+from .._unnamed_columns import recognise_array_columns
 from .._world import is_float64, world_rows
 from ._array import (
     MAGIC,
@@ -31,13 +31,13 @@ from ._array import (
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is an array of NumPy; one that looks like a picture may be one."""
+    """Detect NumPy arrays; one that may be a depth image is not certain."""
     if not head.startswith(MAGIC):
         return NO
     try:
         header = read_header(_Head(head))
     except ValueError:
-        return SURE  # opening it tells what is wrong
+        return SURE  # opening it raises the error
     return MAYBE if not header.dtype.fields and header.width > MOST_COLUMNS else SURE
 
 
@@ -53,7 +53,7 @@ class _Head:
 
 
 class NpySource(Source):
-    """An array; ValueError says what is wrong with it."""
+    """Points of an array."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -69,7 +69,7 @@ class NpySource(Source):
         else:
             check_table(header, request.columns)
         if not header.rows:
-            raise ValueError("holds no points: its array has no rows")
+            raise ValueError("contains no points: its array has no rows")
         facts = {"type": str(header.dtype)} if not header.dtype.fields else {}
         self._step = step_of(header.nbytes // header.rows)
         self.listing = Listing(header.rows, 36 + header.nbytes // header.rows, facts=facts)
@@ -89,17 +89,17 @@ class NpySource(Source):
         if self._header.dtype.fields:
             return self._roles.chunk({name: block[name] for name in block.dtype.names or ()}, share)
         if self._names is None:
-            names, self.note = judge_array(self._blocks, self._header.width)
+            names, self.note = recognise_array_columns(self._blocks, self._header.width)
             self._names = tuple(names)
         return table_chunk(block, self._names, share)
 
 
 def _fitted(header: Header, left: int, faults: Faults) -> Header:
-    """The header of the rows that are there, if others are announced; ValueError if columns lie one after the other."""
+    """Adjust the header to the rows in the file; raise ValueError if an array in Fortran order is cut off."""
     cut = header.nbytes > left
-    message = f"{header.nbytes:,} bytes of {header.shape} are announced, {left:,} are there"
+    message = f"{header.nbytes:,} bytes of {header.shape} expected, {left:,} found"
     if not cut:
-        faults.add(f"goes on behind its array: {message}")
+        faults.add(f"has more bytes after its array: {message}")
         return header
     rows = left // (header.nbytes // header.rows)
     if header.fortran or not rows:
@@ -109,7 +109,7 @@ def _fitted(header: Header, left: int, faults: Faults) -> Header:
 
 
 def table_chunk(block: NDArray[Any], names: tuple[str, ...], share: float) -> Chunk:
-    """Named columns of an (m, k) block as a chunk; "-" is left out."""
+    """Return named columns of an (m, k) block as a chunk, without those named "-"."""
     columns: Columns = {name: block[:, k] for k, name in enumerate(names) if name != "-"}
     roles = roles_of(dict.fromkeys(columns, (block.dtype, 0)))
     return roles.chunk(columns, share)
@@ -119,7 +119,7 @@ def table_chunk(block: NDArray[Any], names: tuple[str, ...], share: float) -> Ch
 
 
 def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
-    """Write a structured array of all that the points hold; returns what it cannot hold."""
+    """Write all data of the points as a structured array; return descriptions of what it cannot store."""
     float64 = is_float64(points)
     fields: list[tuple[Any, ...]] = [(name, "<f8" if float64 else "<f4") for name in "xyz"]
     if points.normals is not None:
@@ -153,11 +153,11 @@ def _check_names(attributes: Mapping[str, NDArray[Any]], taken: set[str]) -> Non
     lower = {name.lower() for name in taken}
     for name in attributes:
         if name.lower() in lower:
-            raise ValueError(f"an NPY file cannot hold an attribute named {name!r}: it stands for something else")
+            raise ValueError(f"an NPY file cannot store an attribute named {name!r}: the name is reserved")
 
 
 def _header_of(dtype: np.dtype[Any], count: int) -> bytes:
-    """The header of a structured array, version 3.0: names may hold any letters."""
+    """Return the header of a structured array, version 3.0, which allows names in Unicode."""
     descr = np.lib.format.dtype_to_descr(dtype)
     text = repr({"descr": descr, "fortran_order": False, "shape": (count,)}).encode("utf-8", "strict")
     text += b" " * (-(12 + len(text) + 1) % 64) + b"\n"
@@ -170,9 +170,9 @@ def _lost(points: Points) -> list[str]:
         "the coordinate system": survey.crs,
         "the unit": survey.unit,
         "scale and offset": survey.scale,
-        "where the scanners stood": survey.stations,
+        "the scanner positions": survey.stations,
     }
-    return [f"cannot hold {what}" for what, value in held.items() if value]
+    return [f"cannot store {what}" for what, value in held.items() if value]
 
 
 FORMAT = Format(
@@ -183,10 +183,10 @@ FORMAT = Format(
     {
         "positions": "the first three columns, or the fields x, y, z",
         "normals": "fields nx, ny, nz; columns 4 to 6 (or 7 to 9) of unit length",
-        "colors": "fields r, g, b or red, green, blue; columns 4 to 6 (or 7 to 9) from 0 to 1, or whole to 255",
+        "colors": "fields r, g, b or red, green, blue; columns 4 to 6 (or 7 to 9) from 0 to 1, or integers to 255",
         "attributes": "all other columns, with their types; unnamed ones as column_4 and so on",
         "survey": "",
-        "note": "--columns names the columns",
+        "note": "name the columns with --columns",
     },
     write=write,
 )

@@ -1,4 +1,4 @@
-"""NPZ files: named arrays of NumPy in a zip archive. What pointray writes comes back as it was."""
+"""NPZ files: named NumPy arrays in a zip archive. Files written by pointray are restored without loss."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from ....cloud.georeference import RESIDUAL
 from ....cloud.points import Points
 from .._named_columns import POSITIONS, SPECIAL, Columns, Roles, roles_of
 from .._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
-from .._unnamed_columns import judge_array
+from .._unnamed_columns import recognise_array_columns
 from .._world import is_float64, world_rows
 from ._array import blocks_of, check_dtype, check_table, fields_of, step_of
-from ._members import SUFFIX, Member, members_of, opened, survey_of, taken_facts
+from ._members import SUFFIX, Member, members_of, opened, pop_metadata, survey_of
 
-NAME = 30  # where the name of an archive's first member begins
-ATTRIBUTES = "attributes/"  # before the names of attributes that would stand for something else
+NAME = 30  # offset of the name of an archive's first member
+ATTRIBUTES = "attributes/"  # prefix of attributes whose names are reserved
 FACTS = ("crs", "unit", "origin", "scale", "offset", "stations")
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is an archive of arrays: its first member is one."""
+    """Detect archives of arrays by their first member."""
     if head[NAME : NAME + int.from_bytes(head[26:28], "little")].endswith(b".npy") and head.startswith(b"PK\3\4"):
         return SURE
     return MAYBE if head.startswith((b"PK\3\4", b"PK\5\6")) and path.suffix.lower() == ".npz" else NO
 
 
 class NpzSource(Source):
-    """An archive of arrays; ValueError says what is wrong with it."""
+    """Points of an archive of arrays."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path = path
         with opened(path) as archive:
             members = members_of(archive, path.stat().st_size)
-            facts = taken_facts(archive, members)
+            facts = pop_metadata(archive, members)
         self._origin = np.array(facts["origin"]) if "origin" in facts else None
         first, self._table = _first(members)
         if self._table:
             _check_table(members[first], request.columns)
         self._count = members[first].header.rows
         if self._count == 0:
-            raise ValueError(f"holds no points: the array {first!r} has no rows")
+            raise ValueError(f"contains no points: the array {first!r} has no rows")
         members = {name: _as_column(m, members[first].header.shape[:-1]) for name, m in members.items()}
         self._members = {name: m for name, m in members.items() if _is_column(name, m, self._count)}
         self._left_out = [name for name in members if name not in self._members]
@@ -62,7 +62,7 @@ class NpzSource(Source):
     def chunks(self) -> Iterator[Chunk]:
         if self._left_out:
             warn(
-                f"left out, as they are no columns of numbers: {', '.join(map(repr, self._left_out[:20]))}",
+                f"arrays without one number per point are ignored: {', '.join(map(repr, self._left_out[:20]))}",
                 stacklevel=2,
             )
         names = self._table_names()
@@ -76,7 +76,7 @@ class NpzSource(Source):
             yield chunk._replace(attributes=attributes)
 
     def _blocks(self, names: list[str]) -> Iterator[Columns]:
-        """Some rows of each of these arrays, one step after the other."""
+        """Yield the arrays with these names in blocks of rows."""
         with opened(self._path) as archive, ExitStack() as stack:
             streams = [stack.enter_context(self._members[name].open(archive)) for name in names]
             headers = [self._members[name].header for name in names]
@@ -85,7 +85,7 @@ class NpzSource(Source):
                 yield dict(zip(names, blocks, strict=True))
 
     def _table_names(self) -> tuple[str, ...]:
-        """Names of the columns of the array that has several without names; () if there is none."""
+        """Return the column names of the table, an array with several columns; () if there is none."""
         table = self._table
         if not table:
             return ()
@@ -93,7 +93,9 @@ class NpzSource(Source):
         if header.dtype.names:
             return tuple(header.dtype.names)
         if not self._names:
-            names, self.note = judge_array(lambda: (blocks[table] for blocks in self._blocks([table])), header.width)
+            names, self.note = recognise_array_columns(
+                lambda: (blocks[table] for blocks in self._blocks([table])), header.width
+            )
             self._names = tuple(names)
         return self._names
 
@@ -106,7 +108,7 @@ class NpzSource(Source):
         return roles_of(types)
 
     def _expanded(self, blocks: Columns, names: tuple[str, ...]) -> Columns:
-        """The columns of the table beside the other arrays."""
+        """Replace the table by its columns."""
         if not self._table:
             return blocks
         block = blocks.pop(self._table)
@@ -116,9 +118,9 @@ class NpzSource(Source):
 
 
 def _first(members: dict[str, Member]) -> tuple[str, str]:
-    """The array of positions, or x; and the name of the one whose columns have to be told apart, or ""."""
+    """Return the array of positions, or x; and the table whose columns must be recognised, or ""."""
     if not members:
-        raise ValueError("holds no arrays")
+        raise ValueError("contains no arrays")
     lower = {name.lower(): name for name in members}
     for name in members:
         if name.lower() in SPECIAL:
@@ -131,7 +133,9 @@ def _first(members: dict[str, Member]) -> tuple[str, str]:
     tables = [name for name, m in members.items() if m.header.dtype.fields or m.header.width >= 3]
     if len(tables) != 1:
         names = ", ".join(repr(name[:30])[1:-1] for name in list(members)[:20])
-        raise ValueError(f"has no array called positions, points or xyz, and no arrays x, y, z, only: {names}")
+        raise ValueError(
+            f"positions not found: expected an array positions, points or xyz, or arrays x, y, z; available: {names}"
+        )
     return tables[0], tables[0]
 
 
@@ -141,7 +145,7 @@ def _check_table(member: Member, columns: tuple[str, ...] | None) -> None:
 
 
 def _as_column(member: Member, pixels: tuple[int, ...]) -> Member:
-    """An array with a number for each pixel of pictures, whose positions are pictures too, as a column."""
+    """Return an array with one number per pixel as a column, if the positions are images too."""
     header = member.header
     if len(pixels) < 2 or header.shape != pixels or header.fortran:
         return member
@@ -149,10 +153,10 @@ def _as_column(member: Member, pixels: tuple[int, ...]) -> Member:
 
 
 def _is_column(name: str, member: Member, count: int) -> bool:
-    """Whether an array has a value for each point; ValueError if it should."""
+    """Whether an array has one value per point; raise ValueError if its name requires it."""
     header = member.header
     if name.lower() in SPECIAL and header.rows != count:
-        raise ValueError(f"the array {name!r} has {header.rows:,} rows for {count:,} points")
+        raise ValueError(f"the array {name!r} has {header.rows:,} rows, expected {count:,} for its points")
     is_table = bool(header.dtype.fields) and not header.dtype.hasobject
     return (header.dtype.kind in "biuf" or is_table) and header.rows == count and header.shape != ()
 
@@ -161,14 +165,14 @@ def _is_column(name: str, member: Member, count: int) -> bool:
 
 
 def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
-    """Write all that the points hold."""
+    """Write all data of the points."""
     survey, float64 = points.survey, is_float64(points)
     facts = {name: getattr(survey, name) for name in ("crs", "unit", "scale", "offset") if getattr(survey, name)}
     if survey.stations:
         facts["stations"] = survey.stations
     arrays = {"positions": points.positions, "normals": points.normals, "colors": points.colors}
     for name, values in points.attributes.items():
-        if name != RESIDUAL or not float64:  # its part is in the positions
+        if name != RESIDUAL or not float64:  # included in the positions
             arrays[_member_name(name)] = values
     there = {name: values for name, values in arrays.items() if values is not None}
     with zipfile.ZipFile(file, "w") as archive:
@@ -181,13 +185,13 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
 
 
 def _member_name(name: str) -> str:
-    """The name of an attribute's array: none that stands for something else when it is read."""
+    """Return the array name of an attribute, with a prefix if the name is reserved."""
     try:
         long = len(name.encode("utf-8")) > 60_000
     except UnicodeEncodeError:
         long = True
     if long or "\0" in name or "\\" in name:
-        raise ValueError(f"an NPZ file cannot hold an attribute named {name[:60]!r}")
+        raise ValueError(f"an NPZ file cannot store an attribute named {name[:60]!r}")
     special = name.lower() in SPECIAL or name in FACTS or name.startswith(ATTRIBUTES)
     return ATTRIBUTES + name if special else name
 
@@ -213,13 +217,13 @@ FORMAT = Format(
     recognise,
     NpzSource,
     {
-        "positions": "positions, points, xyz, pos, pts, coords, pts3d, world_points (pictures of them too); x, y, z; "
-        "a single array is read as NPY is; origin",
+        "positions": "positions, points, xyz, pos, pts, coords, pts3d, world_points (also as images); x, y, z; "
+        "a single array is read like NPY; origin",
         "normals": "normals or normal; nx, ny, nz",
         "colors": "colors, colours, color, rgb; r, g, b or red, green, blue",
-        "attributes": "all other arrays with a row for each point, with their types",
+        "attributes": "all other arrays with one row per point, with their types",
         "survey": "crs, unit, scale, offset, stations",
-        "note": "written so that nothing is lost",
+        "note": "written without loss",
     },
     write=write,
 )

@@ -1,4 +1,4 @@
-"""E57, through libE57.
+"""E57, read with libE57.
 
-e57 : scans with poses; _header : its XML, which is checked before libE57 sees the file; _scan : the rows of a scan
+e57 : the reader; _header : the XML section, checked before libE57 opens the file; _scan : description of a scan
 """

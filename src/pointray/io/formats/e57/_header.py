@@ -1,7 +1,7 @@
-"""What an E57 file says of itself: its XML section, read here before libE57 sees the file.
+"""XML section of an E57 file, read here before libE57 opens the file.
 
-libE57 believes what it is told: how many points there are, where they lie, how deep elements are nested, and which
-schema to fetch from where. All of that is checked here first.
+libE57 trusts the file: the number and place of points, the nesting of elements, and the address of a schema to fetch.
+All of these are checked here first.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Any, BinaryIO
 from xml.parsers import expat
 
 MAGIC = b"ASTM-E57"
-HEADER = struct.Struct("<8sIIQQQQ")  # magic, version, subversion, bytes of the file, where XML begins, its length, page
-PAGE, PAYLOAD = 1024, 1020  # bytes of a page; the last four are its checksum
+HEADER = struct.Struct("<8sIIQQQQ")  # magic, version, subversion, file size, offset and length of the XML, page size
+PAGE, PAYLOAD = 1024, 1020  # bytes of a page; its last four bytes are a checksum
 LONGEST_XML = 64 << 20
 MOST_ELEMENTS = 1 << 18
 DEEPEST = 64
@@ -24,7 +24,7 @@ SCHEMA = re.compile(r"schemaLocation$", re.IGNORECASE)
 
 
 class Node:
-    """An element of XML, with names as they stand there: prefix and name."""
+    """An XML element. Names include the namespace prefix."""
 
     def __init__(self, name: str, attributes: dict[str, str]) -> None:
         self.name, self.attributes = name, attributes
@@ -39,63 +39,63 @@ class Node:
         return iter(self.children)
 
     def find(self, path: str) -> Node | None:
-        """The element at a path like "pose/rotation"; None if there is none."""
+        """Return the element at a path like "pose/rotation"; None if it is missing."""
         node: Node | None = self
         for name in path.split("/"):
             node = next((child for child in node or () if child.name == name), None)
         return node
 
     def text_at(self, path: str) -> str:
-        """The text of the element at a path; "" if there is none."""
+        """Return the text of the element at a path; "" if it is missing."""
         node = self.find(path)
         return node.text if node else ""
 
     def number_at(self, path: str, missing: float) -> float:
-        """The number of the element at a path; an empty element stands for 0."""
+        """Return the number at a path, `missing` if there is no element; an empty element means 0."""
         node = self.find(path)
         return missing if node is None else to_number(node.text or "0", node.name)
 
 
 def to_number(text: str, name: str) -> float:
-    """A float; ValueError names the element."""
+    """Convert a text to float; a ValueError names the element."""
     try:
         return float(text)
     except ValueError:
-        raise ValueError(f"is damaged: {name} is {text[:40]!r}, which is no number") from None
+        raise ValueError(f"is damaged: {name} is {text[:40]!r}, not a number") from None
 
 
 def to_whole(node: Node, name: str, missing: int | None = None) -> int:
-    """A whole number among the attributes of an element; ValueError if it is none, or is missing."""
+    """Return an integer attribute of an element; raise ValueError if it is invalid, or missing without a default."""
     text = node.attributes.get(name, "" if missing is None else str(missing)).strip()
     if not re.fullmatch(r"[+-]?[0-9]{1,19}", text) or not -(2**63) <= int(text) < 2**63:
-        raise ValueError(f"is damaged: {name} of {node.name} is {text[:40]!r}, which is no whole number")
+        raise ValueError(f"is damaged: {name} of {node.name} is {text[:40]!r}, not an integer")
     return int(text)
 
 
 def read_xml(path: Path) -> tuple[Node, int]:
-    """The root of a file's XML, and the file's size in bytes; ValueError says what is wrong with the header."""
+    """Return the root of a file's XML, and the file size in bytes; raise ValueError if the header is invalid."""
     with path.open("rb") as file:
         size = file.seek(0, io.SEEK_END)
         file.seek(0)
         head = file.read(HEADER.size)
         if len(head) < HEADER.size:
-            raise ValueError(f"is cut off: it has {size} bytes, the header alone has {HEADER.size}")
+            raise ValueError(f"is cut off: it has {size} bytes, the header needs {HEADER.size}")
         magic, version, _, announced, offset, length, page = HEADER.unpack(head)
         if magic != MAGIC:
-            raise ValueError(f"is no E57 file: it begins with {magic!r}")
+            raise ValueError(f"is not an E57 file: it begins with {magic!r}")
         if version != 1 or page != PAGE:
-            raise ValueError(f"has version {version} with pages of {page} bytes; can read version 1 with {PAGE}")
+            raise ValueError(f"unsupported version {version} with pages of {page} bytes; expected 1 with {PAGE}")
         if announced != size:
-            raise ValueError(f"is cut off or still being written: the header says {announced:,} bytes, it has {size:,}")
+            raise ValueError(f"is cut off or incomplete: expected {announced:,} bytes, found {size:,}")
         return _parse(_pages(file, size, offset, length)), size
 
 
 def _pages(file: BinaryIO, size: int, offset: int, length: int) -> bytes:
-    """Bytes of the file without the checksums of its pages."""
+    """Return bytes of the file without the checksums of the pages."""
     if not HEADER.size <= offset < size or offset % PAGE >= PAYLOAD:
-        raise ValueError(f"is damaged: its XML is said to begin at byte {offset:,} of {size:,}")
+        raise ValueError(f"is damaged: invalid start of its XML, byte {offset:,} of {size:,}")
     if length > min(LONGEST_XML, size - offset):
-        raise ValueError(f"is damaged: its XML, at byte {offset:,} of {size:,}, is said to have {length:,} bytes")
+        raise ValueError(f"is damaged: its XML, at byte {offset:,} of {size:,}, has invalid length {length:,} bytes")
     file.seek(offset - offset % PAGE)
     pages = file.read((length // PAYLOAD + 2) * PAGE)
     data = b"".join(pages[start : start + PAYLOAD] for start in range(0, len(pages), PAGE))
@@ -110,15 +110,15 @@ def _parse(data: bytes) -> Node:
         nonlocal count
         count += 1
         if len(stack) > DEEPEST or count > MOST_ELEMENTS:
-            raise ValueError(f"has more than {MOST_ELEMENTS:,} elements of XML, or they are nested {DEEPEST} deep")
+            raise ValueError(f"has more than {MOST_ELEMENTS:,} XML elements, or more than {DEEPEST} nested ones")
         if any(SCHEMA.search(key) for key in attributes):
-            raise ValueError("names a schema for its XML, which is not followed")
+            raise ValueError("refers to an XML schema, which is unsupported")
         node = Node(name, attributes)
         stack[-1].children.append(node)
         stack.append(node)
 
     def no_types(*_: Any) -> None:
-        raise ValueError("declares types or entities in its XML, which are not followed")
+        raise ValueError("declares XML types or entities, which are unsupported")
 
     parser = expat.ParserCreate()
     parser.StartElementHandler = start
@@ -127,6 +127,6 @@ def _parse(data: bytes) -> Node:
     parser.StartDoctypeDeclHandler = no_types
     try:
         parser.Parse(data, True)
-    except (expat.ExpatError, LookupError) as error:  # LookupError: an encoding that Python lacks
+    except (expat.ExpatError, LookupError) as error:  # LookupError: unknown encoding
         raise ValueError(f"is damaged: its XML: {error}") from None
     return stack[0].children[0]

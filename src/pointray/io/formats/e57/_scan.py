@@ -1,4 +1,4 @@
-"""The scans of an E57 file: their columns, where they stood, and how their colours are scaled."""
+"""Scans of an E57 file: their columns, poses and colour limits."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 COLORS = ("colorRed", "colorGreen", "colorBlue")
 INVALID_COLOR = "isColorInvalid"
-NORMALS = ("normalX", "normalY", "normalZ")  # of the extension of surface normals, whatever its prefix
+NORMALS = ("normalX", "normalY", "normalZ")  # of the extension for surface normals, with any prefix
 STATES = ("cartesianInvalidState", "sphericalInvalidState")
 DTYPES = [np.dtype(kind) for kind in ("u1", "i1", "u2", "i2", "u4", "i4")]
 
 
 class Field(NamedTuple):
-    """A column of a scan: its name in the file, the type that holds all its values, bits of a value."""
+    """A column of a scan: its name in the file, a dtype for all its values, bits per value."""
 
     name: str
     dtype: np.dtype[Any]
     bits: int
-    grid: tuple[float, float] | None = None  # scale and offset of whole numbers
-    largest: float = 0.0  # of the whole numbers, or of the floats
+    grid: tuple[float, float] | None = None  # scale and offset of scaled integers
+    largest: float = 0.0  # largest integer or float
 
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan that has points.
+    """A scan with points.
 
     Attributes
     ----------
     index : int
-        Its place in the file.
+        Position in the file.
     count, announced : int
-        Points that the file may hold, and those that it announces.
+        Maximum number of points in the file, and the announced number.
     rotation : (3, 3) float64
     station : (3,) tuple of float
         world = rotation @ own + station
     turned : bool
-        Whether that changes anything.
+        Whether the pose differs from the identity.
     scale : (3,) tuple of (float, float)
-        Of red, green and blue: the value of black, and 255 over the values from there to white.
+        For red, green and blue: the value of black, and 255 / (white - black).
     """
 
     index: int
@@ -63,16 +63,16 @@ class Scan:
 
     @property
     def bits(self) -> int:
-        """Bits of a row."""
+        """Bits per row."""
         return max(sum(field.bits for field in self.fields.values()), 1)
 
     @property
     def places(self) -> tuple[str, ...]:
-        """The columns that positions are made of."""
+        """Names of the columns with coordinates."""
         return CARTESIAN if set(CARTESIAN) <= self.fields.keys() else SPHERICAL
 
     def named(self, names: tuple[str, ...]) -> list[str]:
-        """The columns of these names, without their prefix; none if not all are there."""
+        """Return the columns with these names, ignoring prefixes; an empty list unless all exist."""
         found = {name.rpartition(":")[2]: name for name in reversed(self.fields)}
         return [found[name] for name in names] if found.keys() >= set(names) else []
 
@@ -91,17 +91,17 @@ class Scan:
 
 
 def scans_of(root: Node, size: int, faults: Faults) -> list[Scan]:
-    """The scans that have points, no more than fit into a file of this size: a strict reader refuses more."""
+    """Return the scans with points, limited to what fits into a file of this size; if strict, refuse more."""
     nodes = list(root.find("data3D") or ())
     scans = [scan for k, node in enumerate(nodes) if (scan := _scan(node, k, size)) is not None]
     if not scans:
-        raise ValueError(f"holds no points: {len(nodes)} scans are there" + (", all empty" if nodes else ""))
+        raise ValueError(f"contains no points: {len(nodes)} scans found" + (", all empty" if nodes else ""))
     need = sum(scan.count * scan.bits for scan in scans)
     if need <= 8 * size:
         return scans
     if faults.strict:
         count = sum(scan.count for scan in scans)
-        raise ValueError(f"is damaged: {count:,} points of {need // 8:,} bytes are announced, it has {size:,} bytes")
+        raise ValueError(f"is damaged: {count:,} points of {need // 8:,} bytes expected, {size:,} bytes found")
     return [replace(scan, count=max(min(scan.count, 8 * size // scan.bits), 1)) for scan in scans]
 
 
@@ -113,10 +113,10 @@ def _scan(node: Node, index: int, size: int) -> Scan | None:
     if count == 0:
         return None
     if count < 0 or not HEADER.size <= offset < size:
-        raise ValueError(f"is damaged: scan {index} is said to have {count:,} points from byte {offset:,} of {size:,}")
+        raise ValueError(f"is damaged: scan {index} announces {count:,} points from byte {offset:,} of {size:,}")
     fields = {field.name: field for child in points.find("prototype") or () if (field := _field(child)) is not None}
     if not (set(CARTESIAN) <= fields.keys() or set(SPHERICAL) <= fields.keys()):
-        raise ValueError(f"scan {index} has no positions, only: {', '.join(fields) or 'nothing'}")
+        raise ValueError(f"scan {index} has no positions; available: {', '.join(fields) or 'none'}")
     rotation, station, posed = _pose(node, index)
     turned = bool(np.any(station) or (rotation != np.eye(3)).any())
     scale = tuple(_scale(node, name, fields[name]) for name in COLORS if name in fields)
@@ -136,7 +136,7 @@ def _scan(node: Node, index: int, size: int) -> Scan | None:
 
 
 def _field(node: Node) -> Field | None:
-    """A column of numbers; None for a text or for a structure."""
+    """Return a numeric column; None for a text or a structure."""
     kind = node.attributes.get("type")
     if kind == "Float":
         single = node.attributes.get("precision", "double") == "single"
@@ -146,7 +146,7 @@ def _field(node: Node) -> Field | None:
         return None
     low, high = to_whole(node, "minimum", -(2**63)), to_whole(node, "maximum", 2**63 - 1)
     if low > high:
-        raise ValueError(f"is damaged: {node.name} reaches from {low} to {high}")
+        raise ValueError(f"is damaged: {node.name} has the limits {low} to {high}")
     bits = (high - low).bit_length()
     if kind == "Integer":
         fitting = (t for t in DTYPES if np.iinfo(t).min <= low and high <= np.iinfo(t).max)
@@ -161,7 +161,7 @@ def _field(node: Node) -> Field | None:
 
 
 def _pose(node: Node, index: int) -> tuple[NDArray[np.float64], tuple[float, float, float], bool]:
-    """The rotation, the translation, and whether the file states them."""
+    """Return the rotation, the translation, and whether the file states them."""
     pose = node.find("pose")
     if pose is None:
         return np.eye(3), (0.0, 0.0, 0.0), False
@@ -170,7 +170,7 @@ def _pose(node: Node, index: int) -> tuple[NDArray[np.float64], tuple[float, flo
     length = float(np.linalg.norm((w, x, y, z)))
     if not np.isfinite((length, a, b, c)).all():
         raise ValueError(f"is damaged: the pose of scan {index} is not finite: {(w, x, y, z)}, {(a, b, c)}")
-    if length == 0:  # what programs write that know no rotation
+    if length == 0:  # written by programs without rotations
         return np.eye(3), (a, b, c), True
     w, x, y, z = w / length, x / length, y / length, z / length
     rotation = [
@@ -182,25 +182,25 @@ def _pose(node: Node, index: int) -> tuple[NDArray[np.float64], tuple[float, flo
 
 
 def _scale(node: Node, name: str, field: Field) -> tuple[float, float]:
-    """The value of black, and 255 over the values from there to white.
+    """Return the value of black, and 255 / (white - black).
 
-    The limits are to be those of the camera, but some programs write those of the picture: white is then the next
-    full number of bits, so that a picture of dim colours stays dim.
+    The limits should be those of the camera, but some programs write those of the image. Therefore white is rounded up
+    to a full number of bits, so that an image of dark colours stays dark.
     """
     low = node.number_at(f"colorLimits/{name}Minimum", 0.0)
     missing = field.largest * field.grid[0] + field.grid[1] if field.grid else field.largest
     high = node.number_at(f"colorLimits/{name}Maximum", missing)
-    if not high < 2**32:  # no limits at all
+    if not high < 2**32:  # no usable limits
         high = 255.0
     if low < 0:
         return low, 255 / (high - low) if high > low else 1.0
-    if field.dtype.kind == "f":  # limits are often missing or wrong: the values decide
+    if field.dtype.kind == "f":  # limits are often missing or wrong: the range is found from the values
         return 0.0, 1.0
     return 0.0, 255 / (2 ** max(int(np.ceil(high)).bit_length(), 8) - 1)
 
 
 def _facts(node: Node, count: int, fields: dict[str, Field], station: tuple[float, ...] | None) -> dict[str, Any]:
-    """What `info` tells of a scan."""
+    """Return the information on a scan for `info`."""
     sensor = " ".join(filter(None, (node.text_at(f"sensor{part}") for part in ("Vendor", "Model", "SerialNumber"))))
     facts = {"name": node.text_at("name"), "guid": node.text_at("guid"), "sensor": sensor, "points": count}
     facts |= {"description": node.text_at("description"), "fields": list(fields)}

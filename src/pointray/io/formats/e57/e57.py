@@ -1,7 +1,7 @@
-"""E57 files, through pye57: several scans, each with its pose.
+"""E57 files, read with pye57: several scans, each with its pose.
 
-Positions and normals are turned and moved by the pose of their scan. All scans together are one file: columns that only
-some scans have are filled in the others, as those of several files are.
+Positions and normals are transformed by the pose of their scan. All scans are read as one file: columns that only some
+scans have are filled in the others, as for several files.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from numpy.typing import NDArray
 
 from ....cloud.georeference import SCAN, Survey
 from ...colors import GREY
-from .._counts import unequal
+from .._counts import count_mismatch
 from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._header import MAGIC, read_xml
 from ._scan import CARTESIAN, SPHERICAL, STATES, Field, Scan, scans_of
 
-BLOCK = 1 << 18  # rows that are read at once: a million take 0.1 GiB more and are no faster
-MOST_STEPS = 2**31  # a file's whole numbers up to here are kept as such
+BLOCK = 1 << 18  # rows read at a time: a million take 0.1 GiB more and are not faster
+MOST_STEPS = 2**31  # largest integer coordinate for which the file's grid is kept
 
 T = TypeVar("T")
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is an E57 file."""
+    """Detect E57 files."""
     return SURE if head.startswith(MAGIC) else NO
 
 
 class E57Source(Source):
-    """The points of all scans; ValueError says what is wrong with its contents."""
+    """Points of all scans."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -55,7 +55,7 @@ class E57Source(Source):
     def chunks(self) -> Iterator[Chunk]:
         from pye57 import libe57
 
-        file = _told("cannot be opened", libe57.ImageFile, os.fspath(self._path), "r")
+        file = _explaining_errors("cannot be opened", libe57.ImageFile, os.fspath(self._path), "r")
         total, done, left_out = sum(scan.count for scan in self._scans), 0, 0
         try:
             for number, scan in enumerate(self._scans):
@@ -70,7 +70,7 @@ class E57Source(Source):
             self._facts["left_out"] = left_out
 
     def _to_chunk(self, scan: Scan, number: int, block: dict[str, NDArray[Any]], share: float) -> tuple[Chunk, int]:
-        """The valid rows of a block, and how many are not."""
+        """Return the valid rows of a block, and the number of invalid ones."""
         before = len(next(iter(block.values())))
         bad = [block[name] != 0 for name in STATES if name in block]
         if bad and (invalid := np.any(bad, axis=0)).any():
@@ -93,10 +93,10 @@ class E57Source(Source):
             return None
         if not scan.normals:
             return np.zeros((n, 3), np.float32)
-        return _turned([block[name] for name in scan.normals], scan, np.float32, (0, 0, 0))
+        return _to_world([block[name] for name in scan.normals], scan, np.float32, (0, 0, 0))
 
     def _colors(self, scan: Scan, block: dict[str, NDArray[Any]], n: int) -> NDArray[Any] | None:
-        """Colours as 8 bits, or floats whose range the values of the whole file decide; grey or NaN where missing."""
+        """Return colours as 8 bits, or as floats whose range is found later; grey or NaN where missing."""
         if not any(other.colors for other in self._scans):
             return None
         floats = any(other.fields[name].dtype.kind == "f" for other in self._scans for name in other.colors)
@@ -114,13 +114,13 @@ class E57Source(Source):
 
 
 def _is_single(scan: Scan) -> bool:
-    """Whether float32 holds all of the positions."""
+    """Whether float32 holds all positions exactly."""
     fields = [scan.fields[name] for name in scan.places]
     return not scan.turned and scan.places is CARTESIAN and all(field.dtype == np.float32 for field in fields)
 
 
 def _columns(scans: list[Scan]) -> dict[str, np.dtype[Any]]:
-    """The attributes of all scans."""
+    """Return the types of the attributes of all scans."""
     found: dict[str, list[np.dtype[Any]]] = {}
     for scan in scans:
         for name in _others(scan):
@@ -137,19 +137,19 @@ def _others(scan: Scan) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    """An attribute's name: "rowIndex" is row_index; an extension's prefix is dropped."""
+    """Return an attribute's name: "rowIndex" becomes row_index; the prefix of an extension is dropped."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name.rpartition(":")[2]).lower()
 
 
 def _survey(scans: list[Scan], crs: str) -> Survey:
-    """The unit of E57 is the metre; scans whose pose is unknown are said to stand at 0 where others' are known."""
+    """Return the survey in metres. If some scans have a pose, those without are placed at 0."""
     stations = tuple(scan.station for scan in scans) if any(scan.posed for scan in scans) else ()
     scale, offset = _grid(scans)
     return Survey(crs or None, "metre", scale, offset, stations, format="E57")
 
 
 def _grid(scans: list[Scan]) -> tuple[Any, Any]:
-    """The scale and offset of whole numbers that all coordinates are, as they stand in the file; else None, None."""
+    """Return scale and offset if all coordinates are scaled integers with the same grid, else (None, None)."""
     first = [scans[0].fields[name] for name in scans[0].places]
     for scan in scans:
         fields = [scan.fields[name] for name in scan.places]
@@ -164,8 +164,8 @@ def _grid(scans: list[Scan]) -> tuple[Any, Any]:
 # ----------------------------------------------------------------------------------------------------------- rows
 
 
-def _told(what: str, call: Callable[..., T], *args: Any) -> T:
-    """What a call of libE57 returns; its errors, whose first line says what is wrong, become ValueError."""
+def _explaining_errors(what: str, call: Callable[..., T], *args: Any) -> T:
+    """Call libE57; convert its errors to ValueError with the first line of the message."""
     try:
         return call(*args)
     except Exception as error:
@@ -174,7 +174,7 @@ def _told(what: str, call: Callable[..., T], *args: Any) -> T:
 
 
 def _blocks(libe57: Any, file: Any, scan: Scan, faults: Faults) -> Iterator[dict[str, NDArray[Any]]]:
-    """The columns of a scan, `BLOCK` rows at a time; they are overwritten by the next ones."""
+    """Yield the columns of a scan, `BLOCK` rows at a time, in buffers that are reused."""
     wanted = [*scan.places, *scan.normals, *scan.colors, *_others(scan), *STATES, scan.invalid_color]
     fields = [scan.fields[name] for name in dict.fromkeys(wanted) if name in scan.fields]
     capacity, done = min(BLOCK, scan.count), 0
@@ -183,49 +183,48 @@ def _blocks(libe57: Any, file: Any, scan: Scan, faults: Faults) -> Iterator[dict
     for field, array in zip(fields, arrays, strict=True):
         buffers.append(libe57.SourceDestBuffer(file, field.name, array, capacity, True, True))
     where = f"is damaged in scan {scan.index}"
-    reader = _told(where, lambda: file.root()["data3D"][scan.index]["points"].reader(buffers))
+    reader = _explaining_errors(where, lambda: file.root()["data3D"][scan.index]["points"].reader(buffers))
     while done < scan.count:
-        n = _told(f"{where} behind point {done:,}", reader.read)
+        n = _explaining_errors(f"{where} after point {done:,}", reader.read)
         if not 0 < n <= min(capacity, scan.count - done):
             break
         done += n
         yield {f.name: _fitted(f, array[:n]) for f, array in zip(fields, arrays, strict=True)}
     reader.close()
     if done != scan.announced:
-        faults.add(f"is cut off in scan {scan.index}: {unequal(scan.announced, done, 'points')}")
+        faults.add(f"is cut off in scan {scan.index}: {count_mismatch(scan.announced, done, 'points')}")
 
 
 def _buffer(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """A type that pye57 can fill.
+    """Return a dtype that pye57 can fill.
 
-    Of whole numbers beyond 16 bits that is only "q": it takes NumPy's int64, "l" on Linux, for one of 32 bits.
+    For integers of more than 16 bits this is only "q": it mistakes NumPy's int64, "l" on Linux, for 32 bits.
     """
     return np.dtype("q") if dtype.kind in "iu" and dtype.itemsize > 2 else dtype
 
 
 def _fitted(field: Field, values: NDArray[Any]) -> NDArray[Any]:
-    """Values in the column's own type; ValueError if they lie beyond it."""
+    """Convert values to the column's dtype; raise ValueError if they are out of range."""
     if values.dtype == field.dtype:
         return values
     limits = np.iinfo(field.dtype)
     if values.min() < limits.min or values.max() > limits.max:
-        raise ValueError(f"is damaged: {field.name} holds values beyond the limits that are announced")
+        raise ValueError(f"is damaged: {field.name} contains values outside its stated limits")
     return values.astype(field.dtype)
 
 
 def _positions(scan: Scan, block: dict[str, NDArray[Any]], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """World coordinates of the rows."""
+    """Return the world coordinates of the rows."""
     columns = [block[name] for name in scan.places]
     if scan.places is SPHERICAL:
         distance, azimuth, elevation = (np.asarray(column, np.float64) for column in columns)
         flat = distance * np.cos(elevation)
         columns = [flat * np.cos(azimuth), flat * np.sin(azimuth), distance * np.sin(elevation)]
-    return _turned(columns, scan, dtype, scan.station)
+    return _to_world(columns, scan, dtype, scan.station)
 
 
-def _turned(columns: Sequence[NDArray[Any]], scan: Scan, dtype: Any, shift: Sequence[float]) -> NDArray[Any]:
-    """Vectors turned by the scan's pose and moved: column by column, as a product of small matrices takes thrice as
-    long."""
+def _to_world(columns: Sequence[NDArray[Any]], scan: Scan, dtype: Any, shift: Sequence[float]) -> NDArray[Any]:
+    """Transform vectors by the scan's pose, column by column: a product of small matrices takes three times as long."""
     out = np.empty((len(columns[0]), 3), dtype)
     for k, axis in enumerate(scan.rotation):
         terms = [(factor, column) for factor, column in zip(axis, columns, strict=True) if factor]
@@ -245,14 +244,14 @@ FORMAT = Format(
     recognise,
     E57Source,
     {
-        "positions": "cartesian or spherical, turned and moved by the pose of their scan; rows that are said to be "
+        "positions": "cartesian or spherical coordinates, transformed by the pose of their scan; rows marked as "
         "invalid are left out",
-        "normals": "normalX, normalY, normalZ of the extension, turned by the pose",
-        "colors": "colorRed, colorGreen, colorBlue, from the scan's colour limits to 8 bits",
-        "attributes": "intensity, row_index, column_index, time_stamp, return_index and all other columns of numbers, "
-        "in the smallest type for the limits in the file; whole numbers with a scale become float64; scan: which scan",
-        "survey": "coordinateMetadata as the coordinate system, metres, where the scans stood",
-        "note": "pictures are left out",
+        "normals": "normalX, normalY, normalZ of the extension, rotated by the pose",
+        "colors": "colorRed, colorGreen, colorBlue, converted from the scan's colour limits to 8 bits",
+        "attributes": "intensity, row_index, column_index, time_stamp, return_index and all other numeric columns, "
+        "in the smallest type for the limits in the file; scaled integers as float64; scan: the number of the scan",
+        "survey": "coordinateMetadata as the coordinate system; metres; scanner positions",
+        "note": "images are ignored",
     },
     extra=("pye57", "e57"),
 )

@@ -1,5 +1,5 @@
-"""LAS, LAZ and COPC, through laspy and lazrs.
+"""LAS, LAZ and COPC, with laspy and lazrs.
 
-las : which of them a file is; _header : what it announces; _rows : rows as columns; _laz : compressed chunks
-_copc : the nodes of an octree; _crs : coordinate systems; _write : writing
+las : the reader; _header : header and records; _rows : rows to columns; _laz : compressed chunks
+_copc : nodes of the octree; _crs : coordinate systems; _write : the writer
 """

@@ -1,7 +1,7 @@
-"""COPC: a LAZ file whose chunks are the nodes of an octree, coarse ones first; only those that are asked for are read.
+"""COPC: a LAZ file whose chunks are the nodes of an octree, coarse ones first. Only requested nodes are read.
 
-laspy's `CopcReader` reads all that it finds at once, and walks pages that name each other for ever; the pages are read
-here, and tests compare what is found.
+laspy's `CopcReader` reads all nodes it finds at once, and does not terminate on pages that refer to each other.
+Therefore pages are read here; tests compare the results.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from ._header import Header
 from ._laz import Part, check_total
 
 ENTRY = np.dtype([("key", "<i4", 4), ("start", "<u8"), ("size", "<i4"), ("rows", "<i4")])
-DEEPEST = 31  # levels: a node's place is int32
+DEEPEST = 31  # maximum level: node coordinates are int32
 
 
 class Copc(NamedTuple):
-    """What the record of an octree says.
+    """Contents of the COPC record.
 
     Attributes
     ----------
     low : (3,) float64
-        The least corner of the root.
+        Minimum corner of the root.
     side, spacing : float
-        The root's size, and the distance of its points; both are halved at each level.
+        Size of the root and the spacing of its points; both are halved at each level.
     start, size : int
-        Where the first page of nodes lies.
+        Offset and size of the first page of nodes.
     """
 
     low: NDArray[np.float64]
@@ -42,7 +42,7 @@ class Copc(NamedTuple):
 
 
 def copc_of(header: Header) -> Copc | None:
-    """What a file says of its octree; None if it has none."""
+    """Return the COPC record of a file; None if it has none."""
     data = header.data_of("copc", 1)
     if data is None or len(data) < 72 or not header.compressed:
         return None
@@ -51,16 +51,16 @@ def copc_of(header: Header) -> Copc | None:
 
 
 def nodes_of(file: BinaryIO, header: Header, copc: Copc, request: Request, size: int, faults: Faults) -> list[Part]:
-    """The nodes that a request needs, in the file's order; ValueError if the octree is damaged."""
+    """Return the requested nodes in the file's order; raise ValueError if the octree is damaged."""
     if not (np.isfinite(copc.low).all() and 0 < copc.side < math.inf and 0 < copc.spacing < math.inf):
-        raise ValueError("is damaged: its octree has no size or spacing")
+        raise ValueError("is damaged: invalid size or spacing of the octree")
     pages, seen, left = [(copc.start, copc.size)], set(), size
     found: list[NDArray[Any]] = []
     while pages:
         start, length = pages.pop()
-        left -= length  # pages that overlap would take for ever
+        left -= length  # overlapping pages could loop forever
         if start in seen or left < 0 or not 0 < length <= size - start or length % ENTRY.itemsize:
-            raise ValueError(f"is damaged: a page of its octree, {length:,} bytes at byte {start:,}, cannot be")
+            raise ValueError(f"is damaged: a page of its octree, {length:,} bytes at byte {start:,}, is invalid")
         seen.add(start)
         file.seek(start)
         page = np.frombuffer(file.read(length), ENTRY)
@@ -84,27 +84,27 @@ def _check_nodes(nodes: NDArray[Any], header: Header) -> None:
         node = nodes[np.flatnonzero(~good)[0]]
         raise ValueError(
             f"is damaged: a node of its octree, {node['rows']:,} rows in {node['size']:,} bytes "
-            f"at byte {node['start']:,}, cannot be"
+            f"at byte {node['start']:,}, is invalid"
         )
 
 
 def _wanted(keys: NDArray[np.int32], header: Header, copc: Copc, request: Request) -> NDArray[np.bool_]:
-    """Which nodes have points that a request asks for."""
+    """Return which nodes a request needs."""
     level = keys[:, 0]
     if ((level < 0) | (level > DEEPEST) | (keys[:, 1:] < 0).any(axis=1)).any():
-        raise ValueError("is damaged: a node of its octree lies outside of it")
+        raise ValueError("is damaged: a node lies outside the octree")
     wanted = level < levels_for(copc, request.resolution)
     if request.bounds is not None:
         side = copc.side / 2.0**level
         low = copc.low + keys[:, 1:] * side[:, None]
-        slack = np.array(header.scale)  # a point on the border of two nodes may be in either
+        slack = np.array(header.scale)  # a point on the boundary of two nodes may be in either
         inside = (low - slack <= request.bounds[1]) & (low + side[:, None] + slack >= request.bounds[0])
         wanted &= inside.all(axis=1)
     return np.asarray(wanted)
 
 
 def levels_for(copc: Copc, resolution: float | None) -> int:
-    """How many levels are as coarse as `resolution`, and the next one, which is not."""
+    """Return the number of levels to read: the first level that is as fine as `resolution` is the last."""
     if resolution is None:
         return DEEPEST + 1
     ratio = copc.spacing / resolution

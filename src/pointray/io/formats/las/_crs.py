@@ -1,4 +1,4 @@
-"""The coordinate system of a LAS file: well-known text, or keys of GeoTIFF with a code of EPSG."""
+"""Coordinate system of a LAS file: well-known text, or GeoTIFF keys with an EPSG code."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from ._header import Header
 from ._rows import unpack_u16
 
 USER = "LASF_Projection"
-WKT, KEYS = 2112, 34735  # records
-MODEL, GEOGRAPHIC, ANGLE, PROJECTED, UNIT = 1024, 2048, 2054, 3072, 3076  # keys of GeoTIFF
-CODES = range(1024, 32767)  # of EPSG that keys can hold; 32767 stands for one that a file defines
+WKT, KEYS = 2112, 34735  # record numbers
+MODEL, GEOGRAPHIC, ANGLE, PROJECTED, UNIT = 1024, 2048, 2054, 3072, 3076  # GeoTIFF keys
+CODES = range(1024, 32767)  # EPSG codes that keys can store; 32767 means user-defined
 UNITS = {9001: "metre", 9002: "foot", 9003: "US survey foot", 9102: "degree"}
-TOKEN = re.compile(r'"([^"]*+)"|\b(\w++)\s*+[\[(]|([\])])')  # ++ and *+: no text takes longer than its length
+TOKEN = re.compile(r'"([^"]*+)"|\b(\w++)\s*+[\[(]|([\])])')  # possessive ++ and *+ keep matching linear in time
 PLANE = {"PROJCS", "PROJCRS", "PROJECTEDCRS"}
 OTHERS = {"GEOGCS", "GEOGCRS", "GEOGRAPHICCRS", "GEODCRS", "GEODETICCRS", "GEOCCS", "LOCAL_CS", "ENGCRS", "LOCALCRS"}
 WORDS = {
@@ -35,7 +35,7 @@ WORDS = {
 
 
 def crs_of(header: Header) -> tuple[str | None, str | None]:
-    """The coordinate system of a file, as it states it, and the unit of x and y, in words."""
+    """Return the coordinate system as stated in the file, and the name of the unit of x and y."""
     keys = keys_of(header.data_of(USER, KEYS) or b"")
     text = _wkt_of(header.data_of(USER, WKT) or b"")
     if text:
@@ -53,14 +53,14 @@ def _wkt_of(data: bytes) -> str:
 
 
 def keys_of(data: bytes) -> dict[int, int]:
-    """The keys of GeoTIFF that hold whole numbers."""
+    """Return the GeoTIFF keys with integer values."""
     numbers = unpack_u16(data)
     found = zip(numbers[4::4], numbers[5::4], numbers[6::4], numbers[7::4], strict=False)
     return {key: value for key, place, _, value in found if place == 0}
 
 
 def unit_of(text: str) -> str | None:
-    """The unit of x and y that well-known text states, in words; None if it states none."""
+    """Return the name of the unit of x and y in well-known text; None if it states none."""
     stack: list[str] = []
     found: dict[bool, str] = {}
     for quoted, word, bracket in TOKEN.findall(text):
@@ -77,8 +77,8 @@ def unit_of(text: str) -> str | None:
     return None if unit is None else WORDS.get(unit.lower().replace("_", " "), unit.lower())
 
 
-def records_for(crs: str | None, unit: str | None, words: list[str]) -> list[tuple[int, bytes]]:
-    """The records that state a coordinate system: their numbers and data; `words` are told what cannot be."""
+def records_for(crs: str | None, unit: str | None, losses: list[str]) -> list[tuple[int, bytes]]:
+    """Return number and data of the records for a coordinate system; append to `losses` what cannot be stored."""
     if crs is None:
         key = next((k for k, name in UNITS.items() if name == unit and unit != "degree"), None)
         return [(KEYS, _directory([(UNIT, key)]))] if key else []
@@ -87,9 +87,9 @@ def records_for(crs: str | None, unit: str | None, words: list[str]) -> list[tup
     match = re.fullmatch(r"EPSG:(\d{1,9})", crs.strip(), re.IGNORECASE)
     code = int(match[1]) if match else 0
     if code not in CODES:
-        words.append(f"cannot hold the coordinate system {crs[:40]!r}: only well-known text or a code of EPSG")
+        losses.append(f"cannot store the coordinate system {crs[:40]!r}: only well-known text or an EPSG code")
         return []
-    flat = not 4000 < code < 5000  # EPSG's codes of degrees
+    flat = not 4000 < code < 5000  # EPSG codes of geographic systems
     keys: list[tuple[int, int]] = [(MODEL, 1 if flat else 2), (PROJECTED if flat else GEOGRAPHIC, code)]
     known: Any = next((k for k, name in UNITS.items() if name == unit), None)
     if known:

@@ -1,7 +1,7 @@
-"""What a LAS file announces: its header and its records, each number checked against the file's size.
+"""Header and records of a LAS file, each number checked against the file's size.
 
-laspy's own reader of headers believes them: it walks as many records as one announces (four thousand million, for
-minutes), and reads the whole file if the points begin inside the header.
+laspy's own reader of headers trusts them: it walks any announced number of records (4 billion take minutes), and reads
+the whole file if the points begin inside the header.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import Any, BinaryIO, NamedTuple
 
 from .._source import Faults
 
-SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375, 5: 393}  # bytes of a header, by the minor version
-LARGEST = 1 << 24  # bytes of a record behind the points that is read
+SIZES = {0: 227, 1: 227, 2: 227, 3: 235, 4: 375, 5: 393}  # bytes of a header by minor version
+LARGEST = 1 << 24  # maximum bytes of a record whose data are read
 WANTED = {"LASF_Projection", "LASF_Spec", "laszip encoded", "copc"}
 
 
 class Record(NamedTuple):
-    """A variable length record: who defined it, its number, where its data lie and the data, if they are wanted."""
+    """A variable length record: user, number, offset and size of its data, and the data of known records."""
 
     user: str
     id: int
@@ -29,23 +29,23 @@ class Record(NamedTuple):
 
 
 class Header(NamedTuple):
-    """What a file announces.
+    """Contents of the header.
 
     Attributes
     ----------
     minor : int
-        Of the version: 4 in 1.4.
+        Minor version: 4 for 1.4.
     format, row, total : int
-        The points' format, the bytes of one and how many there are.
+        Point format, bytes per point and number of points.
     compressed : bool
     start, end : int
-        Bytes at which the points begin, and before which they end.
+        Range of bytes of the points.
     returns : tuple of int
-        How many points are first returns, second ones and so on.
+        Number of points by return.
     scale, offset, low, high : tuple of float
     records : tuple of Record
-    said : dict
-        What the header says of the file's making, for `info`.
+    stated : dict
+        Version, software and so on, for `info`.
     """
 
     minor: int
@@ -61,43 +61,45 @@ class Header(NamedTuple):
     low: tuple[float, ...]
     high: tuple[float, ...]
     records: tuple[Record, ...]
-    said: dict[str, Any]
+    stated: dict[str, Any]
 
     def data_of(self, user: str, id: int) -> bytes | None:
-        """The data of the first record of a kind, None if there is none."""
+        """Return the data of the first record of a kind; None if there is none."""
         return next(iter(self.all_of(user, id)), None)
 
     def all_of(self, user: str, id: int) -> list[bytes]:
-        """The data of all records of a kind; equal ones once."""
+        """Return the data of all records of a kind, without duplicates."""
         return list(dict.fromkeys(record.data for record in self.records if (record.user, record.id) == (user, id)))
 
 
 def read_header(file: BinaryIO, size: int, faults: Faults) -> Header:
-    """The header of a file of `size` bytes, checked. Records that do not fit in the file are a fault."""
+    """Read and check the header of a file of `size` bytes. Records that do not fit into the file are a fault."""
     file.seek(0)
     head = file.read(max(SIZES.values()))
     if len(head) < SIZES[0]:
         raise ValueError(f"is cut off in its header: {len(head)} bytes of {SIZES[0]}")
     major, minor = head[24], head[25]
     if major != 1 or minor not in SIZES:
-        raise ValueError(f"is a LAS file of version {major}.{minor} (byte 24): 1.0 to 1.5 can be read")
-    said_size, start, records = struct.unpack_from("<HII", head, 94)
-    if said_size < SIZES[minor]:
-        raise ValueError(f"is damaged: its header has {said_size} bytes (byte 94), not {SIZES[minor]} or more")
-    if not said_size <= start <= size or len(head) < SIZES[minor]:
+        raise ValueError(f"unsupported LAS version {major}.{minor} (byte 24): expected 1.0 to 1.5")
+    header_size, start, records = struct.unpack_from("<HII", head, 94)
+    if header_size < SIZES[minor]:
+        raise ValueError(f"is damaged: header size {header_size} (byte 94), expected {SIZES[minor]} or more")
+    if not header_size <= start <= size or len(head) < SIZES[minor]:
         raise ValueError(f"is cut off or damaged: its points begin at byte {start:,} (byte 96) of {size:,}")
-    found = [*_walk(file, (said_size, start), records, 54, faults)]
+    found = [*_walk(file, (header_size, start), records, 54, faults)]
     end, waves = size, 0
     if minor >= 3:
         (waves,) = struct.unpack_from("<Q", head, 227)
     if minor >= 4:
-        behind, number = struct.unpack_from("<QI", head, 235)
+        trailing, number = struct.unpack_from("<QI", head, 235)
         if number:
-            if start <= behind <= size:
-                found += _walk(file, (behind, size), number, 60, faults)
-                end = behind
+            if start <= trailing <= size:
+                found += _walk(file, (trailing, size), number, 60, faults)
+                end = trailing
             else:
-                faults.add(f"its extended variable length records cannot begin at byte {behind:,} (byte 235): ignored")
+                faults.add(
+                    f"its extended variable length records begin at invalid byte {trailing:,} (byte 235): ignored"
+                )
     return _filled(head, minor, start, min(end, waves) if start < waves <= size else end, tuple(found))
 
 
@@ -110,8 +112,8 @@ def _filled(head: bytes, minor: int, start: int, end: int, records: tuple[Record
     numbers = struct.unpack_from("<12d", head, 131)
     scale, offset = numbers[:3], numbers[3:6]
     for name, triple, good in (("scale", scale, 0 < min(scale)), ("offset", offset, True)):
-        if not (good and all(abs(x) < float("inf") for x in triple)):  # false for NaN
-            raise ValueError(f"is damaged: the {name} of its coordinates is {triple} (byte 131)")
+        if not (good and all(abs(x) < float("inf") for x in triple)):  # also rejects NaN
+            raise ValueError(f"is damaged: invalid coordinate {name} {triple} (byte 131)")
     return Header(
         minor,
         kind & 0x3F,
@@ -136,9 +138,9 @@ def _filled(head: bytes, minor: int, start: int, end: int, records: tuple[Record
 
 
 def _walk(file: BinaryIO, where: tuple[int, int], number: int, head: int, faults: Faults) -> Iterator[Record]:
-    """The records between two bytes; `head` is the bytes before a record's data: 54, or 60 behind the points.
+    """Yield the records between two bytes. head : bytes before the data, 54, or 60 for extended records
 
-    A record that does not fit, and those after it, are a fault.
+    A record that does not fit is a fault; it ends the records.
     """
     start, end = where
     for k in range(number):
@@ -147,7 +149,7 @@ def _walk(file: BinaryIO, where: tuple[int, int], number: int, head: int, faults
         size = struct.unpack_from("<H" if head == 54 else "<Q", raw, 20)[0] if raw else 0
         if not raw or size > end - start - head:
             kind = "" if head == 54 else "extended "
-            faults.add(f"holds {k:,} of {number:,} {kind}variable length records announced, before byte {end:,}")
+            faults.add(f"contains {k:,} of {number:,} {kind}variable length records announced, before byte {end:,}")
             return
         user, id = _text(raw[2:18]), struct.unpack_from("<H", raw, 18)[0]
         wanted = user in WANTED and size <= LARGEST
@@ -156,7 +158,7 @@ def _walk(file: BinaryIO, where: tuple[int, int], number: int, head: int, faults
 
 
 def _text(raw: bytes) -> str:
-    """A text that ends at the first zero; letters that are not UTF-8 are what they are in Latin-1."""
+    """Decode a zero-terminated text as UTF-8, or as Latin-1 if it is not UTF-8."""
     raw = raw.split(b"\0")[0]
     try:
         return raw.decode().strip()
@@ -165,7 +167,7 @@ def _text(raw: bytes) -> str:
 
 
 def _date(day: int, year: int) -> str | None:
-    """The day of a year as text; None where there is none."""
+    """Return the day of a year as text; None if it is not a date."""
     try:
         return str(date(year, 1, 1) + timedelta(day - 1)) if day else None
     except (ValueError, OverflowError):

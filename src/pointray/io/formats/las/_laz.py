@@ -1,7 +1,7 @@
-"""Compressed points: the table of their chunks, checked, and decompressing a group of chunks on all cores.
+"""Compressed points: the checked table of chunks, and decompression of groups of chunks on all cores.
 
-lazrs decompresses; its reader of whole files is not used, as it believes the table: it asks for as much memory as
-damaged entries announce, which ends the process, where no error can be caught.
+Decompression is done by lazrs. Its reader of whole files is not used: it allocates what damaged entries of the table
+announce, which ends the process without an exception.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._counts import unequal
+from .._counts import count_mismatch
 from .._source import CHUNK, Faults
 from ._header import Header
 from ._rows import unpack_u16
 
-VARIABLE = 2**32 - 1  # as the rows of a chunk: the table tells
-DENSEST = 64  # rows in a byte, if the header announces fewer; real scans have 0.1 to 0.3
-LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # of an item of a row, in chunks of layers; extra bytes have one each
+VARIABLE = 2**32 - 1  # rows per chunk if the table states them
+DENSEST = 64  # maximum rows per compressed byte, beyond what the header announces; real scans have 0.1 to 0.3
+LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}  # layers by item type, in layered chunks; extra bytes have one per byte
 EXTRA = 14
-ENDLESS = b"\xff\xff\xff\xff"  # no arithmetic coder begins so
-SIZES = {6: 20, 7: 8, 8: 6, 9: 29, 10: 30, 11: 6, 12: 8, 13: 29}  # bytes of an item in a row; extra bytes have any
+ENDLESS = b"\xff\xff\xff\xff"  # no valid arithmetic-coded stream begins like this
+SIZES = {6: 20, 7: 8, 8: 6, 9: 29, 10: 30, 11: 6, 12: 8, 13: 29}  # bytes by item type; extra bytes have any size
 
 
 class Packing(NamedTuple):
-    """How points are compressed: lazrs's description, rows of a chunk, layers of a chunk (0: none)."""
+    """Compression: lazrs's description, rows per chunk, layers per chunk (0: not layered)."""
 
     data: bytes
     rows: int
@@ -38,7 +38,7 @@ class Packing(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A chunk of compressed rows."""
+    """A chunk of compressed rows: offset and size in bytes, number of rows."""
 
     start: int
     size: int
@@ -46,7 +46,7 @@ class Part(NamedTuple):
 
 
 def require(module: str) -> Any:
-    """A module that a plain install has; ValueError, which says how to install it, if it is absent all the same."""
+    """Import a module of a plain install; raise ValueError with install instructions if it is missing."""
     try:
         return import_module(module)
     except ImportError:
@@ -55,7 +55,7 @@ def require(module: str) -> Any:
 
 @contextmanager
 def damage(what: str) -> Iterator[None]:
-    """What a library raises becomes a ValueError; a panic of Rust is no Exception."""
+    """Convert exceptions of a library to ValueError; a Rust panic is not derived from Exception."""
     try:
         yield
     except (KeyboardInterrupt, SystemExit, GeneratorExit, MemoryError):
@@ -66,22 +66,22 @@ def damage(what: str) -> Iterator[None]:
 
 
 def packing_of(header: Header) -> Packing:
-    """How the points are compressed; ValueError if that contradicts the header, or cannot be read."""
+    """Return the compression of the points; raise ValueError if it contradicts the header or is unsupported."""
     require("lazrs")
     data = header.data_of("laszip encoded", 22204)
     if data is None or len(data) < 34:
-        raise ValueError("is damaged: its points are compressed, but the record that says how is missing")
+        raise ValueError("is damaged: the record that describes the compression of its points is missing")
     compressor, coder, rows, number = struct.unpack_from("<HH8xI16xH", data)
     items = unpack_u16(data[34 : 34 + 6 * number])
     kinds, sizes = items[::3], items[1::3]
     if compressor not in (2, 3) or coder:
         raise ValueError(
-            f"is compressed in a way ({compressor}, {coder}) that lazrs cannot read: write it anew with LASzip"
+            f"has an unsupported compression ({compressor}, {coder}), which lazrs cannot read: rewrite it with LASzip"
         )
     known = all(SIZES.get(kind, size) == size for kind, size in zip(kinds, sizes, strict=False))
     if len(items) != 3 * number or sum(sizes) != header.row or not rows or not known:
         raise ValueError(
-            f"is damaged: its compressed rows have {sum(sizes)} bytes in {number} items, the header says {header.row} "
+            f"is damaged: its compressed rows have {sum(sizes)} bytes in {number} items, expected {header.row} "
             "(byte 105)"
         )
     layers = 0
@@ -91,9 +91,9 @@ def packing_of(header: Header) -> Packing:
 
 
 def parts_of(file: BinaryIO, header: Header, packing: Packing, size: int, faults: Faults) -> list[Part]:
-    """The chunks of a file of `size` bytes; ValueError if they do not fill the bytes before their table.
+    """Return the chunks of a file of `size` bytes; raise ValueError if they do not fill the bytes before their table.
 
-    Where only decompression tells the rows of the last chunk, it gets the most that the header leaves for it.
+    If the rows of the last chunk are known only after decompression, it gets the maximum that the header allows.
     """
     import lazrs
 
@@ -104,28 +104,28 @@ def parts_of(file: BinaryIO, header: Header, packing: Packing, size: int, faults
     number = struct.unpack("<4xI", head)[0] if len(head) == 8 else 0
     if not 0 < number <= (at - start) // header.row + 1:
         raise ValueError(f"is damaged: the table of its chunks at byte {at:,} has {number:,} entries")
-    table = io.BytesIO(head + file.read(min(16 * number + 64, size - at)))  # two numbers take fewer bytes
+    table = io.BytesIO(head + file.read(min(16 * number + 64, size - at)))  # an entry takes less than 16 bytes
     with damage(f"the table of its chunks at byte {at:,}"):
         entries = lazrs.read_chunk_table_only(table, lazrs.LazVlr(packing.data))
-    if entries[-1][1] == 0:  # written by some programs behind a full chunk
+    if entries[-1][1] == 0:  # some programs write an empty entry after a full chunk
         entries.pop()
     rows, sizes = ([entry[k] for entry in entries] for k in (0, 1))
     if not sizes or sum(sizes) != at - start or min(sizes) < header.row:
-        raise ValueError(f"is damaged: its chunks have {sum(sizes):,} bytes, {at - start:,} are there")
+        raise ValueError(f"is damaged: its chunks have {sum(sizes):,} bytes, {at - start:,} found")
     starts = np.cumsum([start, *sizes[:-1]]).tolist()
     if packing.rows != VARIABLE:
         rows = [packing.rows] * len(sizes)
         rows[-1] = _rows_of_last(file, header, packing, starts[-1], most - sum(rows[:-1]))
     credible = max(most, DENSEST * sum(sizes)) if packing.layers else most
     if min(rows) <= 0 or max(rows) > credible or (packing.layers and sum(rows) > credible):
-        raise ValueError(f"is damaged: the header announces {most:,} rows, its {number:,} chunks hold others")
+        raise ValueError(f"is damaged: the header announces {most:,} rows, which its {number:,} chunks contradict")
     if packing.layers or packing.rows == VARIABLE:
         check_total(header, sum(rows), faults)
     return [Part(*part) for part in zip(starts, sizes, rows, strict=True)]
 
 
 def _rows_of_last(file: BinaryIO, header: Header, packing: Packing, start: int, announced: int) -> int:
-    """The rows of the last chunk, at byte `start`: as a chunk of layers states them, else those announced."""
+    """Return the rows of the last chunk, at byte `start`: stated in a layered chunk, otherwise those announced."""
     if not packing.layers:
         return announced if 0 < announced <= packing.rows else packing.rows
     file.seek(start + header.row)
@@ -134,14 +134,14 @@ def _rows_of_last(file: BinaryIO, header: Header, packing: Packing, start: int, 
 
 
 def check_total(header: Header, rows: int, faults: Faults) -> None:
-    """Record a fault if there are other rows than the header announces."""
+    """Record a fault if the number of rows differs from the header."""
     if rows != header.total:
-        faults.add(unequal(header.total, rows, "rows"))
+        faults.add(count_mismatch(header.total, rows, "rows"))
 
 
 def _table_at(file: BinaryIO, header: Header, size: int) -> int:
-    """Where the table of chunks begins."""
-    for place in (header.start, size - 8):  # a writer that could not seek leaves it at the end
+    """Return the offset of the table of chunks."""
+    for place in (header.start, size - 8):  # a writer that cannot seek stores the offset at the end
         file.seek(place)
         raw = file.read(8)
         at = struct.unpack("<q", raw)[0] if len(raw) == 8 else -1
@@ -149,13 +149,13 @@ def _table_at(file: BinaryIO, header: Header, size: int) -> int:
             return int(at)
         if at > 0 and place == header.start:
             break
-    raise ValueError(f"is cut off: the table of its chunks (byte {header.start:,}) is not there, or not yet written")
+    raise ValueError(f"is cut off: the table of its chunks (byte {header.start:,}) is missing or not yet written")
 
 
 def unpacked_parts(
     file: BinaryIO, header: Header, packing: Packing, parts: Sequence[Part]
 ) -> Iterator[tuple[NDArray[np.uint8], int]]:
-    """The bytes of rows, about `CHUNK` rows at a time, and how many of the parts that was; the bytes are used again."""
+    """Yield the bytes of about `CHUNK` rows, in a buffer that is reused, and the number of parts done."""
     whole = np.empty(0, np.uint8)
     for first, last in _groups(parts):
         group = parts[first:last]
@@ -184,14 +184,12 @@ def _decompress(raw: bytearray, packing: Packing, out: NDArray[np.uint8], group:
 
 
 def _rows_there(raw: bytearray, packing: Packing, row: int, part: Part) -> int:
-    """The most rows that a chunk without layers can be decompressed to, found by bisection; ValueError if none.
+    """Return how many rows a chunk without layers contains, found by bisection; raise ValueError if none.
 
-    Such a chunk does not state its rows; decompressing more of them runs out of bytes.
-
-    row : bytes of a row
+    Such a chunk does not state its rows; decompressing more of them fails at the end of the bytes. row : bytes per row
     """
     out = np.empty(part.rows * row, np.uint8)
-    least, most = 0, part.rows  # the first succeeds, the second fails
+    least, most = 0, part.rows  # `least` succeeds, `most` fails
     while most - least > 1:
         rows = (least + most) // 2
         try:
@@ -200,12 +198,12 @@ def _rows_there(raw: bytearray, packing: Packing, row: int, part: Part) -> int:
         except ValueError:
             most = rows
     if not least:
-        raise ValueError(f"is damaged: the chunk of points at byte {part.start:,} holds no rows")
+        raise ValueError(f"is damaged: the chunk of points at byte {part.start:,} contains no rows")
     return least
 
 
 def _groups(parts: Sequence[Part]) -> Iterator[tuple[int, int]]:
-    """Parts that are decompressed together."""
+    """Yield the ranges of parts that are decompressed together."""
     first = rows = 0
     for k, part in enumerate(parts):
         if rows and rows + part.rows > CHUNK:
@@ -229,9 +227,10 @@ def _read_parts(file: BinaryIO, group: Sequence[Part]) -> bytearray:
 
 
 def _check_parts(raw: bytearray, group: Sequence[Part], row: int, layers: int) -> None:
-    """A chunk begins with a row; with layers, their rows and sizes follow: lazrs asks for that memory.
+    """Check the rows and sizes stated in chunks, which lazrs trusts when it allocates memory.
 
-    Each stream of compressed bytes begins with a number below the largest one, else lazrs ends the process.
+    A chunk begins with a raw row; layered chunks continue with the number of rows and the sizes of the layers. A stream
+    of compressed bytes that begins with the largest number makes lazrs end the process.
     """
     at = 0
     for part in group:
@@ -247,6 +246,6 @@ def _check_parts(raw: bytearray, group: Sequence[Part], row: int, layers: int) -
         first = at + head
         for size in sizes:
             if size >= len(ENDLESS) and raw[first : first + len(ENDLESS)] == ENDLESS:
-                raise ValueError(f"is damaged: the chunk of points at byte {part.start:,} has a stream of ones")
+                raise ValueError(f"is damaged: the chunk of points at byte {part.start:,} has an invalid stream")
             first += size
         at += part.size

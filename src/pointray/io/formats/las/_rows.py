@@ -1,4 +1,4 @@
-"""The points of a LAS file as columns: which a point format has, and taking them out of rows of bytes."""
+"""Points of a LAS file as columns: the layout of a point format, and conversion of rows of bytes."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from .._source import Chunk, Faults
 from ._header import Header, _text
 
 FORMATS = 11  # point formats 0 to 10
-TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8")  # of extra bytes, from 1; then two each, three
-EXTRA, SCALED, MOVED = 192, 8, 16  # bytes of a description of extra bytes, and its flags
+TYPES = ("u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8")  # 1 to 10; then pairs, then triples
+EXTRA, SCALED, MOVED = 192, 8, 16  # bytes of a description of extra bytes; flags for scale and offset
 NORMALS = (("normalx", "normaly", "normalz"), ("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
 COLORS = ("red", "green", "blue")
 
 
 class Column(NamedTuple):
-    """A column: its name, the field of a row that holds it, its bits there, and what makes numbers of them."""
+    """A column: its name, its field in a row, its bit mask there, and its scale and offset."""
 
     name: str
     field: str
@@ -31,12 +31,12 @@ class Column(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """How a row is laid out.
+    """Layout of a row.
 
     Attributes
     ----------
     dtype : dtype
-        Of a row.
+        Structured type of a row.
     columns : tuple of Column
         The attributes.
     normals : tuple of Column
@@ -51,22 +51,22 @@ class Layout(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes of a row as columns."""
+        """Bytes per row after conversion to columns."""
         return 24 + 6 * self.colors + 12 * bool(self.normals) + sum(_size(c, self.dtype) for c in self.columns)
 
 
 def layout_of(header: Header, faults: Faults) -> Layout:
-    """The layout of a file's rows; ValueError if its header contradicts itself."""
+    """Return the layout of a file's rows; raise ValueError if its header is inconsistent."""
     from laspy.point.dims import COMPOSED_FIELDS, POINT_FORMATS_DTYPE
 
     if header.format >= FORMATS:
-        raise ValueError(f"has the unknown point format {header.format} (byte 104): 0 to 10 can be read")
+        raise ValueError(f"unsupported point format {header.format} (byte 104): expected 0 to 10")
     standard, parts = POINT_FORMATS_DTYPE[header.format], COMPOSED_FIELDS[header.format]
     spare = header.row - standard.itemsize
     if spare < 0:
         raise ValueError(
             f"is damaged: its rows have {header.row} bytes (byte 105), "
-            f"those of point format {header.format} have {standard.itemsize} or more"
+            f"those of point format {header.format} need {standard.itemsize} or more"
         )
     columns = [
         column
@@ -91,9 +91,9 @@ def layout_of(header: Header, faults: Faults) -> Layout:
 def _extras_of(
     records: Sequence[bytes], spare: int, taken: set[str], faults: Faults
 ) -> list[tuple[Column, np.dtype[Any]]]:
-    """The extra bytes of a row, as their records describe them; those that they do not describe come last.
+    """Return the extra bytes of a row as described by the records; undescribed bytes come last.
 
-    A description of an unknown type, or of more bytes than are left, is a fault: it is ignored with those after it.
+    A description with an unknown type or too many bytes is a fault: it is ignored, as are all after it.
     """
     extras: list[tuple[Column, np.dtype[Any]]] = []
     data = b"".join(record[: len(record) // EXTRA * EXTRA] for record in records)
@@ -107,7 +107,7 @@ def _extras_of(
         base = np.dtype("<" + TYPES[(kind - 1) % len(TYPES)]) if kind else np.dtype("u1")
         if base.itemsize * count > spare:
             faults.add(
-                f"the extra bytes {name!r} are described as {base.itemsize * count} bytes, its rows have {spare} left: "
+                f"the extra bytes {name!r} are described as {base.itemsize * count} bytes, but {spare} are left: "
                 f"the description is ignored"
             )
             break
@@ -129,7 +129,7 @@ def _unique(name: str, taken: set[str]) -> str:
 
 
 def _normals_of(columns: list[Column], dtype: np.dtype[Any]) -> tuple[Column, ...]:
-    """The columns that are normals, three or none."""
+    """Return the columns of the normals, three or none."""
     known = {c.name.lower(): c for c in columns if dtype[c.field].ndim == 0}
     found = next((tuple(known[name] for name in names) for names in NORMALS if known.keys() >= set(names)), ())
     floats = all(dtype[c.field].kind == "f" or c.scale is not None for c in found)
@@ -143,23 +143,23 @@ def _size(column: Column, dtype: np.dtype[Any]) -> int:
 
 
 def chunk_of(rows: NDArray[Any], header: Header, layout: Layout, share: float) -> Chunk:
-    """Rows as columns, each an array of its own."""
+    """Return rows as contiguous columns."""
     positions = np.empty((len(rows), 3))
-    for k, name in enumerate("XYZ"):  # offset + scale * number, rounded as laspy does
+    for k, name in enumerate("XYZ"):  # offset + scale * integer, rounded like laspy
         np.multiply(rows[name], header.scale[k], out=positions[:, k])
         positions[:, k] += header.offset[k]
     normals = colors = None
     if layout.normals:
-        normals = np.stack([_taken(rows, column) for column in layout.normals], axis=1)
+        normals = np.stack([_values_of(rows, column) for column in layout.normals], axis=1)
     if layout.colors:
         colors = np.empty((len(rows), 3), np.uint16)
         for k, name in enumerate(COLORS):
             colors[:, k] = rows[name]
-    attributes = {column.name: _taken(rows, column) for column in layout.columns}
+    attributes = {column.name: _values_of(rows, column) for column in layout.columns}
     return Chunk(positions, normals, colors, attributes, share)
 
 
-def _taken(rows: NDArray[Any], column: Column) -> NDArray[Any]:
+def _values_of(rows: NDArray[Any], column: Column) -> NDArray[Any]:
     values = rows[column.field]
     if column.mask:
         low = (column.mask & -column.mask).bit_length() - 1
@@ -169,12 +169,12 @@ def _taken(rows: NDArray[Any], column: Column) -> NDArray[Any]:
         return np.array(values, values.dtype.newbyteorder("="), order="C")
     scale = np.ones(1) if column.scale is None else column.scale
     offset = np.zeros(1) if column.offset is None else column.offset
-    with np.errstate(all="ignore"):  # a damaged scale makes infinities
+    with np.errstate(all="ignore"):  # a damaged scale can cause infinities
         return np.asarray(
             values * (scale if values.ndim > 1 else scale[0]) + (offset if values.ndim > 1 else offset[0])
         )
 
 
 def unpack_u16(data: bytes) -> tuple[int, ...]:
-    """Bytes as whole numbers of two bytes."""
+    """Return bytes as 16-bit unsigned integers."""
     return struct.unpack(f"<{len(data) // 2}H", data[: len(data) // 2 * 2])

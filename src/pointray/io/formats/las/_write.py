@@ -1,4 +1,4 @@
-"""Writing LAS 1.4, as it is or compressed: which point format, scale and offset, and what goes into extra bytes."""
+"""Writer for LAS 1.4 and LAZ: choice of the point format, scale and offset, and extra bytes."""
 
 from __future__ import annotations
 
@@ -16,67 +16,67 @@ from ....cloud.points import Points
 from .._source import CHUNK
 from ._crs import USER, WKT, records_for
 
-Words = list[str]
-CANDIDATES = (0, 2, 1, 6, 3, 7, 8)  # point formats, the smallest rows first; those with waveforms are left out
-MOST_EXTRAS, MOST_BYTES = 65535 // 192, 65535  # extra bytes that a record describes; bytes of a row
+Losses = list[str]
+CANDIDATES = (0, 2, 1, 6, 3, 7, 8)  # point formats without waveforms, smallest rows first
+MOST_EXTRAS, MOST_BYTES = 65535 // 192, 65535  # extra bytes that a record can describe; bytes of a row
 LONGEST_NAME, LONGEST_RECORD = 32, 65535  # bytes
-SHADES = 257  # of 16 bits to one of 8
-DEGREE = 1e-6  # degrees: finer than a metre by enough that no rounding is added
-WEEK = 604800.0  # seconds: a greater GPS time is no time of a week
+SHADES = 257  # 16-bit value per step of an 8-bit value
+DEGREE = 1e-6  # step in degrees per step in metres: fine enough that nothing is lost by rounding
+WEEK = 604800.0  # seconds: a larger GPS time is not a time of the week
 NORMALS = ("NormalX", "NormalY", "NormalZ")
 PACKED = {"X", "Y", "Z", "x", "y", "z", "bit_fields", "raw_classification", "classification_flags"}
 
 
 class Extra(NamedTuple):
-    """A column of extra bytes: its name there, and the values."""
+    """A column of extra bytes: name and values."""
 
     name: str
     values: NDArray[Any]
 
 
-def write(file: Any, points: Points, progress: Progress | None = None) -> Words:
-    """Write all that the points hold; returns what LAS cannot hold, in words.
+def write(file: Any, points: Points, progress: Progress | None = None) -> Losses:
+    """Write all data of the points; return descriptions of what LAS cannot store.
 
-    A row whose position is not finite is left out, which a word tells.
+    Rows without a finite position are left out, which is among them.
     """
     import laspy
 
-    words: Words = []
+    losses: Losses = []
     format, standard = _choose_format(points)
-    extras = _extras_of(points, format, standard, words)
+    extras = _extras_of(points, format, standard, losses)
     header = laspy.LasHeader(version="1.4", point_format=format)
     header.generating_software = "pointray"
     header.add_extra_dims([laspy.ExtraBytesParams(x.name, _type_of(x.values)) for x in extras])
-    for record in header.vlrs.get("ExtraBytesVlr"):  # laspy finds the limits of each chunk's first row only
+    for record in header.vlrs.get("ExtraBytesVlr"):  # laspy would store limits from the first row of each chunk only
         for described in record.extra_bytes_structs:
             described.options &= ~6 if described.data_type else 255
-    grid = _Grid(points, words)
+    grid = _Grid(points, losses)
     header.scales, header.offsets = np.array(grid.scale), np.array(grid.offset)
-    behind = _state_crs(header, points.survey, words)
+    trailing = _state_crs(header, points.survey, losses)
     time = points.attributes.get("gps_time") if "gps_time" in standard else None
     if time is not None and np.abs(time).max() > WEEK:
         header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
     if points.survey.stations:
-        words.append("cannot hold where the scanners stood")
+        losses.append("cannot store the scanner positions")
     missing = len(points) - int(points.finite.sum())
     if missing:
-        words.append(f"leaves out {missing:,} row{'s' * (missing > 1)} without a finite position")
-    stream = _Noting(file)
+        losses.append(f"leaves out {missing:,} row{'s' * (missing > 1)} without a finite position")
+    stream = _ErrorRecorder(file)
     try:
-        _write_rows(stream, points, (header, standard, extras, grid, behind), progress)
+        _write_rows(stream, points, (header, standard, extras, grid, trailing), progress)
     except BaseException as error:
         if stream.error is not None:
             raise stream.error from None
         if isinstance(error, Exception | KeyboardInterrupt | SystemExit):
             raise
-        raise ValueError(f"lazrs cannot compress the points: {error}") from None  # a panic of Rust
-    return words
+        raise ValueError(f"lazrs cannot compress the points: {error}") from None  # a Rust panic
+    return losses
 
 
 def _write_rows(stream: Any, points: Points, plan: tuple[Any, ...], progress: Progress | None) -> None:
     import laspy
 
-    header, standard, extras, grid, behind = plan
+    header, standard, extras, grid, trailing = plan
     packed = Path(stream.path).suffix.lower() == ".laz"
     backend = laspy.LazBackend.LazrsParallel if packed else None
     finite = points.finite
@@ -94,17 +94,17 @@ def _write_rows(stream: Any, points: Points, plan: tuple[Any, ...], progress: Pr
                     rows[name] = points.colors[part, k].astype(np.uint16) * SHADES
             for name in standard:
                 values = points.attributes[name][part]
-                record[name] = values if name in rows.dtype.names else values.astype(np.uint8)  # some bits of a byte
+                record[name] = values if name in rows.dtype.names else values.astype(np.uint8)  # a bit field
             for name, values in extras:
                 rows[name] = values[part]
             writer.write_points(record if whole else laspy.PackedPointRecord(rows[finite[part]], header.point_format))
             tell(progress, min(part.stop / len(points), 1.0))
-        if behind:
-            writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(behind))
+        if trailing:
+            writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(trailing))
 
 
-class _Noting:
-    """A stream to write to that notes what it raises: lazrs hides it."""
+class _ErrorRecorder:
+    """Output stream that keeps its first exception, which lazrs hides."""
 
     def __init__(self, file: Any) -> None:
         self._file, self.path = file, file.path
@@ -134,7 +134,7 @@ class _Noting:
 
 
 def _choose_format(points: Points) -> tuple[int, list[str]]:
-    """The smallest point format that holds most of the attributes, and those that it holds."""
+    """Return the smallest point format that stores most of the attributes, and their names."""
     import laspy
 
     best: tuple[int, list[str]] = 0, []
@@ -151,7 +151,7 @@ def _choose_format(points: Points) -> tuple[int, list[str]]:
 
 
 def _fits(values: NDArray[Any], dimension: Any) -> bool:
-    """Whether a dimension holds values exactly."""
+    """Whether a dimension stores values exactly."""
     if values.ndim != 1:
         return False
     if dimension.dtype is not None and dimension.dtype.kind == "f":
@@ -161,8 +161,8 @@ def _fits(values: NDArray[Any], dimension: Any) -> bool:
     return bool(values.min() >= dimension.min and values.max() <= dimension.max)
 
 
-def _extras_of(points: Points, format: int, standard: list[str], words: Words) -> list[Extra]:
-    """What no dimension of the point format holds: normals, and all other attributes."""
+def _extras_of(points: Points, format: int, standard: list[str], losses: Losses) -> list[Extra]:
+    """Return what no dimension of the point format stores: normals, and all other attributes."""
     import laspy
 
     dimensions = laspy.PointFormat(format)
@@ -175,36 +175,36 @@ def _extras_of(points: Points, format: int, standard: list[str], words: Words) -
     for name, values in points.attributes.items():
         if name in standard or name == RESIDUAL:
             continue
-        columns = _columns_of(name, values, taken, words)
+        columns = _columns_of(name, values, taken, losses)
         size += sum(_type_of(c.values).itemsize for c in columns)
         if size > MOST_BYTES or len(extras) + len(columns) > MOST_EXTRAS:
-            words.append(f"cannot hold {name}: a row has at most {MOST_EXTRAS} extra columns and {MOST_BYTES} bytes")
+            losses.append(f"cannot store {name}: a row has at most {MOST_EXTRAS} extra columns and {MOST_BYTES} bytes")
             size -= sum(_type_of(c.values).itemsize for c in columns)
             continue
         extras += columns
     return extras
 
 
-def _columns_of(name: str, values: NDArray[Any], taken: set[str], words: Words) -> list[Extra]:
-    """An attribute as extra bytes, which have three columns at most."""
+def _columns_of(name: str, values: NDArray[Any], taken: set[str], losses: Losses) -> list[Extra]:
+    """Split an attribute into extra bytes, which have at most three columns."""
     values = values.view(np.uint8) if values.dtype == np.bool_ else values
     width = 1 if values.ndim == 1 else values.shape[1]
     if width <= 3:
         values = values[:, 0] if values.ndim == 2 and width == 1 else values
-        return [Extra(_name(name, taken, words), values)] if width else []
-    words.append(f"keeps the {width} columns of {name} one by one, as {name}_0 and so on")
-    return [Extra(_name(f"{name}_{k}", taken, words), values[:, k]) for k in range(width)]
+        return [Extra(_name(name, taken, losses), values)] if width else []
+    losses.append(f"stores the {width} columns of {name} separately, as {name}_0 and so on")
+    return [Extra(_name(f"{name}_{k}", taken, losses), values[:, k]) for k in range(width)]
 
 
-def _name(name: str, taken: set[str], words: Words) -> str:
-    """A name for extra bytes, not yet taken and short enough."""
+def _name(name: str, taken: set[str], losses: Losses) -> str:
+    """Return an unused name for extra bytes that is short enough."""
     free, number = name.replace("\0", " ").encode()[:LONGEST_NAME].decode(errors="ignore"), 1
     while free in taken or not free:
         number += 1
         tail = f"_{number}"
         free = name.encode()[: LONGEST_NAME - len(tail)].decode(errors="ignore") + tail
     if free != name:
-        words.append(f"keeps {name} as the extra bytes {free}")
+        losses.append(f"stores {name} as the extra bytes {free}")
     taken.add(free)
     return free
 
@@ -213,40 +213,40 @@ def _type_of(values: NDArray[Any]) -> np.dtype[Any]:
     return values.dtype if values.ndim == 1 else np.dtype((values.dtype, values.shape[1:]))
 
 
-def _state_crs(header: Any, survey: Survey, words: Words) -> list[Any]:
-    """State the coordinate system in a header; returns the records too long for it, which go behind the points."""
+def _state_crs(header: Any, survey: Survey, losses: Losses) -> list[Any]:
+    """Write the coordinate system to a header; return the records that are too long for it, to follow the points."""
     import laspy
 
-    behind: list[Any] = []
+    trailing: list[Any] = []
     unit = survey.unit if survey.projection is None else "degree"
-    for number, data in records_for(survey.crs, unit, words):
+    for number, data in records_for(survey.crs, unit, losses):
         record = laspy.VLR(USER, number, "coordinate system", data)
-        (header.vlrs if len(data) <= LONGEST_RECORD else behind).append(record)
+        (header.vlrs if len(data) <= LONGEST_RECORD else trailing).append(record)
         header.global_encoding.wkt = number == WKT
-    return behind
+    return trailing
 
 
 # ----------------------------------------------------------------------------------------------------- coordinates
 
 
 class _Grid:
-    """The whole numbers that coordinates become: those that a file had, to the last, or as fine as float32 is.
+    """Grid of the integer coordinates: that of the original file, or one as fine as float32.
 
     Attributes
     ----------
     scale, offset : tuple of float
     """
 
-    def __init__(self, points: Points, words: Words) -> None:
+    def __init__(self, points: Points, losses: Losses) -> None:
         self._residual: NDArray[Any] | None = None
         self._shift = np.zeros(3, np.int64)
         self._survey = points.survey
         if not self._fits(points):
             if points.survey.scale is not None:
-                words.append(f"rounds its coordinates: they are too wide for steps of {min(points.survey.scale):g}")
+                losses.append(f"rounds its coordinates: too large for 32 bits at steps of {min(points.survey.scale):g}")
             self._residual, self._shift = None, np.zeros(3, np.int64)
             size = max(float(np.abs(points.bounds - points.origin).max()), 1e-30)
-            step = float(f"1e{int(np.floor(np.log10(size * 2.0**-24)))}")  # float32 is no finer there
+            step = float(f"1e{int(np.floor(np.log10(size * 2.0**-24)))}")  # float32 is not finer there
             across = step if points.survey.projection is None else step * DEGREE
             offset = in_file(points.survey, points.origin[None])[0].tolist()
             self._survey = replace(points.survey, scale=(across, across, step), offset=tuple(offset))
@@ -254,7 +254,7 @@ class _Grid:
         self.offset = tuple((np.array(self._survey.offset) + self._shift * np.array(self.scale)).tolist())
 
     def _fits(self, points: Points) -> bool:
-        """Whether the numbers of the file that the points are from fit; their offset is moved by whole steps for it."""
+        """Whether the original grid fits, if necessary with its offset moved by whole steps."""
         if self._survey.scale is None:
             return False
         residual = points.attributes.get(RESIDUAL)
@@ -263,7 +263,7 @@ class _Grid:
         with np.errstate(over="ignore"):
             bounds = in_file(self._survey, points.bounds)
             farthest = np.abs((bounds - np.array(self._survey.offset)) / np.array(self._survey.scale)).max()
-        if farthest < 2.0**31 - 2**12:  # float32 may be wrong by 128 steps there
+        if farthest < 2.0**31 - 2**12:  # float32 may be off by 128 steps there
             return True
         if not farthest < 2.0**52:
             return False
@@ -282,12 +282,12 @@ class _Grid:
         return numbers
 
     def numbers_of(self, points: Points, part: slice, finite: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """The whole numbers of some rows, (m, 3); 0 where a row is not finite."""
+        """Return the integer coordinates of some rows, (m, 3); 0 where a row is not finite."""
         with np.errstate(invalid="ignore"):
             numbers = self._whole(points, part) - self._shift
         numbers[~finite[part]] = 0
         if numbers.min() < -(2**31) or numbers.max() >= 2**31:
-            raise ValueError("cannot be written: its coordinates are too wide for whole numbers of 4 bytes")
+            raise ValueError("cannot be written: its coordinates do not fit into 32-bit integers")
         return numbers
 
 

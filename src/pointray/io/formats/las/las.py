@@ -1,11 +1,11 @@
-"""LAS, LAZ and COPC: the rows of a LAS file, versions 1.0 to 1.4, as they are or compressed.
+"""LAS, LAZ and COPC, versions 1.0 to 1.4.
 
-laspy names the fields of each point format and writes; lazrs decompresses. The header is read in `_las_header`, which
-believes nothing that the file's size contradicts.
+laspy names the fields of each point format and writes files; lazrs decompresses. The header is read in `_header`, which
+checks every number against the file's size.
 
-Each dimension becomes an attribute of its own dtype; parts of a byte become uint8. Extra bytes that have a scale or an
-offset become float64, offset + scale * number as laspy computes it: written again they are float64, with the same
-values, no longer the same bytes.
+Each dimension becomes an attribute with its own dtype; bit fields become uint8. Extra bytes with a scale or an offset
+become float64, offset + scale * number as computed by laspy. They are written as float64, with equal values but not
+equal bytes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....cloud.georeference import Survey
-from .._counts import missing, rows_behind
+from .._counts import missing, rows_after
 from .._source import CHUNK, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._copc import Copc, copc_of, nodes_of
 from ._crs import crs_of
@@ -28,16 +28,16 @@ from ._laz import Part, check_total, packing_of, parts_of, unpacked_parts
 from ._rows import Layout, chunk_of, layout_of
 from ._write import write
 
-logging.getLogger("laspy").addHandler(logging.NullHandler())  # it tells of what it raises anyway
+logging.getLogger("laspy").addHandler(logging.NullHandler())  # it logs what it raises anyway
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is a LAS or LAZ file."""
+    """Detect LAS and LAZ files."""
     return SURE if head.startswith(b"LASF") else NO
 
 
 class LasSource(Source):
-    """The points of a LAS, LAZ or COPC file; ValueError says what is wrong with its contents."""
+    """Points of a LAS, LAZ or COPC file."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._size, self.faults = path.stat().st_size, Faults(request.strict)
@@ -61,10 +61,10 @@ class LasSource(Source):
         )
 
     def _list_parts(self, request: Request) -> list[Part]:
-        """Where the rows lie that are read; ValueError if the file does not hold what its header announces."""
+        """Return the ranges of rows to read; raise ValueError if the header announces no rows."""
         header = self._header
         if header.total == 0 and (header.compressed or self.faults.strict):
-            raise ValueError("holds no points: the header announces 0; perhaps it is still being written")
+            raise ValueError("contains no points: the header announces 0; it may be incomplete")
         if sum(header.returns) > header.total:
             self.faults.add(f"its header announces {header.total:,} rows, but {sum(header.returns):,} returns")
         if not header.compressed:
@@ -79,7 +79,7 @@ class LasSource(Source):
             yield chunk_of(rows.view(self._layout.dtype), self._header, self._layout, share)
 
     def _plain(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
-        """The bytes of about `CHUNK` rows at a time; they are used again."""
+        """Yield the bytes of about `CHUNK` rows, in a buffer that is reused."""
         part, row = self._parts[0], self._header.row
         buffer = np.empty(min(part.rows, CHUNK) * row, np.uint8)
         self._file.seek(part.start)
@@ -103,34 +103,33 @@ class LasSource(Source):
 
 
 def _rows_of(file: BinaryIO, header: Header, faults: Faults) -> Part:
-    """The rows of a file that is not compressed; ValueError if not one is there."""
+    """Return the rows of an uncompressed file; raise ValueError if there is not one."""
     rows, size, there = header.total, header.total * header.row, header.end - header.start
     if size > there:
         rows = there // header.row
         message = (
-            f"is cut off: {header.total:,} rows of {header.row} bytes are announced, "
-            f"{there:,} bytes are there: {rows:,} rows"
+            f"is cut off: {header.total:,} rows of {header.row} bytes expected, {there:,} bytes found: {rows:,} rows"
         )
         faults.add(f"{message}: {missing(header.total, rows)}")
         if not rows:
             raise ValueError(message)
     elif there - size >= header.row:
-        more = rows_behind(file, header.start + size, header.end, header.row)
+        more = rows_after(file, header.start + size, header.end, header.row)
         faults.add(
-            f"its header announces {rows:,} rows; {there - size:,} bytes follow them, "
-            f"as many as {(there - size) // header.row:,} rows more" + ("" if more else ", which are not read")
+            f"its header announces {rows:,} rows; {there - size:,} more bytes follow, "
+            f"as many as {(there - size) // header.row:,} rows" + ("" if more else ", which are not read")
         )
         rows += more
     if not rows:
-        raise ValueError("holds no points: the header announces 0; perhaps it is still being written")
+        raise ValueError("contains no points: the header announces 0; it may be incomplete")
     return Part(header.start, rows * header.row, rows)
 
 
 def _facts(header: Header, layout: Layout, copc: Copc | None) -> dict[str, Any]:
-    """What `info` tells of a file."""
-    said = {name: value for name, value in header.said.items() if value}
+    """Return the information on a file for `info`."""
+    stated = {name: value for name, value in header.stated.items() if value}
     facts: dict[str, Any] = {
-        **said,
+        **stated,
         "point format": header.format,
         "compressed": header.compressed,
         "points by return": list(header.returns),
@@ -152,12 +151,12 @@ FORMAT = Format(
     recognise,
     LasSource,
     {
-        "positions": "offset + scale * the whole numbers of the file, which are written again to the last",
+        "positions": "offset + scale * integer coordinates; the original integers are restored on writing",
         "normals": "extra bytes NormalX, NormalY, NormalZ or nx, ny, nz",
         "colors": "red, green, blue",
-        "attributes": "all other dimensions with their types; bits as uint8; extra bytes with a scale as float64",
-        "survey": "coordinate system (well-known text, or a code of EPSG), unit, scale and offset",
-        "note": "LAZ and COPC too; versions 1.0 to 1.4, point formats 0 to 10; written as 1.4; no waveforms",
+        "attributes": "all other dimensions with their types; bit fields as uint8; extra bytes with a scale as float64",
+        "survey": "coordinate system (well-known text or EPSG code), unit, scale and offset",
+        "note": "includes LAZ and COPC; versions 1.0 to 1.4, point formats 0 to 10; written as 1.4; no waveforms",
     },
     write=write,
 )

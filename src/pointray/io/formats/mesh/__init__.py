@@ -1,5 +1,5 @@
-"""Meshes, through trimesh.
+"""Meshes, read with trimesh.
 
-mesh : OBJ, STL, glTF, OFF; _load : what trimesh makes of them; _gltf, _text : files as trimesh can read them;
-_points : vertices, or points sampled on triangles, and which of both show the surface
+mesh : OBJ, STL, glTF, OFF; _load : conversion from trimesh; _gltf, _text : files prepared for trimesh;
+_points : vertices, or points sampled on triangles, and the choice between them
 """

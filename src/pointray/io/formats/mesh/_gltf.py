@@ -1,8 +1,7 @@
-"""glTF files as trimesh can read them: checked, and with quantized and sparse attributes as plain floats.
+"""Preparation of glTF files for trimesh: checks, and conversion of quantized and sparse attributes to float32.
 
-trimesh takes normalized whole numbers for plain ones (KHR_mesh_quantization), and ignores sparse values and texture
-transforms (KHR_texture_transform). Attributes that need one of these get a new accessor of float32, in a buffer
-behind the file's own.
+trimesh reads normalized integers as plain ones (KHR_mesh_quantization), and ignores sparse values and texture
+transforms (KHR_texture_transform). Attributes that use these get a new float32 accessor, in an additional buffer.
 """
 
 from __future__ import annotations
@@ -31,18 +30,18 @@ Floats = NDArray[np.float32]
 
 
 class UnsupportedError(ValueError):
-    """A file is as it should be, but uses what cannot be read."""
+    """Raised if a valid file uses a feature that is unsupported."""
 
 
 def readable(data: bytes, kind: str, get: Callable[[str], bytes], faults: Faults) -> bytes:
-    """The file for trimesh.
+    """Return the file as trimesh can read it.
 
     Parameters
     ----------
     data : bytes
     kind : {"glb", "gltf"}
     get : callable
-        Given the name of a file beside it: its bytes.
+        Name of a file in the same folder -> its bytes.
     faults : Faults
 
     Raises
@@ -50,7 +49,7 @@ def readable(data: bytes, kind: str, get: Callable[[str], bytes], faults: Faults
     UnsupportedError
         If it is compressed.
     ValueError
-        If it is cut off, or announces more than it has.
+        If it is cut off, or shorter than announced.
     """
     text, rest = _split(data) if kind == "glb" else (data, b"")
     tree = json.loads(text)
@@ -71,23 +70,23 @@ def readable(data: bytes, kind: str, get: Callable[[str], bytes], faults: Faults
 
 
 def _split(data: bytes) -> tuple[bytes, bytes]:
-    """The JSON of a .glb file, and the chunks behind it."""
+    """Split a .glb file into its JSON and the chunks after it."""
     announced, length = (int.from_bytes(data[at : at + 4], "little") for at in (8, 12))
     if announced > len(data) or length > len(data) - GLB_HEADER:
-        raise ValueError(f"is cut off: the header says {max(announced, length):,} bytes, it has {len(data):,}")
+        raise ValueError(f"is cut off: expected {max(announced, length):,} bytes, found {len(data):,}")
     return data[GLB_HEADER : GLB_HEADER + length], data[GLB_HEADER + length :]
 
 
 def _check(tree: Any, size: int, faults: Faults) -> None:
-    """ValueError for what would be read as zeros, or would take more memory than the file has bytes."""
+    """Raise ValueError for data that would be read as zeros or need more memory than the file has bytes."""
     required, used = tree.get("extensionsRequired", ()), tree.get("extensionsUsed", ())
     empty = [a for a in tree.get("accessors", ()) if "bufferView" not in a and "sparse" not in a]
     packed = next((name for name in (*required, *(used if empty else ())) if PACKERS.search(name)), None)
     if packed is not None:
-        raise UnsupportedError(f"is compressed with {packed}, which is not supported: save it without compression")
+        raise UnsupportedError(f"is compressed with {packed}, which is unsupported: save it without compression")
     unknown = [name for name in required if not KNOWN.match(name)]
     if unknown:
-        faults.add(f"requires {', '.join(unknown)}, which is not supported: parts of it may be missing or wrong")
+        faults.add(f"requires {', '.join(unknown)}, which is unsupported: parts of it may be missing or wrong")
     for number, accessor in enumerate(tree.get("accessors", ())):
         item = np.dtype(DTYPES[accessor["componentType"]]).itemsize * WIDTHS[accessor["type"]]
         need = int(accessor["count"]) * item
@@ -96,12 +95,12 @@ def _check(tree: Any, size: int, faults: Faults) -> None:
 
 
 class _Floats:
-    """Accessors of float32 in place of those that trimesh would read wrongly.
+    """float32 accessors that replace those trimesh would read wrongly.
 
     Attributes
     ----------
     added : list of (n, k) float32
-        The values of the new accessors.
+        Values of the new accessors.
     """
 
     def __init__(self, tree: Any, rest: bytes, get: Callable[[str], bytes]) -> None:
@@ -111,9 +110,9 @@ class _Floats:
         self.added: list[Floats] = []
 
     def replace(self, primitive: Any) -> None:
-        """Let a primitive use new accessors where it needs them; UnsupportedError if its indices need one."""
+        """Give a primitive new accessors where needed; raise UnsupportedError if its indices need one."""
         if "indices" in primitive and "sparse" in self._tree["accessors"][primitive["indices"]]:
-            raise UnsupportedError("has sparse indices of triangles, which are not supported")
+            raise UnsupportedError("has sparse triangle indices, which are unsupported")
         attributes = primitive["attributes"]
         texture = self._texture(primitive)
         number = texture.get("texCoord", 0)
@@ -151,18 +150,18 @@ class _Floats:
         return material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
 
     def _is_stored_otherwise(self, index: int, name: str) -> bool:
-        """Whether an attribute is sparse, or of whole numbers that trimesh does not take for what they are."""
+        """Whether an attribute is sparse, or has integers that trimesh would misread."""
         accessor = self._tree["accessors"][index]
         if "sparse" in accessor:
             return True
         if accessor["componentType"] in (5125, 5126) or "bufferView" not in accessor:
             return False
-        if name == "COLOR_0" and accessor["componentType"] == 5121:  # colours of 8 bits are taken as such
+        if name == "COLOR_0" and accessor["componentType"] == 5121:  # trimesh reads 8-bit colours correctly
             return False
         return bool(accessor.get("normalized")) or name == "TEXCOORD_0"
 
     def _values(self, index: int) -> Floats:
-        """The values of an accessor."""
+        """Return the values of an accessor."""
         accessor = self._tree["accessors"][index]
         count, sparse = accessor["count"], accessor.get("sparse")
         dtype, width = np.dtype(DTYPES[accessor["componentType"]]), WIDTHS[accessor["type"]]
@@ -178,7 +177,7 @@ class _Floats:
         return values
 
     def _rows(self, place: Any, count: int, dtype: np.dtype[Any], width: int) -> NDArray[Any]:
-        """The (count, width) values of an accessor, or of a part of a sparse one."""
+        """Return the (count, width) values of an accessor, or of a part of a sparse one."""
         view = self._tree["bufferViews"][place["bufferView"]]
         start = view.get("byteOffset", 0)
         data = self._buffer(view["buffer"])[start : start + view["byteLength"]]
@@ -200,7 +199,7 @@ class _Floats:
 
 
 def _moved(uv: Floats, transform: Any) -> Floats:
-    """Coordinates of a texture under a KHR_texture_transform."""
+    """Apply a KHR_texture_transform to texture coordinates."""
     if not transform:
         return uv
     angle = float(transform.get("rotation", 0))

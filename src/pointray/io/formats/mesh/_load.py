@@ -1,4 +1,4 @@
-"""Meshes as trimesh reads them: what is checked before, and what comes of it."""
+"""Meshes read with trimesh: checks before reading, and conversion of the result."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ class Part(NamedTuple):
     ----------
     positions : (n, 3) float64
     faces : (m, 3) int64
-        Corners of triangles.
+        Vertex indices of triangles.
     normals : (n, 3) float64 or None
-        Those of the file.
+        Normals stored in the file.
     colors : (n, 3) uint8 or floats, or None
     uv : (n, 2) float64 or None
-    paint : callable or None
-        (k, 2) coordinates of a texture -> (k, 4) uint8 colours.
+    sample_texture : callable or None
+        Texture lookup: (k, 2) texture coordinates -> (k, 4) uint8 colours.
     face_colors : (m, 3) uint8 or None
-        Colours of the triangles; `colors` are then means of them.
+        Colours of the triangles; `colors` are then their means.
     """
 
     positions: NDArray[np.float64]
@@ -47,57 +47,57 @@ class Part(NamedTuple):
     normals: NDArray[np.float64] | None = None
     colors: NDArray[Any] | None = None
     uv: NDArray[np.float64] | None = None
-    paint: Callable[[NDArray[np.float64]], NDArray[np.uint8]] | None = None
+    sample_texture: Callable[[NDArray[np.float64]], NDArray[np.uint8]] | None = None
     face_colors: NDArray[np.uint8] | None = None
 
 
 def counts_of(parts: list[Part]) -> tuple[int, int]:
-    """The numbers of vertices and of triangles."""
+    """Return the numbers of vertices and triangles."""
     return sum(len(part.positions) for part in parts), sum(len(part.faces) for part in parts)
 
 
 def load(path: Path, kind: str, faults: Faults) -> list[Part]:
-    """The meshes of a file, each where its scene puts it; ValueError says that it is damaged."""
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else what it logs goes to stderr
+    """Return the meshes of a file, placed in its scene; raise ValueError if it is damaged."""
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # otherwise its log goes to stderr
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            beside = _beside(path)
+            beside = _resolver_of(path)
             parts = _load_obj(path, beside, faults) if kind == "obj" else _load_scene(path, kind, beside, faults)
     except UnsupportedError:
         raise
     except ValueError as error:
-        raise ValueError(f"is damaged or no {kind} file: {_words(error)}") from error
+        raise ValueError(f"is damaged or not a valid {kind} file: {_words(error)}") from error
     except Exception as error:
         raise ValueError(f"is damaged: {_words(error)}") from error
     if not any(len(part.positions) for part in parts):
-        raise ValueError("holds no vertices")
+        raise ValueError("contains no vertices")
     if beside.absent:
         names = ", ".join(repr(name[:80]) for name in dict.fromkeys(beside.absent))
-        faults.add(f"names {names}, not found in its folder: colors may be missing")
+        faults.add(f"refers to {names}, not found in its folder: colors may be missing")
     return parts
 
 
 def _words(error: Exception) -> str:
-    if isinstance(error, ModuleNotFoundError):  # trimesh would guess the letters of a text with another package
-        return "it is neither text nor binary data of its kind"
+    if isinstance(error, ModuleNotFoundError):  # trimesh would guess the encoding of a text with another package
+        return "it is neither text nor valid binary data"
     text = " ".join(str(error).split())[:160]
     return text if isinstance(error, ValueError) and text else f"{type(error).__name__} {text}".strip()
 
 
 def _load_obj(path: Path, beside: Any, faults: Faults) -> list[Part]:
-    """An OBJ file. Of several materials trimesh makes as many meshes, whose own vertices it leaves to each."""
+    """Load an OBJ file. With several materials trimesh makes several meshes, each with only the vertices it uses."""
     data = absolute(whole_text(_bytes_of(path, "obj"), "obj", faults))
     if not re.search(rb"^[ \t]*[fl][ \t]", data, re.MULTILINE):
         return [_obj_points(data)]
     if len(set(USED.findall(data))) < 2:
         return _parts_of(data, beside, "obj", maintain_order=True)
     parts = _parts_of(data, beside, "obj")
-    return [*parts, _without(_obj_points(data), parts)]
+    return [*parts, _unused_points(_obj_points(data), parts)]
 
 
 def _obj_points(data: bytes) -> Part:
-    """All vertices of an OBJ file, as a point cloud: that of trimesh has no normals."""
+    """Return all vertices of an OBJ file as a point cloud; that of trimesh lacks normals."""
     from trimesh.exchange.obj import load_obj
 
     lines = re.sub(rb"^[ \t]*[fl][ \t].*$", b"", data.replace(b"\\\n", b""), flags=re.MULTILINE)
@@ -105,7 +105,7 @@ def _obj_points(data: bytes) -> Part:
     vertices = np.asarray(found.get("vertices", np.empty((0, 3))), np.float64)
     announced = len(re.findall(rb"^[ \t]*v[ \t]", data, re.MULTILINE))
     if vertices.shape != (announced, 3):
-        raise ValueError(f"{announced:,} lines begin with v, {len(vertices):,} of which give a point")
+        raise ValueError(f"{announced:,} lines begin with v, but only {len(vertices):,} of them contain a point")
     normals, colors = (
         column if column is not None and column.shape == vertices.shape else None
         for column in (found.get("vertex_normals"), found.get("vertex_colors"))
@@ -113,8 +113,8 @@ def _obj_points(data: bytes) -> Part:
     return Part(vertices, np.empty((0, 3), np.int64), normals, colors)
 
 
-def _without(points: Part, parts: list[Part]) -> Part:
-    """The points that are not among the vertices of meshes."""
+def _unused_points(points: Part, parts: list[Part]) -> Part:
+    """Return the points that are not vertices of the meshes."""
     rows = np.concatenate([part.positions for part in (*parts, points)])
     first, place = places_of(rows)
     used = len(rows) - len(points.positions)
@@ -124,7 +124,7 @@ def _without(points: Part, parts: list[Part]) -> Part:
 
 
 def _bytes_of(path: Path, kind: str) -> bytes:
-    """The file, with letters beyond ASCII as trimesh wants them: it reads UTF-8 only."""
+    """Return the file with all text in UTF-8, as trimesh requires."""
     data = path.read_bytes()
     if kind == "ply":
         end = data.find(b"end_header")
@@ -139,7 +139,7 @@ def _bytes_of(path: Path, kind: str) -> bytes:
 
 
 def _load_scene(path: Path, kind: str, beside: Any, faults: Faults) -> list[Part]:
-    """The meshes of a file of another kind."""
+    """Load a file other than OBJ."""
     data = _bytes_of(path, kind)
     if kind in ("glb", "gltf"):
         data = readable(data, kind, beside.get, faults)
@@ -147,7 +147,7 @@ def _load_scene(path: Path, kind: str, beside: Any, faults: Faults) -> list[Part
 
 
 def _parts_of(data: bytes, beside: Any, kind: str, **options: Any) -> list[Part]:
-    """The meshes that trimesh finds."""
+    """Return the meshes that trimesh finds."""
     import trimesh
 
     scene = trimesh.load_scene(
@@ -167,13 +167,13 @@ def _parts_of(data: bytes, beside: Any, kind: str, **options: Any) -> list[Part]
     return [part._replace(normals=normals, colors=shades) for part in parts]
 
 
-def _beside(path: Path) -> Any:
-    """Return what finds the files that a file names, only below its own folder, and lists those not found."""
+def _resolver_of(path: Path) -> Any:
+    """Return a resolver of file references below the file's own folder, which lists those not found."""
     from trimesh.resolvers import Resolver
 
     folder = path.resolve().parent
 
-    class Beside(Resolver):
+    class FolderResolver(Resolver):
         def __init__(self) -> None:
             self.absent: list[str] = []
 
@@ -181,7 +181,7 @@ def _beside(path: Path) -> Any:
             file = (folder / unquote(name.strip())).resolve()
             if folder not in file.parents or not file.is_file():
                 self.absent.append(name)
-                raise FileNotFoundError(f"names the file {name[:80]!r}, which is not in its folder")
+                raise FileNotFoundError(f"refers to the file {name[:80]!r}, which is not in its folder")
             return file.read_bytes()
 
         def keys(self) -> list[str]:
@@ -193,15 +193,15 @@ def _beside(path: Path) -> Any:
         def namespaced(self, namespace: str) -> Any:
             return self
 
-    return Beside()
+    return FolderResolver()
 
 
 def _part(shape: Any, matrix: NDArray[np.float64]) -> Part:
-    """A mesh of trimesh, placed by a matrix."""
+    """Convert a mesh of trimesh, placed by a matrix."""
     positions = np.asarray(shape.vertices, np.float64)
     faces = np.asarray(getattr(shape, "faces", np.empty((0, 3))), np.int64).reshape(-1, 3)
     if len(faces) and not (0 <= faces.min() and faces.max() < len(positions)):
-        raise ValueError(f"a triangle names vertex {faces.max():,} of {len(positions):,}")
+        raise ValueError(f"a triangle refers to vertex {faces.max():,} of {len(positions):,}")
     normals = np.asarray(shape.vertex_normals, np.float64) if "vertex_normals" in shape._cache else None
     if normals is not None and normals.shape != positions.shape:
         normals = None
@@ -209,7 +209,7 @@ def _part(shape: Any, matrix: NDArray[np.float64]) -> Part:
         positions = positions @ matrix[:3, :3].T + matrix[:3, 3]
         if normals is not None:
             normals = unit(normals @ _cofactors(matrix[:3, :3]).T)
-        if np.linalg.det(matrix[:3, :3]) < 0:  # a mirror turns the triangles round
+        if np.linalg.det(matrix[:3, :3]) < 0:  # a reflection reverses the order of corners
             faces = faces[:, ::-1]
     visual: Any = getattr(shape, "visual", None)
     of_faces = np.asarray(visual.face_colors)[:, :3] if getattr(visual, "kind", None) == "face" else None
@@ -217,7 +217,7 @@ def _part(shape: Any, matrix: NDArray[np.float64]) -> Part:
 
 
 def _cofactors(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What turns normals: the inverse transposed, times the determinant, so that a flat matrix will do."""
+    """Return the matrix that transforms normals: the cofactors, which also exist for a singular matrix."""
     x, y, z = matrix
     return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)]) * (np.sign(np.linalg.det(matrix)) or 1.0)
 
@@ -228,7 +228,7 @@ def unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _colors(shape: Any) -> tuple[Any, Any, Any]:
-    """Colours of the vertices; else coordinates of a texture and what looks it up."""
+    """Return the colours of the vertices, or texture coordinates and the texture lookup."""
     visual: Any = getattr(shape, "visual", None)
     kind, n = getattr(visual, "kind", None), len(shape.vertices)
     if kind in ("vertex", "face"):
@@ -238,12 +238,12 @@ def _colors(shape: Any) -> tuple[Any, Any, Any]:
         return None, None, None
     material, uv = visual.material, visual.uv
     image = getattr(material, "image", None) or getattr(material, "baseColorTexture", None)
-    if getattr(image, "format", None) is None:  # not from a file: trimesh's placeholder
+    if getattr(image, "format", None) is None:  # trimesh's placeholder rather than an image file
         image = None
     if image is not None and uv is not None and len(uv) == n:
         return None, np.asarray(uv, np.float64)[:, :2], material.to_color
     plain = getattr(material, "baseColorFactor", None)
-    if plain is None and "kd" in getattr(material, "kwargs", {}):  # otherwise trimesh has a grey of its own
+    if plain is None and "kd" in getattr(material, "kwargs", {}):  # otherwise main_color is trimesh's default grey
         plain = material.main_color
     own = getattr(visual, "vertex_attributes", {}).get("color")
     if own is not None and len(own) == n and own.ndim == 2 and own.shape[1] > 2:
@@ -252,20 +252,20 @@ def _colors(shape: Any) -> tuple[Any, Any, Any]:
 
 
 def _tinted(colors: NDArray[Any], plain: Any) -> NDArray[np.uint8]:
-    """Colours of vertices, as 8 bits or from 0 to 1, times the material's."""
+    """Multiply colours of vertices, 8-bit or from 0 to 1, by the colour of the material."""
     shades = colors / 255 if colors.dtype.kind in "iu" else colors
     factor = 255 if plain is None else np.asarray(plain, np.float64)[:3]
     return np.rint(np.clip(np.nan_to_num(shades * factor), 0, 255)).astype(np.uint8)
 
 
 def places_of(rows: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The first row of each place, and the place of each row, through a hash: rows as such take ten times as long."""
+    """Return the first row at each place, and the place of each row. Hashing is ten times as fast as unique rows."""
     bits = np.ascontiguousarray(rows + 0.0).view(np.uint64)  # -0 is 0
     keys = np.zeros(len(rows), np.uint64)
     for k in range(3):
         keys = (keys ^ bits[:, k]) * np.uint64(0x9E3779B97F4A7C15)
         keys ^= keys >> np.uint64(29)
     _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-    if not (bits[first][inverse] == bits).all():  # two places with one hash
+    if not (bits[first][inverse] == bits).all():  # a hash collision
         _, first, inverse = np.unique(bits.view("V24")[:, 0], return_index=True, return_inverse=True)
     return first, inverse

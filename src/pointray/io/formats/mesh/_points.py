@@ -1,4 +1,4 @@
-"""Meshes -> points: their vertices, each place once, or points scattered on their triangles."""
+"""Points of meshes: merged vertices, or points sampled on the triangles."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from .._source import CHUNK, Chunk
 from ._load import Part, places_of
 from ._load import unit as _unit
 
-SAMPLES = 200_000  # points on a mesh whose vertices do not show its surface
-MESHED = 0.9  # share of the vertices of a mesh that its triangles have, at least
-# The longest edges in units of the square root of the area; NEAR counts beside creases and where there is a texture.
+SAMPLES = 200_000  # points sampled if the vertices are too sparse
+MESHED = 0.9  # minimum fraction of the vertices that belong to triangles
+# Maximum edge lengths relative to the square root of the area; NEAR applies next to creases and on textures.
 FAR, NEAR = 1 / 6, 1 / 40
-CREASE = np.cos(np.radians(30.0))  # between triangles that meet at an edge
-MIXED = 0.01  # share of edges that triangles on both sides run along in one direction: they are in no order
-SHARE = 0.05  # of the area, that may be covered by triangles with longer edges
+CREASE = np.cos(np.radians(30.0))  # angle between triangles that share an edge
+MIXED = 0.01  # maximum fraction of edges that triangles on both sides traverse in the same direction
+SHARE = 0.05  # maximum fraction of the area covered by triangles with longer edges
 
 
 def is_coarse(parts: Sequence[Part], shared: bool = False) -> bool:
-    """Whether vertices are too far apart to show the surface, and fewer than the samples that would be taken instead.
+    """Whether the vertices are too sparse to represent the surface, and fewer than the points sampled instead.
 
-    A smooth surface needs few vertices, as they have normals: a sphere, 50. Beside creases, and where there is a
-    texture, their spacing shows: a cube needs 3,000. Vertices of no triangle make a point cloud, which is not sampled.
+    A smooth surface needs few vertices, as they have normals: 50 for a sphere. Next to creases and on textures the
+    spacing becomes visible: a cube needs 3,000. If many vertices belong to no triangle, the file is a point cloud.
     """
     meshes, vertices = [part for part in parts if len(part.faces)], sum(len(part.positions) for part in parts)
     if vertices >= SAMPLES or sum(len(np.unique(part.faces)) for part in meshes) < MESHED * vertices:
@@ -36,20 +36,20 @@ def is_coarse(parts: Sequence[Part], shared: bool = False) -> bool:
     edges = np.concatenate([_longest_edges(part) for part in meshes]) / max(float(np.sqrt(areas.sum() / 2)), 1e-300)
     if not _covers(areas, edges > NEAR):
         return False
-    textured = np.concatenate([np.full(len(part.faces), part.paint is not None) for part in meshes])
+    textured = np.concatenate([np.full(len(part.faces), part.sample_texture is not None) for part in meshes])
     groups = [meshes] if shared else [[part] for part in meshes]
     near = textured | np.concatenate([_beside_creases(group) for group in groups])
     return _covers(areas, edges > np.where(near, NEAR, FAR))
 
 
 def _covers(areas: NDArray[np.float64], some: NDArray[np.bool_]) -> bool:
-    """Whether some of the triangles have more than their share of the area."""
+    """Whether the selected triangles cover more than `SHARE` of the area."""
     total = float(areas.sum())
     return bool(0 < total < np.inf) and float(areas[some].sum()) > SHARE * total
 
 
 def _beside_creases(parts: Sequence[Part]) -> NDArray[np.bool_]:
-    """Whether a triangle of meshes meets another at an angle, whatever the order of their corners."""
+    """Return which triangles meet another one at an angle, regardless of the order of corners."""
     starts = np.cumsum([0, *(len(part.positions) for part in parts)])
     corners = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
     place = places_of(np.concatenate([part.positions for part in parts]))[1][corners]
@@ -67,16 +67,16 @@ def _beside_creases(parts: Sequence[Part]) -> NDArray[np.bool_]:
 
 
 def _longest_edges(part: Part) -> NDArray[np.float64]:
-    """The length of each triangle's longest edge."""
+    """Return the length of each triangle's longest edge."""
     corners = part.positions[part.faces]
     with np.errstate(all="ignore"):
         return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
 
 
 def vertices_of(parts: Sequence[Part], shared: bool = False) -> Chunk:
-    """The vertices of all meshes; those of triangles that lie in one place are one.
+    """Return the vertices of all meshes; coinciding vertices of triangles are merged.
 
-    shared : whether the meshes are pieces of one, whose vertices they share
+    shared : whether the meshes are pieces of one mesh and share vertices
     """
     meshes = [part for part in parts if len(part.faces)]
     if shared and len(meshes) > 1:
@@ -90,7 +90,7 @@ def vertices_of(parts: Sequence[Part], shared: bool = False) -> Chunk:
 
 
 def _united(parts: Sequence[Part]) -> Part:
-    """Several meshes as one."""
+    """Concatenate meshes."""
     starts = np.cumsum([0, *(len(part.positions) for part in parts)])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
     normals = [part.normals for part in parts if part.normals is not None]
@@ -99,15 +99,18 @@ def _united(parts: Sequence[Part]) -> Part:
 
 
 def _narrow(positions: NDArray[np.float64]) -> NDArray[Any]:
-    """As float32 if that changes nothing, as in files that have it."""
+    """Convert to float32 if that is exact, as for files that store float32."""
     with np.errstate(over="ignore", invalid="ignore"):
         narrow = positions.astype(np.float32)
         return narrow if bool(((narrow == positions) | np.isnan(positions)).all()) else positions
 
 
 def _joined(parts: Sequence[Part]) -> NDArray[Any] | None:
-    """The colours of all vertices; None if no mesh has any."""
-    colors = [part.colors if part.paint is None or part.uv is None else part.paint(part.uv)[:, :3] for part in parts]
+    """Return the colours of all vertices; None if no mesh has any."""
+    colors = [
+        part.colors if part.sample_texture is None or part.uv is None else part.sample_texture(part.uv)[:, :3]
+        for part in parts
+    ]
     if all(column is None for column in colors):
         return None
     columns = [
@@ -122,7 +125,7 @@ def _bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _merged(part: Part) -> Part:
-    """The same triangles with each place once, and with normals: the file's, or those of the triangles around."""
+    """Merge coinciding vertices; normals are those of the file, or computed from the adjacent triangles."""
     rows = part.positions
     first, inverse = places_of(rows)
     if len(first) == len(rows):
@@ -134,11 +137,11 @@ def _merged(part: Part) -> Part:
     positions, faces = part.positions[chosen], place[part.faces]
     normals = _normals_of(positions, faces) if part.normals is None else _means(part.normals, place, len(chosen))
     colors, uv = (None if column is None else column[chosen] for column in (part.colors, part.uv))
-    return Part(positions, faces, normals, colors, uv, part.paint)
+    return Part(positions, faces, normals, colors, uv, part.sample_texture)
 
 
 def _normals_of(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64] | None:
-    """Means of the triangles around; None if their corners run either way, so that means say nothing."""
+    """Return mean normals of the adjacent triangles; None if the orientation of the triangles is inconsistent."""
     import trimesh
 
     if _is_mixed(faces, len(positions)):
@@ -147,13 +150,13 @@ def _normals_of(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDA
 
 
 def _is_mixed(faces: NDArray[np.int64], vertices: int) -> bool:
-    """Whether neighbouring triangles run along many of their common edges in the same direction."""
+    """Whether neighbouring triangles traverse many shared edges in the same direction."""
     keys = (faces * vertices + np.roll(faces, -1, axis=1)).reshape(-1)
     return len(np.unique(keys)) < (1 - MIXED) * len(keys)
 
 
 def _means(normals: NDArray[np.float64], place: NDArray[np.int64], n: int) -> NDArray[np.float64]:
-    """The mean direction of the rows of each place; where there is one row only, as it is."""
+    """Return the mean direction of the rows at each place; a single row is unchanged."""
     sums = np.stack([np.bincount(place, column, n) for column in normals.T], axis=1).astype(np.float64)
     several = np.bincount(place, minlength=n) > 1
     lengths = np.linalg.norm(sums, axis=1, keepdims=True)
@@ -165,13 +168,13 @@ def _means(normals: NDArray[np.float64], place: NDArray[np.int64], n: int) -> ND
 
 
 def scatter(parts: Sequence[Part], count: int) -> Iterator[Chunk]:
-    """So many points on the triangles, by area, evenly: one in each of as many equal shares of all area."""
+    """Yield `count` points on the triangles by stratified sampling: one in each of `count` equal parts of the area."""
     parts = [part for part in parts if len(part.faces)]
     crosses = [_crosses(part) for part in parts]
     areas = [_areas(cross) for cross in crosses]
     total = sum(float(area.sum()) for area in areas)
     if not 0 < total < np.inf:
-        raise ValueError("has no triangles to scatter points on: read its vertices, with --sample 0")
+        raise ValueError("has no triangles to sample: read its vertices with --sample 0")
     ends = np.cumsum(np.concatenate(areas))
     starts = np.cumsum([0, *(len(part.faces) for part in parts)])
     random = np.random.default_rng(0)
@@ -195,12 +198,12 @@ def _crosses(part: Part) -> NDArray[np.float64]:
 
 
 def _areas(crosses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Twice the triangles' areas; 0 of those that are not finite."""
+    """Return twice the triangles' areas; 0 for those that are not finite."""
     return np.nan_to_num(np.linalg.norm(crosses, axis=1), nan=0.0, posinf=0.0)
 
 
 def _weights(random: np.random.Generator, n: int) -> NDArray[np.float64]:
-    """Weights of the corners, even over a triangle, (n, 3)."""
+    """Return barycentric weights, uniform over a triangle, (n, 3)."""
     root, share = np.sqrt(random.random(n)), random.random(n)
     return np.stack([1 - root, root * (1 - share), root * share], axis=1)
 
@@ -208,7 +211,7 @@ def _weights(random: np.random.Generator, n: int) -> NDArray[np.float64]:
 def _on(
     part: Part, rows: NDArray[np.int64], weights: NDArray[np.float64], crosses: NDArray[np.float64]
 ) -> tuple[Any, ...]:
-    """Positions, normals and colours (or None) on the triangles of a part."""
+    """Return positions, normals and colours (or None) on the triangles of a part."""
     corners = part.faces[rows]
 
     def blended(column: NDArray[Any]) -> NDArray[np.float64]:
@@ -219,8 +222,8 @@ def _on(
         smooth = _unit(blended(part.normals))
         normals = np.where(np.isfinite(smooth) & smooth.any(axis=1, keepdims=True), smooth, normals)
     colors: NDArray[Any] | None = None
-    if part.paint is not None and part.uv is not None:
-        colors = part.paint(blended(part.uv))[:, :3]
+    if part.sample_texture is not None and part.uv is not None:
+        colors = part.sample_texture(blended(part.uv))[:, :3]
     elif part.face_colors is not None:
         colors = part.face_colors[rows]
     elif part.colors is not None:
@@ -232,7 +235,7 @@ def _on(
 def _chunk(pieces: list[tuple[Any, ...]], parts: Sequence[Part], share: float) -> Chunk:
     positions, normals, colors = zip(*pieces, strict=True)
     joined = None
-    if any(part.colors is not None or part.paint is not None for part in parts):
+    if any(part.colors is not None or part.sample_texture is not None for part in parts):
         filled = [
             np.full(p.shape, GREY, np.uint8) if c is None else _bytes(c) for p, c in zip(positions, colors, strict=True)
         ]

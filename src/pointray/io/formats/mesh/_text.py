@@ -1,4 +1,4 @@
-"""Meshes of formats that announce counts, or are text: what is there of a file that is cut off."""
+"""Repair of truncated mesh files: text formats, and formats whose header announces counts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .._source import Faults
 
 STL_HEADER, TRIANGLE = 84, 50  # bytes of binary STL
 ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", 9), ("attribute", "<u2")])
-LARGEST = 1e12  # coordinates of a file that is taken for STL
+LARGEST = 1e12  # maximum coordinate of a plausible STL file
 NUMBER = rb"[ \t]+[-+]?(?:\d+\.?\d*|\.\d+|nan|inf)(?:e[-+]?\d+)?"
 BAD_LINE = re.compile(
     rb"^[ \t]*(?:vn?(?!(?:" + NUMBER + rb"){3,8}[ \t]*(?:#.*)?\r?$)"
@@ -20,11 +20,11 @@ BAD_LINE = re.compile(
     re.MULTILINE | re.IGNORECASE,
 )
 RELATIVE = re.compile(rb"^[ \t]*f[ \t][^\n#]*-", re.MULTILINE)
-SHORT_FACE = re.compile(rb"^[ \t]*f(?:[ \t]+\S+){0,2}[ \t]*\Z", re.MULTILINE)  # the last line, which has no end
+SHORT_FACE = re.compile(rb"^[ \t]*f(?:[ \t]+\S+){0,2}[ \t]*\Z", re.MULTILINE)  # a last line without newline
 
 
 def whole_text(data: bytes, kind: str, faults: Faults) -> bytes:
-    """A file without what is cut off, and with the counts of what is there; ValueError if too little is left."""
+    """Return a file without its incomplete end and with adjusted counts; raise ValueError if too little is left."""
     if kind == "obj":
         return _whole_obj(data, faults)
     if kind == "off":
@@ -35,8 +35,8 @@ def whole_text(data: bytes, kind: str, faults: Faults) -> bytes:
 
 
 def _whole_obj(data: bytes, faults: Faults) -> bytes:
-    """An OBJ file without a last line that is cut off; ValueError for another line without the numbers it needs."""
-    bad = None if b"\\\n" in data else BAD_LINE.search(data)  # a line that goes on in the next one is let pass
+    """Remove an incomplete last line of an OBJ file; raise ValueError for any other invalid line."""
+    bad = None if b"\\\n" in data else BAD_LINE.search(data)  # lines continued on the next one are not checked
     if bad is None:
         bad = SHORT_FACE.search(data)
     if bad is None:
@@ -51,9 +51,9 @@ def _whole_obj(data: bytes, faults: Faults) -> bytes:
 
 
 def absolute(data: bytes) -> bytes:
-    """Return an OBJ file whose negative indices are replaced; ValueError if one names no row.
+    """Replace negative indices of an OBJ file; raise ValueError if one refers to no row.
 
-    They count back from the row defined last before the face; trimesh counts from the last row of the file.
+    They count back from the last row before the face, but trimesh counts from the last row of the file.
     """
     if not RELATIVE.search(data):
         return data
@@ -63,7 +63,7 @@ def absolute(data: bytes) -> bytes:
         if not text.startswith(b"-"):
             return text
         if not 1 <= -int(text) <= count:
-            raise ValueError(f"a face has index {int(text):,}, after {count:,} rows of its kind")
+            raise ValueError(f"a face has index {int(text):,}, but only {count:,} rows of its kind precede it")
         return b"%d" % (count + 1 + int(text))
 
     lines = data.replace(b"\r\n", b"\n").replace(b"\\\n", b"").split(b"\n")
@@ -78,7 +78,7 @@ def absolute(data: bytes) -> bytes:
 
 
 def _whole_off(data: bytes, faults: Faults) -> bytes:
-    """An OFF file of the lines that are there: trimesh takes fewer than are announced without a word."""
+    """Adjust the counts of an OFF file to its lines: trimesh silently accepts fewer than announced."""
     head, _, body = re.sub(rb"#[^\n]*", b"", data).partition(b"OFF")
     lines = [line for line in body.splitlines() if line.strip()]
     vertices, faces = (int(word) for word in (lines[0] if lines else b"").split()[:2])
@@ -88,15 +88,15 @@ def _whole_off(data: bytes, faults: Faults) -> bytes:
     if len(rows) >= vertices + faces:
         return data
     what = f"{vertices:,} vertices and {faces:,} faces"
-    faults.add(f"is cut off: {what} are announced, which is more than {len(lines):,} lines")
+    faults.add(f"is cut off: {what} expected, more than its {len(lines):,} lines")
     found = min(vertices, len(rows))
     return head + b"OFF\n%d %d 0\n" % (found, len(rows) - found) + b"\n".join(rows) + b"\n"
 
 
 def off_columns(data: bytes) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return normals and colours of the vertices of an OFF file, which trimesh leaves out; None for what is missing.
+    """Return normals and colours of the vertices of an OFF file, which trimesh ignores; None for missing ones.
 
-    The letters before OFF list what follows the coordinates: N normals, C colours.
+    The letters before OFF list the columns after the coordinates: N normals, C colours.
     """
     head, _, body = re.sub(rb"#[^\n]*", b"", data).partition(b"OFF")
     lines = [line.split() for line in body.splitlines() if line.strip()]
@@ -116,16 +116,16 @@ def _is_short(fields: list[bytes], is_face: bool) -> bool:
 
 
 def is_text_stl(head: bytes, size: int) -> bool:
-    """Whether an STL file is text, from its first bytes and its size.
+    """Whether an STL file is text, judged by its first bytes and its size.
 
-    The header of a binary file may begin with "solid" too: then its count matches the size, or contains zero bytes.
+    The header of a binary file may also begin with "solid"; then its count matches the size, or it contains zero bytes.
     """
     header = head[:STL_HEADER]
     return header.lstrip().startswith(b"solid") and b"\0" not in header and size != _stl_size(head)
 
 
 def _stl_size(head: bytes) -> int:
-    """The size of a binary STL file with as many triangles as its header announces."""
+    """Return the size of a binary STL file with the announced number of triangles."""
     return STL_HEADER + _stl_count(head) * TRIANGLE
 
 
@@ -134,19 +134,19 @@ def _stl_count(head: bytes) -> int:
 
 
 def _whole_stl(data: bytes) -> bytes:
-    """A binary STL file with the count and the bytes of the triangles that are there."""
+    """Adjust the count of a binary STL file to its complete triangles."""
     rows = min(_stl_count(data), (len(data) - STL_HEADER) // TRIANGLE)
     return data[: STL_HEADER - 4] + rows.to_bytes(4, "little") + data[STL_HEADER : STL_HEADER + rows * TRIANGLE]
 
 
 def check_stl(head: bytes, size: int, faults: Faults) -> None:
-    """Check that a binary STL file has as many bytes as its header says; ValueError if it seems to be another file."""
+    """Compare the size of a binary STL file with its header; raise ValueError if it is probably not STL."""
     count, need = _stl_count(head), _stl_size(head)
     if need == size and size >= STL_HEADER:
         return
-    message = f"is cut off: {count:,} triangles of {TRIANGLE} bytes are announced, it has {size:,} bytes"
+    message = f"is cut off: {count:,} triangles of {TRIANGLE} bytes expected, {size:,} bytes found"
     if need < size:
-        message = f"is no STL file: {count:,} triangles are announced, which is {need:,} bytes, it has {size:,}"
+        message = f"is not a valid STL file: expected {count:,} triangles or {need:,} bytes, found {size:,}"
     if count == 0 or not _are_triangles(head):
         raise ValueError(message)
     there = (size - STL_HEADER) // TRIANGLE
@@ -154,7 +154,7 @@ def check_stl(head: bytes, size: int, faults: Faults) -> None:
 
 
 def _are_triangles(head: bytes) -> bool:
-    """Whether a file's first triangles have finite corners, and normals of unit length or none."""
+    """Whether the first triangles of a file have finite corners, and normals of length 1 or 0."""
     rows = np.frombuffer(head, ROW, max(len(head) - STL_HEADER, 0) // TRIANGLE, STL_HEADER)
     with np.errstate(all="ignore"):
         lengths = np.linalg.norm(rows["normal"].astype(np.float64), axis=1)
@@ -165,6 +165,6 @@ def _are_triangles(head: bytes) -> bool:
 def _whole_text_stl(data: bytes, faults: Faults) -> bytes:
     if re.search(rb"\bendsolid\b", data, re.IGNORECASE):
         return data
-    faults.add("is cut off: it does not end with endsolid")
+    faults.add("is cut off: endsolid not found at its end")
     ends = [found.end() for found in re.finditer(rb"\bendfacet\b", data, re.IGNORECASE)]
     return data[: ends[-1] if ends else 0] + b"\nendsolid\n"

@@ -1,4 +1,4 @@
-"""Meshes, through trimesh: OBJ, STL, glTF and OFF. Points are their vertices, or scattered on their triangles."""
+"""Meshes, read with trimesh: OBJ, STL, glTF and OFF. Points are the vertices, or sampled on the triangles."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from ._text import STL_HEADER, check_stl, is_text_stl
 
 OBJ_LINE = re.compile(rb"(v|vn|vt|vp|f|l|p|o|g|s|mtllib|usemtl)[ \t]")
 VERTEX = re.compile(rb"^\s*v[ \t]+[-+.\d]\S*[ \t]+[-+.\d]\S*[ \t]+[-+.\d]", re.MULTILINE)
-BYTES = {"stl": 100, "obj": 80, "off": 80, "glb": 36, "gltf": 24, "ply": 36}  # of a file for a vertex, about
-FACTOR = {"stl": 14, "obj": 12, "off": 20, "glb": 22, "gltf": 22, "ply": 20}  # bytes that trimesh takes for one of them
+BYTES = {"stl": 100, "obj": 80, "off": 80, "glb": 36, "gltf": 24, "ply": 36}  # approximate file size per vertex
+FACTOR = {"stl": 14, "obj": 12, "off": 20, "glb": 22, "gltf": 22, "ply": 20}  # memory of trimesh per byte of the file
 
-# Positions and triangles of a file; None: only trimesh reads them.
+# Returns positions and triangles of a file, or None if only trimesh can read them.
 Surface = Callable[[Path], "tuple[NDArray[np.float64], NDArray[np.int64]] | None"]
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is one of these."""
+    """Detect mesh files."""
     return SURE if kind_of(head, path) else MAYBE if _may_be_stl(head, path) else NO
 
 
 def kind_of(head: bytes, path: Path) -> str:
-    """Which of them a file is for certain, in trimesh's words; "" for none."""
+    """Return trimesh's name of a file's format; "" if it is not certain."""
     suffix = path.suffix.lower()
     if head.startswith(b"glTF"):
         return "glb"
@@ -55,7 +55,7 @@ def _may_be_stl(head: bytes, path: Path) -> bool:
 
 
 class MeshSource(Source):
-    """The vertices of a mesh, or points on its triangles; ValueError says what is wrong with its contents."""
+    """Vertices of a mesh, or points on its triangles."""
 
     def __init__(self, path: Path, request: Request, kind: str = "") -> None:
         self._path, self._sample, self.faults = path, request.sample, Faults(request.strict)
@@ -88,20 +88,21 @@ class MeshSource(Source):
 
 
 def sampled(vertices: int, triangles: int) -> str:
-    """The note that a mesh is sampled."""
+    """Return the note that a mesh is sampled."""
     from ._points import SAMPLES
 
     return (
-        f"its {vertices:,} vertices do not show its surface: {SAMPLES:,} points are sampled on its "
-        f"{triangles:,} triangles; --sample 0 (in Python sample=0) takes the vertices"
+        f"its {vertices:,} vertices are too sparse: {SAMPLES:,} points are sampled on its "
+        f"{triangles:,} triangles; --sample 0 (in Python sample=0) reads the vertices instead"
     )
 
 
 def ply_source(path: Path, request: Request, surface: Surface) -> MeshSource | None:
-    """Points on the triangles of a PLY file, if they are asked for, or its vertices do not show its surface.
+    """Return points on the triangles of a PLY file, if they are requested or its vertices are too sparse, else None.
 
-    surface : reads its triangles without trimesh, whose import takes long. None : its vertices are to be read.
-    ValueError if it cannot hold what its header announces
+    Raise ValueError if the file is smaller than its header announces.
+
+    surface : reads its triangles without trimesh, whose import is slow
     """
     if request.sample is not None:
         require("trimesh", "mesh", "--sample")
@@ -120,7 +121,7 @@ def ply_source(path: Path, request: Request, surface: Surface) -> MeshSource | N
 
 
 def has_few_vertices(path: Path) -> bool:
-    """Whether a PLY file has triangles, and fewer vertices than would be sampled on them."""
+    """Whether a PLY file has triangles, and fewer vertices than points that would be sampled on them."""
     from ._points import SAMPLES
 
     with path.open("rb") as file:
@@ -130,15 +131,15 @@ def has_few_vertices(path: Path) -> bool:
 
 
 def has_trimesh() -> bool:
-    """Whether triangles can be read."""
+    """Whether trimesh is installed."""
     return find_spec("trimesh") is not None
 
 
 @lru_cache(maxsize=8)  # a file is opened several times
 def _coarse_ply(path: Path, version: tuple[int, int], surface: Surface) -> tuple[int, int] | None:
-    """The numbers of vertices and triangles of a PLY file whose vertices do not show its surface; None of others.
+    """Return the numbers of vertices and triangles of a PLY file whose vertices are too sparse; None for others.
 
-    version : size and time of the file, for the cache
+    version : size and time of the file, as a cache key
     """
     from ._load import Part, counts_of, load
     from ._points import is_coarse
@@ -147,20 +148,20 @@ def _coarse_ply(path: Path, version: tuple[int, int], surface: Surface) -> tuple
         _check_elements(path)
         found = surface(path)
         parts = load(path, "ply", Faults(strict=True)) if found is None else [Part(*found)]
-    except ValueError:  # its vertices may be as they should be
+    except ValueError:  # its vertices may still be readable
         return None
     return counts_of(parts) if is_coarse(parts) else None
 
 
 def _check_elements(path: Path) -> None:
-    """ValueError if a PLY file cannot hold what its header announces."""
+    """Raise ValueError if a PLY file is smaller than its header announces."""
     with path.open("rb") as file:
         header = read_header(file)
     left = path.stat().st_size - header.size
     for element, count in zip(header.elements, header.counts, strict=True):
         least = sum(1 if header.format == "ascii" else least_size(p) for p in element.properties)
         if count * least > left:
-            raise ValueError(f"is cut off: {count:,} rows of {element.name!r} are announced, {left:,} bytes are there")
+            raise ValueError(f"is cut off: {count:,} rows of {element.name!r} expected, {left:,} bytes found")
 
 
 FORMAT = Format(
@@ -169,13 +170,13 @@ FORMAT = Format(
     recognise,
     MeshSource,
     {
-        "positions": "vertices, where the scene of a glTF file puts them; equal ones of triangles are one",
-        "normals": "those of the file, or of the triangles",
-        "colors": "of vertices or triangles, of a texture in the file or in its folder, or of the material",
+        "positions": "vertices, placed by the scene of a glTF file; coinciding vertices of triangles are merged",
+        "normals": "those of the file, or computed from the triangles",
+        "colors": "of vertices or triangles, of a texture in the file or its folder, or of the material",
         "attributes": "none",
         "survey": "none",
-        "note": "points are sampled on the triangles if vertices are too far apart to show the surface, also of PLY; "
-        "--sample N samples N points, --sample 0 takes the vertices",
+        "note": "points are sampled on the triangles if the vertices are too sparse, also for PLY; "
+        "--sample N samples N points, --sample 0 reads the vertices",
     },
     extra=("trimesh", "mesh"),
 )

@@ -1,4 +1,4 @@
-"""PCD of PCL and Open3D.
+"""PCD, the format of PCL and Open3D.
 
-pcd : ascii, binary and packed rows; _header : what a file announces; _lzf : how rows are packed
+pcd : the reader; _header : header; _lzf : decompression
 """

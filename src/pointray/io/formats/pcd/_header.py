@@ -1,4 +1,4 @@
-"""The header of a PCD file: its fields, how many points there are, how they are stored and where they begin."""
+"""Header of a PCD file: its fields, the number of points, their encoding and where they begin."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
 class Field(NamedTuple):
-    """A field: `width` numbers of each point."""
+    """A field with `width` numbers per point."""
 
     name: str
     dtype: np.dtype[Any]
@@ -27,23 +27,23 @@ class Field(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes of it in a row."""
+        """Bytes in a row."""
         return self.dtype.itemsize * self.width
 
 
 class Header(NamedTuple):
-    """What a header announces.
+    """Contents of the header.
 
     Attributes
     ----------
     fields : sequence of Field
-        Padding too, in the file's order.
+        In the file's order, including padding.
     points : int
-        How many there are.
+        Number of points.
     shape : (int, int)
-        Width and height: of an organised cloud, pixels.
+        Width and height, in pixels for an organised cloud.
     station : (3,) tuple of float or None
-        Where the scanner stood; None if nothing is said.
+        Scanner position; None if unknown.
     encoding : str
     size, lines : int
         Bytes and lines of the header.
@@ -60,12 +60,12 @@ class Header(NamedTuple):
 
     @property
     def row(self) -> int:
-        """Bytes of a row."""
+        """Bytes per row."""
         return sum(field.size for field in self.fields)
 
     @property
     def kept(self) -> list[Field]:
-        """The fields that are no padding."""
+        """Fields other than padding."""
         return [field for field in self.fields if field.name != PADDING]
 
 
@@ -77,16 +77,16 @@ class Line(NamedTuple):
 
 
 def read_header(file: BinaryIO, faults: Faults) -> Header:
-    """The header at the start of a file; ValueError says what is wrong with it."""
+    """Read the header of a file; raise ValueError if it is invalid."""
     start = file.read(LONGEST_HEADER)
     last = re.search(rb"(?m)^[ \t]*DATA\b[^\n]*\n", start)
     if last is None:
-        raise ValueError("the header is cut off: there is no line 'DATA'")
+        raise ValueError("the header is cut off: line 'DATA' not found")
     text = start[: last.end()].decode("latin-1")
     lines = _lines(text)
     encoding = " ".join(lines["DATA"].values).lower()
     if encoding not in ENCODINGS:
-        raise ValueError(f"line {lines['DATA'].number}: the data are {encoding[:30]!r}, not {', '.join(ENCODINGS)}")
+        raise ValueError(f"line {lines['DATA'].number}: got data {encoding[:30]!r}, expected {', '.join(ENCODINGS)}")
     fields = _fields(lines)
     count, shape = _count(lines, faults)
     version = " ".join(lines["VERSION"].values) if "VERSION" in lines else ""
@@ -94,7 +94,7 @@ def read_header(file: BinaryIO, faults: Faults) -> Header:
 
 
 def _lines(text: str) -> dict[str, Line]:
-    """The lines of a header by their first words."""
+    """Return the lines of a header by their first words."""
     lines: dict[str, Line] = {}
     for number, line in enumerate(text.split("\n"), 1):
         words = line.split()
@@ -102,43 +102,43 @@ def _lines(text: str) -> dict[str, Line]:
             continue
         word = "FIELDS" if words[0] == "COLUMNS" else words[0]
         if word not in WORDS:
-            raise ValueError(f"line {number}: {line.strip()[:40]!r} is no line of a PCD header")
+            raise ValueError(f"line {number}: {line.strip()[:40]!r} is not valid in a PCD header")
         if word in lines:
-            raise ValueError(f"line {number}: there are two lines {word}")
+            raise ValueError(f"line {number}: duplicate line {word}")
         lines[word] = Line(number, words[1:])
     return lines
 
 
 def _whole(text: str, number: int) -> int:
     if not (text.isascii() and text.isdecimal() and len(text) <= 15):
-        raise ValueError(f"line {number}: {text[:40]!r} is no whole number")
+        raise ValueError(f"line {number}: {text[:40]!r} is not an integer")
     return int(text)
 
 
 def _fields(lines: dict[str, Line]) -> list[Field]:
     if "FIELDS" not in lines:
-        raise ValueError("the header has no line FIELDS")
+        raise ValueError("invalid header: line FIELDS not found")
     names = lines["FIELDS"].values
     sizes, types, counts = (_row_of(lines, *one, len(names)) for one in (("SIZE", "4"), ("TYPE", "F"), ("COUNT", "1")))
     seen: set[str] = set()
     fields = []
     for name, size, kind, count in zip(names, sizes.values, types.values, counts.values, strict=True):
         if name in seen:
-            raise ValueError(f"line {lines['FIELDS'].number}: there are two fields {name[:30]!r}")
+            raise ValueError(f"line {lines['FIELDS'].number}: duplicate field {name[:30]!r}")
         letter = kind.upper()
         if letter not in KINDS or size not in ("1", "2", "4", "8") or (letter, size) == ("F", "1"):
             raise ValueError(
-                f"line {types.number}: the field {name[:30]!r} has no known type: {(kind + ' ' + size)[:30]!r}"
+                f"line {types.number}: the field {name[:30]!r} has an unknown type: {(kind + ' ' + size)[:30]!r}"
             )
         many = _whole(count, counts.number)
         seen |= {name} - {PADDING}
-        if many > 0:  # a field without values is padding that takes no room (Ouster's)
+        if many > 0:  # a field without values is padding that takes no bytes (Ouster)
             fields.append(Field(name, np.dtype(f"<{KINDS[letter]}{size}"), many))
     return fields
 
 
 def _row_of(lines: dict[str, Line], word: str, default: str, length: int) -> Line:
-    """The line with a value for each field."""
+    """Return the line with one value per field."""
     line = lines.get(word)
     if line is None:
         return Line(0, [default] * length)
@@ -148,12 +148,12 @@ def _row_of(lines: dict[str, Line], word: str, default: str, length: int) -> Lin
 
 
 def _count(lines: dict[str, Line], faults: Faults) -> tuple[int, tuple[int, int]]:
-    """How many points there are, and width and height. Old files have no height, some have neither."""
+    """Return the number of points, and width and height. Old files lack the height, some lack both."""
 
     def one(word: str, default: int) -> int:
         line = lines.get(word)
         if line is not None and len(line.values) != 1:
-            raise ValueError(f"line {line.number}: {word} has {len(line.values)} values, not 1")
+            raise ValueError(f"line {line.number}: {word} has {len(line.values)} values, expected 1")
         return default if line is None else _whole(line.values[0], line.number)
 
     points, width, height = one("POINTS", -1), one("WIDTH", 0), one("HEIGHT", 0)
@@ -161,18 +161,18 @@ def _count(lines: dict[str, Line], faults: Faults) -> tuple[int, tuple[int, int]
         width = max(points, 0)
     height = height or 1
     if points < 0 and "WIDTH" not in lines:
-        raise ValueError("the header has neither a line POINTS nor a line WIDTH")
+        raise ValueError("invalid header: neither POINTS nor WIDTH found")
     if points >= 0 and width * height != points:
         where = f"line {lines['POINTS'].number}"
-        faults.add(f"{where}: {points:,} points are announced, WIDTH x HEIGHT are {width:,} x {height:,}")
+        faults.add(f"{where}: {points:,} points announced, but WIDTH x HEIGHT is {width:,} x {height:,}")
         width, height = points, 1
     if width * height == 0:
-        raise ValueError("holds no points: the header announces 0")
+        raise ValueError("contains no points: the header announces 0")
     return width * height, (width, height)
 
 
 def _station(lines: dict[str, Line]) -> tuple[float, float, float] | None:
-    """Where the scanner stood; None at zero and looking along the axes, as programs write that know nothing."""
+    """Return the scanner position; None for the default pose, which programs write if it is unknown."""
     line = lines.get("VIEWPOINT")
     if line is None:
         return None

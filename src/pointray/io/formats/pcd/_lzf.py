@@ -1,4 +1,4 @@
-"""LZF, by which PCL packs PCD files: runs of literal bytes, and copies of what was unpacked before."""
+"""LZF, the compression of PCD files: runs of literal bytes, and copies of earlier output."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from numpy.typing import NDArray
 
 from ....engine.jit import Array, i64, kernel
 
-LARGEST_RATIO = 88  # three bytes stand for at most 264
+LARGEST_RATIO = 88  # three bytes expand to at most 264
 CUT_OFF, TOO_LONG, BEFORE_START = -1, -2, -3
 WRONG = {
-    CUT_OFF: "ends within a run",
-    TOO_LONG: "holds more than it announces",
-    BEFORE_START: "refers to what is before its beginning",
+    CUT_OFF: "end within a run",
+    TOO_LONG: "contain more than announced",
+    BEFORE_START: "refer to bytes before their beginning",
 }
 
 
 @kernel
 def _unpack(packed: Array, out: Array) -> tuple[int, int]:
-    """Returns (bytes unpacked, bytes read), or (CUT_OFF, TOO_LONG or BEFORE_START, where in `packed`).
+    """Return (bytes unpacked, bytes read), or (CUT_OFF, TOO_LONG or BEFORE_START, offset in `packed`).
 
     packed, out : (n,) uint8
     """
@@ -51,23 +51,23 @@ def _unpack(packed: Array, out: Array) -> tuple[int, int]:
                 return BEFORE_START, at
             if length > len(out) - filled:
                 return TOO_LONG, at
-            for k in range(filled, filled + length):  # one after the other: a copy may overlap what it copies
+            for k in range(filled, filled + length):  # byte by byte: source and target may overlap
                 out[k] = out[k - back]
         filled += length
     return filled, at
 
 
 def unpack(packed: NDArray[np.uint8], size: int, start: int) -> NDArray[Any]:
-    """What is packed, (size,) uint8; ValueError if that is damaged.
+    """Decompress to (size,) uint8; raise ValueError if the data are damaged.
 
-    start : where it begins in the file, for messages
+    start : offset of the data in the file, for messages
     """
     if size > LARGEST_RATIO * len(packed):
-        raise ValueError(f"is damaged at byte {start:,}: {len(packed):,} packed bytes cannot hold {size:,}")
+        raise ValueError(f"is damaged at byte {start:,}: {len(packed):,} compressed bytes cannot contain {size:,}")
     out = np.empty(size, np.uint8)
     filled, at = _unpack(packed, out)
     if filled < 0:
-        raise ValueError(f"is damaged at byte {start + at:,}: the packed data {WRONG[filled]}")
+        raise ValueError(f"is damaged at byte {start + at:,}: the compressed data {WRONG[filled]}")
     if filled < size:
-        raise ValueError(f"is damaged: {size:,} unpacked bytes are announced, {filled:,} are there")
+        raise ValueError(f"is damaged: {size:,} decompressed bytes expected, {filled:,} found")
     return out

@@ -1,7 +1,7 @@
-"""PCD files of the Point Cloud Library and of Open3D, versions 0.5 to 0.7: ascii, binary, packed.
+"""PCD files of the Point Cloud Library and Open3D, versions 0.5 to 0.7: ascii, binary, binary_compressed.
 
-VIEWPOINT does not move the points: PCL's readers hand it on beside them, and its normals are turned to it, as if it lay
-in the points' coordinates; Open3D does not look at it. It becomes a station.
+VIEWPOINT does not transform the points: PCL's readers return it separately and orient normals towards it, as if it were
+in the coordinates of the points; Open3D ignores it. Here it becomes a station.
 """
 
 from __future__ import annotations
@@ -18,25 +18,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....cloud.georeference import Survey
-from .._counts import most_lines, rows_behind, rows_there, unequal, whole_lines
+from .._counts import count_lines, count_mismatch, readable_rows, rows_after, whole_lines
 from .._named_columns import Columns, Roles, roles_of
 from .._odd_numbers import plain_lines
 from .._packed_colors import PackedColors, find_packed
 from .._source import CHUNK, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._header import PADDING, Field, Header, read_header
 
-CHUNK_BYTES = 1 << 25  # of rows that are read together, if they are long
-SPARE = 1 << 13  # zeros that old versions of PCL leave behind the data, at most
+CHUNK_BYTES = 1 << 25  # maximum bytes of rows read at a time
+SPARE = 1 << 13  # maximum number of zeros after the data, as left by old versions of PCL
 FIRST = re.compile(rb"(\s*#[^\n]*\n)*\s*(VERSION|FIELDS|COLUMNS)[ \t]")
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is a PCD file."""
+    """Detect PCD files."""
     return SURE if re.match(rb"#\s*\.PCD\b", head) or (FIRST.match(head) and b"FIELDS" in head) else NO
 
 
 class PcdSource(Source):
-    """A PCD file; ValueError says what is wrong with its contents."""
+    """A PCD file."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -46,7 +46,7 @@ class PcdSource(Source):
             points, self._announced = _most(file, header, self.faults), header.points
             self._packed = find_packed((f.name, f.dtype) for f in header.kept if f.width == 1)
             self._roles = _roles(header, self._packed)
-            points += _behind(file, header, self.faults)
+            points += _count_extra(file, header, self.faults)
         self._header = header = header._replace(points=points)
         survey = Survey(stations=() if header.station is None else (header.station,))
         facts: dict[str, Any] = {"version": header.version, "encoding": header.encoding}
@@ -68,7 +68,7 @@ class PcdSource(Source):
         self.note = colors.note
         if header.encoding == "ascii" and done != self._announced:
             what = "" if done > self._announced else "is cut off: "
-            self.faults.add(f"{what}{unequal(self._announced, done, 'points')}")
+            self.faults.add(f"{what}{count_mismatch(self._announced, done, 'points')}")
 
 
 def _roles(header: Header, packed: str) -> Roles:
@@ -77,58 +77,58 @@ def _roles(header: Header, packed: str) -> Roles:
 
 
 def _most(file: BinaryIO, header: Header, faults: Faults) -> int:
-    """How many points the file may hold, as a header may state anything."""
+    """Return the maximum number of points in the file."""
     left, points, row = os.fstat(file.fileno()).st_size - header.size, header.points, header.row
     if row == 0:
         return points
     if header.encoding == "binary_compressed":
         return _packed_points(file, header, faults)
     if header.encoding == "ascii":
-        row = 2 * sum(field.width for field in header.fields)  # a digit and a space, but for the file's last
-        return rows_there(points, row, left + 1, "points", faults) if faults.strict else max(most_lines(file), 1)
-    return rows_there(points, row, left, "points", faults)
+        row = 2 * sum(field.width for field in header.fields)  # digit and separator; the last line may lack a newline
+        return readable_rows(points, row, left + 1, "points", faults) if faults.strict else max(count_lines(file), 1)
+    return readable_rows(points, row, left, "points", faults)
 
 
-def _behind(file: BinaryIO, header: Header, faults: Faults) -> int:
-    """How many points follow the announced ones of a binary file."""
+def _count_extra(file: BinaryIO, header: Header, faults: Faults) -> int:
+    """Return the number of points after the announced ones of a binary file."""
     at = header.size + header.points * header.row
     if header.encoding != "binary" or not _check_end(file, at, "its last point", faults):
         return 0
-    return rows_behind(file, at, os.fstat(file.fileno()).st_size, header.row)
+    return rows_after(file, at, os.fstat(file.fileno()).st_size, header.row)
 
 
 def _packed_points(file: BinaryIO, header: Header, faults: Faults) -> int:
-    """How many points the packed data hold, as their size says."""
+    """Return the number of points in compressed data, from their size."""
     sizes = np.fromfile(file, "<u4", 2)
     size = int(sizes[-1]) if len(sizes) == 2 else 0
     if size in (header.points * header.row, header.points * sum(field.size for field in header.kept)):
         return header.points
     message = (
-        f"is damaged at byte {header.size + 4:,}: {size:,} unpacked bytes are announced, "
+        f"is damaged at byte {header.size + 4:,}: {size:,} decompressed bytes announced, but "
         f"{header.points:,} points of {header.row} bytes need {header.points * header.row:,}"
     )
     if len(sizes) < 2:
-        message = f"is cut off at byte {header.size:,}, in the sizes of the packed data"
+        message = f"is cut off at byte {header.size:,}, in the sizes of the compressed data"
     if size == 0 or size % header.row:
         raise ValueError(message)
-    faults.add(f"{message}: {size // header.row:,} points are there")
+    faults.add(f"{message}: {size // header.row:,} points found")
     return size // header.row
 
 
 def _check_end(file: BinaryIO, at: int, what: str, faults: Faults) -> bool:
-    """Whether there are more data than announced, which is a fault; zeros do not count."""
+    """Whether more data than announced follow, which is a fault; zeros are ignored."""
     left = os.fstat(file.fileno()).st_size - at
     if left <= 0:
         return False
     file.seek(at)
     more = left > SPARE or file.read(SPARE).strip(b"\0\r\n") != b""
     if more:
-        faults.add(f"goes on for {left:,} bytes at byte {at:,}, where {what} should end: its count is wrong")
+        faults.add(f"has {left:,} more bytes at byte {at:,}, where {what} should end: the count is wrong")
     return more
 
 
 def _steps(header: Header) -> Iterator[int]:
-    """The number of rows of each chunk."""
+    """Yield the number of rows of each chunk."""
     step = max(min(CHUNK, CHUNK_BYTES // header.row), 1)
     for start in range(0, header.points, step):
         yield min(step, header.points - start)
@@ -138,7 +138,7 @@ def _steps(header: Header) -> Iterator[int]:
 
 
 def _layout(fields: Sequence[Field], wide: str = "") -> np.dtype[Any]:
-    """A row's type; padding gets names of its own. wide : a field to read as float64 if it is of floats"""
+    """Return the type of a row, with unique names for padding. wide : a float field to read as float64"""
     names = [f"{PADDING}{k}{PADDING}" if field.name == PADDING else field.name for k, field in enumerate(fields)]
     types = [np.dtype(np.float64) if f.name == wide and f.dtype.kind == "f" else f.dtype for f in fields]
     counts: list[Any] = [() if field.width == 1 else (field.width,) for field in fields]
@@ -160,17 +160,17 @@ def _read_binary(file: BinaryIO, header: Header, packed: str, faults: Faults) ->
 
 
 def _read_packed(file: BinaryIO, header: Header, packed: str, faults: Faults) -> Iterator[Columns]:
-    """Columns lie one after the other in the unpacked data."""
+    """Yield columns in chunks; the decompressed data are stored column by column."""
     from ._lzf import unpack
 
     left = os.fstat(file.fileno()).st_size - header.size - 8
     stored, size = (int(number) for number in np.fromfile(file, "<u4", 2))
     if stored > left:
-        raise ValueError(f"is cut off: {stored:,} bytes of packed data are announced, {left:,} bytes are there")
-    # PCL leaves padding out, though the header may list it.
+        raise ValueError(f"is cut off: {stored:,} bytes of compressed data expected, {left:,} bytes found")
+    # PCL omits padding from the data, although the header may list it.
     fields = header.fields if size == header.points * header.row else header.kept
     data = unpack(np.fromfile(file, np.uint8, stored), size, header.size + 8)
-    _check_end(file, header.size + 8 + stored, "its packed data", faults)
+    _check_end(file, header.size + 8 + stored, "its compressed data", faults)
     columns: Columns = {}
     start = 0
     for field in fields:
@@ -189,7 +189,7 @@ def _read_packed(file: BinaryIO, header: Header, packed: str, faults: Faults) ->
 
 
 def _read_ascii(file: BinaryIO, header: Header, packed: str, faults: Faults) -> Iterator[Columns]:
-    dtype = _layout(header.fields, packed)  # a packed colour may be written as a whole number: float32 would round it
+    dtype = _layout(header.fields, packed)  # float32 would round packed colours written as integers
     text = io.TextIOWrapper(file, "latin-1", newline="\n")
     lines = Lines(whole_lines(text, sum(field.width for field in header.fields), faults), header.lines)
     try:
@@ -200,13 +200,13 @@ def _read_ascii(file: BinaryIO, header: Header, packed: str, faults: Faults) -> 
             if len(rows) < count:
                 break
         if any(line.strip() for line in lines):
-            raise ValueError(f"line {lines.number:,}: there are more points than the {header.points:,} announced")
+            raise ValueError(f"line {lines.number:,}: more points follow than the {header.points:,} announced")
     finally:
         text.detach()
 
 
 class Lines:
-    """The lines of a text, counted. number : that of the line that was read last"""
+    """Lines of a text, counted. number : line read last"""
 
     def __init__(self, lines: Iterator[str], number: int) -> None:
         self._lines, self.number = lines, number
@@ -221,9 +221,9 @@ class Lines:
 
 
 def _read_lines(lines: Lines, dtype: np.dtype[Any], count: int) -> NDArray[Any]:
-    """The next `count` lines that are not blank, (count or fewer,) of a structured dtype."""
+    """Read the next `count` nonblank lines, or fewer, as (n,) of a structured dtype."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # loadtxt warns of no rows, and of floats that it takes for whole numbers
+        warnings.simplefilter("ignore")  # loadtxt warns of missing rows, and of floats converted to integers
         try:
             return np.loadtxt(plain_lines(lines), dtype, comments=None, max_rows=count, ndmin=1)
         except (ValueError, DeprecationWarning, OverflowError) as error:
@@ -239,9 +239,9 @@ FORMAT = Format(
     {
         "positions": "x, y, z",
         "normals": "normal_x, normal_y, normal_z or nx, ny, nz",
-        "colors": "rgb or rgba, packed in a number; r, g, b or red, green, blue",
-        "attributes": "all other fields but padding, with their types",
-        "survey": "the viewpoint, as where the scanner stood",
+        "colors": "rgb or rgba, packed in one number; r, g, b or red, green, blue",
+        "attributes": "all other fields except padding, with their types",
+        "survey": "the viewpoint, as the scanner position",
         "note": "rows without a return (NaN) are kept",
     },
 )

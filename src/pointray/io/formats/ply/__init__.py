@@ -1,5 +1,5 @@
 """PLY, ascii and binary.
 
-ply : the vertices; _header : what a file announces; _lists : rows that hold lists of varying length; _binary, _ascii :
-rows without and of text; _faces : triangles; _names : properties that are normals and colours; _write : writing
+ply : the reader; _header : elements and counts; _binary, _ascii : vertices; _lists : binary rows with lists;
+_faces : triangles; _names : properties of positions, normals and colours; _write : the writer
 """

@@ -1,4 +1,4 @@
-"""Vertices of ascii PLY files, some rows at a time."""
+"""Vertices of ascii PLY files, in chunks."""
 
 from __future__ import annotations
 
@@ -12,27 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
-from .._counts import missing, unequal, whole_lines
+from .._counts import count_mismatch, missing, whole_lines
 from .._odd_numbers import plain_lines
 from .._source import CHUNK, Faults
 from ._header import Header, check_size, has_lists
 
 Columns = dict[str, NDArray[Any]]
 
-TEXT_BYTES = 1 << 20  # bytes that are looked through together
-SPACE, END, LETTER = range(3)  # what a byte of ascii is; a line's end is CR or LF, so that CR LF ends a blank line too
+TEXT_BYTES = 1 << 20  # bytes read at a time to skip lines
+SPACE, END, LETTER = range(3)  # classes of bytes; CR and LF each end a line: CR LF is a line and a blank line
 LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for c in map(chr, range(256))], np.uint8)
 
 
 def read_ascii(file: BinaryIO, header: Header, index: int, most: int, faults: Faults) -> Iterator[Columns]:
-    """The columns of the vertices, some rows at a time. most : rows that may be there"""
+    """Yield the columns of the vertices in chunks. most : maximum number of rows in the file"""
     for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
         if element.properties and count:
             skip_lines(file, element, count)
     vertex, count = header.elements[index], header.counts[index]
     names = [p.name for p in vertex.properties]
     if faults.strict:
-        check_size(file, vertex, count, 2 * len(names) - 1)  # a digit and a space, but for the file's last
+        check_size(file, vertex, count, 2 * len(names) - 1)  # digits and separators; the last line may lack a newline
     text = io.TextIOWrapper(file, "latin-1")
     try:
         lines = plain_lines(text)
@@ -45,7 +45,7 @@ def read_ascii(file: BinaryIO, header: Header, index: int, most: int, faults: Fa
 
 
 def _rows_of_text(lines: Iterator[str], names: list[str], count: int, most: int, faults: Faults) -> Iterator[Columns]:
-    """The numbers of all vertices, some at a time; of more than are announced too, if nothing else follows."""
+    """Yield all vertices in chunks, also those after the announced ones if nothing else follows."""
     done, wanted, found = 0, 0, 0
     while done < most and found == wanted:
         wanted = min(CHUNK, (count if done < count else most) - done)
@@ -54,36 +54,36 @@ def _rows_of_text(lines: Iterator[str], names: list[str], count: int, most: int,
         except ValueError:
             if done < count:
                 raise
-            faults.add(f"{count:,} vertices are announced, other lines follow them")
+            faults.add(f"{count:,} vertices expected, but other lines follow them")
             return
         found = len(rows)
         done += found
         if found:
             yield dict(zip(names, rows.T, strict=True))
     if done != count:
-        message = f"{count:,} lines of {len(names)} numbers are announced, {done:,} of {len(names)} are there"
+        message = f"{count:,} lines of {len(names)} numbers expected, {done:,} of {len(names)} found"
         faults.add(message if done > count else f"{message}: {missing(count, done)}")
 
 
 def _loaded(lines: Iterator[str], wanted: int, done: int, width: int, count: int) -> NDArray[np.float64]:
-    """The numbers of the next lines; ValueError says where they are wrong."""
+    """Read the numbers of the next lines; a ValueError says which vertex is invalid."""
     try:
         rows = np.loadtxt(lines, np.float64, comments=None, max_rows=wanted, ndmin=2)
     except ValueError as error:
-        what = str(error).split("; use")[0]  # without advice about loadtxt
+        what = str(error).split("; use")[0]  # without the advice about loadtxt
         at = re.search(r" at row (\d+)", what)
         if at is not None:
             what = f"{what[: at.start()]} near vertex {done + int(at[1]):,}{what[at.end() :]}"
         raise ValueError(what) from error
     if len(rows) and rows.shape[1] != width:
         shape = f"{done + len(rows):,} of {rows.shape[1]}"
-        raise ValueError(f"{count:,} lines of {width} numbers are announced, {shape} are there")
+        raise ValueError(f"{count:,} lines of {width} numbers expected, {shape} found")
     return rows
 
 
 def skip_lines(file: BinaryIO, element: Any, count: int) -> None:
-    """Skip `count` lines that are not blank, whatever ends them, to the start of the next such line."""
-    within = False  # whether the current byte is in such a line
+    """Skip `count` nonblank lines with any line ends, to the start of the next nonblank line."""
+    within = False  # whether the current byte is inside a nonblank line
     while block := file.read(TEXT_BYTES):
         kinds = LETTERS[np.frombuffer(block, np.uint8)]
         offsets = np.flatnonzero(kinds != SPACE)
@@ -94,28 +94,28 @@ def skip_lines(file: BinaryIO, element: Any, count: int) -> None:
             return
         count -= int(first.sum())
         within = bool(letters[-1]) if len(letters) else within
-    raise ValueError(f"is cut off in the element {element.name!r}, or behind it")
+    raise ValueError(f"is cut off in the element {element.name!r} or after it")
 
 
 def _numbers_beside_lists(lines: Iterable[str], vertex: Any, count: int, most: int, faults: Faults) -> Columns:
-    """Vertices with lists, which are dropped. most : rows that may be there"""
+    """Read vertices with lists, and drop the lists. most : maximum number of rows in the file"""
     scalars = [p.name for p in vertex.properties if not isinstance(p, PlyListProperty)]
     rows, done, filled = np.empty((most, len(scalars))), 0, filter(str.strip, lines)
     for line in islice(filled, most):
         numbers = _beside_lists(line.split(), vertex)
         if numbers is None or len(numbers) < len(scalars):
             if faults.strict or next(filled, None) is not None:
-                raise ValueError(f"is damaged: vertex {done:,} has not the values and lists that the header announces")
+                raise ValueError(f"is damaged: vertex {done:,} does not match the properties of the header")
             break
         rows[done] = numbers
         done += 1
     if done < count:
-        faults.add(f"is cut off: {unequal(count, done, 'vertices')}")
+        faults.add(f"is cut off: {count_mismatch(count, done, 'vertices')}")
     return dict(zip(scalars, rows[:done].T, strict=True))
 
 
 def _beside_lists(fields: list[str], vertex: Any) -> list[str] | None:
-    """The fields of a line that are in no list, or too few; None if lists or further fields are wrong."""
+    """Return the scalar fields of a line, possibly too few; None if lists or the number of fields are wrong."""
     at, numbers = 0, []
     for p in vertex.properties:
         if at >= len(fields):
@@ -129,8 +129,8 @@ def _beside_lists(fields: list[str], vertex: Any) -> list[str] | None:
 
 
 def _length_of(text: str) -> int:
-    """The length of a list, which some writers store as a float."""
+    """Return the length of a list, which some writers store as a float."""
     length = float(text)
-    if not (length >= 0 and length.is_integer()):  # false for NaN
-        raise ValueError(f"is damaged: the length of a list is {text}")
+    if not (length >= 0 and length.is_integer()):  # also rejects NaN
+        raise ValueError(f"is damaged: invalid list length {text}")
     return int(length)

@@ -1,4 +1,4 @@
-"""Vertices of binary PLY files, some rows at a time."""
+"""Vertices of binary PLY files, in chunks."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from .._source import CHUNK, Faults
 from ._header import Header, bytes_left, check_size, has_lists, least_size
 
 ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
-CHUNK_BYTES = 1 << 25  # bytes of a chunk's rows at most: a splat has 248
+CHUNK_BYTES = 1 << 25  # maximum bytes of a chunk: a splat has 248
 
 Columns = dict[str, NDArray[Any]]
 
 
 def read_binary(file: BinaryIO, header: Header, index: int, most: int, faults: Faults) -> Iterator[Columns]:
-    """The columns of the vertices, some rows at a time. most : rows that may be there"""
+    """Yield the columns of the vertices in chunks. most : maximum number of rows in the file"""
     order = ORDERS[header.format]
     for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
         skip(file, element, count, order)
@@ -40,7 +40,7 @@ def read_binary(file: BinaryIO, header: Header, index: int, most: int, faults: F
 
 
 def skip(file: BinaryIO, element: Any, count: int, order: str) -> None:
-    """Skip an element that comes before the vertices."""
+    """Skip an element before the vertices."""
     row = sum(least_size(p) for p in element.properties)
     check_size(file, element, count, row)
     if not has_lists(element):
@@ -52,7 +52,7 @@ def skip(file: BinaryIO, element: Any, count: int, order: str) -> None:
 
 
 def _read_beside_lists(file: BinaryIO, vertex: Any, count: int, order: str, faults: Faults) -> Columns:
-    """Vertices with lists, which are dropped."""
+    """Read vertices with lists, and drop the lists."""
     from ._lists import scalars_at, walk_rows
 
     least = sum(least_size(p) for p in vertex.properties)
@@ -69,6 +69,6 @@ def _read_beside_lists(file: BinaryIO, vertex: Any, count: int, order: str, faul
 
 
 def _bytes_from(file: BinaryIO) -> tuple[NDArray[np.uint8], int]:
-    """The whole file, memory-mapped, and the current position in it."""
+    """Return the whole file, memory-mapped, and the current position in it."""
     here = file.tell()
     return np.asarray(np.memmap(file, np.uint8, "r")), here

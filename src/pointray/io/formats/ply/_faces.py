@@ -1,4 +1,4 @@
-"""Triangles of PLY files whose faces have one number of corners: NumPy reads them, without the import of trimesh."""
+"""Triangles of PLY files whose faces all have the same number of corners, read by NumPy without importing trimesh."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ CORNERS = ("vertex_index", "vertex_indices")
 
 
 def read_triangles(path: Path, header: Header) -> NDArray[np.int64] | None:
-    """Return the triangles of a PLY file, polygons as fans, (m, 3).
+    """Return the triangles of a PLY file, (m, 3); polygons are split into fans.
 
-    None if faces have other lists, or different numbers of corners. ValueError if the file is cut off before them.
+    Return None if faces have other lists, or different numbers of corners. Raise ValueError if the file is cut off
+    before them.
     """
     index = [element.name for element in header.elements].index("face")
     faces, count = header.elements[index], header.counts[index]
@@ -46,7 +47,7 @@ def read_triangles(path: Path, header: Header) -> NDArray[np.int64] | None:
 
 
 def _binary_corners(file: BinaryIO, properties: Any, count: int, order: str) -> NDArray[np.int64] | None:
-    """The corners of binary faces, (m, k); None if they differ in their number."""
+    """Return the corners of binary faces, (m, k); None if their number varies."""
     start = file.tell()
     fields: list[tuple[Any, ...]] = []
     for k, p in enumerate(properties):
@@ -67,10 +68,10 @@ def _binary_corners(file: BinaryIO, properties: Any, count: int, order: str) -> 
 
 
 def _ascii_corners(file: BinaryIO, properties: Any, count: int) -> NDArray[np.int64] | None:
-    """The corners of ascii faces, (m, k); None if they differ in their number."""
+    """Return the corners of ascii faces, (m, k); None if their number varies."""
     column = [isinstance(p, PlyListProperty) for p in properties].index(True)
     with io.TextIOWrapper(file, "latin-1") as text, warnings.catch_warnings():
-        warnings.simplefilter("error")  # of numbers that are not whole
+        warnings.simplefilter("error")  # for numbers that are not integers
         lines = filter(str.strip, text)
         first = next(lines, "")
         used = range(column, len(first.split()) - len(properties) + column + 1)

@@ -1,6 +1,6 @@
-"""The header of a PLY file: which elements it announces, how many rows each has, and where the rows begin.
+"""Header of a PLY file: its elements, their numbers of rows, and where the rows begin.
 
-Its grammar and the names of types are plyfile's work, which is handed a header without counts.
+plyfile parses the grammar and the type names, from a copy of the header with counts of 0.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LONGEST_HEADER = 1 << 20
 
 
 class Header(NamedTuple):
-    """What a header announces."""
+    """Contents of the header."""
 
     elements: Sequence[Any]  # plyfile's PlyElement, without rows
     counts: Sequence[int]
@@ -31,16 +31,16 @@ class Header(NamedTuple):
 
 
 def read_header(file: BinaryIO) -> Header:
-    """The header at the start of a file; ValueError says what is wrong with it."""
+    """Read the header of a file; raise ValueError if it is invalid."""
     start = file.read(LONGEST_HEADER)
     first = re.match(rb"ply[ \t]*(\r\n|\n|\r)", start)
     if first is None:
-        raise ValueError("is empty" if not start else f"is not a PLY file: it starts with {start[:12]!r}")
-    # After a bare CR the next byte is data already, even if it is an LF.
+        raise ValueError("is empty" if not start else f"is not a PLY file: it begins with {start[:12]!r}")
+    # After a bare CR the data begin, even if the next byte is an LF.
     end = {b"\r\n": rb"\r?\n", b"\n": rb"[ \t\r]*\n", b"\r": rb"[ \t]*\r"}[first[1]]
     last = re.search(rb"[\r\n][ \t]*end_header" + end, start)
     if last is None:
-        raise ValueError("the header is cut off: there is no line 'end_header'")
+        raise ValueError("the header is cut off: line 'end_header' not found")
     lines = [line.strip() for line in start[: last.end()].decode("latin-1").splitlines()]
     comments = [line.split(None, 1)[1] for line in lines if re.match(r"(comment|obj_info)\s+\S", line)]
     lines = [line for line in lines if line and line.split()[0] not in ("comment", "obj_info")]
@@ -51,18 +51,18 @@ def read_header(file: BinaryIO) -> Header:
 def _count(line: str) -> int:
     fields = line.split()
     if len(fields) != 3 or not fields[2].isdecimal() or len(fields[2]) > 15:
-        raise ValueError(f"the header's line {line!r} gives no name and count")
+        raise ValueError(f"invalid header line {line!r}: expected element, name and count")
     return int(fields[2])
 
 
 def _parse_elements(lines: list[str]) -> Sequence[Any]:
-    """plyfile's result for a header whose counts are set to 0, so that it reads only the header."""
+    """Parse the header with plyfile; with counts of 0 it reads nothing else."""
     empty = [re.sub(r"^(element\s+\S+)\s+\d+$", r"\1 0", line) for line in lines]
     text = "\n".join(empty) + "\n"
     try:
         return tuple(PlyData.read(io.BytesIO(text.encode("ascii", "replace"))).elements)
     except (PlyParseError, ValueError) as error:
-        raise ValueError(f"the header is damaged: {error}") from error
+        raise ValueError(f"invalid header: {error}") from error
 
 
 def bytes_left(file: BinaryIO) -> int:
@@ -73,15 +73,15 @@ def bytes_left(file: BinaryIO) -> int:
 
 
 def check_size(file: BinaryIO, element: Any, count: int, row: int, faults: Faults | None = None) -> int:
-    """Return how many of the announced rows can be there, as a header may state anything.
+    """Return how many of the announced rows fit into the rest of the file.
 
-    Missing rows are a fault; ValueError without `faults`, or if not one is there.
+    Missing rows are a fault. Raise ValueError if there are no `faults`, or not even one row.
     """
     left = bytes_left(file)
     if count * row <= left:
         return count
     rows = "vertices" if element.name.lower() in VERTICES else f"rows of the element {element.name!r}"
-    message = f"is cut off: {count:,} {rows} of {row} bytes or more are announced, {left:,} bytes are there"
+    message = f"is cut off: {count:,} {rows} of {row} bytes or more expected, {left:,} bytes found"
     if faults is None or left < row:
         raise ValueError(message)
     faults.add(f"{message}: {missing(count, left // row)}")
@@ -89,7 +89,7 @@ def check_size(file: BinaryIO, element: Any, count: int, row: int, faults: Fault
 
 
 def least_size(p: Any) -> int:
-    """Return the bytes that a property takes at least: those of a value, or of an empty list."""
+    """Return the minimum bytes of a property: those of a value, or of an empty list."""
     return int(np.dtype(p.list_dtype()[0] if isinstance(p, PlyListProperty) else p.dtype()).itemsize)
 
 

@@ -1,4 +1,4 @@
-"""Names of the element and of the properties that hold points, in capitals or not."""
+"""Names of the elements and properties that hold points, ignoring case."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 VERTICES = ("vertex", "vertices", "point", "points")
 POSITIONS = (("x", "y", "z"),)
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
-COLORS = tuple(  # those with scalar_ are CloudCompare's
+COLORS = tuple(  # CloudCompare writes scalar_
     tuple(prefix + channel for channel in channels)
     for prefix in ("", "diffuse_", "scalar_")
     for channels in (("red", "green", "blue"), ("r", "g", "b"))
@@ -15,8 +15,8 @@ COLORS = tuple(  # those with scalar_ are CloudCompare's
 
 
 def find(triples: Sequence[tuple[str, ...]], names: Iterable[str]) -> tuple[str, ...]:
-    """Those of the names that are the first triple which is there; none if there is none. Lower case comes first."""
+    """Return the names that match the first complete triple, or none. Lower case is preferred."""
     known: dict[str, str] = {}
-    for name in sorted(names, key=str.islower):  # the last of a spelling is kept
+    for name in sorted(names, key=str.islower):  # the last spelling wins
         known[name.lower()] = name
     return next((tuple(known[n] for n in triple) for triple in triples if known.keys() >= set(triple)), ())

@@ -1,4 +1,4 @@
-"""Points -> binary PLY."""
+"""Writer for binary PLY."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ Columns = dict[str, NDArray[Any]]
 
 
 def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
-    """Write all that the points hold, binary little-endian; returns what PLY cannot hold."""
+    """Write all data of the points, binary little-endian; return descriptions of what PLY cannot store."""
     columns: Columns = {}
     _add(columns, "xyz", points.positions)
     if points.normals is not None:
         _add(columns, NORMALS[0], points.normals)
     if points.colors is not None:
         _add(columns, COLORS[0], points.colors)
-    words: list[str] = []
+    losses: list[str] = []
     for name, values in points.attributes.items():
-        flat = _fitting(values, name, words).reshape(len(points), -1)
+        flat = _fitting(values, name, losses).reshape(len(points), -1)
         _add(columns, [name] if values.ndim == 1 else [f"{name}_{i}" for i in range(flat.shape[1])], flat)
     dtype = np.dtype([(name, column.dtype) for name, column in columns.items()])
     moved = bool(points.origin.any()) or points.survey.projection is not None
@@ -37,7 +37,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
         dtype = np.dtype([(n, np.float64 if n in ("x", "y", "z") else dtype[n]) for n in columns])
     comments = [f"crs {' '.join(points.crs.split())}"] if points.crs else []
     if points.survey.stations and len(points.survey.stations) > 0:
-        words.append("cannot hold where the scanners stood")
+        losses.append("cannot store the scanner positions")
     empty = PlyElement.describe(np.empty(0, dtype), "vertex")
     header = PlyData([empty], byte_order="<", comments=comments).header
     file.write(re.sub(r"(?m)^element vertex 0$", f"element vertex {len(points)}", header).encode("ascii") + b"\n")
@@ -49,11 +49,11 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
             rows[name] = world[:, k] if k < 3 else column[part]
         file.write(rows.data)
         tell(progress, min(part.stop / len(points), 1.0))
-    return words
+    return losses
 
 
-def _fitting(values: NDArray[Any], name: str, words: list[str]) -> NDArray[Any]:
-    """Values of a type that PLY has: it has no bools and no whole numbers of 8 bytes."""
+def _fitting(values: NDArray[Any], name: str, losses: list[str]) -> NDArray[Any]:
+    """Convert values to a type of PLY, which has neither bool nor 64-bit integers."""
     if values.dtype == np.bool_:
         return values.astype(np.uint8)
     if values.dtype not in (np.int64, np.uint64):
@@ -63,13 +63,13 @@ def _fitting(values: NDArray[Any], name: str, words: list[str]) -> NDArray[Any]:
             return values.astype(dtype)
     floats = values.astype(np.float64)
     if len(values) and (values.max() > 2**53 or values.min() < -(2**53)):
-        words.append(f"keeps {name} as floats of 8 bytes, which round its largest numbers")
+        losses.append(f"stores {name} as 64-bit floats, which round its largest numbers")
     return floats
 
 
 def _add(columns: Columns, names: Sequence[str], values: NDArray[Any]) -> None:
     for name, column in zip(names, values.T, strict=True):
         if name in columns or not re.fullmatch(r"[!-~]+", name):
-            reason = "it stands for something else" if name in columns else "only ASCII without spaces is allowed"
-            raise ValueError(f"a PLY file cannot hold an attribute named {name!r}: {reason}")
+            reason = "the name is reserved" if name in columns else "only ASCII without spaces is allowed"
+            raise ValueError(f"a PLY file cannot store an attribute named {name!r}: {reason}")
         columns[name] = column

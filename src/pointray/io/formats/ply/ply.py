@@ -1,7 +1,7 @@
-"""PLY files: ascii and binary, every order of properties.
+"""PLY files: ascii and binary, with properties in any order.
 
-plyfile reads no rows, for two reasons: it reads faces and ascii row by row in Python (the dragon's mesh: 1.7 s, here
-0.01 s), and it believes the header's count, so that a damaged file asks for terabytes.
+plyfile is not used for rows, for two reasons: it reads faces and ascii row by row in Python (1.7 s for the mesh of the
+dragon, here 0.01 s), and it trusts the header's count, so that a damaged file makes it allocate terabytes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
 from ....cloud.georeference import Survey
-from .._counts import most_lines, rows_behind
+from .._counts import count_lines, rows_after
 from .._packed_colors import PackedColors, find_packed
 from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._ascii import read_ascii
@@ -28,18 +28,18 @@ from ._header import Header, bytes_left, check_size, has_lists, least_size, read
 from ._names import COLORS, NORMALS, POSITIONS, VERTICES, find
 from ._write import write
 
-SHORT = 64  # bytes of a row of which columns may be views, which keep it
+SHORT = 64  # maximum bytes of a row whose columns may be views, which keep the row alive
 
 Columns = dict[str, NDArray[Any]]
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is a PLY file."""
+    """Detect PLY files."""
     return SURE if re.match(rb"ply[ \t]*[\r\n]", head) else NO
 
 
 class PlySource(Source):
-    """The vertices of a PLY file; ValueError says what is wrong with its contents."""
+    """Vertices of a PLY file."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -49,7 +49,7 @@ class PlySource(Source):
             found = [kinds.index(name) for name in VERTICES if name in kinds]
             if not found:
                 names = ", ".join(element.name for element in header.elements)
-                raise ValueError(f"has no element 'vertex', only: {names or 'nothing'}")
+                raise ValueError(f"element 'vertex' not found; available: {names or 'none'}")
             self._index = found[0]
             self._vertex, count = header.elements[self._index], header.counts[self._index]
             _check_vertex(self._vertex, count)
@@ -75,12 +75,12 @@ class PlySource(Source):
         return _to_chunk(columns, self._types, self._packed, share)
 
     def _columns(self) -> Iterator[tuple[Columns, float]]:
-        """The columns of some vertices after those of others, and the share that has been read."""
+        """Yield the columns of the vertices in chunks, with the fraction that has been read."""
         header = self.header
         rows = read_ascii if header.format == "ascii" else read_binary
         done = 0
         with self._path.open("rb") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # loadtxt warns of no rows and of empty lists
+            warnings.simplefilter("ignore")  # loadtxt warns of missing rows and empty lists
             file.seek(header.size)
             for columns in rows(file, header, self._index, self._most, self.faults):
                 done += len(next(iter(columns.values())))
@@ -88,40 +88,40 @@ class PlySource(Source):
 
 
 def _most(file: BinaryIO, header: Header, index: int, faults: Faults) -> int:
-    """How many vertices the file may hold: those that are announced, if its size allows it, and those behind."""
+    """Return the maximum number of vertices in the file, including those after the announced ones."""
     vertex, count = header.elements[index], header.counts[index]
     is_text, is_last = header.format == "ascii", index == len(header.elements) - 1
-    row = 2 * len(vertex.properties) - 1 if is_text else sum(map(least_size, vertex.properties))  # the least
+    row = 2 * len(vertex.properties) - 1 if is_text else sum(map(least_size, vertex.properties))  # minimum bytes
     file.seek(header.size)
     if faults.strict:
         check_size(file, vertex, count, row)
     if is_text:
-        most = most_lines(file) - sum(header.counts[:index])
+        most = count_lines(file) - sum(header.counts[:index])
         return max(most if is_last else min(most, count), 1)
     there = bytes_left(file) // row
     if count <= there and index == 0 and is_last and not has_lists(vertex):
-        return count + _behind(file, header, count, row, faults)
+        return count + _count_extra(file, header, count, row, faults)
     return max(min(count, there), 1)
 
 
-def _behind(file: BinaryIO, header: Header, count: int, row: int, faults: Faults) -> int:
-    """The vertices that follow the announced ones of a binary file."""
+def _count_extra(file: BinaryIO, header: Header, count: int, row: int, faults: Faults) -> int:
+    """Return the number of vertices after the announced ones of a binary file."""
     extra = bytes_left(file) - count * row
     if extra < row:
         return 0
     start = header.size + count * row
-    rows = rows_behind(file, start, start + extra, row)
+    rows = rows_after(file, start, start + extra, row)
     what = f"{rows:,} more" if rows else "which are not read"
-    faults.add(f"{count:,} vertices are announced, {extra:,} bytes follow them, {what}")
+    faults.add(f"{count:,} vertices expected, {extra:,} bytes follow them, {what}")
     return rows
 
 
 def _check_vertex(vertex: Any, count: int) -> None:
     names = [p.name for p in vertex.properties if not isinstance(p, PlyListProperty)]
     if not find(POSITIONS, names):
-        raise ValueError(f"its vertices have no properties x, y, z, only: {', '.join(names) or 'none'}")
+        raise ValueError(f"properties x, y, z of the vertices not found; available: {', '.join(names) or 'none'}")
     if count == 0:
-        raise ValueError("holds no points: the header announces 0 vertices")
+        raise ValueError("contains no points: the header announces 0 vertices")
 
 
 # ------------------------------------------------------------------------------------------------ to Points and back
@@ -141,7 +141,7 @@ def _to_chunk(columns: Columns, types: dict[str, np.dtype[Any]], packed: PackedC
 
 
 def _typed(column: NDArray[Any], stored: np.dtype[Any]) -> NDArray[Any]:
-    """Numbers of an ascii file as what the header says they are; those that do not fit stay floats."""
+    """Convert numbers of an ascii file to the type in the header; numbers that do not fit stay floats."""
     if column.dtype.kind != "f" or stored.kind == "f":
         return column.astype(stored, copy=False)
     limits = np.iinfo(stored)
@@ -151,7 +151,7 @@ def _typed(column: NDArray[Any], stored: np.dtype[Any]) -> NDArray[Any]:
 
 
 def _stack(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Columns side by side: a view where they lie so in the file's rows, so that these are copied only once more."""
+    """Stack columns: as a view if they are adjacent in the file's rows, which saves a copy."""
     first = columns[0]
     places = [column.ctypes.data - first.ctypes.data for column in columns]
     alike = all(column.dtype == first.dtype and column.strides == first.strides for column in columns)
@@ -166,7 +166,7 @@ def _stack(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _open(path: Path, request: Request) -> Source:
-    """The vertices, or points on the triangles."""
+    """Open the vertices, or the points sampled on the triangles."""
     if request.sample == 0:
         return PlySource(path, request)
     from ..mesh.mesh import has_few_vertices, has_trimesh, ply_source
@@ -175,12 +175,12 @@ def _open(path: Path, request: Request) -> Source:
     if source is None:
         source = PlySource(path, request)
         if not has_trimesh() and has_few_vertices(path):
-            source.note = "its triangles are not looked at, which needs trimesh: pip install 'pointray[mesh]'"
+            source.note = "its triangles are ignored because trimesh is missing: pip install 'pointray[mesh]'"
     return source
 
 
 def _surface(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
-    """Return vertices and triangles; None if the file has a texture, or faces that `read_triangles` leaves out."""
+    """Return vertices and triangles; None if the file has a texture, or faces unsupported by `read_triangles`."""
     source = PlySource(path, Request(strict=True))
     triangles = None if source.has_texture else read_triangles(path, source.header)
     if triangles is None:
@@ -195,11 +195,11 @@ FORMAT = Format(
     recognise,
     _open,
     {
-        "positions": "x, y, z of the vertices, or of an element point; all names in capitals or not",
+        "positions": "x, y, z of the element vertex or point; names in upper or lower case",
         "normals": "nx, ny, nz or normal_x, normal_y, normal_z",
-        "colors": "red, green, blue, or r, g, b, these with diffuse_ or scalar_; rgb or rgba, packed in a number",
-        "attributes": "all other properties but lists, with their types",
-        "survey": "the coordinate system, as a comment that begins with crs",
+        "colors": "red, green, blue or r, g, b, also after diffuse_ or scalar_; rgb or rgba packed in one number",
+        "attributes": "all other properties except lists, with their types",
+        "survey": "the coordinate system, in a comment that begins with crs",
     },
     write=write,
 )

@@ -1,5 +1,5 @@
 """3D Gaussian splatting.
 
-gaussians : PLY files of training; compressed_gaussians : those of PlayCanvas; spz : of Niantic; splat : of antimatter15
-_common : what they share
+gaussians : PLY files written by training; compressed_gaussians : PLY files of PlayCanvas; spz : SPZ of Niantic;
+splat : .splat of antimatter15; _common : shared conversion
 """

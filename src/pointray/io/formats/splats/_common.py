@@ -1,6 +1,7 @@
-"""Gaussian splats -> points: the centre, the colour, the shortest axis as normal; nearly transparent ones are left out.
+"""Conversion of Gaussian splats to points: centre, colour, and the shortest axis as normal.
 
-A trained scene holds many splats that are hardly seen: haze, and what makes edges soft. As points they would be opaque.
+Nearly transparent splats are left out: trained scenes contain many, for haze and soft edges, and as points they would
+be opaque.
 """
 
 from __future__ import annotations
@@ -14,16 +15,16 @@ from numpy.typing import NDArray
 from ....base.warning_log import warn
 from .._source import Chunk, Listing
 
-ROWS = 1 << 17  # splats that are unpacked together: a multiple of 256; more take more memory and no less time
-ROW = 12 + 12 + 3 + 4 + 12  # bytes of a point with its normal, colour, opacity and scale
-HARMONIC = 0.28209479177387814  # the constant harmonic, 1 / sqrt(4 pi)
+ROWS = 1 << 17  # splats unpacked at a time, a multiple of 256; more take more memory but no less time
+ROW = 12 + 12 + 3 + 4 + 12  # bytes per point with normal, colour, opacity and scale
+HARMONIC = 0.28209479177387814  # spherical harmonic of degree 0, 1 / sqrt(4 pi)
 UNKNOWN = 128  # sRGB of a colour that is NaN
 KEEPS = {
-    "positions": "the splats' centres",
-    "normals": "the shortest axis; its sign is not known, so that `Model` sets it",
-    "colors": "the constant harmonic; those that vary with the direction are dropped",
-    "attributes": "opacity (0 to 1), scale (standard deviations along the splat's axes)",
-    "note": "splats of less opacity than --opacity are left out",
+    "positions": "the centres of the splats",
+    "normals": "the shortest axis; its sign is unknown and chosen by `Model`",
+    "colors": "the spherical harmonic of degree 0; higher degrees are ignored",
+    "attributes": "opacity (0 to 1), scale (standard deviations along the axes of the splat)",
+    "note": "splats with an opacity below --opacity are left out",
 }
 
 
@@ -37,11 +38,11 @@ class Splats(NamedTuple):
     ----------
     positions : (m, 3) array of floats
     colors : (m, 3) float32
-        sRGB; may lie beyond 0 and 1, or be NaN.
+        sRGB; may be outside 0 to 1, or NaN.
     opacity : (m,) float32
         0 to 1.
     scale : (m, 3) or (m, 2) float32
-        Standard deviations along the splat's axes; two if it is flat.
+        Standard deviations along the axes; two for flat splats.
     rotation : (m, 4) float32
         Quaternions w, x, y, z of any length.
     others : dict of str to array
@@ -57,23 +58,23 @@ class Splats(NamedTuple):
 
 
 def listing_of(count: int, opacity: float, facts: Mapping[str, Any], row: int = ROW) -> Listing:
-    """What a file of so many splats announces; how many are opaque enough is known only when all are read."""
+    """Return the listing of a file of splats; how many are opaque enough is known only after reading."""
     return Listing(count if opacity <= 0 else None, row, count, facts=facts)
 
 
 def opaque_chunks(
     parts: Iterable[tuple[Splats, float]], opacity: float, facts: dict[str, Any] | None = None
 ) -> Iterator[Chunk]:
-    """Points of the splats that are opaque enough; ValueError if there are none.
+    """Yield points for the splats that are opaque enough; raise ValueError if no splat is.
 
     Parameters
     ----------
     parts : iterable of (Splats, float)
-        With the share of the file that has been read.
+        Splats with the fraction of the file that has been read.
     opacity : float
-        The least opacity; 0 keeps all splats.
+        Minimum opacity; 0 keeps all splats.
     facts : dict, optional
-        Gets the number of splats that are left out.
+        Receives the number of splats left out.
     """
     seen, kept, greatest = 0, 0, 0.0
     for splats, share in parts:
@@ -85,11 +86,11 @@ def opaque_chunks(
         facts["transparent"] = seen - kept
     if seen and not kept:
         raise ValueError(
-            f"none of its {seen:,} splats has an opacity of {opacity:g}: the greatest is {greatest:g}; "
-            "a lower threshold keeps more"
+            f"none of its {seen:,} splats has an opacity of {opacity:g} or more: the maximum is {greatest:g}; "
+            "use a lower threshold"
         )
     if kept < seen:
-        warn(f"{seen - kept:,} of {seen:,} splats are left out, as their opacity is below {opacity:g}", stacklevel=2)
+        warn(f"{seen - kept:,} of {seen:,} splats are left out: their opacity is below {opacity:g}", stacklevel=2)
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -102,21 +103,21 @@ def _to_chunk(splats: Splats, rows: NDArray[np.bool_], share: float) -> Chunk:
 
 
 def shortest_axes(scale: Floats, rotation: Floats) -> NDArray[np.float32]:
-    """The unit vector along each splat's shortest axis, (m, 3) float32; 0 where the quaternion is 0 or not finite.
+    """Return the unit vector along each splat's shortest axis, (m, 3) float32; 0 for an invalid quaternion.
 
     Parameters
     ----------
     scale : (m, 3) or (m, 2) float32
-        Two columns: the third axis is the shortest.
+        With two columns the third axis is the shortest.
     rotation : (m, 4) float32
         Quaternions w, x, y, z of any length.
     """
     every = np.arange(len(scale))
     axis = np.argmin(scale, axis=1) if scale.shape[1] == 3 else np.full(len(scale), 2)
     after, before = (axis + 1) % 3, (axis + 2) % 3
-    wide = rotation.astype(np.float64)  # no square of a float32 is too large or too small
+    wide = rotation.astype(np.float64)  # squares of float32 neither overflow nor underflow
     w, v = wide[:, 0], wide[:, 1:]
-    turned = 2 * v[every, axis][:, None] * v  # the rotation of a unit vector e: (w w - v v) e + 2 (v e) v + 2 w v x e
+    turned = 2 * v[every, axis][:, None] * v  # rotation of a unit vector e: (w w - v v) e + 2 (v e) v + 2 w v x e
     turned[every, after] += 2 * w * v[every, before]
     turned[every, before] -= 2 * w * v[every, after]
     turned[every, axis] += w * w - np.einsum("ij,ij->i", v, v)
@@ -128,21 +129,21 @@ def shortest_axes(scale: Floats, rotation: Floats) -> NDArray[np.float32]:
 
 
 def _to_bytes(colors: Floats) -> NDArray[np.uint8]:
-    """Colours from 0 to 1 as 8 bits; what lies beyond is clipped."""
+    """Convert colours from 0 to 1 to 8 bits, with clipping."""
     shades = np.clip(np.rint(colors * np.float32(255)), 0, 255)
     shades[np.isnan(shades)] = UNKNOWN
     return shades.astype(np.uint8)
 
 
 def smallest_three(largest: NDArray[Any], rest: Floats) -> NDArray[np.float32]:
-    """Unit quaternions whose largest component is not stored, (m, 4) float32.
+    """Return unit quaternions whose largest component is not stored, (m, 4) float32.
 
     Parameters
     ----------
     largest : (m,) int
-        The place of that component, 0 to 3.
+        Index of that component, 0 to 3.
     rest : (m, 3) float32
-        The others in their order.
+        The other components in order.
     """
     missing = np.sqrt(np.maximum(1 - np.einsum("ij,ij->i", rest, rest), 0))
     out = np.empty((len(rest), 4), np.float32)

@@ -1,7 +1,7 @@
-"""3D Gaussian splatting, the compressed PLY files of PlayCanvas and SuperSplat: 16 bytes a splat.
+"""3D Gaussian splatting, compressed PLY files of PlayCanvas and SuperSplat: 16 bytes per splat.
 
-A vertex is four whole numbers of 32 bits; the element 'chunk' has the box in which 256 of them lie, the ranges of their
-scales and, in newer files, those of their colours.
+A vertex is four 32-bit integers. A row of the element 'chunk' has the bounding box of 256 vertices, the ranges of their
+scales and, in newer files, of their colours.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..ply._binary import ORDERS
 from ..ply._header import Header, read_header
 from ._common import KEEPS, ROWS, Splats, listing_of, opaque_chunks, smallest_three
 
-IN_BOX = 256  # splats
+IN_BOX = 256  # splats per chunk
 WORDS = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 PLACE, SCALE, COLOR = (
     tuple(f"{end}_{name}" for end in ("min", "max") for name in names)
@@ -35,7 +35,7 @@ Words = NDArray[np.uint32]
 
 
 class Table(NamedTuple):
-    """Where the rows of an element lie in a file."""
+    """Location of the rows of an element in a file."""
 
     start: int
     rows: int
@@ -43,13 +43,13 @@ class Table(NamedTuple):
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is such a PLY file."""
+    """Detect PLY files of compressed splats."""
     begins = re.match(rb"ply[ \t]*[\r\n]", head)
     return SURE + 1 if begins and re.search(rb"[\r\n]\s*property\s+\w+\s+packed_position\b", head) else NO
 
 
 class CompressedSource(Source):
-    """The splats of a file; ValueError says what is wrong with its contents."""
+    """Splats of a compressed PLY file."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self._opacity, self.faults = path, request.opacity, Faults(request.strict)
@@ -81,14 +81,14 @@ class CompressedSource(Source):
 
 
 def _tables(header: Header) -> dict[str, Table]:
-    """Where the elements of a file lie, by their names."""
+    """Return the locations of the elements of a file by name."""
     if header.format not in ORDERS:
-        raise ValueError(f"its splats are compressed, which takes a binary format, not {header.format}")
+        raise ValueError(f"compressed splats must be in a binary format, not {header.format}")
     tables: dict[str, Table] = {}
     start = header.size
     for element, count in zip(header.elements, header.counts, strict=True):
         if any(isinstance(p, PlyListProperty) for p in element.properties):
-            raise ValueError(f"its element {element.name!r} has lists, which files of compressed splats have not")
+            raise ValueError(f"element {element.name!r} contains lists; compressed splat files must not")
         dtype = np.dtype([(p.name, p.dtype(ORDERS[header.format])) for p in element.properties])
         tables[element.name] = Table(start, count, dtype)
         start += count * dtype.itemsize
@@ -96,23 +96,23 @@ def _tables(header: Header) -> dict[str, Table]:
 
 
 def _checked(tables: dict[str, Table], name: str, needed: tuple[str, ...]) -> Table:
-    """The table of this name; ValueError if it or what it needs is missing."""
+    """Return the element with this name; raise ValueError if it or a needed property is missing."""
     if name not in tables:
-        raise ValueError(f"has no element {name!r}, only: {', '.join(tables)}")
+        raise ValueError(f"element {name!r} not found; available: {', '.join(tables)}")
     dtype = tables[name].dtype
     missing = [x for x in needed if x not in (dtype.names or ())]
     if missing:
-        raise ValueError(f"its element {name!r} has no {', '.join(missing)}")
+        raise ValueError(f"element {name!r} lacks {', '.join(missing)}")
     wrong = [x for x in WORDS if name == "vertex" and (dtype[x].kind not in "iu" or dtype[x].itemsize != 4)]
     if wrong:
-        raise ValueError(f"its property {wrong[0]!r} is of type {dtype[wrong[0]].name}, not uint")
+        raise ValueError(f"property {wrong[0]!r} has type {dtype[wrong[0]].name}, expected uint")
     return tables[name]
 
 
 def _fitted(vertices: Table, boxes: Table, size: int, faults: Faults) -> Table:
-    """The vertices that are there; ValueError if the header's counts contradict each other or the file's size."""
+    """Return the vertices in the file; raise ValueError if the header's counts are inconsistent."""
     if vertices.rows == 0:
-        raise ValueError("holds no points: the header announces 0 vertices")
+        raise ValueError("contains no points: the header announces 0 vertices")
     if boxes.rows != -(-vertices.rows // IN_BOX):
         raise ValueError(
             f"is damaged: {vertices.rows:,} splats need {-(-vertices.rows // IN_BOX):,} chunks of {IN_BOX}, "
@@ -121,7 +121,7 @@ def _fitted(vertices: Table, boxes: Table, size: int, faults: Faults) -> Table:
     end = max(table.start + table.rows * table.dtype.itemsize for table in (vertices, boxes))
     if end <= size:
         return vertices
-    message = f"is cut off: {vertices.rows:,} splats reach to byte {end:,}, {size:,} bytes are there"
+    message = f"is cut off: {vertices.rows:,} splats reach to byte {end:,}, {size:,} bytes found"
     rows = (size - vertices.start) // vertices.dtype.itemsize
     if rows <= 0 or boxes.start > vertices.start:
         raise ValueError(message)
@@ -134,7 +134,7 @@ def _fitted(vertices: Table, boxes: Table, size: int, faults: Faults) -> Table:
 
 @np.errstate(over="ignore", invalid="ignore")
 def _unpack(rows: NDArray[Any], boxes: NDArray[Any]) -> Splats:
-    """Splats of packed rows, each with its box."""
+    """Unpack splats, given the box of each."""
     place, turn, scale, color = (rows[name].astype(np.uint32) for name in WORDS)
     shades = _fractions(color, (24, 16, 8, 0), (8, 8, 8, 8))
     if set(COLOR) <= set(boxes.dtype.names or ()):
@@ -149,7 +149,7 @@ def _unpack(rows: NDArray[Any], boxes: NDArray[Any]) -> Splats:
 
 
 def _fractions(words: Words, shifts: tuple[int, ...], bits: tuple[int, ...]) -> Floats:
-    """Parts of words as fractions of their greatest values, (m, k) float32."""
+    """Return bit fields of words as fractions of their maxima, (m, k) float32."""
     out = np.empty((len(words), len(shifts)), np.float32)
     for k, (shift, width) in enumerate(zip(shifts, bits, strict=True)):
         most = (1 << width) - 1
@@ -158,7 +158,7 @@ def _fractions(words: Words, shifts: tuple[int, ...], bits: tuple[int, ...]) -> 
 
 
 def _between(boxes: NDArray[Any], names: tuple[str, ...], share: Floats) -> Floats:
-    """Values between the least and greatest ones that boxes have under the names, (m, 3) float32."""
+    """Interpolate between the minima and maxima of boxes with these names, (m, 3) float32."""
     out = np.empty(share.shape, np.float32)
     for k in range(3):
         low, high = (boxes[names[i]].astype(np.float32) for i in (k, k + 3))

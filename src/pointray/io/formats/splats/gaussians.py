@@ -1,7 +1,7 @@
-"""3D Gaussian splatting, the PLY files that training writes: a vertex is a splat.
+"""3D Gaussian splatting, PLY files written by training: one splat per vertex.
 
-The layout is that of Kerbl et al., 3D Gaussian Splatting (2023), which most programs write: the logarithm of the
-scales, the logit of the opacity. Flat splats (2D Gaussian Splatting) have two scales.
+The layout is that of Kerbl et al., 3D Gaussian Splatting (2023), which most programs use: logarithms of the scales,
+logit of the opacity. Flat splats (2D Gaussian Splatting) have two scales.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ REPLACED = {*CENTERS, *NEEDED, *SCALES, *NORMALS[0], *(name for names in COLORS 
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is a PLY file of splats; then it is more than a PLY file."""
+    """Detect PLY files of splats; they are ranked above plain PLY."""
     begins = re.match(rb"ply[ \t]*[\r\n]", head)
     names = set(re.findall(rb"[\r\n]\s*property\s+\w+\s+(\w+)", head))
     return SURE + 1 if begins and b"f_dc_0" in names and names & {b"scale_0", b"rot_0", b"opacity"} else NO
 
 
 class GaussianSource(PlySource):
-    """The splats of a PLY file; ValueError says what is wrong with its contents."""
+    """Splats of a PLY file."""
 
     def __init__(self, path: Path, request: Request) -> None:
         super().__init__(path, request)
         names = [p.name for p in self._scalars]
         missing = [name for name in NEEDED if name not in names]
         if missing:
-            raise ValueError(f"its splats have no {', '.join(missing)}")
+            raise ValueError(f"missing properties of splats: {', '.join(missing)}")
         self._opacity = request.opacity
         self._scales = [name for name in SCALES if name in names]
         self._others = [name for name in names if name not in REPLACED and not DROPPED.fullmatch(name)]
@@ -79,7 +79,7 @@ def _floats(columns: Columns, names: Sequence[str]) -> NDArray[np.float32]:
 
 KEPT = {
     **KEEPS,
-    "attributes": f"{KEEPS['attributes']}; all other properties but f_rest",
+    "attributes": f"{KEEPS['attributes']}; all other properties except f_rest",
     "survey": "the coordinate system",
 }
 

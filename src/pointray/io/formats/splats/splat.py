@@ -1,4 +1,4 @@
-"""3D Gaussian splatting, the .splat files of web viewers: 32 bytes a splat and nothing else, not even a header."""
+"""3D Gaussian splatting, .splat files of web viewers: 32 bytes per splat, without a header."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from .._source import MAYBE, NO, Chunk, Faults, Format, Request, Source
 from ._common import KEEPS, ROWS, Floats, Splats, listing_of, opaque_chunks
 
 ROW = np.dtype([("place", "<f4", 3), ("scale", "<f4", 3), ("color", "u1", 4), ("turn", "u1", 4)])
-LARGEST = 1e6  # coordinates and scales of splats that are taken for such
-UNEVEN = 0.1  # how far a quaternion of rounded bytes may be from unit length
-PLAUSIBLE = 0.9  # share of the first rows that must look like splats
+LARGEST = 1e6  # maximum coordinate and scale of plausible splats
+UNEVEN = 0.1  # tolerance of the length of quaternions rounded to bytes
+PLAUSIBLE = 0.9  # minimum fraction of the first rows that must be plausible
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file may be a .splat file; a .ksplat file is recognised to say that it cannot be read."""
+    """Detect .splat files; .ksplat files are accepted so that opening them raises an error with advice."""
     if path.suffix.lower() == ".ksplat":
         return MAYBE
     return MAYBE if path.suffix.lower() == ".splat" and _is_plausible(head) else NO
 
 
 def _is_plausible(head: bytes) -> bool:
-    """Whether most of the first rows have finite numbers, scales that are not negative and unit quaternions."""
+    """Whether most of the first rows have finite numbers, nonnegative scales and unit quaternions."""
     rows = np.frombuffer(head[: len(head) // ROW.itemsize * ROW.itemsize], ROW)
     if not len(rows):
         return False
@@ -41,17 +41,17 @@ def _quaternions(turn: NDArray[np.uint8]) -> Floats:
 
 
 class SplatSource(Source):
-    """The splats of a file; ValueError says what is wrong with its size."""
+    """Splats of a .splat file."""
 
     def __init__(self, path: Path, request: Request) -> None:
         if path.suffix.lower() == ".ksplat":
             raise ValueError(
-                ".ksplat files cannot be read: convert it to .ply, .spz or .splat, with SuperSplat for instance"
+                ".ksplat files are unsupported: convert it to .ply, .spz or .splat, for example with SuperSplat"
             )
         self._path, self._opacity, self.faults = path, request.opacity, Faults(request.strict)
         size = path.stat().st_size
         if size % ROW.itemsize:
-            message = f"is cut off or no splats: its {size:,} bytes are no multiple of {ROW.itemsize}"
+            message = f"is cut off or not a splat file: its {size:,} bytes are not a multiple of {ROW.itemsize}"
             if size < ROW.itemsize:
                 raise ValueError(message)
             self.faults.add(message)

@@ -1,8 +1,8 @@
-"""SPZ: Niantic's compressed 3D Gaussian splatting, 20 bytes a splat or less.
+"""SPZ: Niantic's compressed 3D Gaussian splatting, at most 20 bytes per splat.
 
-Columns lie one after the other. Versions 1 to 3 are packed with gzip as a whole, and are unpacked before they come
-here; in version 4 each column is packed with zstd, behind a table of their sizes. Axes are kept as they are: x to the
-right, y up, z backwards.
+Data are stored column by column. Versions 1 to 3 are compressed with gzip as a whole, which is removed before the file
+is opened here. In version 4 each column is compressed with Zstandard, after a table of the sizes. Axes are unchanged: x
+right, y up, z backward.
 """
 
 from __future__ import annotations
@@ -26,41 +26,41 @@ from ._common import HARMONIC, KEEPS, ROWS, Splats, listing_of, opaque_chunks, s
 MAGIC = b"NGSP"
 HEADER = struct.Struct("<4sIIBBBBI12x")  # versions before 4 end before the last field
 OLD = 16  # bytes of the header before version 4
-TABLE_ROW = struct.Struct("<QQ")  # bytes of a packed column, and unpacked
-HARMONICS = (0, 3, 8, 15, 24)  # that vary with the direction, by their degree
-ZSTD_RATIO = 1024  # times a file's size that its columns may have unpacked: the same limit as the library's
-FINEST = 24  # bits of a fraction
+TABLE_ROW = struct.Struct("<QQ")  # compressed and uncompressed bytes of a column
+HARMONICS = (0, 3, 8, 15, 24)  # number of spherical harmonics above degree 0, by maximum degree
+ZSTD_RATIO = 1024  # maximum ratio of the uncompressed columns to the file size, as in Niantic's library
+FINEST = 24  # maximum bits of a fraction
 ANTIALIASED = 1
-SHADE = 0.15  # what colours are divided by to get the constant harmonic's factor
+SHADE = 0.15  # factor of the stored coefficient of degree 0
 ROOT_HALF = np.float32(0.5**0.5)
 
 Bytes = NDArray[np.uint8]
 
 
 class Header(NamedTuple):
-    """What a file announces."""
+    """Contents of the header."""
 
     version: int
     splats: int
     degree: int
-    bits: int  # of the coordinates' fractions
+    bits: int  # fractional bits of the coordinates
     flags: int
     columns: int
-    table: int  # where the table of packed columns begins
+    table: int  # offset of the table of columns
 
     @property
     def widths(self) -> tuple[int, ...]:
-        """Bytes that a splat takes in each column: position, opacity, colour, scale, rotation, harmonics."""
+        """Bytes per splat in each column: position, opacity, colour, scale, rotation, harmonics."""
         return 6 if self.version == 1 else 9, 1, 3, 3, 4 if self.version > 2 else 3, 3 * HARMONICS[self.degree]
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file, unpacked, is an SPZ file."""
+    """Detect uncompressed SPZ files."""
     return SURE if head.startswith(MAGIC) else NO
 
 
 class SpzSource(Source):
-    """The splats of a file; ValueError says what is wrong with its contents."""
+    """Splats of an SPZ file."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self._opacity = path, request.opacity
@@ -95,42 +95,42 @@ class SpzSource(Source):
 
 
 def _read_header(file: BinaryIO) -> Header:
-    """The header at the start of a file; ValueError says what is wrong with it."""
+    """Read the header of a file; raise ValueError if it is invalid."""
     start = file.read(HEADER.size)
     if len(start) < OLD:
-        raise ValueError(f"is cut off: the header of {OLD} bytes ends at byte {len(start)}")
+        raise ValueError(f"is cut off: expected a header of {OLD} bytes, got {len(start)}")
     magic, *fields = HEADER.unpack(start.ljust(HEADER.size, b"\0"))
     if magic != MAGIC:
-        raise ValueError(f"is no SPZ file: it begins with {magic!r}")
+        raise ValueError(f"is not an SPZ file: it begins with {magic!r}")
     header = Header(*fields)
     if not 1 <= header.version <= 4:
-        raise ValueError(f"is of SPZ's version {header.version}; can read 1 to 4")
+        raise ValueError(f"unsupported SPZ version {header.version}; expected 1 to 4")
     if header.splats == 0:
-        raise ValueError("holds no points: the header announces 0 splats")
+        raise ValueError("contains no points: the header announces 0 splats")
     if header.degree >= len(HARMONICS):
-        raise ValueError(f"is damaged: its harmonics have the degree {header.degree}, more than {len(HARMONICS) - 1}")
+        raise ValueError(f"is damaged: invalid degree {header.degree} of harmonics, more than {len(HARMONICS) - 1}")
     if header.bits > FINEST:
-        raise ValueError(f"is damaged: its coordinates have {header.bits} bits of fractions, more than {FINEST}")
+        raise ValueError(f"is damaged: its coordinates have {header.bits} fractional bits, more than {FINEST}")
     return header
 
 
 def _plain_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
-    """Where the columns begin, and their bytes."""
+    """Return offset and bytes of the columns."""
     size, end, parts = file.seek(0, io.SEEK_END), OLD, []
     for width in header.widths:
         parts.append((end, header.splats * width))
         end += header.splats * width
     if end > size:
-        raise ValueError(f"is cut off: {header.splats:,} splats reach to byte {end:,}, {size:,} bytes are there")
+        raise ValueError(f"is cut off: {header.splats:,} splats reach to byte {end:,}, {size:,} bytes found")
     return parts[:-1]
 
 
 def _packed_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
-    """Where the packed columns begin, and their packed bytes."""
+    """Return offset and bytes of the compressed columns."""
     size = file.seek(0, io.SEEK_END)
     needed = [header.splats * width for width in header.widths if width]
     if header.columns != len(needed):
-        raise ValueError(f"is damaged: it has {header.columns} columns, not {len(needed)}")
+        raise ValueError(f"is damaged: got {header.columns} columns, expected {len(needed)}")
     end = header.table + header.columns * TABLE_ROW.size
     if header.table < HEADER.size or end > size:
         raise ValueError(f"is cut off: its table of columns is at byte {header.table:,} of {size:,}")
@@ -138,13 +138,13 @@ def _packed_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
     parts: list[tuple[int, int]] = []
     for length, unpacked in TABLE_ROW.iter_unpack(file.read(header.columns * TABLE_ROW.size)):
         if unpacked != needed[len(parts)]:
-            raise ValueError(f"is damaged: column {len(parts)} has {unpacked:,} bytes, not {needed[len(parts)]:,}")
+            raise ValueError(f"is damaged: column {len(parts)} has {unpacked:,} bytes, expected {needed[len(parts)]:,}")
         parts.append((end, length))
         end += length
     if end > size:
-        raise ValueError(f"is cut off: its columns reach to byte {end:,}, {size:,} bytes are there")
+        raise ValueError(f"is cut off: its columns reach to byte {end:,}, {size:,} bytes found")
     if needed[0] > ZSTD_RATIO * size:
-        raise ValueError(f"is damaged: {header.splats:,} splats cannot be in {size:,} bytes")
+        raise ValueError(f"is damaged: {header.splats:,} splats do not fit into {size:,} bytes")
     return parts[:5]
 
 
@@ -152,7 +152,7 @@ def _packed_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
 
 
 class _Part(io.RawIOBase):
-    """Some bytes of a file, as a file."""
+    """Range of bytes of a file, as a file."""
 
     def __init__(self, file: BinaryIO, start: int, length: int) -> None:
         self._file, self._left = file, length
@@ -169,7 +169,7 @@ class _Part(io.RawIOBase):
 
 
 def _column(path: Path, part: tuple[int, int], packed: bool, stack: ExitStack) -> Any:
-    """A column's bytes, as a file that is closed with the stack."""
+    """Open a column as a file that is closed with the stack."""
     raw = _Part(stack.enter_context(path.open("rb")), *part)
     if not packed:
         return raw
@@ -177,7 +177,7 @@ def _column(path: Path, part: tuple[int, int], packed: bool, stack: ExitStack) -
 
 
 def _read(file: Any, n: int, width: int, first: int) -> Bytes:
-    """The next n rows of a column, (n, width)."""
+    """Read the next n rows of a column, (n, width)."""
     blocks, missing = [], n * width
     while missing:
         try:
@@ -209,14 +209,14 @@ def _unpack(header: Header, columns: list[Bytes]) -> Splats:
 
 
 def _fixed(places: Bytes, bits: int) -> NDArray[np.float32]:
-    """Coordinates of 24 bits, signed, as floats, which hold them exactly."""
+    """Convert signed 24-bit coordinates to float32, which is exact."""
     wide = np.zeros((len(places), 3, 4), np.uint8)
     wide[:, :, 1:] = places.reshape(-1, 3, 3)
     return (wide.view("<i4")[:, :, 0] >> 8).astype(np.float32) * np.float32(2.0**-bits)
 
 
 def _quaternions(turns: Bytes) -> NDArray[np.float32]:
-    """w, x, y, z of three bytes (x, y, z; w is positive), or of four: the three smallest in 10 bits, with signs."""
+    """Unpack w, x, y, z from three bytes (x, y, z; w is positive), or from four: the three smallest in 10 bits each."""
     if turns.shape[1] == 3:
         return smallest_three(np.zeros(len(turns)), turns / np.float32(127.5) - 1)
     word = turns.view("<u4")[:, 0]
@@ -224,7 +224,7 @@ def _quaternions(turns: Bytes) -> NDArray[np.float32]:
     for k, shift in enumerate((20, 10, 0)):
         part = (word >> shift) & 1023
         rest[:, k] = np.where(part & 512, -1, 1) * (part & 511) * (ROOT_HALF / 511)
-    return np.roll(smallest_three(word >> 30, rest), 1, axis=1)  # they are stored as x, y, z, w
+    return np.roll(smallest_three(word >> 30, rest), 1, axis=1)  # stored as x, y, z, w
 
 
 FORMAT = Format("SPZ", (".spz",), recognise, SpzSource, KEEPS)

@@ -1,6 +1,6 @@
-"""Text, and PTX.
+"""Text formats and PTX.
 
-text : .xyz, .csv, .pts and the like; ptx : scans in grids
-_lines, _first_look, _columns : what the columns of a text are; _rows : its rows
-_numbers, _number_kernel, _powers_of_ten : numbers in text, exactly and fast
+text : .xyz, .csv, .pts and similar; ptx : gridded scans
+_lines, _first_look, _columns : separators, header and columns of a text; _rows : its rows
+_numbers, _number_kernel, _powers_of_ten : fast, exact parsing of numbers
 """

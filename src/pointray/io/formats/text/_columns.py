@@ -1,4 +1,4 @@
-"""What the columns of a text file are, by their names."""
+"""Meaning of the columns of a text file by their names."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from .._source import Chunk
 from .._unnamed_columns import COLORS, NORMALS, POSITIONS
 from ._numbers import FLOAT, INT, SCAN, SKIP, Block, smallest
 
-LONGEST = 200  # letters of a name
-NONE = "-"  # the name of a column that is left out
+LONGEST = 200  # maximum length of a name
+NONE = "-"  # name of an ignored column
 LONGITUDES, LATITUDES = ("longitude", "lon", "long", "lng"), ("latitude", "lat")
 HEIGHTS = ("altitude", "alt", "elevation", "ellipsoidal_height", "height", "h", "z")
 OTHER_POSITIONS = (
@@ -44,47 +44,47 @@ ALIASES = {
 
 
 def name_of(text: str) -> str:
-    """A column's name as we call it."""
-    text = re.sub(r"[\[(].*?[\])]", "", text.strip().strip('"').lower()[:LONGEST])  # without units: X [m]
+    """Return the canonical name of a column."""
+    text = re.sub(r"[\[(].*?[\])]", "", text.strip().strip('"').lower()[:LONGEST])  # removes units: X [m]
     text = re.sub(r"[\s.]+", "_", text.strip()).strip("_")
     return ALIASES.get(text, text)
 
 
 def names_of(texts: Sequence[str]) -> list[str] | None:
-    """The names of columns, the coordinates as x, y, z; None if these are not among them."""
+    """Return the names of columns, with the coordinates as x, y, z; None if these are not among them."""
     names = [name_of(text) for text in texts]
     axes = next((axes for axes in (POSITIONS, *OTHER_POSITIONS) if set(axes) <= set(names)), None)
     if axes is None:
         return None
     known = dict(zip(axes, POSITIONS, strict=True))
     names = [known.get(name, name or f"column_{k}") for k, name in enumerate(names, 1)]
-    again = [name in names[:k] and name not in POSITIONS for k, name in enumerate(names)]  # two scalar fields
+    again = [name in names[:k] and name not in POSITIONS for k, name in enumerate(names)]  # duplicate scalar fields
     return [f"{name}_{k}" if twice else name for k, (name, twice) in enumerate(zip(names, again, strict=True), 1)]
 
 
 def has_degrees(header: str) -> bool:
-    """Return whether a line with names calls the coordinates longitude and latitude."""
+    """Whether a header calls the coordinates longitude and latitude."""
     words = set(re.findall("[a-z]+", header.lower()))
     return bool(words & set(LONGITUDES) and words & set(LATITUDES)) and "x" not in words
 
 
 def check_names(names: Sequence[str]) -> None:
-    """ValueError if a name comes twice."""
+    """Raise ValueError if a name is duplicated."""
     twice = [name for name in dict.fromkeys(names) if name != NONE and names.count(name) > 1]
     if twice:
-        raise ValueError(f"two columns are named {twice[0]!r}: {','.join(names)}")
+        raise ValueError(f"duplicate column name {twice[0]!r}: {','.join(names)}")
 
 
 class Layout(NamedTuple):
-    """Which columns become what.
+    """Roles of the columns.
 
     Attributes
     ----------
     positions, normals, colors : list of int
-        Numbers of columns, from 0; empty if there are none.
+        Column numbers, from 0; may be empty.
     attributes : dict of str to int
     types : dict of int to dtype
-        Of columns that are whole; the others are floats.
+        Types of integer columns; the others are floats.
     """
 
     positions: list[int]
@@ -95,7 +95,7 @@ class Layout(NamedTuple):
 
     @classmethod
     def of(cls, names: Sequence[str]) -> Layout:
-        """Columns by their names."""
+        """Return the roles of columns by their names."""
         check_names(names)
         left = {name: k for k, name in enumerate(names) if name != NONE}
 
@@ -105,30 +105,30 @@ class Layout(NamedTuple):
         return cls(pop(POSITIONS), pop(NORMALS), pop(COLORS), left)
 
     def modes(self, k: int) -> list[int]:
-        """How k columns are read."""
+        """Return the parsing mode of each of k columns."""
         used = {*self.positions, *self.normals, *self.colors, *self.attributes.values()}
         return [INT if c in self.types else FLOAT if c in used else SKIP for c in range(k)]
 
     def doubtful(self, whole: Sequence[bool]) -> list[int]:
-        """Columns that are whole in the first rows, and whose type depends on all others."""
+        """Return the columns that are integers in the first rows, whose type depends on all other rows."""
         some = list(self.attributes.values())
         if self.colors and all(whole[c] for c in self.colors):
             some += self.colors
         return [c for c in some if whole[c]]
 
     def typed(self, stats: NDArray[np.int64], columns: Sequence[int]) -> Layout:
-        """With the types of whole columns, by what was noted of all rows."""
+        """Return this layout with the types of integer columns, derived from the limits of all rows."""
         types = {c: smallest(int(stats[c, 1]), int(stats[c, 2])) for c in columns if stats[c, 0]}
         if not all(c in types for c in self.colors):
             types = {c: dtype for c, dtype in types.items() if c not in self.colors}
         return self._replace(types=types)
 
     def row(self) -> int:
-        """Bytes of a row while it is read."""
+        """Return the bytes per row while reading."""
         return 36 + 12 * bool(self.normals) + 6 * bool(self.colors) + 8 * len(self.attributes)
 
     def chunk(self, block: Block, share: float) -> Chunk:
-        """Rows as a chunk."""
+        """Return a block of rows as a chunk."""
         colors = np.result_type(*(self.types.get(c, np.float32) for c in self.colors)) if self.colors else None
         return Chunk(
             block.take(self.positions, np.float64),
@@ -140,7 +140,7 @@ class Layout(NamedTuple):
 
 
 def merged(blocks: Iterator[Block], before: NDArray[np.int64] | None) -> NDArray[np.int64] | None:
-    """What is noted of the columns of all blocks together; before : of earlier ones."""
+    """Return the statistics of the columns over all blocks. before : statistics of earlier blocks"""
     for block in blocks:
         own = block.stats
         if before is not None:
@@ -154,5 +154,5 @@ def merged(blocks: Iterator[Block], before: NDArray[np.int64] | None) -> NDArray
 
 
 def scanning(k: int, columns: Sequence[int]) -> list[int]:
-    """How k columns are read to find the limits of some of them."""
+    """Return the parsing mode of k columns to find the limits of some of them."""
     return [SCAN if c in columns else SKIP for c in range(k)]

@@ -1,4 +1,4 @@
-"""A first look at a text file: what separates its numbers, where its rows begin, and what its columns are."""
+"""Examination of the beginning of a text file: the separators, the start of the rows, and the columns."""
 
 from __future__ import annotations
 
@@ -11,42 +11,42 @@ from typing import NamedTuple
 import numpy as np
 
 from .._source import Faults
-from .._unnamed_columns import UndecidedError, judge
+from .._unnamed_columns import UndecidedError, recognise_columns
 from ._columns import Layout, has_degrees, name_of, names_of, scanning
 from ._lines import COMMENT, FIELDS, UTF8, UTF16, Top, is_row, shortened, top_of
 from ._numbers import FLOAT, SKIP, Dialect, Reader, fields_of, number_of
 
-LOOK = 1 << 18  # bytes that are looked at
-ROWS = 200  # rows by which the separators are told
+EXAMINED = 1 << 18  # bytes examined
+ROWS = 200  # rows examined to find the separators
 MOST_COLUMNS = 1000
-LONGEST_HEADER = 1 << 14  # letters
-HOW = "say what they are: --columns x,y,z,... (- leaves one out)"
-INTENSITY_FIRST = {".pts": True, ".xyzrgb": False}  # by the extension: whether intensity stands before colours
-MIXED = "its rows have commas, and semicolons or blanks: which of them separates numbers cannot be told"
+LONGEST_HEADER = 1 << 14  # characters
+ADVICE = "name its columns with --columns x,y,z,... (- ignores one)"
+INTENSITY_FIRST = {".pts": True, ".xyzrgb": False}  # by extension: whether intensity precedes the colours
+MIXED = "ambiguous separators: its rows contain commas as well as semicolons or blanks"
 
 
-class Look(NamedTuple):
-    """What is known of a file's beginning.
+class TextProperties(NamedTuple):
+    """Properties of a text file found at its beginning.
 
     Attributes
     ----------
     dialect : Dialect
     names : list of str
-        What the columns are.
+        Names of the columns.
     whole : list of bool
-        Whether the first rows of a column have whole numbers only.
+        Whether the first rows of a column are all integers.
     start : int
-        The offset at which rows begin.
+        Byte offset of the first row.
     announced : int or None
-        The number of rows in a line of its own before the first (PTS).
+        Number of rows stated in a line of its own before the first row (PTS).
     header : str or None
-        The line with names.
+        The line with column names.
     has_degrees : bool
         Whether coordinates are longitude and latitude.
     row : float
-        Bytes of a row, on average.
+        Average number of bytes per row.
     note : str
-        What the user has to know of columns without names.
+        Message for the user about columns without names.
     """
 
     dialect: Dialect
@@ -60,12 +60,12 @@ class Look(NamedTuple):
     note: str = ""
 
 
-def look_at(text: bytes, path: Path, columns: Sequence[str] | None, faults: Faults) -> Look:
-    """Look at a file's beginning; ValueError says what is wrong with it."""
+def examine_text(text: bytes, path: Path, columns: Sequence[str] | None, faults: Faults) -> TextProperties:
+    """Examine the beginning of a file; raise ValueError if it is not a table of numbers."""
     if text[:2] in UTF16 or text[:200].count(0) > 20:
-        raise ValueError("is text in UTF-16: save it in UTF-8 or ASCII")
+        raise ValueError("is encoded in UTF-16: save it as UTF-8 or ASCII")
     begin = len(UTF8) if text.startswith(UTF8) else 0
-    whole_lines = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1] if len(text) >= LOOK else text
+    whole_lines = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1] if len(text) >= EXAMINED else text
     top = top_of(whole_lines or text, begin)
     _check_top(top)
     rows = [line for _, line in top.rows[:ROWS] if is_row(line) and not COMMENT.match(line)]
@@ -74,11 +74,11 @@ def look_at(text: bytes, path: Path, columns: Sequence[str] | None, faults: Faul
     names = _named(fields, top, dialect, columns)
     k = len(names or fields)
     if k > MOST_COLUMNS:
-        raise ValueError(f"its first row has {k:,} columns, more than {MOST_COLUMNS:,}")
+        raise ValueError(f"the first row has {k:,} columns, more than {MOST_COLUMNS:,}")
     start = top.rows[0][0]
     names, whole, row, note = _numbers(whole_lines or text, start, dialect, names or k, path, rows[0], faults)
     degrees = columns is None and has_degrees(top.header or " ".join(top.comments[-3:]))
-    return Look(dialect, names, whole, start, top.announced, top.header, degrees, row, note)
+    return TextProperties(dialect, names, whole, start, top.announced, top.header, degrees, row, note)
 
 
 def _check_top(top: Top) -> None:
@@ -87,11 +87,11 @@ def _check_top(top: Top) -> None:
         raise ValueError("is a molecule (atoms with their elements), not a point cloud")
     if not top.rows:
         shown = f"; it begins with {shortened(top.header)}" if top.header else ""
-        raise ValueError(f"has no rows of at least three numbers{shown}")
+        raise ValueError(f"contains no rows of at least three numbers{shown}")
 
 
 def dialect_of(rows: Sequence[str]) -> Dialect:
-    """What separates the numbers of rows; ValueError if that cannot be told."""
+    """Return the separators of rows of numbers; raise ValueError if they are ambiguous."""
     text = "\n".join(rows)
     if "," not in text:
         return Dialect(b";" if ";" in text else b"")
@@ -104,16 +104,16 @@ def dialect_of(rows: Sequence[str]) -> Dialect:
     if mixed is not None:
         raise ValueError(f"{MIXED}: {shortened(mixed)}")
     if re.search(r'"[^",\n]*,[^",\n]*"', re.sub(r'"\s*,\s*"', '";"', text)):
-        raise ValueError(f"its numbers have decimal commas, and commas between them: {shortened(rows[0])}")
+        raise ValueError(f"decimal commas and commas as separators cannot be told apart: {shortened(rows[0])}")
     return Dialect(b",")
 
 
 def _named(fields: list[str], top: Top, dialect: Dialect, columns: Sequence[str] | None) -> list[str] | None:
-    """The names of the columns as the caller or a header gives them; None if neither does."""
+    """Return the column names given by the caller or a header; None if neither names them."""
     k, row = len(fields), " ".join(fields)
     if columns is not None:
         if len(columns) != k:
-            raise ValueError(f"{len(columns)} columns are named, its first row has {k}: {shortened(row)}")
+            raise ValueError(f"{len(columns)} columns are named, but the first row has {k}: {shortened(row)}")
         return [name_of(name) for name in columns]
     headers = [top.header] if top.header is not None else top.comments[:-4:-1]
     for header in headers:
@@ -123,14 +123,14 @@ def _named(fields: list[str], top: Top, dialect: Dialect, columns: Sequence[str]
                 return names
     if top.header is not None:
         raise ValueError(
-            f"its header {shortened(top.header)} does not name x, y, z, or not {k} columns, "
-            f"as the first row has: {shortened(row)}: {HOW}"
+            f"invalid header {shortened(top.header)}: expected names with x, y, z for {k} columns, "
+            f"as in the first row: {shortened(row)}: {ADVICE}"
         )
     return None
 
 
 def _split(header: str, dialect: Dialect) -> list[list[str]]:
-    """The fields of a header: it may have other separators than the rows."""
+    """Split a header in all likely ways: its separators may differ from those of the rows."""
     text = re.sub(r"^\s*(#|//)+\s*", "", header).strip()
     return [
         *([fields_of(text.replace(" ", "_"), dialect)] if dialect.delimiters else []),
@@ -142,7 +142,7 @@ def _split(header: str, dialect: Dialect) -> list[list[str]]:
 def _numbers(
     text: bytes, start: int, dialect: Dialect, names: list[str] | int, path: Path, first: str, faults: Faults
 ) -> tuple[list[str], list[bool], float, str]:
-    """The names of columns, judged from the first rows if there are none; which are whole; bytes of a row; a note."""
+    """Return the names of the columns (found from the rows if missing), which are integers, bytes per row, a note."""
     if isinstance(names, int):
         k, modes = names, [FLOAT] * names
     else:
@@ -153,20 +153,22 @@ def _numbers(
     except ValueError as error:
         raise _explained(error, first, dialect, modes) from None
     if not len(block):
-        raise ValueError(f"has no rows of {k} numbers; the first one is {shortened(first)}")
+        raise ValueError(f"contains no rows of {k} numbers; the first row is {shortened(first)}")
     whole, note = [bool(x) for x in scan.stats[:, 0]], ""
     if isinstance(names, int):
         try:
-            names, note = judge(block.take(range(k), np.float64), whole, INTENSITY_FIRST.get(path.suffix.lower()))
+            names, note = recognise_columns(
+                block.take(range(k), np.float64), whole, INTENSITY_FIRST.get(path.suffix.lower())
+            )
         except UndecidedError as error:
-            raise ValueError(f"{error}: {HOW}; its first row is {shortened(first)}") from None
+            raise ValueError(f"{error}: {ADVICE}; the first row is {shortened(first)}") from None
     return names, whole, (block.end - start) / len(block), note
 
 
 def _explained(error: ValueError, row: str, dialect: Dialect, modes: list[int]) -> ValueError:
-    """An error of the first rows, with what to do about columns of words."""
+    """Return an error in the first rows, with advice about columns of words."""
     for k, (field, mode) in enumerate(zip(fields_of(row, dialect), modes, strict=False), 1):
         if mode != SKIP and field and number_of(field, dialect) is None:
-            what = f"column {k} holds {shortened(field)}, which is no number"
-            return ValueError(f"{what}: leave it out with a - in --columns x,y,z,...")
+            what = f"column {k} contains {shortened(field)}, which is not a number"
+            return ValueError(f"{what}: ignore the column with a - in --columns x,y,z,...")
     return error

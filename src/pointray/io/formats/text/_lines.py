@@ -1,4 +1,4 @@
-"""The lines of a text file's beginning: which hold numbers, and which come before them."""
+"""Lines at the beginning of a text file: comments, header and rows."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ FIELDS = re.compile(r'[\s,;"]+')
 PLAIN = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)(e[+-]?\d+)?|[+-]?(nan|inf)|[+-]?1\.#\w+", re.IGNORECASE)
 UTF8, UTF16 = b"\xef\xbb\xbf", (b"\xff\xfe", b"\xfe\xff")
 BINARY = bytes({*range(32)} - {9, 10, 11, 12, 13, 26})
-BLOCK = 1 << 22  # bytes of text that are parsed together
-LONGEST = 1 << 20  # bytes of a line
-SHOWN = 60  # characters of a line in a message
+BLOCK = 1 << 22  # bytes of text parsed at a time
+LONGEST = 1 << 20  # maximum bytes of a line
+SHOWN = 60  # maximum length of a line quoted in a message
 
 
 class Top(NamedTuple):
-    """The lines before the rows."""
+    """Lines before the rows, and the first rows."""
 
     comments: list[str]
     header: str | None
     announced: int | None
-    rows: list[tuple[int, str]]  # offsets and texts of the lines from the first row on
+    rows: list[tuple[int, str]]  # offset and text of each line from the first row on
 
 
 def numbers_in(line: str) -> list[bool]:
-    """For each field of a line, whether it looks like a number."""
+    """Return for each field of a line whether it looks like a number."""
     return [PLAIN.fullmatch(field) is not None for field in FIELDS.split(line.strip(' \t,;"')) if field]
 
 
 def is_row(line: str) -> bool:
-    """Whether a line has at least three numbers: it may have words too."""
+    """Whether a line has at least three numbers; it may contain words too."""
     return sum(numbers_in(line)) >= 3
 
 
 def top_of(text: bytes, begin: int = 0) -> Top:
-    """The lines of a file's beginning, sorted; those of rows are missing if there are none."""
+    """Classify the lines at the beginning of a file; `rows` may be empty."""
     comments: list[str] = []
     header: str | None = None
     announced: int | None = None
@@ -55,29 +55,29 @@ def top_of(text: bytes, begin: int = 0) -> Top:
 
 
 def lines_of(text: bytes) -> list[tuple[int, str]]:
-    """The lines of a text that are not blank, with their offsets; the last one may be cut off."""
+    """Return the offset and text of each line that is not blank; the last one may be incomplete."""
     found = re.finditer(rb"[^\r\n]+", text)
     return [(m.start(), m[0].decode("latin-1")) for m in found if m[0].strip(b" \t")]
 
 
 def shortened(text: str) -> str:
-    """A text for a message."""
+    """Return a text quoted and shortened for a message."""
     text = text.strip()
     return repr(text if len(text) <= SHOWN else text[:SHOWN] + "...")
 
 
 def is_binary(head: bytes) -> bool:
-    """Whether a file's beginning is no text of one byte a letter."""
+    """Whether the beginning of a file is not text with one byte per character."""
     return len(head.translate(None, BINARY)) < len(head)
 
 
 def is_ptx(head: bytes) -> bool:
-    """Whether a file begins as PTX does: two lines with a whole number each, then three numbers."""
+    """Whether a file begins like PTX: two lines with an integer each, then three numbers."""
     return re.match(rb"(\s*\d+[ \t]*(\r\n|\r|\n)){2}[ \t]*\S+[ \t]+\S+[ \t]+\S+[ \t]*[\r\n]", head) is not None
 
 
 def line_at(file: BinaryIO, offset: int) -> tuple[int, str, int]:
-    """The number, from 1, and the text of the line that an offset is in, and the offset's place in it."""
+    """Return the number, from 1, and the text of the line at an offset, and the offset's position within it."""
     file.seek(0)
     number, left, start, last = 1, offset, 0, b""
     while left > 0 and (text := file.read(min(left, BLOCK))):

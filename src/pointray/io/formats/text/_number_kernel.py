@@ -1,32 +1,32 @@
-"""The compiled part of reading numbers from text, see `_numbers`.
+"""Compiled kernel for parsing numbers in text, see `_numbers`.
 
-A number's digits are read as a whole number w and a power of ten q, and w * 10^q becomes the nearest float64 in whole
-numbers alone (Lemire, Number parsing at a gigabyte per second, 2021): kernels may replace a division by a product,
-which would change last bits. What that cannot do (subnormal numbers, more than 19 digits that decide, words) is left to
-Python's float.
+The digits of a number are read as an integer w and a power of ten q. w * 10^q is rounded to the nearest float64 with
+integer arithmetic only (Lemire, Number parsing at a gigabyte per second, 2021), because kernels may replace a division
+by a multiplication, which would change the last bits. Cases that this does not cover (subnormal numbers, more than 19
+significant digits, unusual words) are left to Python's float.
 """
 
 from __future__ import annotations
 
 from ....engine.jit import Array, borrow, i64, inline, kernel, next_tile, u64
 
-OTHER, DIGIT, DOT, BLANK, DELIMITER, END = range(6)  # what a byte is; from BLANK on it separates
-SKIP, FLOAT, SCAN, INT = range(4)  # what becomes of a column: nothing, float64, its limits if whole, int64
-WHOLE, REAL, NAN, INFINITE, BAD = range(5)  # what a token is
-FINE, COLUMNS, SINGLE, NOT_WHOLE = range(4)  # why a piece ends
-ROWS, WHY, WHERE, ODD, STATES = range(5)  # columns of the table of pieces
-IS_WHOLE, LEAST, MOST, STATS = range(4)  # what is noted of columns
-MARK = 0x7FFC << 48  # a NaN with the offset of a token that is left to Python in its low bits
+OTHER, DIGIT, DOT, BLANK, DELIMITER, END = range(6)  # classes of bytes; from BLANK on they separate
+SKIP, FLOAT, SCAN, INT = range(4)  # modes of a column: ignored, float64, limits of integers, int64
+WHOLE, REAL, NAN, INFINITE, BAD = range(5)  # classes of tokens
+FINE, COLUMNS, SINGLE, NOT_WHOLE = range(4)  # why parsing of a piece ends: at its end, wrong columns, one, no integer
+ROWS, WHY, WHERE, ODD, STATES = range(5)  # columns of the table of pieces; ODD: number of tokens left to Python
+IS_WHOLE, LEAST, MOST, STATS = range(4)  # statistics of a column
+MARK = 0x7FFC << 48  # NaN whose low bits are the offset of a token left to Python
 NOT_A_NUMBER, INFINITY, SIGN_BIT = 0x7FF8 << 48, 0x7FF0 << 48, -(1 << 63)
-LOWEST, HIGHEST = -342, 308  # powers of ten in the table
-DIGITS = 19  # that a whole number of 64 bits always holds
+LOWEST, HIGHEST = -342, 308  # range of the powers of ten in the table
+DIGITS = 19  # number of digits that always fit into 64 bits
 
 Number = tuple[int, int, int, int, bool, bool]
 
 
 @inline
 def _byte(data: Array, at: int) -> int:
-    """A byte; an index without a sign is not checked for counting from the end."""
+    """Return a byte. An unsigned index avoids the check for negative indices."""
     return i64(data[u64(at)])
 
 
@@ -37,7 +37,7 @@ def _kind(table: Array, data: Array, at: int) -> int:
 
 @inline
 def _product(a: int, b: int) -> tuple[int, int]:
-    """The upper and the lower 64 bits of a product."""
+    """Return the upper and the lower 64 bits of a product."""
     mask, half = u64(0xFFFFFFFF), u64(32)
     a0, a1, b0, b1 = a & mask, a >> half, b & mask, b >> half
     low, cross, other = a0 * b0, a0 * b1, a1 * b0
@@ -59,7 +59,7 @@ def _leading_zeros(w: int) -> int:
 
 @inline
 def _float_bits(w: int, q: int, powers: Array) -> int:
-    """The bits of the float64 nearest to w * 10^q, w > 0; -1 if it is subnormal."""
+    """Return the bits of the float64 nearest to w * 10^q, w > 0; -1 if it is subnormal."""
     if q < LOWEST or q > HIGHEST:
         return 0 if q < LOWEST else INFINITY
     zeros = _leading_zeros(w)
@@ -76,7 +76,7 @@ def _float_bits(w: int, q: int, powers: Array) -> int:
     mantissa = high >> shift
     power = ((217706 * q) >> 16) + 63 + 1023 - zeros + i64(upper)
     if low <= u64(1) and -4 <= q <= 23 and mantissa & u64(3) == u64(1) and mantissa << shift == high:
-        mantissa -= u64(1)  # exactly between two numbers: to the even one
+        mantissa -= u64(1)  # halfway between two numbers: round to even
     mantissa = (mantissa + (mantissa & u64(1))) >> u64(1)
     if mantissa >> u64(53) != u64(0):
         mantissa = mantissa >> u64(1)
@@ -88,10 +88,10 @@ def _float_bits(w: int, q: int, powers: Array) -> int:
 
 @inline
 def _bits(number: Number, powers: Array) -> int:
-    """The bits of a token as float64; -1 if Python must read it."""
+    """Return the bits of a token as float64; -1 if it is left to Python."""
     _, form, w, q, negative, cut = number
     bits = NOT_A_NUMBER if form == NAN else INFINITY if form == INFINITE else 0
-    if form == WHOLE or form == REAL:  # noqa: SIM109  # a tuple would be made
+    if form == WHOLE or form == REAL:  # noqa: SIM109  # `in` would create a tuple
         if w != u64(0):
             bits = _float_bits(w, q, powers)
         if cut and bits != _float_bits(w + u64(1), q, powers):
@@ -103,7 +103,7 @@ def _bits(number: Number, powers: Array) -> int:
 
 @inline
 def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, int, int, int, bool]:
-    """Reads digits: where they end, w with them, how many count in it, how many are lost, if one of these is not 0."""
+    """Read digits; return the end, w, the counts of digits used and dropped, and whether a dropped one is not 0."""
     cut = False
     d = _byte(data, at) - 48
     while 0 <= d <= 9:
@@ -120,7 +120,7 @@ def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, in
 
 @inline
 def _few_digits(data: Array, at: int, w: int) -> tuple[int, int]:
-    """Reads digits, at most 19 of which count: where they end, and w with them."""
+    """Read at most 19 significant digits; return the end and w."""
     d = _byte(data, at) - 48
     while 0 <= d <= 9:
         w = w * u64(10) + u64(d)
@@ -131,7 +131,7 @@ def _few_digits(data: Array, at: int, w: int) -> tuple[int, int]:
 
 @inline
 def _word(data: Array, at: int) -> int:
-    """What three letters are."""
+    """Classify a word of three letters."""
     a, b, c = _byte(data, at) | 32, 0, 0
     if a == 110 or a == 105:
         b = _byte(data, at + 1) | 32
@@ -144,13 +144,13 @@ def _word(data: Array, at: int) -> int:
 
 @inline
 def _exponent(data: Array, at: int) -> tuple[int, int]:
-    """Reads what follows an e; where it ends, -1 if it has no digits, and its value."""
+    """Read an exponent after its e; return the end, or -1 if it has no digits, and its value."""
     sign = _byte(data, at)
     at += 1 if sign == 45 or sign == 43 else 0
     begin, value = at, 0
     d = _byte(data, at) - 48
     while 0 <= d <= 9:
-        value = min(10 * value + d, 1 << 30)  # far more than a line has digits
+        value = min(10 * value + d, 1 << 30)  # avoids overflow; a line has far fewer digits
         at += 1
         d = _byte(data, at) - 48
     return at if at > begin else -1, -value if sign == 45 else value
@@ -158,7 +158,7 @@ def _exponent(data: Array, at: int) -> tuple[int, int]:
 
 @inline
 def _token(data: Array, at: int, table: Array) -> Number:
-    """Reads a token: where it ends, what it is, w, q, its sign, and whether digits that are not 0 are left out of w."""
+    """Read a token; return its end, its class, w, q, its sign, and whether nonzero digits were dropped."""
     first = _byte(data, at)
     negative = first == 45
     at += 1 if negative or first == 43 else 0
@@ -194,7 +194,7 @@ def _token(data: Array, at: int, table: Array) -> Number:
 
 @inline
 def _store(number: Number, begin: int, mode: int, powers: Array, stats: Array, out: Array, item: int) -> int:
-    """Stores a token; 1 if Python must read it, -1 if a whole number was expected."""
+    """Store a token; return 1 if it is left to Python, -1 if an integer was expected, else 0."""
     _, form, w, q, negative, cut = number
     if mode == FLOAT:
         bits = _bits(number, powers)
@@ -216,11 +216,11 @@ def _store(number: Number, begin: int, mode: int, powers: Array, stats: Array, o
 def _line(
     data: Array, at: int, setting: Array, powers: Array, stats: Array, out: Array, item: int
 ) -> tuple[int, int, int, int]:
-    """Parses a line into items from `item` on: where it ends, what is wrong with it, where, tokens left to Python."""
+    """Parse a line into items from `item` on; return its end, the error, its place, and the tokens left to Python."""
     table, modes, k = setting[:256], setting[257:], len(setting) - 257
     empty = (at, NAN, u64(0), 0, False, False)
     begin, column, odd = at, 0, 0
-    awaited = False  # whether a delimiter has been read, and nothing behind it
+    awaited = False  # whether a delimiter has been read, with nothing after it yet
     kind = _kind(table, data, at)
     while kind != END:
         if kind == BLANK:
@@ -262,11 +262,11 @@ def _is_comment(data: Array, at: int) -> bool:
 def parse_pieces(
     work: Array, data: Array, pieces: Array, setting: Array, powers: Array, out: Array, states: Array, stats: Array
 ) -> int:
-    """Parses pieces of text, each into the items of `out` that begin with the number of its first byte.
+    """Parse pieces of text, each into the items of `out` that begin at the index of its first byte.
 
-    data : (bytes,) uint8; pieces : (p + 1,) int64, where they begin, after the end of a line
-    setting : (257 + k,) uint8, what each byte is, 1 if there are comments, what becomes of each column
-    out : (bytes,) int64, row after row; states : (p, STATES) int64; stats : (p, k, STATS) int64
+    data : (bytes,) uint8; pieces : (p + 1,) int64, offsets where pieces begin, each after the end of a line
+    setting : (257 + k,) uint8, class of each byte value, whether there are comments, mode of each column
+    out : (bytes,) int64, row by row; states : (p, STATES) int64; stats : (p, k, STATS) int64
     """
     data, out, setting, powers, stats = borrow(data), borrow(out), borrow(setting), borrow(powers), borrow(stats)
     k = len(setting) - 257
@@ -276,7 +276,7 @@ def parse_pieces(
         row, odd, why, where = 0, 0, FINE, end
         while at < end:
             kind = _kind(setting, data, at)
-            if kind == BLANK or kind == END:  # noqa: SIM109  # a tuple would be made
+            if kind == BLANK or kind == END:  # noqa: SIM109  # `in` would create a tuple
                 at += 1
             elif setting[256] != 0 and _is_comment(data, at):
                 while _kind(setting, data, at) != END:

@@ -1,9 +1,9 @@
-"""Numbers in text: columns of them, read block by block on all cores.
+"""Parsing of columns of numbers in text, block by block on all cores.
 
-Each number is what Python's float makes of it, to the last bit; whole numbers stay whole. The compiled part is in
-`_number_kernel`. 10 million lines of six numbers (330 MB) take 1.6 s of one core; np.loadtxt takes 9.7 s.
+Each number equals the result of Python's float to the last bit; integers stay integers. The compiled part is
+`_number_kernel`. 10 million lines of six numbers (330 MB) take 1.6 s on one core; np.loadtxt takes 9.7 s.
 
-`Dialect` says what separates numbers, `Reader` reads blocks of rows with it.
+`Dialect` describes the separators, `Reader` reads blocks of rows.
 """
 
 from __future__ import annotations
@@ -50,25 +50,25 @@ from ._powers_of_ten import powers_of_ten
 
 __all__ = ["FLOAT", "INT", "SCAN", "SKIP", "Block", "Dialect", "Reader", "line_at", "number_of", "smallest"]
 
-ROW = 64  # bytes of a row, about
-FIRST = 1 << 14  # bytes of the first block behind a line that interrupts the rows: many of these may be close together
-PIECE = 1 << 18  # bytes of it that a thread parses at a time
+ROW = 64  # approximate bytes of a row
+FIRST = 1 << 14  # bytes of the first block after a line that interrupts the rows: such lines may be close together
+PIECE = 1 << 18  # bytes of a block that a thread parses at a time
 NUMBER = re.compile(r"[+-]?((\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|nan|inf|infinity)", re.IGNORECASE | re.ASCII)
 
 
 class Dialect(NamedTuple):
-    """How numbers are written.
+    """Notation of numbers.
 
     Attributes
     ----------
     delimiters : bytes
-        Each of these is one separator; blanks are too, in any number. Two in a row have an empty field between them.
+        Each of these bytes separates two fields, which may be empty. Any number of blanks separates too.
     decimal : bytes
-        What stands between whole part and fraction.
+        Decimal separator.
     comments : bool
-        Whether lines that begin with # or // are left out.
+        Whether lines beginning with # or // are skipped.
     newline : bytes
-        The byte that ends lines.
+        Byte that ends lines.
     """
 
     delimiters: bytes = b""
@@ -78,11 +78,11 @@ class Dialect(NamedTuple):
 
     @property
     def table(self) -> NDArray[np.uint8]:
-        """What each byte is, (256,)."""
+        """Class of each byte value, (256,)."""
         table = np.zeros(256, np.uint8)
         for kind, letters in (
             (DIGIT, b"0123456789"),
-            (BLANK, b' \t\v\f"\x1a'),  # quotes of numbers in CSV too, and what ends files of CP/M and MS-DOS
+            (BLANK, b' \t\v\f"\x1a'),  # also quotes around numbers in CSV, and the end-of-file byte of MS-DOS
             (END, b"\r\n"),
             (DOT, self.decimal),
             (DELIMITER, self.delimiters),
@@ -98,12 +98,12 @@ class Block:
     Attributes
     ----------
     pieces : list of (n, k) int64
-        Bits of float64, or whole numbers; valid until the next block is read.
+        Bits of float64, or integers; valid until the next block is read.
     modes : (k,) uint8
     stats : (k, STATS) int64
-        Of columns to `SCAN` or with `INT`: whether all is whole, the least and the greatest number.
+        For columns in mode `SCAN` or `INT`: whether all values are integers, the minimum and the maximum.
     end : int
-        The offset behind the last row, in the file.
+        Offset in the file after the last row.
     """
 
     pieces: Sequence[NDArray[np.int64]]
@@ -115,9 +115,9 @@ class Block:
         return sum(map(len, self.pieces))
 
     def take(self, columns: Sequence[int], dtype: Any) -> NDArray[Any]:
-        """Columns in an array (n, m) of their own."""
+        """Return columns as an array (n, m)."""
         out, start = np.empty((len(self), len(columns)), dtype), 0
-        with np.errstate(over="ignore"):  # too large a number becomes infinite
+        with np.errstate(over="ignore"):  # overflow to infinity
             for piece in self.pieces:
                 rows = slice(start, start + len(piece))
                 for j, c in enumerate(columns):
@@ -127,24 +127,24 @@ class Block:
 
 
 class Reader:
-    """Rows of numbers in a file, from an offset on.
+    """Reads rows of numbers of a file, from an offset on.
 
     Parameters
     ----------
     file : binary stream
     dialect : Dialect
     modes : sequence of int
-        What each column becomes: `FLOAT`, `INT`, `SKIP` (it may hold anything), or `SCAN`, which finds its limits.
+        Mode of each column: `FLOAT`, `INT`, `SKIP` (may contain anything), or `SCAN`, which finds its limits.
     start : int
     rows : int or None
-        About how many rows are expected: of few rows, few bytes are read.
+        Expected number of rows, which limits the first read.
     faults : Faults, optional
-        Gets the fault of a last line that is cut off; it is left out.
+        Receives the fault of an incomplete last line, which is left out.
 
     Attributes
     ----------
     at : int
-        Where it is in the file: at its end, or at a line with a single field, which is no row and ends the rows.
+        Current offset: the end of the file, or a line with a single field, which ends the rows.
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class Reader:
         self._next = BLOCK if rows is None else min(BLOCK, FIRST + rows * ROW)
 
     def blocks(self) -> Iterator[Block]:
-        """Blocks of rows. ValueError tells the line with another number of columns, or a word that is no number."""
+        """Yield blocks of rows. Raise ValueError, with the line, for a wrong number of columns or an invalid number."""
         while text := self._read():
             block, why, where = self._parse(text)
             if why in (COLUMNS, NOT_WHOLE) and not self._is_cut(where):
@@ -177,7 +177,7 @@ class Reader:
                 return
 
     def _read(self) -> bytes:
-        """Whole lines."""
+        """Read whole lines."""
         self._file.seek(self.at)
         text = self._file.read(self._next)
         wanted, end = self._next, text.rfind(self._dialect.newline)
@@ -190,10 +190,10 @@ class Reader:
             text += more
         if len(text) == wanted:
             return text[: end + 1]
-        return text + b"\n" if text and text[-1:] not in (b"\r", b"\n") else text  # the last line has no end
+        return text + b"\n" if text and text[-1:] not in (b"\r", b"\n") else text  # the last line may lack a newline
 
     def _parse(self, text: bytes) -> tuple[Block, int, int]:
-        """The rows of a text, and why and where they end."""
+        """Return the rows of a text, and why and at which offset they end."""
         pieces = self._cut(text)
         count, k = len(pieces) - 1, len(self._modes)
         states = np.zeros((count, STATES), np.int64)
@@ -220,7 +220,7 @@ class Reader:
         return Block(rows, self._modes, limits, 0), why, self.at + where
 
     def _cut(self, text: bytes) -> NDArray[np.int64]:
-        """Where pieces of the text begin, and its end."""
+        """Return the offsets of the pieces of a text, followed by its end."""
         starts = [0]
         while starts[-1] + 2 * PIECE < len(text):
             end = text.find(self._dialect.newline, starts[-1] + PIECE)
@@ -230,7 +230,7 @@ class Reader:
         return np.array([*starts, len(text)], np.int64)
 
     def _read_odd(self, text: bytes, items: NDArray[np.int64]) -> int:
-        """Read the tokens that are left to Python; returns how many rows are whole."""
+        """Parse the tokens left to Python; return the number of complete rows."""
         for row, column in np.argwhere((items >> 48 == MARK >> 48) & (self._modes == FLOAT)):
             begin = int(items[row, column] & ((1 << 48) - 1))
             value = number_of(self._token(text, begin), self._dialect)
@@ -242,7 +242,7 @@ class Reader:
         return len(items)
 
     def _is_cut(self, where: int) -> bool:
-        """Whether the line at an offset is the file's last one, has no end and ends too early: it is left out."""
+        """Whether the line at an offset is an incomplete last line, without newline and too short; it is left out."""
         if self._faults is None or self._faults.strict:
             return False
         self._file.seek(where)
@@ -258,19 +258,19 @@ class Reader:
         return text[begin : end.start() if end else len(text)].decode("latin-1")
 
     def _error(self, why: int, where: int) -> ValueError:
-        """What is wrong with the line at an offset."""
+        """Return the error for the line at an offset."""
         number, line, within = line_at(self._file, where)
         shown = shortened(line)
         if why == COLUMNS:
             fields = len(fields_of(line, self._dialect))
-            return ValueError(f"line {number:,} has {fields} columns, not {len(self._modes)}: {shown}")
+            return ValueError(f"line {number:,} has {fields} columns, expected {len(self._modes)}: {shown}")
         word = self._token(line.encode("latin-1"), within)
-        what = f"{shortened(word)} is no {'whole ' if number_of(word, self._dialect) is not None else ''}number"
+        what = f"{shortened(word)} is not {'a whole ' if number_of(word, self._dialect) is not None else 'a '}number"
         return ValueError(f"line {number:,}: {what if word else 'a number is missing'}: {shown}")
 
 
 def number_of(text: str, dialect: Dialect) -> float | None:
-    """A token's number; None if it is none."""
+    """Return the number that a token represents; None if it is not a number."""
     if dialect.decimal != b".":
         text = "?" if "." in text else text.replace(dialect.decimal.decode(), ".")
     if NUMBER.fullmatch(text):
@@ -279,7 +279,7 @@ def number_of(text: str, dialect: Dialect) -> float | None:
 
 
 def fields_of(line: str, dialect: Dialect) -> list[str]:
-    """The fields of a line; a delimiter at its end is none."""
+    """Split a line into fields; a delimiter at its end adds no field."""
     line = line.replace('"', " ").replace("\x1a", " ").strip()
     if not dialect.delimiters:
         return line.split()
@@ -289,7 +289,7 @@ def fields_of(line: str, dialect: Dialect) -> list[str]:
 
 
 def smallest(low: int, high: int) -> np.dtype[Any]:
-    """The smallest type of whole numbers that holds these limits: uint8, int16, uint16, int32 or int64."""
+    """Return the smallest integer type for these limits: uint8, int16, uint16, int32 or int64."""
     for dtype in (np.uint8, np.int16, np.uint16, np.int32):
         if np.iinfo(dtype).min <= low and high <= np.iinfo(dtype).max:
             return np.dtype(dtype)

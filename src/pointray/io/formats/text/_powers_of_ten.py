@@ -1,4 +1,4 @@
-"""The powers of ten that `_number_kernel` multiplies with."""
+"""Table of powers of ten for `_number_kernel`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ._number_kernel import HIGHEST, LOWEST
 
 @cache
 def powers_of_ten() -> NDArray[np.uint64]:
-    """The leading 128 bits of 10^q, as pairs, rounded down; rounded up for q < 0."""
+    """Return the leading 128 bits of 10^q as pairs of uint64, rounded down for q >= 0, up for q < 0."""
     rows = []
     for q in range(LOWEST, HIGHEST + 1):
         five = 5 ** abs(q)

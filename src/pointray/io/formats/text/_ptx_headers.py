@@ -1,4 +1,4 @@
-"""The headers of a PTX file: where each scan begins, how many rows it announces, and how many are there."""
+"""Headers of a PTX file: where each scan begins, the announced number of rows, and the number of rows in the file."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from .._counts import most_lines
+from .._counts import count_lines
 from ._lines import lines_of, shortened
 
-HEADER, SHORT = 1 << 14, 1 << 10  # bytes that the ten lines of a header may have, and usually have
-LINES = 1 << 22  # bytes in which lines are counted at a time
+HEADER, SHORT = 1 << 14, 1 << 10  # maximum and usual bytes of the ten lines of a header
+LINES = 1 << 22  # bytes read at a time to count lines
 MOST_SCANS = 10_000
 BEGIN = re.compile(rb"(?<=[\r\n])([ \t]*\d+[ \t]*(\r\n|\r|\n)){2}[ \t]*[-+.\w]+([ \t]+[-+.\w]+){2}[ \t]*[\r\n]")
 
 
 class Scan(NamedTuple):
-    """What the header of a scan says.
+    """Contents of the header of a scan.
 
     Attributes
     ----------
     shape : (2,) tuple of int
-        Columns and rows of its grid.
+        Columns and rows of the grid.
     matrix : (4, 4) tuple of tuple of float
         For row vectors: world = (x, y, z, 1) @ matrix.
     start : int
-        The offset of its first row.
+        Offset of the first row.
     line : int
-        The number of that line.
+        Line number of the first row.
     fields : int
-        Numbers in its first row: 4, or 7 with colours; 0 if it has no rows.
+        Numbers in the first row: 4, or 7 with colours; 0 if there are no rows.
     rows : int
-        Rows that are there, about: `total` if the file holds what it announces.
+        Estimated number of rows in the file: `total` if it is complete.
     """
 
     shape: tuple[int, int]
@@ -47,16 +47,16 @@ class Scan(NamedTuple):
 
     @property
     def total(self) -> int:
-        """Rows that are announced, those without a return too."""
+        """Announced number of rows, including those without a return."""
         return self.shape[0] * self.shape[1]
 
 
-@lru_cache(maxsize=8)  # a file is opened twice: for its listing and to be read
+@lru_cache(maxsize=8)  # a file is opened twice: for its listing and for reading
 def scans_of(path: Path, size: int, time: int, strict: bool) -> tuple[list[Scan], str]:
-    """The headers of all scans, and what is wrong with a last one that is cut off.
+    """Return the headers of all scans, and the error of an incomplete last header.
 
-    Only ends of lines are counted between them: 1 GB takes half a second. A header that is not where it should be is
-    searched for, unless the reader is strict.
+    The rows are skipped by counting newlines: 1 GB takes half a second. A header that is not at the expected place is
+    searched for, unless `strict`.
     """
     scans: list[Scan] = []
     with path.open("rb") as file:
@@ -91,13 +91,13 @@ def scans_of(path: Path, size: int, time: int, strict: bool) -> tuple[list[Scan]
             scans.append(header)
             line = header.line + header.rows
     if not scans:
-        raise ValueError("is no PTX file: it has no header of ten lines")
+        raise ValueError("is not a valid PTX file: header of ten lines not found")
     return scans, ""
 
 
 def _next_header(file: BinaryIO, scan: Scan) -> tuple[int, int]:
-    """Where the header behind a scan's rows begins, or the file ends, and how many lines lie before it."""
-    offset = end = scan.start - 1  # the end of the header's last line; it may have none in the file
+    """Return the offset of the next header, or the end of the file, and the number of lines before it."""
+    offset = end = scan.start - 1  # the newline of the header's last line, which the file may lack
     file.seek(offset)
     tail, found = b"", None
     while found is None and (block := file.read(LINES)):
@@ -107,18 +107,18 @@ def _next_header(file: BinaryIO, scan: Scan) -> tuple[int, int]:
         tail = text[-SHORT:]
         offset += len(text) - len(tail)
     file.seek(scan.start)
-    return end, most_lines(file, end)
+    return end, count_lines(file, end)
 
 
 def _is_single(file: BinaryIO, offset: int) -> bool:
-    """Whether the first line behind an offset has a single field, as that of a header."""
+    """Whether the first line after an offset has a single field, like the first line of a header."""
     file.seek(offset)
     lines = lines_of(file.read(HEADER))
     return bool(lines) and len(lines[0][1].split()) == 1
 
 
 def _is_complete(file: BinaryIO, offset: int) -> bool:
-    """Whether a header has all of its lines."""
+    """Whether a header is complete."""
     file.seek(offset)
     return len(lines_of(file.read(HEADER))) > 10
 
@@ -129,7 +129,7 @@ def newline_of(file: BinaryIO) -> bytes:
 
 
 def _header(file: BinaryIO, offset: int, line: int, number: int) -> Scan | None:
-    """The header at an offset; None at the file's end."""
+    """Return the header at an offset; None at the end of the file."""
     file.seek(offset)
     text = file.read(HEADER)
     lines = lines_of(text[:SHORT])
@@ -142,7 +142,7 @@ def _header(file: BinaryIO, offset: int, line: int, number: int) -> Scan | None:
             row = line + _ends(text[:at])
             found = shortened(text[at:].splitlines()[0].decode("latin-1"))
             what = "one number" if wanted == 1 else f"{wanted} numbers"
-            raise ValueError(f"line {row:,} is in the header of scan {number}, where {what} must be: {found}")
+            raise ValueError(f"invalid line {row:,} in the header of scan {number}, expected {what}: {found}")
     if len(rows) < 10:
         raise ValueError(f"is cut off in the header of scan {number}, after line {line + _ends(text):,}")
     begin = lines[9][0]
@@ -152,7 +152,7 @@ def _header(file: BinaryIO, offset: int, line: int, number: int) -> Scan | None:
     fields = len(lines[10][1].split()) if len(lines) > 10 and columns * count else 0
     start = line + _ends(text[:end])
     if columns * count and len(lines) > 10 and fields not in (4, 7):
-        raise ValueError(f"line {start:,} has {fields} columns, not 4 or 7: {shortened(lines[10][1])}")
+        raise ValueError(f"line {start:,} has {fields} columns, expected 4 or 7: {shortened(lines[10][1])}")
     matrix = _matrix([row for _, row in rows[6:]], number)
     return Scan((columns, count), matrix, offset + end, start, fields, columns * count)
 
@@ -165,28 +165,28 @@ def _numbers_of(line: str) -> list[float]:
 
 
 def _ends(text: bytes) -> int:
-    """How many lines end in a text."""
+    """Count the line ends in a text."""
     return text.count(b"\n") + text.count(b"\r") - text.count(b"\r\n")
 
 
 def _whole(value: float, line: int, number: int) -> int:
     if not (0 <= value < 2**31 and value.is_integer()):
-        raise ValueError(f"the header of scan {number}, line {line:,}: a size must be a whole number, not {value:g}")
+        raise ValueError(f"the header of scan {number}, line {line:,}: expected an integer as size, got {value:g}")
     return int(value)
 
 
 def _matrix(rows: Sequence[Sequence[float]], number: int) -> tuple[tuple[float, ...], ...]:
-    """A scan's matrix for row vectors; some programs write the one for column vectors."""
+    """Return the matrix for row vectors; some programs write the one for column vectors."""
     matrix = np.array(rows)
     if (matrix[:, 3] != [0, 0, 0, 1]).any() and (matrix[3] == [0, 0, 0, 1]).all():
         matrix = matrix.T
     if (matrix[:, 3] != [0, 0, 0, 1]).any():
-        raise ValueError(f"the matrix of scan {number} has the last column {matrix[:, 3].tolist()}, not 0, 0, 0, 1")
+        raise ValueError(f"the matrix of scan {number} has last column {matrix[:, 3].tolist()}, expected 0, 0, 0, 1")
     return tuple(tuple(row) for row in matrix.tolist())
 
 
 def _skip_lines(file: BinaryIO, scan: Scan, size: int, newline: bytes, number: int) -> int:
-    """The offset behind a scan's rows."""
+    """Return the offset after the rows of a scan."""
     left, offset = scan.total, scan.start
     while left > 0:
         file.seek(offset)
@@ -198,7 +198,7 @@ def _skip_lines(file: BinaryIO, scan: Scan, size: int, newline: bytes, number: i
                 f"{scan.total - left:,} of {scan.total:,} rows"
             )
         ends = np.flatnonzero(np.frombuffer(text, np.uint8) == newline[0])
-        if offset + len(text) >= size and text[-1:] != newline:  # the last line has no end
+        if offset + len(text) >= size and text[-1:] != newline:  # the last line may lack a newline
             ends = np.append(ends, len(text) - 1)
         if len(ends) >= left:
             return offset + int(ends[left - 1]) + 1

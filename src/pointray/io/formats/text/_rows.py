@@ -1,4 +1,4 @@
-"""The rows of a text file."""
+"""Rows of a text file."""
 
 from __future__ import annotations
 
@@ -8,43 +8,46 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from ....cloud.georeference import Survey
-from .._counts import unequal
+from .._counts import count_mismatch
 from .._source import Chunk, Faults, Listing, Request, Source
 from ._columns import Layout, merged, scanning
-from ._first_look import LOOK, look_at
+from ._first_look import EXAMINED, examine_text
 from ._lines import shortened
 from ._numbers import Block, Reader, line_at
 
-MOST_BLOCKS = 10_000  # blocks of rows, each after a line with their number (PTS)
+MOST_BLOCKS = 10_000  # maximum number of blocks of rows, each after a line with their number (PTS)
 
 
 class TextSource(Source):
-    """The rows of a text file."""
+    """A text file with rows of numbers."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
         with path.open("rb") as file:
-            head = file.read(LOOK)
-        self._look = look = look_at(head, path, request.columns, self.faults)
-        self._layout, self.note = Layout.of(look.names), look.note
+            head = file.read(EXAMINED)
+        self._properties = properties = examine_text(head, path, request.columns, self.faults)
+        self._layout, self.note = Layout.of(properties.names), properties.note
         self._size = path.stat().st_size
-        facts: dict[str, Any] = {"columns": look.names, "separator": (look.dialect.delimiters or b" ").decode()}
-        if look.dialect.decimal == b",":
+        facts: dict[str, Any] = {
+            "columns": properties.names,
+            "separator": (properties.dialect.delimiters or b" ").decode(),
+        }
+        if properties.dialect.decimal == b",":
             facts["decimal"] = ","
-        if look.announced is not None:
-            facts["announced"] = look.announced
-        expected = max(int((self._size - look.start) / max(look.row, 1)), 1)
+        if properties.announced is not None:
+            facts["announced"] = properties.announced
+        expected = max(int((self._size - properties.start) / max(properties.row, 1)), 1)
         survey = Survey(
-            "EPSG:4326" if look.has_degrees else None, format="PTS" if path.suffix.lower() == ".pts" else None
+            "EPSG:4326" if properties.has_degrees else None, format="PTS" if path.suffix.lower() == ".pts" else None
         )
         self.listing = Listing(None, self._layout.row(), expected, survey, facts)
 
     def chunks(self) -> Iterator[Chunk]:
-        look, layout = self._look, self._layout
-        k = len(look.names)
+        properties, layout = self._properties, self._layout
+        k = len(properties.names)
         with self._path.open("rb") as file:
-            doubtful = layout.doubtful(look.whole)
-            if doubtful:  # all chunks have the same types, so all rows are looked at first: a third of the time
+            doubtful = layout.doubtful(properties.whole)
+            if doubtful:  # all chunks must have the same types, so all rows are scanned first: a third of the time
                 stats = merged(self._blocks(file, scanning(k, doubtful)), None)
                 assert stats is not None
                 layout = layout.typed(stats, doubtful)
@@ -53,9 +56,9 @@ class TextSource(Source):
                     yield layout.chunk(block, block.end / max(self._size, 1))
 
     def _blocks(self, file: BinaryIO, modes: list[int]) -> Iterator[Block]:
-        """All blocks of rows, checked against the numbers that are announced before them (PTS)."""
-        reader = Reader(file, self._look.dialect, modes, self._look.start, None, self.faults)
-        announced, line, total, there = self._look.announced, "the line before the first row", 0, 0
+        """Yield all blocks of rows, and compare their number with the announced ones (PTS)."""
+        reader = Reader(file, self._properties.dialect, modes, self._properties.start, None, self.faults)
+        announced, line, total, there = self._properties.announced, "the line before the first row", 0, 0
         for _ in range(MOST_BLOCKS):
             count = 0
             for block in reader.blocks():
@@ -71,19 +74,19 @@ class TextSource(Source):
         else:
             raise ValueError(f"has more than {MOST_BLOCKS:,} blocks of rows")
         if announced is not None and total != there:
-            self.faults.add(unequal(total, there, "rows"))
+            self.faults.add(count_mismatch(total, there, "rows"))
 
 
 def _check_count(announced: int | None, count: int, line: str) -> None:
     if announced is not None and announced != count:
         what = "is cut off" if count < announced else "is damaged"
-        raise ValueError(f"{what}: {line} announces {announced:,} rows, {count:,} are there")
+        raise ValueError(f"{what}: {line} announces {announced:,} rows, {count:,} found")
 
 
 def _announced(file: BinaryIO, reader: Reader, before: int | None, faults: Faults) -> tuple[int, str] | None:
-    """The number of rows in a line between rows, and where it is; the reader goes on behind it.
+    """Read the number of rows from a line between rows; return it with its place and move the reader past it.
 
-    None if the line is the file's last one, and is cut off.
+    Return None if the line is an incomplete last line.
     """
     number, text, within = line_at(file, reader.at)
     is_last = file.seek(0, 2) <= reader.at + len(text) - within
@@ -91,6 +94,6 @@ def _announced(file: BinaryIO, reader: Reader, before: int | None, faults: Fault
         faults.add("its last line is cut off")
         return None
     if before is None or not re.fullmatch(r"\s*\d{1,18}\s*", text):
-        raise ValueError(f"line {number:,} has 1 column, the rows before it have more: {shortened(text)}")
+        raise ValueError(f"line {number:,} has 1 column, the previous rows have more: {shortened(text)}")
     reader.at += len(text) - within
     return int(text), f"line {number:,}"

@@ -1,4 +1,4 @@
-"""PTX: grids of points, one after the other, each as a scanner saw them, with the matrix that places them."""
+"""PTX: gridded scans, one after the other, each with the matrix of its pose."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from numpy.typing import NDArray
 from ....base.warning_log import warn
 from ....cloud.georeference import SCAN, Survey
 from ...colors import GREY
-from .._counts import unequal
+from .._counts import count_mismatch
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._lines import is_binary, is_ptx, shortened
 from ._ptx_headers import Scan, newline_of, scans_of
 
-FAR = 10  # diagonals of all points: a scanner so far from them did not stand there
+FAR = 10  # in diagonals of the point cloud: a scanner farther away than this cannot have been there
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is a PTX file."""
+    """Detect PTX files."""
     if is_binary(head):
         return NO
     return SURE if is_ptx(head) else MAYBE if path.suffix.lower() == ".ptx" else NO
 
 
 class PtxSource(Source):
-    """The rows with a return of all scans."""
+    """All rows with a return of all scans."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -41,14 +41,14 @@ class PtxSource(Source):
         scans = self._scans
         self._has_colors = any(scan.fields == 7 for scan in scans)
         row = 40 + 6 * self._has_colors + 4 * (len(scans) > 1)
-        told = [{"columns": scan.shape[0], "rows": scan.shape[1]} for scan in scans]
+        grids = [{"columns": scan.shape[0], "rows": scan.shape[1]} for scan in scans]
         survey = Survey(stations=tuple(scan.matrix[3][:3] for scan in scans), format="PTX")  # type: ignore[misc]
-        self.listing = Listing(None, row, sum(scan.rows for scan in scans), survey, {"scans": told})
+        self.listing = Listing(None, row, sum(scan.rows for scan in scans), survey, {"scans": grids})
 
     def chunks(self) -> Iterator[Chunk]:
         grey = sum(scan.fields == 4 for scan in self._scans) if self._has_colors else 0
         if grey:
-            warn(f"{grey} of {len(self._scans)} scans have no colours: they are grey", stacklevel=2)
+            warn(f"{grey} of {len(self._scans)} scans have no colours: they are set to grey", stacklevel=2)
         low, high, seen = np.full(3, np.inf), np.full(3, -np.inf), 0
         self._there = 0
         with self._path.open("rb") as file:
@@ -62,7 +62,7 @@ class PtxSource(Source):
                     yield chunk
         total = sum(scan.total for scan in self._scans)
         if self._there != total:
-            self.faults.add(unequal(total, self._there, "rows"))
+            self.faults.add(count_mismatch(total, self._there, "rows"))
         facts = {**self.listing.facts, "without_return": self._there - seen}
         self.listing = replace(self.listing, facts=facts)
         if len(self._scans) == 1 and _is_unplaced(self._scans[0], low, high):
@@ -87,8 +87,8 @@ class PtxSource(Source):
         if done != scan.total and self.faults.strict:
             line, text, _ = line_at(file, min(reader.at, self._size - 1))
             raise ValueError(
-                f"scan {number + 1} ends at line {line:,}, {shortened(text)}: {scan.total:,} rows are announced, "
-                f"{done:,} are there"
+                f"scan {number + 1} ends at line {line:,}, {shortened(text)}: {scan.total:,} rows expected, "
+                f"{done:,} found"
             )
 
     def _chunk(
@@ -104,13 +104,13 @@ class PtxSource(Source):
             colors = np.full((len(rows), 3), GREY)
         if colors is not None and colors.size and not (colors.min() >= 0 and colors.max() <= 255):
             low, high = colors.min(), colors.max()
-            raise ValueError(f"the colours of scan {number + 1} reach from {low} to {high}, not 0 to 255")
+            raise ValueError(f"invalid colours of scan {number + 1}: got {low} to {high}, expected 0 to 255")
         world = _placed(rows[:, :3], np.array(scan.matrix))
         return Chunk(world, None, None if colors is None else colors.astype(np.uint8), attributes, share)
 
 
 def _placed(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points of a scan in the world."""
+    """Transform the points of a scan to world coordinates."""
     if (matrix == np.eye(4)).all():
         return points
     with np.errstate(invalid="ignore", over="ignore"):
@@ -118,7 +118,7 @@ def _placed(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray
 
 
 def _is_unplaced(scan: Scan, low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
-    """Whether a scan's header says nothing of its scanner: other programs write such ones, with world coordinates."""
+    """Whether the pose in a header is a placeholder: some programs write it with points in world coordinates."""
     if not (np.array(scan.matrix) == np.eye(4)).all() or not np.isfinite(low).all():
         return False
     apart = np.linalg.norm(np.maximum(np.maximum(low, -high), 0))
@@ -131,9 +131,9 @@ FORMAT = Format(
     recognise,
     PtxSource,
     {
-        "positions": "x, y, z in the world; rows of 0 0 0 are without a return and left out",
+        "positions": "x, y, z, transformed to world coordinates; rows of 0 0 0 (no return) are left out",
         "colors": "8 bits",
-        "attributes": "intensity; scan, if there are several",
-        "survey": "where each scan's scanner stood",
+        "attributes": "intensity; scan, if the file has several",
+        "survey": "the scanner position of each scan",
     },
 )

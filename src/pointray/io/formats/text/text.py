@@ -1,9 +1,9 @@
-"""Text with a point in each line: .xyz, .txt, .csv, .asc, .pts and the like.
+"""Text with one point per line: .xyz, .txt, .csv, .asc, .pts and similar.
 
-Columns are named by the caller or a header, else recognised from the first rows (`_unnamed_columns.judge`): x y z,
-normals of length 1, colours (whole numbers, or floats from 0 to 1), and one of intensity, label or alpha beside them,
-with a point's number or a time before them. All others are attributes column_4 and so on, with a warning. A file in
-which colours may be either of two groups of columns is refused.
+Columns are named by the caller or a header, or recognised from the first rows (see `_unnamed_columns`): x y z,
+normals of length 1, colours (integers, or floats from 0 to 1), one intensity, label or alpha next to them, and a point
+number or a time before them. Other columns become attributes column_4 and so on, with a warning. A file is refused if
+either of two groups of columns may be colours.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ GRID = re.compile(rb"\s*ncols\s+\d+\s", re.IGNORECASE)
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Whether a file is text with numbers in columns."""
+    """Detect text with columns of numbers."""
     named = path.suffix.lower() in EXTENSIONS
     if head[:2] in UTF16:
         return MAYBE if named else NO
@@ -38,8 +38,8 @@ def recognise(head: bytes, path: Path) -> int:
 def _open(path: Path, request: Request) -> Source:
     with path.open("rb") as file:
         if GRID.match(file.read(HEAD)):
-            raise ValueError("is a grid of heights (ESRI ASCII), not points: convert it to points first")
-    from ._rows import TextSource  # not before it is needed: it loads Numba
+            raise ValueError("is a height grid (ESRI ASCII): convert it to points first")
+    from ._rows import TextSource  # imported late: it loads Numba
 
     return TextSource(path, request)
 
@@ -52,8 +52,8 @@ FORMAT = Format(
     {
         "positions": "columns x, y, z, or easting, northing, height",
         "normals": "columns nx, ny, nz",
-        "colors": "columns r, g, b or red, green, blue: whole numbers, or floats from 0 to 1 or 255",
-        "attributes": "all other columns: whole numbers stay whole",
-        "note": "columns are named by --columns or a header, else recognised from the first rows",
+        "colors": "columns r, g, b or red, green, blue: integers, or floats from 0 to 1 or 255",
+        "attributes": "all other columns; integers stay integers",
+        "note": "columns are named by --columns or a header, otherwise recognised from the first rows",
     },
 )

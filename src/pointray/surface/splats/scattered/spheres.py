@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ....base.arguments import check_choice, check_positive
 from ....base.choices import AS_SPHERES, AS_SURFACE, AUTO, SCATTER
-from ....cloud.kd_ordering import Path, along_path
+from ....cloud.kd_ordering import KdOrdering, compute_kd_ordering
 from ....cloud.neighbors import NeighborTree
 from ....cloud.points import Points
 from ....cloud.statistics import CloudStatistics
@@ -105,7 +105,7 @@ def make_scattered(
     ValueError
         If all positions are equal and no radii are given.
     """
-    some, along = np.flatnonzero(mask), along_path(points)
+    some, along = np.flatnonzero(mask), compute_kd_ordering(points)
     statistics = CloudStatistics.of(len(along.positions))
     radii, directions = shapes_of(points, along, drawing, given, statistics, mask)
     colors = None if points.colors is None else points.colors[some]
@@ -114,7 +114,7 @@ def make_scattered(
 
 def shapes_of(
     points: Points,
-    along: Path,
+    along: KdOrdering,
     drawing: Drawing,
     given: Floats | None,
     statistics: CloudStatistics,
@@ -141,7 +141,7 @@ def shapes_of(
     """
     places = along.positions
     if len(places) > 1:
-        wanted, sampled = np.ones(len(places), np.bool_), statistics.rows_to_ask(len(places))
+        wanted, sampled = np.ones(len(places), np.bool_), statistics.rows_for_quantile(len(places))
         if mask is not None:
             wanted[:] = False
             wanted[along.ids[mask]] = True
@@ -188,7 +188,7 @@ def _at_places(
     limited, directions, around = np.zeros_like(radii), np.zeros_like(outwards), near[some]
     limited[some] = np.minimum(radii[some], WIDEST * np.median(radii[around], axis=1))
     most = min(
-        statistics.quantile_among("largest sphere", limited, sampled, LARGEST), largest_reach(places, statistics)
+        statistics.quantile_of_rows("largest sphere", limited, sampled, LARGEST), largest_reach(places, statistics)
     )
     np.minimum(limited, np.float32(most), out=limited)
     directions[some] = unit_vectors(outwards[some] + outwards[around].sum(axis=1))

@@ -143,7 +143,7 @@ def test_whole_numbers_with_a_scale_are_kept(rng, tmp_path):
     np.testing.assert_array_equal(numbers_of(survey, points.world) + residual, whole)
 
 
-def test_what_is_said_of_the_file_and_its_scans(tmp_path):
+def test_header_data_of_the_file_and_its_scans(tmp_path):
     sensor = {"name": "yard", "sensorVendor": "Acme", "sensorModel": "X1"}
     limits = {"intensityLimits": {"intensityMinimum": 0, "intensityMaximum": 4095}}
     path = save(tmp_path / "a.e57", (xyz_columns(), sensor | limits | pose()), crs="EPSG:25832")
@@ -176,11 +176,11 @@ def test_many_blocks_are_one_file(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('recordCount="500"', 'recordCount="9e9"', "recordCount of points is '9e9', which is no whole number"),
+        ('recordCount="500"', 'recordCount="9e9"', "recordCount of points is '9e9', not an integer"),
         ("<guid type", "<!DOCTYPE ", "its XML"),
-        ("cartesianX", "cartesianW", "scan 0 has no positions, only: cartesianW, cartesianY, cartesianZ"),
+        ("cartesianX", "cartesianW", "scan 0 has no positions; available: cartesianW, cartesianY, cartesianZ"),
         ('fileOffset="48"', 'fileOffset="7 "', "500 points from byte 7 of"),
-        ('type="CompressedVector"', 'type="Structure"', "holds no points: 1 scans are there, all empty"),
+        ('type="CompressedVector"', 'type="Structure"', "contains no points: 1 scans found, all empty"),
     ],
 )
 def test_what_the_header_says_is_checked(tmp_path, old, new, words):
@@ -193,7 +193,7 @@ def test_what_the_header_says_is_checked(tmp_path, old, new, words):
 def test_more_points_than_bytes_are_refused_before_memory_is_taken(tmp_path):
     path = save(tmp_path / "a.e57", (xyz_columns(), {}))
     with_xml(path, 'recordCount="500"', 'recordCount="987"')
-    with pytest.raises(ValueError, match=r"987 points of 23,688 bytes are announced, it has 14,336 bytes"):
+    with pytest.raises(ValueError, match=r"987 points of 23,688 bytes expected, 14,336 bytes found"):
         read(path, strict=True)
 
 
@@ -217,8 +217,8 @@ def test_a_file_that_is_being_written_is_refused(tmp_path):
 
 def test_xml_is_never_followed():
     for text, words in [
-        (b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><a>&x;</a>', "declares types"),
-        (b'<a xmlns:xsi="x" xsi:schemaLocation="http://x http://x/x.xsd"/>', "names a schema"),
+        (b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><a>&x;</a>', "declares XML types"),
+        (b'<a xmlns:xsi="x" xsi:schemaLocation="http://x http://x/x.xsd"/>', "refers to an XML schema"),
         (b"<a>" * 100 + b"</a>" * 100, "nested"),
         (b"<?xml version='1.0' encoding='utf-18'?><a/>", "unknown encoding"),
     ]:

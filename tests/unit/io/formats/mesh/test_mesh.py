@@ -123,7 +123,7 @@ def test_points_without_triangles_keep_their_order(rng, tmp_path):
     np.testing.assert_array_equal(points.positions, rows.astype(np.float32))
     np.testing.assert_array_equal(points.normals, normals.astype(np.float32))
     np.testing.assert_array_equal(points.colors, colors)
-    with pytest.raises(ValueError, match="has no triangles to scatter points on"):
+    with pytest.raises(ValueError, match="has no triangles to sample"):
         read(path, sample=10)
 
 
@@ -179,7 +179,7 @@ def test_a_scene_puts_meshes_where_they_belong(tmp_path):
     assert ((outward * points.normals).sum(axis=1) > 0).all()
 
 
-def test_a_count_is_told(tmp_path):
+def test_a_count_is_reported(tmp_path):
     path = save(tmp_path, ball(), "stl")
     (_, _, listing) = next(files.headers(path))
     assert listing.count is None
@@ -225,7 +225,7 @@ def test_cut_files_are_refused(tmp_path, kind):
         ("v 1 2,5 3", "line 5 is"),
         ("vn 1 x 3", "line 5 is"),
         ("f 1 2 9", "damaged"),
-        ("f 1 2 -4", "index -4, after 3 rows"),
+        ("f 1 2 -4", "index -4, but only 3 rows"),
     ],
 )
 def test_a_wrong_line_is_named(tmp_path, line, words):
@@ -260,7 +260,7 @@ def test_only_files_beside_are_opened(tmp_path, name):
 def test_triangles_of_ply_are_counted_first(tmp_path):
     path = save_ply(tmp_path / "a.ply", ball())
     path.write_bytes(path.read_bytes().replace(b"element face 320", b"element face 999999999"))
-    with pytest.raises(ValueError, match="999,999,999 rows of 'face' are announced"):
+    with pytest.raises(ValueError, match="999,999,999 rows of 'face' expected"):
         read(path, sample=10)
 
 

@@ -73,7 +73,7 @@ def test_missing_files_of_materials_are_named(tmp_path, absent, groups, has_uv):
         path.write_text(f"{faces}vt 0 0\n")
     points, notes = noted(path)
     assert points.colors is None
-    assert notes == [f"{path}: names '{absent}', not found in its folder: colors may be missing"]
+    assert notes == [f"{path}: refers to '{absent}', not found in its folder: colors may be missing"]
 
 
 # ------------------------------------------------------------------------------------------------------------ sampling
@@ -94,8 +94,8 @@ def test_a_box_is_sampled(tmp_path, kind):
     points, said = noted(path)
     assert len(points) == SAMPLES
     assert said == [
-        f"{path}: its {36 if kind == 'stl' else 8} vertices do not show its surface: 200,000 points are sampled on its "
-        "12 triangles; --sample 0 (in Python sample=0) takes the vertices"
+        f"{path}: its {36 if kind == 'stl' else 8} vertices are too sparse: 200,000 points are sampled on its "
+        "12 triangles; --sample 0 (in Python sample=0) reads the vertices instead"
     ]
     np.testing.assert_allclose(np.abs(points.world * [2, 1, 2 / 3]).max(axis=1), 1, atol=1e-5)  # on its faces
     vertices, said = noted(path, sample=0)
@@ -196,4 +196,4 @@ def test_without_trimesh_the_vertices_of_ply_are_read(tmp_path, monkeypatch):
     trimesh.creation.box().export(str(tmp_path / "a.ply"))
     monkeypatch.setattr("pointray.io.formats.mesh.mesh.find_spec", lambda name: None)
     points, said = noted(tmp_path / "a.ply")
-    assert len(points) == 8 and len(said) == 1 and "which needs trimesh: pip install" in said[0]
+    assert len(points) == 8 and len(said) == 1 and "because trimesh is missing: pip install" in said[0]

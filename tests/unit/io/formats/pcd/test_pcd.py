@@ -66,7 +66,7 @@ def test_points_without_a_packed_colour_are_grey(tmp_path, encoding):
     bits = np.full(len(XYZ), 0x00102030, np.uint32)
     bits[3], bits[5:] = 0x7FC00000, 0xFFC01122 if encoding == "binary" else 0x00C01122
     path = save(tmp_path / "a.pcd", {**dict(zip("xyz", XYZ.T, strict=True)), "rgba": bits.view(np.float32)}, encoding)
-    with pytest.warns(UserWarning, match=r"a.pcd: 1 points have no colour \(NaN\): they are grey"):
+    with pytest.warns(UserWarning, match=r"a.pcd: 1 points without a colour \(NaN\) are set to grey"):
         colors = read(path).colors
     assert colors[2:6].tolist() == [[16, 32, 48], [128] * 3, [16, 32, 48], [192, 17, 34]]
 
@@ -149,34 +149,34 @@ SIMPLE = dict(zip("xyz", XYZ.T, strict=True))
 @pytest.mark.parametrize(
     ("encoding", "lines", "message"),
     [
-        ("binary", {"POINTS": N + 1}, "line 10: 61 points are announced, WIDTH x HEIGHT are 60 x 1"),
+        ("binary", {"POINTS": N + 1}, "line 10: 61 points announced, but WIDTH x HEIGHT is 60 x 1"),
         (
             "binary",
             {"POINTS": N + 1, "WIDTH": N + 1},
-            "cut off: 61 points of 12 bytes or more are announced, 720 bytes",
+            "cut off: 61 points of 12 bytes or more expected, 720 bytes",
         ),
-        ("binary", {"POINTS": N - 1, "WIDTH": N - 1}, "goes on for 12 bytes"),
+        ("binary", {"POINTS": N - 1, "WIDTH": N - 1}, "has 12 more bytes"),
         ("binary", {"POINTS": 10**14, "WIDTH": 10**14}, "cut off"),
-        ("ascii", {"POINTS": N + 1, "WIDTH": N + 1}, "cut off: 61 points are announced, 60 are there"),
-        ("ascii", {"POINTS": N - 1, "WIDTH": N - 1}, "line 71: there are more points than the 59"),
+        ("ascii", {"POINTS": N + 1, "WIDTH": N + 1}, "cut off: 61 points expected, 60 found"),
+        ("ascii", {"POINTS": N - 1, "WIDTH": N - 1}, "line 71: more points follow than the 59"),
         ("ascii", {"POINTS": 10**14, "WIDTH": 10**14}, "cut off"),
-        ("binary_compressed", {"POINTS": N - 1, "WIDTH": N - 1}, "720 unpacked bytes are announced, 59 points"),
-        ("binary", {"POINTS": 0, "WIDTH": 0}, "holds no points"),
-        ("binary", {"POINTS": None, "WIDTH": None, "HEIGHT": None}, "neither a line POINTS nor a line WIDTH"),
-        ("binary", {"POINTS": "-5"}, "line 10: '-5' is no whole number"),
+        ("binary_compressed", {"POINTS": N - 1, "WIDTH": N - 1}, "720 decompressed bytes announced, but 59 points"),
+        ("binary", {"POINTS": 0, "WIDTH": 0}, "contains no points"),
+        ("binary", {"POINTS": None, "WIDTH": None, "HEIGHT": None}, "neither POINTS nor WIDTH found"),
+        ("binary", {"POINTS": "-5"}, "line 10: '-5' is not an integer"),
         ("binary", {"SIZE": "4 4"}, "line 4: SIZE has 2 values for 3 fields"),
-        ("binary", {"SIZE": "4 4 3"}, "line 5: the field 'z' has no known type: 'F 3'"),
-        ("binary", {"TYPE": "F F Q"}, "line 5: the field 'z' has no known type: 'Q 4'"),
-        ("binary", {"COUNT": "1 1 0"}, "has no columns x, y, z, only: x, y"),
-        ("binary", {"COUNT": "0 0 0"}, "has no columns x, y, z, only: none"),
+        ("binary", {"SIZE": "4 4 3"}, "line 5: the field 'z' has an unknown type: 'F 3'"),
+        ("binary", {"TYPE": "F F Q"}, "line 5: the field 'z' has an unknown type: 'Q 4'"),
+        ("binary", {"COUNT": "1 1 0"}, "columns x, y, z not found; available: x, y"),
+        ("binary", {"COUNT": "0 0 0"}, "columns x, y, z not found; available: none"),
         ("binary", {"COUNT": "1 1 999999999999999"}, "cut off"),
-        ("binary", {"FIELDS": "x y y"}, "line 3: there are two fields 'y'"),
-        ("binary", {"FIELDS": "x y w"}, "has no columns x, y, z, only: x, y, w"),
-        ("binary", {"FIELDS": None}, "no line FIELDS"),
-        ("binary", {"DATA": "binary_zip"}, "line 11: the data are 'binary_zip'"),
-        ("binary", {"DATA": None}, "cut off: there is no line 'DATA'"),
+        ("binary", {"FIELDS": "x y y"}, "line 3: duplicate field 'y'"),
+        ("binary", {"FIELDS": "x y w"}, "columns x, y, z not found; available: x, y, w"),
+        ("binary", {"FIELDS": None}, "line FIELDS not found"),
+        ("binary", {"DATA": "binary_zip"}, "line 11: got data 'binary_zip'"),
+        ("binary", {"DATA": None}, "cut off: line 'DATA' not found"),
         ("binary", {"VIEWPOINT": "0 0 0 1"}, "line 9: VIEWPOINT must be 7 numbers"),
-        ("binary", {"HEIGHT": "1\nFOO 3"}, "line 9: 'FOO 3' is no line of a PCD header"),
+        ("binary", {"HEIGHT": "1\nFOO 3"}, "line 9: 'FOO 3' is not valid in a PCD header"),
     ],
 )
 def test_headers_that_lie_are_refused(tmp_path, encoding, lines, message):
@@ -211,14 +211,14 @@ def test_lzf_gives_back_what_was_packed(rng, size, letters):
 @pytest.mark.parametrize(
     ("packed", "size", "message"),
     [
-        ([2, 1, 2], 3, "byte 1,001: the packed data ends within a run"),
-        ([0x20], 3, "ends within a run"),
-        ([0xE0, 4], 9, "ends within a run"),
-        ([0, 1, 0x20, 1], 4, "byte 1,004: the packed data refers to what is before its beginning"),
-        ([0, 1, 0x20, 0], 3, "holds more than it announces"),
-        ([3, 1, 2, 3, 4], 3, "holds more than it announces"),
-        ([3, 1, 2, 3, 4], 5, "5 unpacked bytes are announced, 4 are there"),
-        ([0, 1], 2**31, "2 packed bytes cannot hold 2,147,483,648"),
+        ([2, 1, 2], 3, "byte 1,001: the compressed data end within a run"),
+        ([0x20], 3, "end within a run"),
+        ([0xE0, 4], 9, "end within a run"),
+        ([0, 1, 0x20, 1], 4, "byte 1,004: the compressed data refer to bytes before their beginning"),
+        ([0, 1, 0x20, 0], 3, "contain more than announced"),
+        ([3, 1, 2, 3, 4], 3, "contain more than announced"),
+        ([3, 1, 2, 3, 4], 5, "5 decompressed bytes expected, 4 found"),
+        ([0, 1], 2**31, "2 compressed bytes cannot contain 2,147,483,648"),
     ],
 )
 def test_damaged_lzf_is_refused(packed, size, message):

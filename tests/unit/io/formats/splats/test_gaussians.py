@@ -10,7 +10,7 @@ from plyfile import PlyData, PlyElement
 from helpers.gaussian_files import packed, save, trained
 from helpers.places import shared_model
 from helpers.splat_files import check, cloud, damaged
-from pointray.cloud.normals.estimate import mend_normals
+from pointray.cloud.normals.estimate import repair_normals
 from pointray.io.files import headers, read, write
 from pointray.io.formats._source import HEAD, MAYBE, SURE, Request
 from pointray.io.formats.ply import _binary, ply
@@ -33,13 +33,13 @@ def test_transparent_splats_are_left_out(tmp_path):
     for opacity in (0.1, 0.5, 0.9):
         check(read(path, opacity=opacity), made, made.alpha >= opacity)
     check(read(path), made, made.alpha >= 0.1)
-    with pytest.warns(UserWarning, match=f"^[^ ]*{(made.alpha < 0.5).sum()} of 300 splats are left out, as their opac"):
+    with pytest.warns(UserWarning, match=f"^[^ ]*{(made.alpha < 0.5).sum()} of 300 splats are left out: their opac"):
         read(path, opacity=0.5)
-    with pytest.raises(ValueError, match=r"none of its 300 splats has an opacity of 1: the greatest is 0\.99"):
+    with pytest.raises(ValueError, match=r"none of its 300 splats has an opacity of 1 or more: the maximum is 0\.99"):
         read(path, opacity=1)
 
 
-def test_the_number_of_transparent_splats_is_told(tmp_path):
+def test_the_number_of_transparent_splats_is_reported(tmp_path):
     made = cloud(300)
     path = save(tmp_path / "a.ply", trained(made))
     with gaussians.GaussianSource(path, Request(opacity=0.5)) as source:
@@ -83,7 +83,7 @@ def test_other_properties_and_elements_are_kept_or_passed_over(tmp_path):
 @pytest.mark.parametrize("name", ["opacity", "rot_0", "rot_3", "f_dc_2", "scale_1", "x"])
 def test_missing_properties_are_named(tmp_path, name):
     path = save(tmp_path / "a.ply", trained(cloud(10), without=[name]))
-    with pytest.raises(ValueError, match=r"no properties x, y, z" if name == "x" else f"its splats have no {name}$"):
+    with pytest.raises(ValueError, match=r"properties x, y, z of" if name == "x" else f"of splats: {name}$"):
         read(path)
 
 
@@ -141,8 +141,8 @@ def test_signs_of_normals_are_set_by_what_mends_them(tmp_path):
     made.scale[:] = [-3, -3, -8]  # discs, which lie on a sphere and face in or out by chance
     up = made.xyz * rng.choice([-1, 1], (3000, 1))
     made.turn = np.column_stack([1 + up[:, 2], -up[:, 1], up[:, 0], np.zeros(3000)])
-    points, message = mend_normals(read(save(tmp_path / "a.ply", trained(made)), opacity=0))
-    assert "signs set anew" in message
+    points, message = repair_normals(read(save(tmp_path / "a.ply", trained(made)), opacity=0))
+    assert "signs recomputed" in message
     assert (points.normals * made.xyz).sum(axis=1).min() > 0.999
 
 
@@ -184,11 +184,11 @@ def test_more_splats_than_are_unpacked_together(tmp_path, monkeypatch):
         (packed(cloud(300), chunks=1), "300 splats need 2 chunks of 256, the header announces 1"),
         (packed(cloud(300), chunks=3), "300 splats need 2 chunks of 256, the header announces 3"),
         (packed(cloud(300), harmonics=False)[:-1], "is cut off: 300 splats reach to byte"),
-        (packed(cloud(3), names=["position", "rotation", "color", "x"]), "'vertex' has no packed_scale"),
-        (packed(cloud(3)).replace(b"min_scale_y", b"min_scale_w"), "'chunk' has no min_scale_y"),
-        (packed(cloud(3)).replace(b"element chunk", b"element chink"), "no element 'chunk', only: chink, vertex, sh"),
-        (packed(cloud(3)).replace(b"uint packed_c", b"float packed_c"), "'packed_color' is of type float32, not uint"),
-        (packed(cloud(3)).replace(b"binary_little_endian", b"ascii"), "takes a binary format, not ascii"),
+        (packed(cloud(3), names=["position", "rotation", "color", "x"]), "'vertex' lacks packed_scale"),
+        (packed(cloud(3)).replace(b"min_scale_y", b"min_scale_w"), "'chunk' lacks min_scale_y"),
+        (packed(cloud(3)).replace(b"element chunk", b"element chink"), "'chunk' not found; available: chink, vertex"),
+        (packed(cloud(3)).replace(b"uint packed_c", b"float packed_c"), "color' has type float32, expected uint"),
+        (packed(cloud(3)).replace(b"binary_little_endian", b"ascii"), "must be in a binary format, not ascii"),
         (packed(cloud(3)).replace(b"vertex 3", b"vertex 0"), "0 vertices"),
         (packed(cloud(3)).replace(b"vertex 3", b"vertex 999999999999"), "999,999,999,999 splats need"),
     ],
@@ -228,7 +228,7 @@ def test_a_file_of_supersplat():
 
 
 @pytest.mark.parametrize("kind", ["trained", "text", "compressed"])
-def test_damage_is_told_in_one_line(tmp_path, kind):
+def test_damage_is_reported_in_one_line(tmp_path, kind):
     rng = np.random.default_rng(5)
     path = tmp_path / "a.ply"
     if kind == "compressed":

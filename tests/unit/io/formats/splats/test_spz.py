@@ -72,19 +72,19 @@ MADE = cloud(20)
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (plain(MADE, 5), "is of SPZ's version 5; can read 1 to 4"),
-        (plain(MADE, 0), "is of SPZ's version 0"),
-        (plain(MADE)[:-1], "is cut off: 20 splats reach to byte 416, 415 bytes are there"),
-        (plain(MADE)[:11], "is cut off: the header of 16 bytes ends at byte 11"),
+        (plain(MADE, 5), "unsupported SPZ version 5; expected 1 to 4"),
+        (plain(MADE, 0), "unsupported SPZ version 0"),
+        (plain(MADE)[:-1], "is cut off: 20 splats reach to byte 416, 415 bytes found"),
+        (plain(MADE)[:11], "is cut off: expected a header of 16 bytes, got 11"),
         (plain(MADE, n=4_000_000_000), "is cut off: 4,000,000,000 splats"),
-        (plain(MADE, n=0), "holds no points: the header announces 0 splats"),
-        (plain(MADE).replace(b"\x00\x0c", b"\x05\x0c", 1), "harmonics have the degree 5"),
-        (plain(MADE, 3).replace(b"\x00\x0c", b"\x00\x19", 1), "25 bits of fractions"),
-        (packed(MADE, n=21), "is damaged: column 0 has 180 bytes, not 189"),
-        (packed(MADE, change=1), "is damaged: column 0 has 181 bytes, not 180"),
+        (plain(MADE, n=0), "contains no points: the header announces 0 splats"),
+        (plain(MADE).replace(b"\x00\x0c", b"\x05\x0c", 1), "invalid degree 5 of harmonics"),
+        (plain(MADE, 3).replace(b"\x00\x0c", b"\x00\x19", 1), "25 fractional bits"),
+        (packed(MADE, n=21), "is damaged: column 0 has 180 bytes, expected 189"),
+        (packed(MADE, change=1), "is damaged: column 0 has 181 bytes, expected 180"),
         (packed(MADE)[:-1], "is cut off: its columns reach to byte"),
         (packed(MADE)[:70], "is cut off: its table of columns is at byte 32 of 70"),
-        (packed(MADE, 1).replace(b"\x06\x20\0\0\0", b"\x05\x20\0\0\0", 1), "it has 5 columns, not 6"),
+        (packed(MADE, 1).replace(b"\x06\x20\0\0\0", b"\x05\x20\0\0\0", 1), "got 5 columns, expected 6"),
     ],
 )
 def test_damaged_files_are_refused(tmp_path, data, message):
@@ -104,12 +104,12 @@ def test_columns_that_are_shorter_than_the_table_says(tmp_path):
     with pytest.raises(ValueError, match="is cut off near splat 100"):
         read(tmp_path / "a.spz")
     (tmp_path / "a.spz").write_bytes(data)
-    with pytest.raises(ValueError, match="1,000,000 splats cannot be in"):
+    with pytest.raises(ValueError, match="1,000,000 splats do not fit into"):
         read(tmp_path / "a.spz")
 
 
 @pytest.mark.parametrize("kind", ["plain", "packed", "splat"])
-def test_damage_is_told_in_one_line(tmp_path, kind):
+def test_damage_is_reported_in_one_line(tmp_path, kind):
     rng = np.random.default_rng(5)
     data = {"plain": plain(MADE), "packed": packed(MADE), "splat": rows(MADE)}[kind]
     path = tmp_path / ("a.splat" if kind == "splat" else "a.spz")
@@ -138,13 +138,13 @@ def test_splat_files_are_read(tmp_path):
 def test_files_that_are_no_splats(tmp_path):
     made = cloud(20)
     (tmp_path / "a.splat").write_bytes(rows(made)[:-1])
-    with pytest.raises(ValueError, match="its 639 bytes are no multiple of 32"):
+    with pytest.raises(ValueError, match="its 639 bytes are not a multiple of 32"):
         read(tmp_path / "a.splat", strict=True)
     for data in (b"x" * 640, b"short", np.random.default_rng(1).bytes(640), bytes(640)):
         (tmp_path / "a.splat").write_bytes(data)
-        with pytest.raises(ValueError, match=r"is no splat file: it begins with"):
+        with pytest.raises(ValueError, match=r"invalid splat file: begins with"):
             read(tmp_path / "a.splat")
     assert splat.recognise(rows(made), tmp_path / "a.bin") == 0
     (tmp_path / "a.ksplat").write_bytes(bytes(4096))
-    with pytest.raises(ValueError, match=r"a.ksplat: .ksplat files cannot be read: convert it to"):
+    with pytest.raises(ValueError, match=r"a.ksplat: .ksplat files are unsupported: convert it to"):
         read(tmp_path / "a.ksplat")

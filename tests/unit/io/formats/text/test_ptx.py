@@ -73,25 +73,25 @@ def test_colours_and_scans_without_them(tmp_path):
     [
         (FIRST[:-8], "is cut off at line 14: scan 1 of 2 x 2 has 3 of 4 rows"),
         (FIRST + SECOND[:-9], "is cut off at line 26: scan 2 of 1 x 2 has 1 of 2 rows"),
-        (FIRST + SECOND[:-4], "line 26 has 3 columns, not 4: '8 9 1'"),
-        (FIRST + SECOND[:-8], "scan 2 ends at line 26, '8': 2 rows are announced, 1 are there"),
-        (FIRST + SECOND[:20], "line 19 is in the header of scan 2, where 3 numbers must be: '0 1'"),
+        (FIRST + SECOND[:-4], "line 26 has 3 columns, expected 4: '8 9 1'"),
+        (FIRST + SECOND[:-8], "scan 2 ends at line 26, '8': 2 rows expected, 1 found"),
+        (FIRST + SECOND[:20], "line 19 in the header of scan 2, expected 3 numbers: '0 1'"),
         (FIRST[:30], "in the header of scan 1"),
-        (FIRST.replace("0.25", "0,25"), "line 13: '0,25' is no number: '0 1 0 0,25'"),
-        (FIRST.replace("0 1 0 0.25", "0 1 0"), "line 13 has 3 columns, not 4"),
-        (scan(1, 1, UNMOVED, "1 2 3 1 0 0 256"), "colours of scan 1 reach from 0 to 256, not 0 to 255"),
-        (scan(1, 1, UNMOVED, "1 2 3 1 0 0 0.5"), "line 11: '0.5' is no whole number"),
-        (scan(1, 1, UNMOVED, "1 2 3 1", "4 5 6 1"), "line 12 is in the header of scan 2, where one number must be"),
-        (scan(1, 1, UNMOVED, "1 2 3 1 5"), "line 11 has 5 columns, not 4 or 7: '1 2 3 1 5'"),
+        (FIRST.replace("0.25", "0,25"), "line 13: '0,25' is not a number: '0 1 0 0,25'"),
+        (FIRST.replace("0 1 0 0.25", "0 1 0"), "line 13 has 3 columns, expected 4"),
+        (scan(1, 1, UNMOVED, "1 2 3 1 0 0 256"), "invalid colours of scan 1: got 0 to 256, expected 0 to 255"),
+        (scan(1, 1, UNMOVED, "1 2 3 1 0 0 0.5"), "line 11: '0.5' is not a whole number"),
+        (scan(1, 1, UNMOVED, "1 2 3 1", "4 5 6 1"), "line 12 in the header of scan 2, expected one number"),
+        (scan(1, 1, UNMOVED, "1 2 3 1 5"), "line 11 has 5 columns, expected 4 or 7: '1 2 3 1 5'"),
         (scan(10**9, 10**9, UNMOVED, "1 2 3 1"), "is cut off at line 12: .* has 1 of 1,000,000,000,000,000,000 rows"),
-        (scan(1, 1, TURNED.replace("0 0 1 0", "0 0 1 7"), "1 2 3 1"), "the last column .*, not 0, 0, 0, 1"),
-        (scan(1, 1, UNMOVED.replace("0 0 1 0", "0 0 nan 0"), "1 2 3 1"), "line 9 is in the header of scan 1"),
-        (scan(0, 5, UNMOVED), "holds no points"),
-        (scan(1, 1, UNMOVED, "0 0 0 1"), "holds no points"),
-        ("hello\n", "line 1 is in the header of scan 1, where one number must be: 'hello'"),
+        (scan(1, 1, TURNED.replace("0 0 1 0", "0 0 1 7"), "1 2 3 1"), "last column .*, expected 0, 0, 0, 1"),
+        (scan(1, 1, UNMOVED.replace("0 0 1 0", "0 0 nan 0"), "1 2 3 1"), "line 9 in the header of scan 1"),
+        (scan(0, 5, UNMOVED), "contains no points"),
+        (scan(1, 1, UNMOVED, "0 0 0 1"), "contains no points"),
+        ("hello\n", "line 1 in the header of scan 1, expected one number: 'hello'"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_line(tmp_path, text, word):
+def test_errors_are_reported_with_their_line(tmp_path, text, word):
     with pytest.raises(ValueError, match=word) as error:
         read(save(tmp_path, text), strict=True)
     assert "\n" not in str(error.value)

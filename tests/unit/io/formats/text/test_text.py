@@ -16,7 +16,7 @@ from pointray.io.formats.text import _numbers, text
 
 def warns_of(columns):
     """Expect a warning of columns that are not recognised."""
-    return pytest.warns(UserWarning, match="not recognised: kept as column_4") if columns else nullcontext()
+    return pytest.warns(UserWarning, match="not recognised: read as column_4") if columns else nullcontext()
 
 
 def columns_of(path):
@@ -48,7 +48,7 @@ def test_colors_of_8_bits_are_likelier_than_of_16(tmp_path):
 
 @pytest.mark.parametrize("names", ORDERS)
 @pytest.mark.parametrize("separator", [" ", ",", ";", "\t", ", "])
-def test_columns_without_names_are_told_by_their_numbers(tmp_path, names, separator):
+def test_columns_without_names_are_recognised_by_their_values(tmp_path, names, separator):
     path = save(tmp_path / "a.xyz", *ORDERS[names], separator=separator)
     assert columns_of(path) == names.split()
     with warns_of("column_" in names):
@@ -67,7 +67,7 @@ def test_columns_without_names_are_told_by_their_numbers(tmp_path, names, separa
 
 def test_what_cannot_be_told_is_asked(tmp_path):
     path = save(tmp_path / "a.txt", XYZ, RGB[::-1, :1], RGB)
-    with pytest.raises(ValueError, match=r"cannot be told: .*--columns x,y,z.*; its first row is '"):
+    with pytest.raises(ValueError, match=r"cannot be told apart: .*--columns x,y,z.*; the first row is '"):
         read(path)
     assert columns_of(path.rename(tmp_path / "a.pts")) == ["x", "y", "z", "intensity", "r", "g", "b"]
     points = read(tmp_path / "a.pts", columns="X,y,Z,Red,green,blue,Class")
@@ -133,39 +133,39 @@ def test_colours_of_16_bits(tmp_path):
 
 BAD = {
     "a.txt": [
-        ("1 2 3\n4 5 6\n7 8\n", "line 3 has 2 columns, not 3: '7 8'"),
-        ("1 2 3\n4 5 6 7\n", "line 2 has 4 columns, not 3: '4 5 6 7'"),
-        ("# a\n\n1 2 3\n4 5 x\n", "line 4: 'x' is no number: '4 5 x'"),
-        ("1 2 3\n4 5 1_0\n", "line 2: '1_0' is no number"),
-        ("1,5 2,5 3,5\n" * 300 + "1.5 2 3\n", "line 301: '1.5' is no number"),
-        ("1 2 3\n" * 300 + "4,5 5 6\n", "line 301: '4,5' is no number"),
-        ("1,5 2.5 3,5\n", "commas, and semicolons or blanks: .* cannot be told: '1,5 2.5 3,5'"),
-        ("1,5;2.5;3\n", "semicolons or blanks: which of them separates numbers cannot be told: '1,5;2.5;3'"),
-        ('"1,5","2,5","3,5"\n', "decimal commas, and commas between them"),
-        ("1 2\n3 4\n", "has no rows of at least three numbers; it begins with '1 2'"),
-        ("hello\nworld\n", "has no rows of at least three numbers; it begins with 'hello'"),
-        ("a b c\n1 2 3\n", "its header 'a b c' does not name x, y, z, .*: '1 2 3': say what they are: --columns"),
-        ("x y z l\n1 2 3 tree\n", "column 4 holds 'tree', which is no number: leave it out"),
-        ("x y x z\n1 2 3 4\n", "two columns are named 'x'"),
+        ("1 2 3\n4 5 6\n7 8\n", "line 3 has 2 columns, expected 3: '7 8'"),
+        ("1 2 3\n4 5 6 7\n", "line 2 has 4 columns, expected 3: '4 5 6 7'"),
+        ("# a\n\n1 2 3\n4 5 x\n", "line 4: 'x' is not a number: '4 5 x'"),
+        ("1 2 3\n4 5 1_0\n", "line 2: '1_0' is not a number"),
+        ("1,5 2,5 3,5\n" * 300 + "1.5 2 3\n", "line 301: '1.5' is not a number"),
+        ("1 2 3\n" * 300 + "4,5 5 6\n", "line 301: '4,5' is not a number"),
+        ("1,5 2.5 3,5\n", "commas as well as semicolons or blanks: '1,5 2.5 3,5'"),
+        ("1,5;2.5;3\n", "ambiguous separators: .*: '1,5;2.5;3'"),
+        ('"1,5","2,5","3,5"\n', "decimal commas and commas as separators"),
+        ("1 2\n3 4\n", "contains no rows of at least three numbers; it begins with '1 2'"),
+        ("hello\nworld\n", "contains no rows of at least three numbers; it begins with 'hello'"),
+        ("a b c\n1 2 3\n", "invalid header 'a b c': expected names with x, y, z .*: '1 2 3': name its columns with --"),
+        ("x y z l\n1 2 3 tree\n", "column 4 contains 'tree', which is not a number: ignore the column"),
+        ("x y x z\n1 2 3 4\n", "duplicate column name 'x'"),
         (" ".join(["1"] * 1001), "1,001 columns, more than 1,000"),
         ("1 2 3\n\0", "is no Text file|begins with"),
     ],
     "a.pts": [
-        ("3\n1 2 3\n4 5 6\n", "is cut off: .* announces 3 rows, 2 are there"),
-        ("1\n1 2 3\n4 5 6\n", "is damaged: .* announces 1 rows, 2 are there"),
-        ("1\n1 2 3\n2\n4 5 6\n", "is cut off: line 3 announces 2 rows, 1 are there"),
-        ("1\n1 2 3\nx\n4 5 6\n", "line 3 has 1 column, the rows before it have more: 'x'"),
+        ("3\n1 2 3\n4 5 6\n", "is cut off: .* announces 3 rows, 2 found"),
+        ("1\n1 2 3\n4 5 6\n", "is damaged: .* announces 1 rows, 2 found"),
+        ("1\n1 2 3\n2\n4 5 6\n", "is cut off: line 3 announces 2 rows, 1 found"),
+        ("1\n1 2 3\nx\n4 5 6\n", "line 3 has 1 column, the previous rows have more: 'x'"),
     ],
     "a.xyz": [
         ("2\nmethane\nC 0 0 0\nH 0 0 1\n", "is a molecule"),
-        ("C 0 0 0\nH 0 0 1\n", "column 1 holds 'C'"),
+        ("C 0 0 0\nH 0 0 1\n", "column 1 contains 'C'"),
     ],
-    "a.asc": [("ncols 2\nnrows 2\n", "is a grid of heights")],
+    "a.asc": [("ncols 2\nnrows 2\n", "is a height grid")],
 }
 
 
 @pytest.mark.parametrize(("name", "content", "word"), [(n, *row) for n, rows in BAD.items() for row in rows])
-def test_what_is_wrong_is_said_in_a_line(tmp_path, name, content, word):
+def test_errors_are_reported_in_one_line(tmp_path, name, content, word):
     (tmp_path / name).write_text(content)
     with pytest.raises(ValueError, match=word) as error:
         read(tmp_path / name, strict=True)
@@ -174,13 +174,13 @@ def test_what_is_wrong_is_said_in_a_line(tmp_path, name, content, word):
 
 def test_utf16_is_refused(tmp_path):
     (tmp_path / "a.csv").write_text("1 2 3\n" * 100, "utf-16")
-    with pytest.raises(ValueError, match="is text in UTF-16: save it in UTF-8"):
+    with pytest.raises(ValueError, match="is encoded in UTF-16: save it as UTF-8"):
         read(tmp_path / "a.csv")
 
 
 def test_the_number_of_columns_that_are_named_is_checked(tmp_path):
     path = save(tmp_path / "a.xyz", XYZ, RGB)
-    with pytest.raises(ValueError, match="3 columns are named, its first row has 6: '"):
+    with pytest.raises(ValueError, match="3 columns are named, but the first row has 6: '"):
         read(path, columns="x,y,z")
     points = read(path, columns="-,-,-,z,y,x")
     np.testing.assert_array_equal(points.world, RGB[:, ::-1])

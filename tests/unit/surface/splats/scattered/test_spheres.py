@@ -8,7 +8,7 @@ import pytest
 import pointray as pr
 from helpers.marks import long
 from helpers.naive import meet_scattered, walk
-from pointray.cloud.kd_ordering import along_path
+from pointray.cloud.kd_ordering import compute_kd_ordering
 from pointray.cloud.statistics import CloudStatistics
 from pointray.engine.kernels.tree import NO_CHILD, SCATTERED, first_scattered
 from pointray.surface.splats.scattered.spheres import Drawing, shapes_of
@@ -76,7 +76,7 @@ def check_scattered(model, origins, directions):
     return hits
 
 
-@pytest.mark.filterwarnings("ignore:.* of neighbouring normals look to opposite sides")
+@pytest.mark.filterwarnings("ignore:.* of neighbouring normals face opposite sides")
 @pytest.mark.parametrize("scatter", ["spheres", "discs"])
 def test_rays_meet_what_the_twin_meets(rng, scatter):
     model = model_of(crown(rng), scatter=scatter, normals=unit(rng.normal(size=(1500, 3))))
@@ -377,10 +377,10 @@ def test_levels_of_surface_and_spheres(rng):
 def test_shapes_of_some_points_are_those_of_all(rng, scatter):
     """With what is usual from a sample of the cloud."""
     points = pr.Points(np.concatenate([crown(rng, 3000), crown(rng, 100) * 9]))
-    along, drawing, mask = along_path(points), Drawing(scatter), rng.random(3100) < 0.02
+    along, drawing, mask = compute_kd_ordering(points), Drawing(scatter), rng.random(3100) < 0.02
     first = CloudStatistics(np.arange(500, 900))
     wanted = shapes_of(points, along, drawing, None, first)
-    for usual in (CloudStatistics(np.arange(500, 900)), CloudStatistics(None, first.known, is_told=True)):
-        found = shapes_of(points, along, drawing, None, usual, mask)
+    for statistics in (CloudStatistics(np.arange(500, 900)), CloudStatistics(None, first.known, is_complete=True)):
+        found = shapes_of(points, along, drawing, None, statistics, mask)
         for one, other in zip(wanted, found, strict=True):
             assert np.array_equal(one[mask], other[mask]) and not np.array_equal(one, other)
