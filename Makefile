@@ -45,7 +45,8 @@ test-all: test
 
 # Every array access and SIMD load of kernels checked.
 kernels-checked: $(VENV)/tools
-	POINTRAY_CHECK=1 $(BIN)/python -m pytest tests/test_cells.py tests/test_near.py tests/test_trace.py tests/test_tree.py
+	POINTRAY_CHECK=1 $(BIN)/python -m pytest $(addprefix tests/unit/surface/,splats/test_cells.py intersect/test_gather.py \
+		trace/test_trace.py tree/test_tree.py)
 
 check: $(VENV)/tools
 	$(BIN)/ruff check .
@@ -58,12 +59,13 @@ format: $(VENV)/tools
 	$(BIN)/ruff format .
 
 bench: $(VENV)/tools
-	$(BIN)/python bench/embree.py
+	$(BIN)/python -m bench.tracing.embree
 
-# 220,000 inputs in about an hour; interrupted, it goes on when called again, until src/ or tests/attack/ is changed.
+# 220,000 inputs in about an hour; interrupted, it goes on when called again, until src/, tests/helpers/ or
+# tests/robustness/attack/ is changed.
 # One part: make attack PART=ply COUNT=1000 SEED=3; one input: make attack PART=ply SEED=3 INPUT=17.
 attack: $(VENV)/tools
-	PYTHONPATH=tests $(BIN)/python -m attack $(PART) $(if $(SEED),--seed $(SEED)) $(if $(COUNT),--count $(COUNT)) $(if $(INPUT),--input $(INPUT))
+	PYTHONPATH=tests:tests/robustness $(BIN)/python -m attack $(PART) $(if $(SEED),--seed $(SEED)) $(if $(COUNT),--count $(COUNT)) $(if $(INPUT),--input $(INPUT))
 
 SYSTEM ?= linux-x86_64
 

@@ -1,4 +1,4 @@
-"""Fixtures and helpers of several tests."""
+"""Fixtures that all tests share, and their markers."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import gc
 import importlib
 import json
 import os
-import shutil
 import signal
 import zlib
 from collections.abc import Callable, Iterator
@@ -18,11 +17,11 @@ import numpy as np
 import pytest
 import typer.main
 from filelock import FileLock
-from native import signatures
 
+from helpers.places import TESTS
+from native import signatures
 from pointray.base.dependencies import key_of
 from pointray.engine import jit
-from pointray.engine.jit import disk_cache as disk
 
 # A background job of a shell ignores Ctrl-C, and so does all that it starts, but tests send it.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -31,7 +30,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 hypothesis.settings.register_profile("repeatable", derandomize=True, database=None)
 hypothesis.settings.load_profile("repeatable")
 
-MODELS = Path(__file__).resolve().parents[2] / "shared" / "models"
 MOST_KEPT = 200_000  # points of models that are kept on disk
 
 
@@ -93,7 +91,8 @@ def commands_made_once() -> Iterator[None]:
 def models_made_once(pytestconfig: pytest.Config, tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Make each procedural model once for all test processes, and keep it in pytest's cache: the statue takes 8 s.
 
-    A test that makes the same one twice calls `sample` as it was imported, see `tests/test_procedural.py`.
+    A test that makes the same one twice calls `sample` as it was imported, see
+    `tests/unit/procedural_models/test_procedural_models.py`.
     """
     module = importlib.import_module("pointray.procedural_models")
     cache = getattr(pytestconfig, "cache", None)  # absent with -p no:cacheprovider
@@ -129,56 +128,11 @@ def kept_in(folder: Path, function: Callable[..., tuple[np.ndarray, ...]]) -> Ca
     return call
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Tests that take minutes come first: at the end one process would do the last of them alone."""
+    """Mark tests by their folder, and put those that take minutes first: at the end one process would do the last."""
+    for item in items:
+        for marker in ("browser", "cluster"):
+            if TESTS / marker in item.path.parents:
+                item.add_marker(marker)
     items.sort(key=lambda item: item.get_closest_marker("long") is None)
-
-
-def long(*values: object) -> object:
-    """Mark a case of a test that takes more than half a second: `make long` runs it."""
-    return pytest.param(*values, marks=pytest.mark.long)
-
-
-def shared_model(name: str) -> Path:
-    """Path of a real scan, such as 'points/stanford_bunny.ply'; skips the test if it is absent."""
-    path = MODELS / name
-    if not path.exists():
-        pytest.skip(f"the scan {name} is not here")
-    return path
-
-
-def case_file(name: str) -> Path:
-    """A small input that failed once; the test is skipped where it is absent."""
-    path = MODELS.parent / "cases" / name
-    if not path.exists():
-        pytest.skip(f"{path} is not here")
-    return path
-
-
-def linked_cache(folder: Path) -> Path:
-    """Make a cache folder that has the kernels compiled so far, as hard links; what is added to it stays there.
-
-    For a process that needs a cache of its own, as POINTRAY_CACHE.
-    """
-    shared = disk.cache_folder()
-    if shared is not None:
-        try:
-            shutil.copytree(shared, folder / shared.name, copy_function=os.link)
-        except OSError:  # another file system
-            shutil.copytree(shared, folder / shared.name, dirs_exist_ok=True)
-    return folder
-
-
-def sphere_points(n: int, seed: int = 0) -> np.ndarray:
-    """Random points of the unit sphere, (n, 3) float32."""
-    rows = np.random.default_rng(seed).normal(size=(n, 3))
-    return (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float32)
-
-
-def uneven_points(n: int) -> np.ndarray:
-    """Random points of the unit sphere, half of them in a cap of a ten thousandth of its area, (n, 3)."""
-    points, dice = sphere_points(n, 1).astype(np.float64), np.random.default_rng(2)
-    z, angle = 1 - 2e-4 * dice.random(n // 2), dice.random(n // 2) * 2 * np.pi
-    across = np.sqrt(1 - z * z)
-    points[: n // 2] = np.column_stack([across * np.cos(angle), across * np.sin(angle), z])
-    return points

@@ -35,7 +35,7 @@ from .model_folder import INDEX, PartFile, read_folder
 from .residency import Key, ResidencyCache, Source
 from .traceable import TraceableModel
 
-SURFACE = "apss"  # the default: the only one of the three without bias (bench/accuracy.py)
+SURFACE = "apss"  # the default: the only one of the three without bias (bench/surface/accuracy.py)
 SAMPLE = 1 << 20  # the median radius of a model in parts is that of at most so many points
 
 

@@ -33,8 +33,8 @@ from .picture import kernel_for, render
 from .settings import Settings
 
 PACKAGE = (__package__ or "").split(".")[0]
-# Kernels compiled on a first start, with seconds; written by `bench/record_kernels.py`. `jit.Backlog` corrects for the
-# speed of the machine.
+# Kernels compiled on a first start, with seconds; written by `bench/maintenance/record_kernels.py`. `jit.Backlog`
+# corrects for the speed of the machine.
 RECORD: dict[str, Any] = json.loads(Path(__file__).with_name("first_start.json").read_text())
 BUILD, NORMALS = RECORD["build"], RECORD["normals"]  # kernels of a model; additional ones without normals
 BAKE, BLEND = RECORD["bake"], RECORD["blend"]  # kernels of a bake; additional ones with models

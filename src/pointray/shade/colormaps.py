@@ -1,9 +1,9 @@
 """Colour maps by matplotlib's names: a dozen are included, the others need matplotlib.
 
-The tables in `colormaps.npz` are matplotlib's, see `tests/maps.py`: viridis, magma, inferno, plasma and twilight are
-CC0; cividis (Nuñez, Anderton and Renslow 2018), turbo (Mikhailov 2019), coolwarm (Moreland 2009), terrain and gray
-follow its licence, tab10 and tab20 are Tableau's. RdBu includes color specifications and designs developed by Cynthia
-Brewer (https://colorbrewer.org).
+The tables in `colormaps.npz` are matplotlib's, see `tests/helpers/matplotlib_maps.py`: viridis, magma, inferno, plasma
+and twilight are CC0; cividis (Nuñez, Anderton and Renslow 2018), turbo (Mikhailov 2019), coolwarm (Moreland 2009),
+terrain and gray follow its licence, tab10 and tab20 are Tableau's. RdBu includes color specifications and designs
+developed by Cynthia Brewer (https://colorbrewer.org).
 """
 
 from __future__ import annotations

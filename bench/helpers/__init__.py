@@ -1,0 +1,1 @@
+"""Exact surfaces and the rays that measure others against them."""

@@ -1,0 +1,1 @@
+"""Baked light, many lights, and pictures beside Mitsuba 3."""

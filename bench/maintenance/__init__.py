@@ -1,0 +1,1 @@
+"""Programs for work on pointray: counts, records of kernels, tables of documents, hashes of results."""

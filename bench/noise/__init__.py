@@ -1,0 +1,1 @@
+"""Surfaces of noisy clouds beside those of Open3D and MeshLab."""

@@ -1,0 +1,1 @@
+"""From files to models: reading, neighbours, normals, stages, memory."""

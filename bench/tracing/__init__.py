@@ -1,0 +1,1 @@
+"""The speed of rays beside Embree, of instances, and what the shape of the tree changes."""

@@ -1,0 +1,1 @@
+"""What tests share: slow twins, clouds, files, clusters and browsers."""

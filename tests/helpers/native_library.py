@@ -1,0 +1,26 @@
+"""Whether the library of kernels is there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import pointray
+from pointray.base.dependencies import key_of
+from pointray.engine.jit import library
+
+PACKAGE = Path(pointray.__file__).parent
+
+
+def is_there() -> bool:
+    """Whether there is a library, of the sources of today."""
+    try:
+        kernels = json.loads((library.FOLDER / library.MANIFEST).read_text())["kernels"]
+    except FileNotFoundError:
+        return False
+    return kernels["pointray.surface.tree.wide.enclose"]["key"] == key_of([PACKAGE / "surface" / "tree" / "wide.py"])
+
+
+needs_library = pytest.mark.skipif(not is_there(), reason="no compiled kernels of these sources (make kernels)")

@@ -1,0 +1,19 @@
+"""A source of rows for tests of reading."""
+
+from __future__ import annotations
+
+from pointray.cloud.georeference import Survey
+from pointray.io.formats._source import Listing, Source
+
+
+class Rows(Source):
+    """A file of rows in chunks of this many, which may not know their number."""
+
+    def __init__(self, chunk, size=100, known=True, survey=None):
+        n = len(chunk.positions)
+        self.listing = Listing(n if known else None, 64, expected=n, survey=survey or Survey())
+        self._chunk, self._size = chunk, size
+
+    def chunks(self):
+        for start in range(0, len(self._chunk.positions), self._size):
+            yield self._chunk.select(slice(start, start + self._size))

@@ -1,0 +1,99 @@
+"""pointray convert: all that the target can hold goes along, and the rest is named."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from helpers.clouds import sphere_points
+from pointray.cli import execute
+from pointray.io import files
+
+MARK = b"what was there before"
+
+
+@pytest.fixture
+def scan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> pr.Points:
+    """A map with all that points can have, in a.ply of the current folder."""
+    monkeypatch.chdir(tmp_path)
+    rng, rows = np.random.default_rng(1), sphere_points(500)
+    attributes = {"gps_time": 3e8 + rng.random(500), "classification": (np.arange(500) % 7).astype(np.uint8)}
+    survey = pr.Survey(crs="EPSG:25832")
+    points = pr.Points(
+        rows + [5e5, 5.4e6, 100], rows, rng.integers(0, 256, (500, 3), np.uint8), attributes, None, survey
+    )
+    pr.write("a.ply", points)
+    return points
+
+
+def run(capsys, *arguments):
+    capsys.readouterr()
+    status = execute(["convert", *arguments])
+    return status, *capsys.readouterr()
+
+
+def test_all_goes_along(scan, capsys):
+    assert run(capsys, "a.ply", "b.ply") == (0, "b.ply: 500 points\n", "")
+    one, other = pr.read("a.ply"), pr.read("b.ply")
+    assert np.array_equal(one.world, other.world) and other.crs == "EPSG:25832"
+    assert np.array_equal(one.normals, other.normals) and np.array_equal(one.colors, other.colors)
+    for name, values in one.attributes.items():
+        assert other.attributes[name].dtype == values.dtype and np.array_equal(other.attributes[name], values)
+    assert np.array_equal(other.attributes["gps_time"], scan.attributes["gps_time"])
+
+
+def test_several_files_and_options_of_reading(scan, capsys):
+    assert run(capsys, "a.ply", "b.ply")[0] == 0
+    assert run(capsys, "a.ply", "b.ply", "c.ply", "--keep", "classification=6") == (0, "c.ply: 142 points\n", "")
+    assert run(capsys, ".", "d.ply", "--every", "10")[:2] == (0, "d.ply: 115 points\n")  # 50 of a and of b, 15 of c
+
+
+def test_a_saved_model_gives_its_points(scan, capsys):
+    pr.Model(pr.read("a.ply")).save("a.pointray")
+    assert run(capsys, "a.pointray", "b.ply")[:2] == (0, "b.ply: 500 points\n")
+
+
+def test_what_the_target_cannot_store_is_reported(scan, capsys, monkeypatch):
+    monkeypatch.setattr(files, "write_points", lambda *given: ["no normals", "no colours"])
+    assert run(capsys, "a.ply", "b.ply") == (0, "b.ply: 500 points; no normals; no colours\n", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ("absent.ply b.xlsx", "b.xlsx: cannot write .xlsx; can write "),
+        ("absent.ply folder/b.ply", "cannot write b.ply: there is no such folder"),
+        ("absent.ply b.ply", "absent.ply: No such file"),
+        ("a.ply a.ply", "a.ply: is an input; use --force to overwrite it"),
+        ("a.ply ./a.ply", "a.ply: is an input; use --force to overwrite it"),
+        (". a.ply", "a.ply: is an input; use --force to overwrite it"),
+        ("a.ply", "Missing argument"),
+        ("note.txt b.ply", "note.txt: "),
+        ("scene.toml b.ply", "scene.toml: unsupported file type .toml"),
+    ],
+)
+def test_bad_input_changes_no_file(arguments, message, scan, capsys):
+    Path("note.txt").write_text("hello, this is no scan")
+    Path("scene.toml").write_text("[models]")
+    before = Path("a.ply").read_bytes()
+    status, out, err = run(capsys, *arguments.split())
+    assert (status, out) == (2, "") and message in err.splitlines()[-1]
+    assert Path("a.ply").read_bytes() == before and not Path("b.ply").exists()
+
+
+def test_force_overwrites_the_scan(scan, capsys):
+    assert run(capsys, "a.ply", "a.ply", "--force", "--every", "2")[:2] == (0, "a.ply: 250 points\n")
+    assert len(pr.read("a.ply")) == 250
+
+
+def test_a_failure_leaves_the_old_file(scan, capsys, monkeypatch):
+    def full(stream, points, progress):
+        stream.write(b"half")
+        raise OSError(28, "No space left on device")
+
+    Path("b.ply").write_bytes(MARK)
+    monkeypatch.setattr(files, "writer_of", lambda path: full)
+    status, out, err = run(capsys, "a.ply", "b.ply")
+    assert (status, out) == (1, "") and "No space left on device" in err
+    assert Path("b.ply").read_bytes() == MARK and sorted(p.name for p in Path().iterdir()) == ["a.ply", "b.ply"]

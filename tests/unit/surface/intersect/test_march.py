@@ -1,0 +1,165 @@
+"""t_min and t_max only select among hits: a shorter ray hits what the whole one does, or nothing."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import pointray as pr
+from helpers.clouds import sphere_points
+from helpers.marks import long, long_scan
+from helpers.naive import KINDS, field, splats_of
+from helpers.places import shared_model
+from pointray.engine.kernels.tree import LONGEST
+from pointray.surface.intersect.march import START, START_UNREFINED
+
+FEW, MANY = 64, 128  # pixels across a picture, see `cast`
+SMOOTH = "torus", "torus, refine=0", "torus, disc"
+DETAILED = "statue", "statue, refine=0", "statue, disc"
+SCANS = {"bunny": "stanford_bunny", "pump": "tls_pumpA_rgb"}
+CLOUDS = [
+    *((name, FEW) for name in SMOOTH),
+    *(long(name, MANY) for name in DETAILED),
+    *(long_scan(name, MANY) for name in SCANS),
+]
+EYES = np.array([[0.6, -0.9, 0.3], [-0.6, -0.9, 0.1], [0.1, 1.0, 0.2], [1.0, 0.1, -0.2]])
+
+
+@cache
+def scene_of(name):
+    """A scene with one model; real scans are reduced to 40,000 points."""
+    if name in SCANS:
+        points = pr.read(shared_model(f"points/{SCANS[name]}.ply"))
+        some = np.random.default_rng(2).permutation(len(points))[:40_000]
+        model = pr.Model(points.select(np.sort(some).astype(np.int32)))
+    else:
+        surface, refine = "disc" if "disc" in name else "apss", 0 if "=0" in name else 1
+        count = 20_000 if "statue" in name else 5_000
+        model = pr.Model(pr.procedural(name.split(",")[0], count), surface=surface, refine=refine)
+    scene = pr.Scene()
+    scene.add(model)
+    return scene, model
+
+
+def cast(scene, kind, n):
+    """n x n rays: of a picture (tiles), of four pictures in turn (groups), or random ones (alone)."""
+    rng, bounds = np.random.default_rng(7), scene.bounds
+    middle, size = bounds.mean(axis=0), np.linalg.norm(bounds[1] - bounds[0])
+    if kind == "alone":
+        ends = bounds[0] + (bounds[1] - bounds[0]) * rng.random((n * n, 3))
+        origins = middle + rng.normal(size=ends.shape) * size * rng.uniform(0.1, 0.8, (n * n, 1))
+        directions = ends - origins
+        return origins, directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    edge = n if kind == "tiles" else n // 2
+    views = [pr.Camera.look_at(middle + size * eye, middle, fov=50, size=(edge, edge)).rays() for eye in EYES]
+    if kind == "tiles":
+        return views[0]
+    return tuple(np.stack(part, axis=2).reshape(-1, 3) for part in zip(*views, strict=True))
+
+
+def slack_of(model):
+    """How far apart roots may be: they depend on the first leaf searched; without refinement f is taken as a line."""
+    return model.spacing * (1e-3 if model.settings.refine else 0.03)
+
+
+def check(scene, rays, limits, t, slack):
+    """Check that rays hit at t (inf for a miss) and that `occluded` agrees. Returns the numbers of rays that do not."""
+    found = scene.intersect(*rays, *limits)
+    hit = np.isfinite(found.t)
+    blocked = scene.occluded(*rays, *limits)
+    both = hit & np.isfinite(t)
+    apart = np.abs(np.where(both, found.t, 0) - np.where(both, t, 0))
+    return np.flatnonzero((hit != np.isfinite(t)) | (blocked != hit) | (apart > slack))
+
+
+def on_surface(model, x, d):
+    """Whether f is so small at x, for a ray of direction d, that the start rule applies there."""
+    splats, x = splats_of(model), x - model.points.origin
+    near = splats[np.linalg.norm(splats[:, :3] - x, axis=1) < splats[:, 6]]
+    share = float(START if model.settings.refine else START_UNREFINED)
+    for sought_side in (-1, 1):  # of two sheets close together a ray sees one at a time
+        seen = near[sought_side * (near[:, 10:] @ d) <= 0]
+        f, _, radius, _, _ = field.py_func(seen, np.arange(len(seen)), len(seen), x, KINDS[model.surface])
+        if abs(f) < 1.1 * share * radius:
+            return True
+    return False
+
+
+@pytest.mark.parametrize("kind", ["tiles", "groups", "alone"])
+@pytest.mark.parametrize(("name", "n"), CLOUDS)
+def test_a_shorter_ray_hits_the_same_or_nothing(name, n, kind):
+    """Rays end anywhere, and just before and just behind the hit."""
+    (scene, model), rng = scene_of(name), np.random.default_rng(3)
+    rays, slack = cast(scene, kind, n), slack_of(model)
+    t = scene.intersect(*rays).t.astype(float)
+    hit = np.isfinite(t)
+    assert 0.05 < hit.mean() < 0.95
+    far = np.where(hit, t, 3 * np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
+    rounding = 1e-6 * (far + np.linalg.norm(scene.bounds[1] - scene.bounds[0]))
+    for end in (far * rng.uniform(0, 1.3, t.shape), far + rounding, far - rounding - slack * rng.random(t.shape)):
+        wrong = check(scene, rays, (0, end), np.where(t <= end, t, np.inf), slack)
+        assert len(wrong) == 0, f"{len(wrong)} of {t.size}"
+
+
+@pytest.mark.parametrize("kind", ["tiles", "groups", "alone"])
+@pytest.mark.parametrize(("name", "n"), CLOUDS)
+def test_a_ray_that_begins_later_hits_the_same(name, n, kind):
+    """Rays begin behind or before their origin. Those that begin on the surface are excluded."""
+    (scene, model), rng = scene_of(name), np.random.default_rng(4)
+    rays, slack = cast(scene, kind, n), slack_of(model)
+    size = np.linalg.norm(scene.bounds[1] - scene.bounds[0])
+    t, back = (scene.intersect(*rays, t_min).t.astype(float) for t_min in (0, -np.inf))
+    before = np.where(np.isfinite(t), t, size) - 0.06 * model.radii.max()
+    cases = []
+    for share in (rng.random(t.shape), 1 - 10 ** rng.uniform(-4, 0, t.shape)):
+        begin = np.maximum(before * share, 0)
+        cases += [(begin, np.inf, t), (begin, np.where(np.isfinite(t), t + 2e-6 * size + slack, size), t)]
+    begin = np.where(np.isfinite(back), back, 0) - 0.06 * model.radii.max() - size * rng.random(t.shape)
+    cases.append((np.minimum(begin, 0), np.inf, np.where(begin > 0, t, back)))
+    origins, directions = (a.reshape(-1, 3) for a in rays)
+    # Unrefined, the start rule applies five times as far. The loop's last line checks that it explains each of these.
+    few = 0.01 if model.settings.refine else 0.08
+    for begin, end, right in cases:
+        wrong = check(scene, rays, (begin, end), right, slack)
+        starts = origins[wrong] + begin.reshape(-1, 1)[wrong] * directions[wrong]
+        assert len(wrong) < few * t.size and not (len(wrong) and model.surface == "disc"), f"{len(wrong)} of {t.size}"
+        assert all(on_surface(model, x, d) for x, d in zip(starts, directions[wrong], strict=True))
+
+
+@pytest.mark.parametrize("order", ["tiles", "alone"])
+def test_the_rest_of_a_step_behind_a_cut_is_looked_into(order):
+    """Near a sphere's rim one step of samples passes both sides, and a plane cuts away the first."""
+    rng, n = np.random.default_rng(1), 32
+    positions = sphere_points(3000)
+    model = pr.Model(pr.Points(positions, positions))
+    scene = pr.Scene()
+    scene.add(model)
+    half = 0.5 * model.tree.head[LONGEST] * rng.uniform(0.3, 0.9, (n, n))
+    aside, turn = np.sqrt(1 - half**2), 2e-3 * np.arange(n)[:, None]
+    origins = np.stack([aside * np.cos(turn), aside * np.sin(turn), np.full((n, n), -3.0)], axis=-1)
+    if order == "alone":
+        origins = origins.reshape(-1, 3)[::17]  # fewer rays than are traced together
+        origins = np.concatenate([np.stack([origins, origins * (-1, 1, 1)], axis=1).reshape(-1, 3)])
+    whole = scene.intersect(origins, [0, 0, 1.0])
+    scene.clips = [((0, 0, 0), (0, 0, -1))]
+    cut = scene.intersect(origins, [0, 0, 1.0])
+    seen = np.isfinite(whole.t) & (whole.t < 3)
+    assert seen.mean() > 0.5
+    assert (cut.t[seen] > 3).all()
+    assert np.isfinite(cut.t[seen]).mean() > 0.99
+
+
+def test_a_plane_is_hit_wherever_a_ray_begins_and_ends():
+    scene, rng = pr.Scene(), np.random.default_rng(5)
+    scene.add(pr.Plane((0.1, 0.2, -0.3), (0.2, 0.3, 1)))
+    origins, directions = rng.normal(size=(2, 4000, 3))
+    rise = directions @ (0.2, 0.3, 1) / np.linalg.norm(directions, axis=1)
+    origins, directions = (a[np.abs(rise) > 0.2] for a in (origins, directions))  # flatter rays begin on the plane
+    t = scene.intersect(origins, directions, -np.inf).t.astype(float)
+    assert np.isfinite(t).all()
+    share = 1e-5 * np.abs(t) + 1e-5
+    for begin in (-1e9, t - 10 - share, t - share):
+        assert np.array_equal(scene.intersect(origins, directions, begin).t, t)
+    assert np.array_equal(scene.intersect(origins, directions, -np.inf, t + share).t, t)
+    assert not scene.occluded(origins, directions, -np.inf, t - share).any()
+    assert not scene.occluded(origins, directions, t + share).any()
