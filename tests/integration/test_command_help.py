@@ -9,7 +9,7 @@ from typer.models import OptionInfo
 from typer.testing import CliRunner
 
 import pointray as pr
-from conftest import sphere_points
+from helpers.clouds import sphere_points
 from pointray.cli import commands, execute
 from pointray.cli.commands import app
 from pointray.cli.declare import PANELS, declarations
