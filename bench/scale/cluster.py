@@ -258,7 +258,7 @@ def faults(options: Options) -> Iterator[Row]:
                 continue
             there, killed = await_workers(client, options.workers), []
 
-            def report(share: float, killed: list[float] = killed) -> None:
+            def report(stage: str, share: float, killed: list[float] = killed) -> None:
                 if share > 0.2 and not killed:
                     killed.append(share)
                     kill_one(client)

@@ -131,7 +131,7 @@ def test_stretches_are_all_tiles_and_small_enough_to_be_sent(monkeypatch: pytest
 
 @pytest.mark.long
 def test_an_error_in_progress_ends_the_bake(client: Any) -> None:
-    def stop(share: float) -> None:
+    def stop(stage: str, share: float) -> None:
         if share > 0.15:
             raise InterruptedError
 
@@ -194,7 +194,7 @@ def test_other_processes_bake_the_same_and_may_be_killed(monkeypatch: pytest.Mon
     killed: list[float] = []
     with cluster_of(2, processes=True) as client:
 
-        def kill(share: float) -> None:
+        def kill(stage: str, share: float) -> None:
             if share > 0.3 and not killed:
                 killed.append(share)
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)

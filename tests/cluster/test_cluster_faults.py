@@ -115,7 +115,7 @@ def one_that_stands_still(client: Any) -> Iterator[Callable[..., None]]:
 def test_a_worker_that_stands_still_is_not_waited_for(client: Any) -> None:
     scene, camera = scene_of(ball()), camera_of(400, 300)
     with one_that_stands_still(client) as stop:
-        image = pr.render(scene, camera, HARD, lambda share: share > 0.2 and stop(), client=client)
+        image = pr.render(scene, camera, HARD, lambda _, share: share > 0.2 and stop(), client=client)
     np.testing.assert_array_equal(image, pr.render(scene, camera, HARD))
 
 
@@ -148,7 +148,7 @@ def render_until_at_work(client: Any, then: Callable[[], Any]) -> None:
     """Render what takes long; as soon as a part of it is done, something happens in another thread."""
     thread, begun = threading.Thread(target=then), threading.Event()
 
-    def progress(share: float) -> None:
+    def progress(stage: str, share: float) -> None:
         if share > 0 and not begun.is_set():
             begun.set()
             thread.start()

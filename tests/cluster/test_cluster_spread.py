@@ -70,7 +70,7 @@ def opened_by_workers(folder: Path) -> list[list[int]]:
 )
 def test_pictures_are_the_same(client: Any, folder: Path, settings: pr.Settings) -> None:
     scene, camera, before, shares = scene_with(folder), camera_of(100, 60), traffic(), []
-    image = pr.render(scene, camera, settings, shares.append, client=client, spread=True)
+    image = pr.render(scene, camera, settings, lambda _, share: shares.append(share), client=client, spread=True)
     wanted = pr.render(scene_with(folder), camera, settings)
     assert_alike(image, wanted)
     assert opened_by_workers(folder) == [[0, 1], [2, 3]]

@@ -74,7 +74,7 @@ SENSE: dict[str, set[str]] = {
     "Iterable": {"list", "dict", "array (0, 3)"},
     "Mapping": {"dict"},
     "Callable": {"lambda"},
-    "Progress": {"lambda"},
+    "StageProgress": {"lambda"},
     "os.PathLike": TEXTS,
     **dict.fromkeys(
         ("Attribute", "BakeSettings", "BakedLight", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()

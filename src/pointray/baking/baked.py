@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import check_callback, check_kind, check_path, wrong
 from ..base.executor import Client, Executor, snapshot_and_executor
-from ..base.progress import Progress, tell
+from ..base.progress import Progress, StageProgress, in_stage, tell
 from ..base.warning_log import warn
 from ..engine.jit import Array
 from ..engine.kernels.records import World
@@ -124,7 +124,7 @@ class Baked:
         """Return whether the light fits a scene except for levels of detail added after the bake; they render black."""
         return self._stale(scene.snapshot()) == NO_LEVELS
 
-    def update(self, progress: Progress | None = None) -> None:
+    def update(self, progress: StageProgress | None = None) -> None:
         """Bake again after a change of lights, sky, materials, colours or levels of detail, reusing the links.
 
         Light from a file has no links: they are found again, which takes as long as `bake`.
@@ -132,7 +132,7 @@ class Baked:
         Parameters
         ----------
         progress : callable, optional
-            Called with the completed fraction, 0 to 1.
+            Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
         Raises
         ------
@@ -140,17 +140,18 @@ class Baked:
             If models, planes or clip planes have changed, so that the links no longer fit.
         """
         check_callback(progress)
+        report = in_stage(progress, "baking light")
         snapshot = self._scene.snapshot().without_camera_lights()
         shape = geometry_key(snapshot)
         if shape != self._shape and not lacks_levels(self._shape, shape):
             raise ValueError("the light does not fit: models, planes or clip planes have changed: bake again")
         if self._stored is not None:
-            self._bake(snapshot, progress)
+            self._bake(snapshot, report)
             return
-        self._exchange.relight(snapshot.opened(), shape != self._shape, progress)
+        self._exchange.relight(snapshot.opened(), shape != self._shape, report)
         self._shape = shape
         self._write(snapshot)
-        tell(progress, 1.0)
+        tell(report, 1.0)
 
     def relit(self, scene: Scene) -> Baked | None:
         """Return the light of another scene with the same models, planes and clip planes, or None if these differ.
@@ -235,7 +236,7 @@ class Baked:
             at = from_records(records, self._kept.unit, self._stored.skies[id], blocks)
         return at_points(model, values_of(at))
 
-    def save(self, path: str | os.PathLike[str], progress: Progress | None = None) -> None:
+    def save(self, path: str | os.PathLike[str], progress: StageProgress | None = None) -> None:
         """Write the light to a file that `load` maps. It holds what rendering and exports need, without the links.
 
         Parameters
@@ -243,7 +244,7 @@ class Baked:
         path : str or path
             Usually ends in .bake. An existing file is replaced once the new one is complete.
         progress : callable, optional
-            Called with the completed fraction, 0 to 1.
+            Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
         Raises
         ------
@@ -254,7 +255,7 @@ class Baked:
         """
         check_path(path)
         check_callback(progress)
-        write_light(path, self._stored or self._store(), progress or (lambda share: None))
+        write_light(path, self._stored or self._store(), in_stage(progress, "writing") or (lambda share: None))
 
     def _store(self) -> StoredLight:
         """Return the contents of a file."""
@@ -318,7 +319,7 @@ class Baked:
 
 
 def bake(
-    scene: Scene, settings: BakeSettings | None = None, progress: Progress | None = None, client: Client = None
+    scene: Scene, settings: BakeSettings | None = None, progress: StageProgress | None = None, client: Client = None
 ) -> Baked:
     """Bake the light of a scene: the light that arrives at every instance and plane, after all bounces.
 
@@ -327,7 +328,7 @@ def bake(
     scene : Scene
     settings : BakeSettings, optional
     progress : callable, optional
-        Called with the completed fraction, 0 to 1.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
     client : dask.distributed.Client, optional
         Sends the rays on the workers of a cluster (`pip install 'pointray[cluster]'`). The light is the same, to the
         last bit if all processors are of one kind. `Baked.update` does not use the client. See docs/scale.md.
@@ -353,4 +354,4 @@ def bake(
     check_callback(progress)
     if not scene.shapes:
         raise ValueError("the scene is empty: nothing to bake")
-    return Baked(scene, settings, progress, client)
+    return Baked(scene, settings, in_stage(progress, "baking light"), client)

@@ -118,7 +118,7 @@ def bake_scene(described: DescribedScene, settings: dict[str, Any], output: Bake
 def _write_light(output: BakeOutput, baked: Any, count: int, progress: Progress) -> str:
     progress.show("writing", 0.0)
     with writing(output.path):
-        in_background(lambda: baked.save(output.path, lambda share: progress.show("writing", share)))
+        in_background(lambda: baked.save(output.path, progress.show))
     ending = f"; {baked.coarser}" if baked.coarser else ""
     return f"{output.path}: light of {count:,} points, {baked.nbytes / 2**20:.3g} MiB{ending}"
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +58,7 @@ class LightSource:
             show("reading light", 0.0)
             return load_light(self.file, scene)
         show("baking light", 0.0)
-        return pr.bake(scene, self.settings, partial(show, "baking light"), client)
+        return pr.bake(scene, self.settings, show, client)
 
     def light(self, scene: Any, progress: Progress, note: str = FIRST) -> None:
         """Give a scene its light. note : printed if it is baked on request"""

@@ -80,12 +80,9 @@ def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progres
     from ..rendering.layers import render_layers
     from ..rendering.picture import render
 
-    def show(share: float) -> None:
-        progress.show("rendering", share)
-
     wait_for_kernels(client, job[2])
     if not is_layered(output):
-        image = in_background(lambda: render(*job, show, client))
+        image = in_background(lambda: render(*job, progress.show, client))
         with writing(output):
             white = white_under(job[0].lights, job[2].integrator)
             exposure, curve = tone_of(image, shown.exposure, shown.curve, white)
@@ -94,7 +91,7 @@ def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progres
             pr.write_image(output, image, exposure, curve, shown.legend, shown.backdrop)
         soft = ", highlights softened" if shown.curve != curve == "soft" else ""
         return f", exposure {exposure:g}{soft}" if shown.exposure == "auto" else ""
-    layers = in_background(lambda: render_layers(*job, show, client))
+    layers = in_background(lambda: render_layers(*job, progress.show, client))
     with writing(output):
         pr.write_layers(output, layers)
     return f", {len(layers)} layers"

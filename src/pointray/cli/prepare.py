@@ -48,7 +48,7 @@ def read_scan(scan: ScanFiles, progress: Progress, viewpoint: Any = None) -> tup
     import pointray as pr
 
     if scan.saved is None:
-        return scan.read(partial(progress.show, "reading"), viewpoint), None
+        return scan.read(progress.show, viewpoint), None
     model = pr.Model.load(scan.saved)
     return model.points, model
 
@@ -166,7 +166,7 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
                     raise ValueError(f"{scan.name}: {as_option(error)}") from error
             if options["in_parts"]:
                 write = partial(split, model, output, options["part_points"], levels=options["levels"])
-                in_background(lambda: write(progress=lambda share: progress.show("writing", share)))
+                in_background(lambda: write(progress=progress.show))
                 made = pr.Model.load(output)
                 return f"{output}: a model of {len(made.points):,} points in {len(made.parts)} parts"
             if not options["levels"]:
@@ -174,7 +174,7 @@ def prepare(paths: Sequence[Path], reading: Reading, output: Path, options: dict
             elif not model.levels:
                 in_background(lambda: model.make_levels(progress.show))
             with writing(output):
-                in_background(lambda: model.save(output, lambda share: progress.show("writing", share)))
+                in_background(lambda: model.save(output, progress.show))
             return f"{output}: a model of {len(points):,} points; {', '.join(done) or 'nothing else to do'}"
     with writing(output):
         pr.write(output, points)
@@ -193,7 +193,7 @@ def _prepared(
     done = []
     if options["drop_duplicates"] or options["drop_outliers"]:
         show("cleaning", 0.0)
-        flaws = find_flaws(points, partial(show, "cleaning"))
+        flaws = find_flaws(points, show)
         drop = np.zeros(len(points), np.bool_)
         for name, rows in zip(("duplicates", "outliers"), flaws, strict=True):
             if options[f"drop_{name}"]:
@@ -203,7 +203,7 @@ def _prepared(
     if options["smooth"] is not None:
         show("smoothing", 0.0)
         before = points
-        points = pr.smooth(points, smooth_of(options["smooth"]), partial(show, "smoothing"))
+        points = pr.smooth(points, smooth_of(options["smooth"]), show)
         done.append("no noise found" if points is before else "noise smoothed")
     if options["estimate_normals"]:
         show("normals", 0.0)
@@ -211,11 +211,11 @@ def _prepared(
         if options["trajectory"] is not None:
             viewpoint = pr.eyes_along(points, options["trajectory"])
             done.append(f"{np.isfinite(viewpoint).all(axis=1).mean():.1%} of the points seen along the trajectory")
-        points = pr.estimate_normals(points, viewpoint=viewpoint, progress=partial(show, "normals"))
+        points = pr.estimate_normals(points, viewpoint=viewpoint, progress=show)
         done.append("normals estimated")
     elif is_scan:
         show("normals", 0.0)
-        points = select_normals(points, options["normals"], progress=partial(show, "normals"))
+        points = select_normals(points, options["normals"], progress=show)
     if tolerance is not None or options["count"] is not None:
         before = len(points)
         limit = None

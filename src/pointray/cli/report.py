@@ -58,7 +58,8 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
     lonely, deep = deep, deep or len(points) <= FEW
     spacing, sample = _spacing(finite) if deep else _sampled_spacing(finite)
     tell(progress, MEASURED)
-    flaws: Flaws | None = find_flaws(points, part_of(progress, MEASURED, FLAWLESS)) if deep else None
+    part = part_of(progress, MEASURED, FLAWLESS)
+    flaws: Flaws | None = find_flaws(points, lambda _, share: tell(part, share)) if deep else None
     lone = _count_lone(points, finite, part_of(progress, FLAWLESS, COUNTED)) if lonely else None
     tell(progress, COUNTED)
     steps, rounded = find_rounding(points)

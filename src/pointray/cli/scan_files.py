@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..base.progress import StageProgress
 from ..base.warning_log import warn
 from .read_options import Reading
 
@@ -87,9 +88,7 @@ class ScanFiles:
         """Whether it is a model in parts."""
         return is_in_parts(self.files[0])
 
-    def read(
-        self, progress: Callable[[float], None] | None = None, viewpoint: tuple[float, float, float] | None = None
-    ) -> Any:
+    def read(self, progress: StageProgress | None = None, viewpoint: tuple[float, float, float] | None = None) -> Any:
         """Return its points; not for saved models. viewpoint : scanner position, for the detection of veils"""
         import pointray as pr
 

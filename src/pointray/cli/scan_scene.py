@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -221,7 +220,11 @@ class ScanScene:
         if self._unkept is not None:
             entry, model, notes = self._unkept
             self._unkept = None
-            in_background(lambda: entry.store(model, notes, partial(progress.show, "keeping the model for next time")))
+
+            def show(stage: str, share: float) -> None:
+                progress.show("keeping the model for next time", share)
+
+            in_background(lambda: entry.store(model, notes, show))
 
     def _built(self, progress: Progress) -> Any:
         """Return the model of a scan, read and built."""
@@ -230,16 +233,14 @@ class ScanScene:
         from ..rendering.warmup import NORMALS, expect
 
         files = self.files
-        points = self.read = in_background(lambda: files.read(partial(progress.show, "reading")))
+        points = self.read = in_background(lambda: files.read(progress.show))
         if points.normals is None or self._options.normals == "fit":
             expect(NORMALS)
         self._material.build(points, self._choice.up)  # raises ValueError for invalid options
         radii = radii_in(points)
         progress.show("normals", 0.0)
         try:
-            trusty = in_background(
-                lambda: select_normals(points, self._options.normals, progress=partial(progress.show, "normals"))
-            )
+            trusty = in_background(lambda: select_normals(points, self._options.normals, progress=progress.show))
             return in_background(lambda: pr.Model(trusty, radii, **self._surface, progress=progress.show))
         except ValueError as error:
             raise ValueError(f"{files.name}: {as_option(error)}") from error

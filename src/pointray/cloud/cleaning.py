@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.arguments import check_callback, check_flag, check_kind
-from ..base.progress import Progress, part_of
+from ..base.progress import Progress, StageProgress, in_stage, part_of
 from .neighbors import distinct, neighbors
 from .neighbors.components import connected_components
 from .points import Points
@@ -32,7 +32,7 @@ class Flaws(NamedTuple):
     outliers: NDArray[np.bool_]  # (n,), the row is far from everything else
 
 
-def find_flaws(points: Points, progress: Progress | None = None) -> Flaws:
+def find_flaws(points: Points, progress: StageProgress | None = None) -> Flaws:
     """Find exact duplicates and distant outliers.
 
     Rows that are not finite are neither.
@@ -41,7 +41,7 @@ def find_flaws(points: Points, progress: Progress | None = None) -> Flaws:
     ----------
     points : Points
     progress : callable, optional
-        Called with the fraction done.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Returns
     -------
@@ -56,7 +56,8 @@ def find_flaws(points: Points, progress: Progress | None = None) -> Flaws:
     duplicates[finite] = True
     duplicates[finite[rows]] = False
     outliers = np.zeros(len(points), np.bool_)
-    outliers[finite] = _far(points.positions[finite][rows], part_of(progress, PLACED, 1.0))[ids]
+    part = part_of(in_stage(progress, "finding duplicates and outliers"), PLACED, 1.0)
+    outliers[finite] = _far(points.positions[finite][rows], part)[ids]
     return Flaws(duplicates, outliers)
 
 

@@ -24,7 +24,7 @@ from ..base.arguments import (
     wrong,
 )
 from ..base.atomic_write import check_regular, replacing
-from ..base.progress import Progress
+from ..base.progress import Progress, StageProgress, in_stage
 from ..base.warning_log import warn
 from ..cloud.points import MOST, Points
 from .formats._source import Format, Request
@@ -51,7 +51,7 @@ def read(
     opacity: float = 0.1,
     intrinsics: Sequence[float] | None = None,
     strict: bool = False,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Points:
     """Read a point cloud from one file, or from several files as one cloud.
 
@@ -85,7 +85,7 @@ def read(
         Refuse files that are truncated, inconsistent or refer to a missing file. Otherwise the available data are read,
         and a warning names what is missing.
     progress : callable, optional
-        Called with the completed fraction, 0 to 1.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Returns
     -------
@@ -103,7 +103,7 @@ def read(
     request = request_of(columns, bounds, resolution, sample, opacity, intrinsics, strict)
     selection = Selection(every, max_points, request.bounds, keep, drop)  # type: ignore[arg-type]  # it checks them
     with open_files(path, request) as files:
-        return gather(files, selection, progress)
+        return gather(files, selection, in_stage(progress, "reading"))
 
 
 @contextmanager
@@ -208,7 +208,7 @@ def check_readable(path: str | os.PathLike[str], request: Request | None = None)
         pass
 
 
-def write(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> None:
+def write(path: str | os.PathLike[str], points: Points, progress: StageProgress | None = None) -> None:
     """Write a point cloud with all its arrays. The extension of the file selects the format; see `formats`.
 
     Parameters
@@ -218,7 +218,7 @@ def write(path: str | os.PathLike[str], points: Points, progress: Progress | Non
     points : Points
         Written in world coordinates. A warning names what the format cannot store.
     progress : callable, optional
-        Called with the completed fraction, 0 to 1.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Raises
     ------
@@ -227,14 +227,14 @@ def write(path: str | os.PathLike[str], points: Points, progress: Progress | Non
     ValueError
         If no format with this extension can be written, or the format cannot store the name of an attribute.
     """
-    for lost in write_points(path, points, progress):
+    check_callback(progress)
+    for lost in write_points(path, points, in_stage(progress, "writing")):
         warn(f"{path}: {lost}", stacklevel=2)
 
 
 def write_points(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> list[str]:
     """Write as `write` does; return descriptions of what the format cannot store."""
     check_kind(points, "points", Points, "Points")
-    check_callback(progress)
     writer = writer_of(path)
     with replacing(path) as beside:
         return writer(beside, points, progress)

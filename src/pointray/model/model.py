@@ -8,7 +8,7 @@ ModelInParts : of a folder; its parts are PartOnDisk, their levels of detail Lev
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.arguments import check_callback, check_choice, check_path, check_positive, check_whole
 from ..base.choices import AUTO, SURFACES
 from ..base.deprecation import warn_renamed
+from ..base.progress import StageProgress, in_stage
 from ..cloud.denoising.smooth import check_sigma
 from ..cloud.points import Points, spread_rows
 from ..cloud.preparation import check_model_memory, finite_rows
@@ -74,7 +75,7 @@ class Model(TraceableModel):
     scatter_size : float
         Factor for the radii of scattered points, which are 0.35 of the local spacing.
     progress : callable, optional
-        Called as `progress(stage, share)` with the name of the stage and its share done, 0 to 1.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Attributes
     ----------
@@ -107,7 +108,7 @@ class Model(TraceableModel):
         smooth: str | float = "auto",
         scatter: str = AUTO,
         scatter_size: float = 1.0,
-        progress: Callable[[str, float], None] | None = None,
+        progress: StageProgress | None = None,
         _scattered: ArrayLike | None = None,
     ) -> None:
         check_callback(progress)
@@ -133,7 +134,7 @@ class Model(TraceableModel):
         radius_scale: float = 1.0,
         scatter: str | None = None,
         scatter_size: float | None = None,
-        progress: Callable[[str, float], None] | None = None,
+        progress: StageProgress | None = None,
     ) -> Model:
         """Return a model of the same points with other settings; parameters as in the class.
 
@@ -170,7 +171,7 @@ class Model(TraceableModel):
         warn_renamed("Model.remade", "Model.rebuild")
         return self.rebuild(*args, **options)
 
-    def save(self, path: str | os.PathLike[str], progress: Callable[[float], None] | None = None) -> None:
+    def save(self, path: str | os.PathLike[str], progress: StageProgress | None = None) -> None:
         """Write the model, its tree and its levels of detail to a file for `Model.load`.
 
         Parameters
@@ -178,7 +179,7 @@ class Model(TraceableModel):
         path : str or path
             Usually ends in .pointray. An existing file is replaced when the new one is complete.
         progress : callable, optional
-            Called with the share done.
+            Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
         Raises
         ------
@@ -191,7 +192,7 @@ class Model(TraceableModel):
         check_callback(progress)
         self.check_whole()
         stored = [model.data.to_stored() for model in (self, *self.levels)]
-        write_model(path, stored, progress or (lambda share: None))
+        write_model(path, stored, in_stage(progress, "writing") or (lambda share: None))
         self._saved = place_of(path), self.levels
 
     @classmethod
@@ -228,7 +229,7 @@ class Model(TraceableModel):
         model._saved = place_of(path), model.levels
         return model
 
-    def make_levels(self, progress: Callable[[str, float], None] | None = None) -> None:
+    def make_levels(self, progress: StageProgress | None = None) -> None:
         """Make coarser versions for views in which points are finer than pixels.
 
         Each level has half as many points along a line as the one before. Images then show each instance in the level

@@ -23,6 +23,7 @@ import platformdirs
 
 from ..base.atomic_write import replacing, sweep
 from ..base.dependencies import ROOT, key_of
+from ..base.progress import StageProgress
 from ..base.warning_log import heard, warn
 from .model import Model
 from .model_file import SAVED
@@ -63,7 +64,7 @@ class Entry:
             warn(str(note), stacklevel=2)
         return model
 
-    def store(self, model: Model, notes: Sequence[str] = (), progress: Callable[[float], None] | None = None) -> bool:
+    def store(self, model: Model, notes: Sequence[str] = (), progress: StageProgress | None = None) -> bool:
         """Store a model; return whether that was done. Disk errors are ignored."""
         if len(model.points) < WORTH or not self._is_unchanged() or model.nbytes > _limit():
             return False

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..base.executor import Client, snapshot_and_executor
+from ..base.progress import StageProgress, in_stage
 from ..engine.kernels.records import BASE_COLOR, FORWARD, INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR
 from ..scene.casting import intersect_snapshot
 from ..scene.rays import Hits, check_rays
@@ -27,7 +27,7 @@ def render_layers(
     scene: Scene,
     camera: Camera,
     settings: Settings | None = None,
-    progress: Callable[[float], None] | None = None,
+    progress: StageProgress | None = None,
     client: Client = None,
 ) -> dict[str, NDArray[Any]]:
     """Render a scene as layers: radiance, and geometry at the first hit of each pixel. The scene is not modified.
@@ -39,7 +39,8 @@ def render_layers(
     settings : Settings, optional
         For the radiance. The other layers take one ray through the centre of the pixel, without antialiasing.
     progress : callable, optional
-        Called with the completed fraction, 0 to 1, about ten times a second.
+        Called about ten times a second as `progress(stage, share)` with the name of the stage and its completed share,
+        0 to 1.
     client : dask.distributed.Client, optional
         As for `render`; only the radiance is rendered on the cluster.
 
@@ -74,12 +75,9 @@ def render_layers(
     check_picture(camera.size, max(picture_bytes(settings), LAYER_BYTES))
     share = settings.spp / (settings.spp + 1)  # the layers count as one sample
 
-    def show(done: float) -> None:
-        if progress is not None:
-            progress(done)
-
+    report = in_stage(progress, "rendering") or (lambda done: None)
     now, executor = snapshot_and_executor(scene, client, check_spread(None, client, settings))
-    radiance = render_snapshot(now, camera, settings, lambda done: show(share * done), executor)
+    radiance = render_snapshot(now, camera, settings, lambda done: report(share * done), executor)
     shape = radiance.shape[:2]
     layers: dict[str, NDArray[Any]] = {
         "radiance": radiance,
@@ -94,7 +92,7 @@ def render_layers(
     tops = list(range(0, max(shape[0] - 1, 1), rows))  # no single row at the end, as it could not be traced in squares
     for top, end in zip(tops, [*tops[1:], shape[0]], strict=True):
         _trace_band(now, camera, slice(top, end), layers)
-        show(share + (1 - share) * end / shape[0])
+        report(share + (1 - share) * end / shape[0])
     return layers
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..base.arguments import check_callback, check_kind
 from ..base.executor import Client, Executor, snapshot_and_executor
 from ..base.memory import check_memory
+from ..base.progress import StageProgress, in_stage
 from ..base.warning_log import warn
 from ..engine.jit import Cancel, run
 from ..image.denoise import check_denoise, denoise
@@ -43,7 +44,7 @@ def render(
     scene: Scene,
     camera: Camera,
     settings: Settings | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
     client: Client = None,
     spread: bool | None = None,
 ) -> NDArray[np.float32]:
@@ -55,7 +56,8 @@ def render(
     camera : Camera
     settings : Settings, optional
     progress : callable, optional
-        Called with the completed fraction, 0 to 1, about ten times a second. An exception raised in it ends the call.
+        Called about ten times a second as `progress(stage, share)` with the name of the stage and its completed share,
+        0 to 1. An exception raised in it ends the call.
     client : dask.distributed.Client, optional
         Render on the workers of a cluster, with all of their threads (`pip install 'pointray[cluster]'`). The image is
         the same, to the last bit if all processors are of one kind, unless a time limit ends it. See docs/scale.md.
@@ -80,7 +82,7 @@ def render(
     """
     scene, settings = check_view(scene, camera, settings, progress)
     now, executor = snapshot_and_executor(scene, client, check_spread(spread, client, settings))
-    return render_snapshot(now, camera, settings, progress, executor)
+    return render_snapshot(now, camera, settings, in_stage(progress, "rendering"), executor)
 
 
 def render_snapshot(

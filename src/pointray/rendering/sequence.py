@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import check_kind, wrong
 from ..base.executor import Client, Executor, Job, snapshot_and_executor
+from ..base.progress import StageProgress, in_stage
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
 from .camera import Camera
@@ -35,7 +36,7 @@ def animate(
     scene: Scene,
     cameras: Sequence[Camera],
     settings: Settings | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
     client: Client = None,
     spread: bool | None = None,
 ) -> Iterator[NDArray[np.float32]]:
@@ -80,7 +81,7 @@ def animate(
     for size in {camera.size for camera in cameras}:
         check_picture(size, picture_bytes(settings))
     spread = check_spread(spread, client, settings)
-    return render_each(scene, list(cameras), settings, client, progress, spread=spread)
+    return render_each(scene, list(cameras), settings, client, in_stage(progress, "rendering"), spread=spread)
 
 
 def render_each(

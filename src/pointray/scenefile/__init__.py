@@ -11,15 +11,15 @@ Begin with plan.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 
 from ..base.arguments import check_callback, check_path
+from ..base.progress import StageProgress
 from .plan import Plan, SceneFile
 
 __all__ = ["Plan", "SceneFile", "load_scene"]
 
 
-def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], None] | None = None) -> SceneFile:
+def load_scene(path: str | os.PathLike[str], progress: StageProgress | None = None) -> SceneFile:
     """Build the scene of a TOML file.
 
     The file is checked completely before any file that it refers to is read.
@@ -29,7 +29,7 @@ def load_scene(path: str | os.PathLike[str], progress: Callable[[str, float], No
     path : str or path
         Paths within the file are relative to its folder.
     progress : callable, optional
-        Called with a stage's name and the share done.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Returns
     -------

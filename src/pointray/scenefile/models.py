@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -146,9 +145,9 @@ def _load(source: Source, recipe: Recipe, report: Report) -> Model:
     with source.errors_at((*recipe.key, "file")):
         if file.suffix.lower() == SAVED:
             return Model.load(file)
-        points = read(file, progress=partial(report, "reading"), **recipe.reading)
+        points = read(file, progress=report, **recipe.reading)
     report("normals", 0.0)
     with source.errors_at((*recipe.key, "normals") if recipe.normals == "file" else recipe.key):
-        points = select_normals(points, recipe.normals, 'normals = "file"', partial(report, "normals"))
+        points = select_normals(points, recipe.normals, 'normals = "file"', report)
     with source.errors_at(recipe.key):
         return Model(points, radii_in(points), **recipe.arguments, progress=report)

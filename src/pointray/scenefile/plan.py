@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -192,7 +191,7 @@ class Plan:
         if file is None:
             report("baking light", 0.0)
             with self._source.errors_at(()):
-                return bake(scene, plan.settings, partial(report, "baking light"))
+                return bake(scene, plan.settings, report)
         report("reading light", 0.0)
         with nullcontext() if plan.key is None else self._source.errors_at(plan.key):
             return load_light(file, scene)

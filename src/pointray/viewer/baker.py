@@ -170,12 +170,12 @@ class Baker:
         if not self._open:
             raise _SupersededError
 
-    def _report_rough_progress(self, share: float) -> None:
+    def _report_rough_progress(self, stage: str, share: float) -> None:
         """Report the progress of rough light."""
         self._check()
         self._report(STAGE, share, self._time_left(STAGE, share))
 
-    def _report_progress(self, share: float) -> None:
+    def _report_progress(self, stage: str, share: float) -> None:
         """Report the progress of fine light; meanwhile update rough light. Raise _SupersededError if models changed."""
         self._check()
         wanted = self._wanted

@@ -116,7 +116,7 @@ class Exports:
         scene = request.view.apply(request.scene, request.up)
         check_picture(camera.size, picture_bytes(settings, written=SHOWN_BYTES))
         self._light(scene, request.scene, settings)
-        image = render(scene, camera, settings, lambda share: self._report_progress("picture", share))
+        image = render(scene, camera, settings, lambda _, share: self._report_progress("picture", share))
         legend = next(iter(scene.shown_attributes), None) if output.format != "exr" else None
         backdrop = None if output.format == "exr" else request.view.behind
         tone = request.view.tone(image)
@@ -139,7 +139,7 @@ class Exports:
         frames.begin()
         for k, camera in enumerate(turntable(replace(request.camera, up=request.up, size=size), count)):
 
-            def report_share(share: float, k: int = k) -> None:
+            def report_share(stage: str, share: float, k: int = k) -> None:
                 self._report_progress("film", (k + share) / count)
 
             image = render(scene, camera, settings, report_share)
@@ -158,9 +158,7 @@ class Exports:
             return
         own = shown.baked  # such as from a file
         light = own if isinstance(own, Baked) and own.fits(scene) else self._light_of(scene)
-        scene.baked = light or bake(
-            scene.copy(), BakeSettings(), lambda share: self._report_progress("baking light", share)
-        )
+        scene.baked = light or bake(scene.copy(), BakeSettings(), self._report_progress)
 
     def _shadow(self, request: FrameRequest, scene: Scene) -> ContactShadow | None:
         return self._contacts.of(request.scan, (scene, request.version), request.view)

@@ -146,9 +146,9 @@ class FileLoader:
         if known is not None:
             known.levels = known.levels if self.leveled else ()
             return known
-        points = read(files, progress=partial(shared.report, stage), **self.reading)
+        points = read(files, progress=lambda _, share: shared.report(stage, share), **self.reading)
         if self.drop_strays:
-            points = without_strays(points, files[0].name, progress=partial(shared.report, "finding strays"))
+            points = without_strays(points, files[0].name, progress=shared.report)
         with _with_file_name(files):
             check_normals_choice(points, self.normals)
         return points
@@ -181,7 +181,7 @@ class FileLoader:
 
         def build() -> Model:
             points, wrong = validate_normals(cloud, self.normals)
-            points = refit_normals(points, partial(report, "normals")) if wrong else points
+            points = refit_normals(points, report) if wrong else points
             return Model(points, radii_in(points), **self.surface, progress=report)
 
         with _with_file_name(self._groups[number]):

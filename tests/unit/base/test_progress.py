@@ -47,9 +47,9 @@ def test_a_model_tells_normals_radii_and_tree():
 def test_normals_tell_how_many_are_done():
     points = pr.procedural("torus", 300_000)
     for viewpoint in (None, (0, 0, 9)):
-        shares = []
-        pr.estimate_normals(pr.Points(points.positions), viewpoint=viewpoint, progress=shares.append)
-        assert moves(shares, 4, 0.5)
+        told = Told()
+        pr.estimate_normals(pr.Points(points.positions), viewpoint=viewpoint, progress=told)
+        assert told.stages == ["normals"] and moves(told.of("normals"), 4, 0.5)
 
 
 @pytest.mark.parametrize("form", ["binary", "ascii"])
@@ -63,7 +63,7 @@ def test_reading_tells_how_much_is_read(tmp_path, form):
         header = f"ply\nformat ascii 1.0\nelement vertex {len(points)}\n"
         path.write_text(header + "property float x\nproperty float y\nproperty float z\nend_header\n" + rows + "\n")
     shares = []
-    read = pr.read(path, progress=shares.append)
+    read = pr.read(path, progress=lambda _, share: shares.append(share))
     assert moves(shares, 3, 0.8)
     np.testing.assert_allclose(read.positions, pr.read(path).positions)
 
@@ -81,7 +81,7 @@ def test_a_part_lies_between_its_ends():
 def test_looking_for_flaws_tells_how_much_is_done():
     points = pr.Points(sphere_points(100_000), sphere_points(100_000))
     shares, facts = [], []
-    pr.find_flaws(points, progress=shares.append)
+    pr.find_flaws(points, progress=lambda _, share: shares.append(share))
     assert moves(shares, 3, 0.6)
     describe(points, deep=True, progress=facts.append)
     assert moves(facts, 4, 0.5)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import check_callback, check_kind, check_number
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, StageProgress, in_stage, part_of, tell
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import neighbor_chunks, take
 from ..normals.estimate import repair_normals, with_fits
@@ -30,7 +30,7 @@ FAR = 5.0  # greatest move of a point to an edge, in standard deviations
 SURVEYED = 0.1  # progress after the noise is measured
 
 
-def smooth(points: Points, sigma: str | float = "auto", progress: Progress | None = None) -> Points:
+def smooth(points: Points, sigma: str | float = "auto", progress: StageProgress | None = None) -> Points:
     """Smooth noisy points: move them onto the surface fitted to their neighbours, and replace their normals.
 
     A quadric is fitted to the 16 to 128 nearest neighbours of each noisy point, depending on local noise and detail,
@@ -45,7 +45,7 @@ def smooth(points: Points, sigma: str | float = "auto", progress: Progress | Non
         Standard deviation of the noise, in the points' unit. "auto": measured locally; points stay where it is below
         about a tenth of the spacing. 0: all points stay.
     progress : callable, optional
-        Called with the fraction done.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def smooth(points: Points, sigma: str | float = "auto", progress: Progress | Non
     sigma = check_sigma(sigma, "sigma")
     if sigma == 0.0:
         return points
-    placed, _ = place(points, sigma, progress)
+    placed, _ = place(points, sigma, in_stage(progress, "smoothing"))
     return points if placed.noise is None else placed.points
 
 

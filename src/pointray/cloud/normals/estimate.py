@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_callback, check_kind, check_whole
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, StageProgress, in_stage, part_of, tell
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import distinct, neighbor_chunks, neighbors
 from ..points import Points
@@ -47,7 +47,7 @@ def estimate_normals(
     points: Points,
     neighbors: int | None = None,
     viewpoint: ArrayLike | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Points:
     """Estimate normals from quadrics fitted to the nearest neighbours, and orient them consistently.
 
@@ -66,7 +66,7 @@ def estimate_normals(
         warning. Where the scanner is unknown, signs propagate from points where it is known; a connected group without
         any is turned outward, or up if it has no outside.
     progress : callable, optional
-        Called with the fraction done.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def estimate_normals(
     check_callback(progress)
     if neighbors is not None:
         neighbors = min(check_whole(neighbors, "neighbors", 3, or_none=True), max(len(points), 3))
-    return with_fits(points, partial(fit_normals, neighbors=neighbors), viewpoint, progress)[0]
+    return with_fits(points, partial(fit_normals, neighbors=neighbors), viewpoint, in_stage(progress, "normals"))[0]
 
 
 def with_fits(
@@ -176,11 +176,11 @@ def repair_normals(
     """
     if points.normals is None:
         why = "the points have no normals: estimated from their neighbours"
-        return estimate_normals(points, progress=progress), why
+        return with_fits(points, partial(fit_normals, neighbors=None), progress=progress)[0], why
     repaired = normalize_normals(points)
     if repaired is None:
         why = "all normals are zero or not finite: estimated from the points' neighbours"
-        return estimate_normals(points, progress=progress), why
+        return with_fits(points, partial(fit_normals, neighbors=None), progress=progress)[0], why
     unit, sound = repaired.unit, repaired.sound
     messages, whole = describe_repairs(repaired.lost, repaired.odd, len(points)), bool(sound.all())
     known, facing = (points.positions, unit) if whole else (points.positions[sound], unit[sound])

@@ -6,7 +6,7 @@ import numpy as np
 
 from ...base.arguments import check_choice
 from ...base.choices import NORMALS
-from ...base.progress import Progress
+from ...base.progress import StageProgress
 from ...base.warning_log import warn
 from ..points import Points
 from ..rounding import find_rounding
@@ -19,7 +19,9 @@ CLEAR = 0.5  # cosine from which a file's normal decides a sign
 AGREED = 0.5  # refitted normals are inverted if opposite signs outweigh equal ones by more than this share
 
 
-def select_normals(points: Points, choice: str = "auto", keep: str = KEEP, progress: Progress | None = None) -> Points:
+def select_normals(
+    points: Points, choice: str = "auto", keep: str = KEEP, progress: StageProgress | None = None
+) -> Points:
     """Select the requested normals; warn of wrong normals and rounded coordinates.
 
     Parameters
@@ -31,7 +33,7 @@ def select_normals(points: Points, choice: str = "auto", keep: str = KEEP, progr
     keep : str
         Option that keeps the file's normals, for messages.
     progress : callable, optional
-        Called with the fraction done of estimating normals.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Raises
     ------
@@ -70,7 +72,7 @@ def describe_normals(found: NormalsCheck) -> str:
     return f"normals in the file deviate from the surface by {found.angle:.0f} degrees (median)"
 
 
-def refit_normals(points: Points, progress: Progress | None = None) -> Points:
+def refit_normals(points: Points, progress: StageProgress | None = None) -> Points:
     """Return the points with fitted normals; if the old ones clearly face the other way, all are inverted.
 
     With known stations none are inverted.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_callback, check_kind
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, StageProgress, in_stage, part_of, tell
 from ...base.warning_log import warn
 from ..neighbors import distinct, kd_order
 from ..normals.stations import check_eyes, eyes_of
@@ -52,7 +52,7 @@ class Strays(NamedTuple):
         return f"{int(self.any.sum()):,} strays" + (f" ({', '.join(parts)})" if parts else "")
 
 
-def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: Progress | None = None) -> Strays:
+def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: StageProgress | None = None) -> Strays:
     """Find points that belong to no surface: second layers, veils, floating groups and isolated points.
 
     Parameters
@@ -62,17 +62,18 @@ def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: Pr
         World position of the scanner, or of the scanner that saw each point, NaN where unknown. None: the stations of
         `points.survey`, as for `estimate_normals`. Veils are found only where it is known.
     progress : callable, optional
-        Called with the fraction done.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Returns
     -------
     Strays
         All false for rows that are not finite, and with fewer than 20 distinct positions.
     """
-    return _classify(points, viewpoint, progress)[0]
+    check_callback(progress)
+    return _classify(points, viewpoint, in_stage(progress, "finding strays"))[0]
 
 
-def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: Progress | None = None) -> Points:
+def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: StageProgress | None = None) -> Points:
     """Move the points of sparse second layers onto the surface next to them; other points are unchanged.
 
     If each point's scan and scanner are known, equally dense scans that do not fit each other are moved onto their mean
@@ -85,20 +86,21 @@ def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: P
     viewpoint, progress
         As for `find_strays`. Where no position is known, normals show from which side a surface was seen.
     """
-    check_callback(progress)  # also if there is nothing to do
-    strays, offset = _classify(points, viewpoint, part_of(progress, 0.0, CLASSIFIED))
+    check_callback(progress)
+    report = in_stage(progress, "merging layers")
+    strays, offset = _classify(points, viewpoint, part_of(report, 0.0, CLASSIFIED))
     eyes = None if viewpoint is None else check_eyes(viewpoint, len(points))
     if strays.layer.any():
         positions = points.positions.copy()
         positions[strays.layer] += offset[strays.layer]
         points = points.changed(positions=positions)
-    merged = merge_passes(points, eyes, part_of(progress, CLASSIFIED, 1.0))
-    tell(progress, 1.0)
+    merged = merge_passes(points, eyes, part_of(report, CLASSIFIED, 1.0))
+    tell(report, 1.0)
     return merged
 
 
 def without_strays(
-    points: Points, name: str, viewpoint: ArrayLike | None = None, progress: Progress | None = None
+    points: Points, name: str, viewpoint: ArrayLike | None = None, progress: StageProgress | None = None
 ) -> Points:
     """Remove strays, with a warning that gives their number; raise a ValueError if no point would remain.
 
@@ -114,7 +116,6 @@ def without_strays(
 def _classify(points: Points, viewpoint: ArrayLike | None, progress: Progress | None) -> tuple[Strays, Floats]:
     """Return the strays, and the offset of each row to its floor."""
     check_kind(points, "points", Points, "Points")
-    check_callback(progress)
     eyes = eyes_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
     finite = np.flatnonzero(points.finite)
     first, ids = distinct(points.positions[finite])

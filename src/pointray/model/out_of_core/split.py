@@ -14,7 +14,7 @@ import numpy as np
 from ...base.arguments import check_callback, check_flag, check_path, check_whole
 from ...base.atomic_write import check_writable
 from ...base.disk_columns import Columns
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, StageProgress, in_stage, part_of, tell
 from ...cloud.points import Points
 from ...surface.tree.build import Splats
 from ...surface.tree.parts import splats_of, surface_of
@@ -47,7 +47,7 @@ def split(
     model: Model,
     path: str | os.PathLike[str],
     part_points: int | None = None,
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
     levels: bool = True,
 ) -> None:
     """Write a model in parts, to be opened by `Model.load`; rays have the same hits as in the model.
@@ -61,7 +61,7 @@ def split(
     part_points : int, optional
         Largest number of points of a part; rounded down to a power of two. None: 4 million.
     progress : callable, optional
-        Called with the fraction done.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
     levels : bool
         Whether each part gets levels of detail.
 
@@ -81,7 +81,7 @@ def split(
     there = folder.exists()
     folder.mkdir(exist_ok=True)
     try:
-        _write(model, folder, wanted, levels, progress)
+        _write(model, folder, wanted, levels, in_stage(progress, "writing"))
     except BaseException:  # Ctrl-C too
         for file in folder.iterdir():
             shutil.rmtree(file) if file.is_dir() else file.unlink()

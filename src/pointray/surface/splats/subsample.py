@@ -91,7 +91,7 @@ def subsample(
     smooth : "auto" or float
         Noise to smooth away first, see `pr.smooth`. The tolerance refers to the smoothed points.
     progress : callable, optional
-        Called with the name of the stage and the fraction completed, 0 to 1.
+        Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
     Returns
     -------

@@ -497,7 +497,7 @@ def test_the_same_points_give_the_same_file(tmp_path: Path) -> None:
     points = pr.Points(np.random.default_rng(0).random((120_000, 3)), attributes={"gps_time": np.arange(120_000.0)})
     shares: list[float] = []
     for name in ("a.laz", "b.laz"):
-        pr.write(tmp_path / name, points, progress=shares.append)
+        pr.write(tmp_path / name, points, progress=lambda _, share: shares.append(share))
     assert (tmp_path / "a.laz").read_bytes() == (tmp_path / "b.laz").read_bytes()
     assert shares[-1] == 1.0 and len(pr.read(tmp_path / "a.laz", max_points=1000)) == 1000
 
