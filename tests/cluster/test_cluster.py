@@ -214,7 +214,7 @@ def test_a_model_is_sent_once_and_kept_while_it_lives(client: Any, monkeypatch: 
 
 def test_what_is_sent_of_a_scene_is_small(client: Any) -> None:
     pool = WorkerPool(client, scene_of(ball(20_000)))
-    assert len(pool._recipe.thing) < 20_000
+    assert len(pool._recipe.value) < 20_000
 
 
 @pytest.mark.long
@@ -377,7 +377,7 @@ def test_without_dask_the_message_says_how_to_install_it(monkeypatch: pytest.Mon
 
 
 def test_clients_that_cannot_render_are_refused() -> None:
-    with cluster_of(0, processes=False) as client, pytest.raises(ValueError, match="no workers: start some with `dask"):
+    with cluster_of(0, processes=False) as client, pytest.raises(ValueError, match="no workers; start some with `dask"):
         pr.render(scene_of(MODEL), camera_of(), client=client)
     with pytest.raises(ValueError, match="client must be a connected client"):
         pr.render(scene_of(MODEL), camera_of(), client=client)

@@ -114,7 +114,7 @@ def _reason(error: OSError | ValueError) -> str:
             return error.strerror
         return f"{error.filename}: {error.strerror}{suggest_file(error)}"
     text = str(error)
-    attribute = re.search(r"no attribute '([^']+)'.*: ([^:]+)$", text)
+    attribute = re.search(r"(?:no )?attribute '([^']+)'.*: ([^:]+)$", text)
     return f"{text}{did_you_mean(attribute[1], attribute[2].split(', '))}" if attribute else text
 
 

@@ -11,7 +11,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import check_numbers, rgb, unit_vector
+from ..base.arguments import check_numbers, rgb, unit_vector, wrong_type
 from ..engine.kernels.records import (
     GRADIENT_SKY,
     NO_SKY,
@@ -238,5 +238,5 @@ class Lights:
             return True
         if not isinstance(light, Light):
             known = ", ".join(kind.__name__ for kind in (*get_args(Light), EnvironmentLight))
-            raise ValueError(f"{name}: expected {known}, got {type(light).__name__}")
+            raise wrong_type(name, f"one of {known}", light)
         return False

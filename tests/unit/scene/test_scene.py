@@ -280,7 +280,7 @@ def test_an_empty_scene():
         (lambda s, m: s.add(m, np.zeros((4, 4))), "last row|singular"),
         (lambda s, m: s.add(m, matrix(np.diag([1, 1, 0]))), "singular"),
         (lambda s, m: s.add(m, np.eye(3)), "4, 4"),
-        (lambda s, m: s.add("statue"), "Model and Plane"),
+        (lambda s, m: s.add("statue"), "a Model or a Plane"),
         (lambda s, m: s.add(m, material="wood"), "material"),
         (lambda s, m: s.add_light("sun"), "light"),
         (lambda s, m: s.add_light(pr.SunLight((0, 0, 0))), "zero"),

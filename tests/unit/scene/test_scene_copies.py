@@ -131,9 +131,9 @@ def test_lights_are_set_as_a_whole(sphere):
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        (None, "sequence of lights, got NoneType"),
-        (pr.PointLight((0, 0, 0), 1), "sequence of lights, got PointLight"),
-        ([pr.PointLight((0, 0, 0), 1), "sun"], "one of PointLight, .*EnvironmentLight, not str"),
+        (None, "sequence of lights, not None"),
+        (pr.PointLight((0, 0, 0), 1), "sequence of lights, not PointLight"),
+        ([pr.PointLight((0, 0, 0), 1), "sun"], "one of PointLight, .*EnvironmentLight, not 'sun'"),
         ([pr.EnvironmentLight(1), pr.EnvironmentLight(2)], "an EnvironmentLight already"),
     ],
 )

@@ -573,7 +573,7 @@ def test_a_viewer_of_a_scene(scene, capsys):
     assert f'src="{viewer.url}"' in viewer._repr_html_()
     browser.close()
     viewer.close()
-    with pytest.raises(ValueError, match="scene must be a Scene, not int"):
+    with pytest.raises(ValueError, match="scene must be a Scene, not 3"):
         pr.view(3)
 
 

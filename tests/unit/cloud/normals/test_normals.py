@@ -205,8 +205,8 @@ def test_points_on_a_line_and_few_points_get_unit_normals():
 @pytest.mark.parametrize(
     ("positions", "others", "words"),
     [
-        (SPHERE[:2], {}, "at least 3 points"),
-        (np.ones((50, 3)), {}, "50 points take 1 different"),
+        (SPHERE[:2], {}, "at least 3 distinct positions"),
+        (np.ones((50, 3)), {}, "50 points have 1 distinct"),
         (SPHERE, {"neighbors": 2}, "neighbors must be a whole number from 3"),
         (SPHERE, {"viewpoint": (0, 0)}, "viewpoint"),
         (SPHERE, {"viewpoint": (0, 0, np.nan)}, "viewpoint"),

@@ -14,7 +14,7 @@ from pointray.cloud.normals.stations import eyes_of
 from pointray.cloud.normals.visibility import HIDDEN, hidden_share, ignored_stations
 
 EYE = np.array([0.0, 0.0, 1.6])
-NOTE = "not a scanner position: ignored for normals"
+NOTE = "ignored for normals"
 
 
 def first_hits(directions, balls, boxes, floor):

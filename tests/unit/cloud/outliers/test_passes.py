@@ -104,16 +104,14 @@ def test_thin_plates_keep_their_sheets(thickness):
     ids=["equal", "few", "strays"],
 )
 def test_odd_clouds_stay(rows):
-    points = pr.Points(
-        rows, attributes={"scan": np.arange(len(rows)) % 2}, survey=pr.LocalSurfaceFits(stations=STATIONS)
-    )
+    points = pr.Points(rows, attributes={"scan": np.arange(len(rows)) % 2}, survey=pr.Survey(stations=STATIONS))
     assert merge_for_model(points) is points
 
 
 @pytest.mark.parametrize(("gap", "tilt"), [long(0.5, 0), long(2, 0), (2.5, 0), long(0, 1)])
 def test_two_scans_of_one_wall_become_one_surface(gap, tilt):
     rows, scan = scans(gap, tilt)
-    points = pr.Points(rows, attributes={"scan": scan}, survey=pr.LocalSurfaceFits(stations=STATIONS))
+    points = pr.Points(rows, attributes={"scan": scan}, survey=pr.Survey(stations=STATIONS))
     inner = np.abs(rows[:, :2]).max(axis=1) < 0.9
     moved = off(merge_passes(points).world)[inner]
     assert rms(moved) < 0.3 and abs(moved.mean()) < 0.1
@@ -121,11 +119,11 @@ def test_two_scans_of_one_wall_become_one_surface(gap, tilt):
         rows, np.broadcast_to((0, 0, 1), (N, 3)), attributes={"point_source_id": scan.astype(np.uint16)}
     )
     assert rms(off(merge_for_model(flights).world)[inner]) < 0.3
-    assert rms(off(pr.merge_layers(points.changed(survey=pr.LocalSurfaceFits()), (0, 0, 10)).world)[inner]) < 0.3
+    assert rms(off(pr.merge_layers(points.changed(survey=pr.Survey()), (0, 0, 10)).world)[inner]) < 0.3
 
 
 def stays(rows, scan, stations=STATIONS):
-    points = pr.Points(rows, attributes={"scan": scan}, survey=pr.LocalSurfaceFits(stations=stations))
+    points = pr.Points(rows, attributes={"scan": scan}, survey=pr.Survey(stations=stations))
     return merge_passes(points) is points
 
 
@@ -142,7 +140,7 @@ def test_scans_that_do_not_exist_are_ignored(wrong):
     rows, scan = scans(2)
     assert stays(rows, np.where(scan == 1, wrong, 0.0))
     some = np.where(np.arange(N) % 50 == 0, wrong, scan)
-    points = pr.Points(rows, attributes={"scan": some}, survey=pr.LocalSurfaceFits(stations=STATIONS))
+    points = pr.Points(rows, attributes={"scan": some}, survey=pr.Survey(stations=STATIONS))
     moved = merge_passes(points).positions != points.positions
     assert not moved[::50].any() and moved.any(axis=1).mean() > 0.9
 

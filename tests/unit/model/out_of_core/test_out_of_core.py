@@ -279,10 +279,10 @@ def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
     folder = begun(tmp_path, monkeypatch)
     with pytest.raises(ValueError, match="contains unfinished work with different size"):
         prepared(tmp_path / "a.ply", folder, 2 * SIZE)
-    with pytest.raises(ValueError, match="other settings"):
+    with pytest.raises(ValueError, match="different settings"):
         prepared(tmp_path / "a.ply", folder, smooth=0.0)
     pr.write(tmp_path / "b.ply", statue(20_000))
-    with pytest.raises(ValueError, match="other files"):
+    with pytest.raises(ValueError, match="different files"):
         prepared(tmp_path / "b.ply", folder)
     with pytest.raises(ValueError, match="is unfinished"):
         pr.Model.load(folder)

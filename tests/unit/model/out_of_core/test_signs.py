@@ -204,7 +204,7 @@ def test_one_part_is_the_whole(tmp_path):
 def test_a_part_begins_with_a_tile(tmp_path):
     cloud = made("terrain")
     cloud = Cloud(cloud.path, cloud.positions, cloud.normals, cloud.near, 5000)
-    with pytest.raises(ValueError, match="a part begins at a multiple of 2,048 rows, not at row 5,000"):
+    with pytest.raises(ValueError, match="a part must begin at a multiple of 2,048 rows, not at row 5,000"):
         cloud.passes(tmp_path)[0].find(cloud.load(1))
 
 

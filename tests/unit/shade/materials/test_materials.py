@@ -259,7 +259,7 @@ def test_pictures_under_the_headlight(material, radiance):
     [
         (lambda: pr.Diffuse("red"), "color"),
         (lambda: pr.Diffuse((1, 2)), "color"),
-        (lambda: pr.Diffuse(1.5), "between 0 and 1"),
+        (lambda: pr.Diffuse(1.5), "reflectance from 0 to 1"),
         (lambda: pr.Diffuse(-0.1), "color"),
         (lambda: pr.Diffuse(np.nan), "color"),
         (lambda: pr.Phong(specular=1.1), "specular"),
@@ -276,7 +276,7 @@ def test_pictures_under_the_headlight(material, radiance):
         (lambda: pr.Emissive(-1), "radiance"),
         (lambda: pr.Emissive(np.inf), "radiance"),
         (lambda: pr.Emissive(1, color=3), "color"),
-        (lambda: pr.Scene().add(pr.Plane((0, 0, 0), (0, 0, 1)), material="glass"), "Dielectric.*not str"),
+        (lambda: pr.Scene().add(pr.Plane((0, 0, 0), (0, 0, 1)), material="glass"), "Dielectric.*not 'glass'"),
     ],
 )
 def test_bad_materials_are_refused(make, says):
