@@ -25,12 +25,16 @@ HINTS = {
 }
 
 
+def format_files() -> list[Path]:
+    """Return the files of the modules of all formats."""
+    return sorted((Path(__file__).parent / "formats").rglob("[!_]*.py"))
+
+
 @cache
 def _formats() -> dict[str, Format]:
     """Return all formats by module name: the modules in `formats/` and its folders that do not begin with _."""
     root = Path(__file__).parent
-    files = sorted(path.relative_to(root) for path in (root / "formats").rglob("[!_]*.py"))
-    names = [".".join((__package__, *file.with_suffix("").parts)) for file in files]
+    names = [".".join((__package__, *file.relative_to(root).with_suffix("").parts)) for file in format_files()]
     return {name.rsplit(".", 1)[1]: import_module(name).FORMAT for name in names}
 
 

@@ -8,6 +8,7 @@ least recently used ones are removed when the cache is too large.
 from __future__ import annotations
 
 import hashlib
+import inspect
 import json
 import os
 import shutil
@@ -22,9 +23,13 @@ from typing import Any
 import platformdirs
 
 from ..base.atomic_write import replacing, sweep
-from ..base.dependencies import ROOT, key_of
+from ..base.dependencies import key_of
 from ..base.progress import StageProgress
 from ..base.warning_log import heard, warn
+from ..cloud.normals.validation import select_normals
+from ..cloud.outliers import without_strays
+from ..io.files import read
+from ..io.known_formats import format_files
 from .model import Model
 from .model_file import SAVED
 
@@ -32,6 +37,7 @@ FOLDER = "models"
 MOST_BYTES = 16 << 30  # of all models, but never more than MOST_SHARE of the disk's free space
 MOST_SHARE = 0.5
 WORTH = 50_000  # points from which a model is cached: smaller ones are built in less than half a second
+MADE_BY = read, without_strays, select_normals, Model  # what turns files into a model
 SETTLED = 2.0  # seconds since a file's last change: a second change within the clock's tick would go unnoticed
 
 
@@ -142,13 +148,8 @@ def clear() -> tuple[int, int]:
 
 @cache
 def source_key() -> str:
-    """Return a hash of the sources that decide what a model is.
-
-    These are `model/model.py`, all of `cloud/` and `io/`, whose formats are loaded by name, and what these import.
-    """
-    return key_of(
-        [ROOT / "model/model.py", *(ROOT / "cloud").rglob("*.py"), *(ROOT / "io").rglob("*.py")], deferred=True
-    )
+    """Return a hash of the sources that decide what a model is: of `MADE_BY`, the file formats, and what these import."""
+    return key_of([*(Path(inspect.getfile(each)) for each in MADE_BY), *format_files()], deferred=True)
 
 
 def _facts_of(files: Sequence[Path]) -> list[dict[str, Any]]:
