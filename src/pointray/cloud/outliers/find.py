@@ -60,7 +60,7 @@ def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: St
     points : Points
     viewpoint : (3,) or (n, 3) array_like, optional
         World position of the scanner, or of the scanner that saw each point, NaN where unknown. None: the stations of
-        `points.survey`, as for `estimate_normals`. Veils are found only where it is known.
+        `points.georeference`, as for `estimate_normals`. Veils are found only where it is known.
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 

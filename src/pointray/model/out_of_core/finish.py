@@ -161,7 +161,7 @@ def finish(
     supports = np.array([box for written in all_written for box in written.supports])
     around = [*supports[:, :3].min(axis=0).tolist(), *supports[:, 3:].max(axis=0).tolist()]
     longest = max(written.longest for written in all_written)
-    index = Index(named.id, settings, named.survey.facts, bounds, around, longest, *sizes, files, loose)
+    index = Index(named.id, settings, named.georeference.facts, bounds, around, longest, *sizes, files, loose)
     write_index(named.folder, index)
 
 

@@ -99,7 +99,7 @@ def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Pro
     points = model.points.select(rows)
     size, id = max(1 << (wanted.bit_length() - 1), least_size(max(count, 1))), secrets.token_hex(8)
     sizes = write_points(folder, id, points, radii, partial(tell, part_of(progress, 0.0, POINTS)))
-    about = ModelInfo(folder, id, points.origin, points.survey, list(points.attributes))
+    about = ModelInfo(folder, id, points.origin, points.georeference, list(points.attributes))
     ends = np.array([0.0, count / len(rows), 1.0]) * (1.0 - POINTS) + POINTS
     files: list[PartFile] = []
     median, longest, supports = None, 0.0, []
@@ -116,7 +116,7 @@ def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Pro
         files, supports = [*files, *more], [*supports, *boxes]
     settings = {**model.settings._asdict(), "smooth": model.smooth, **model.drawing.facts}
     box = [*np.min(supports, axis=0)[:3].tolist(), *np.max(supports, axis=0)[3:].tolist()]
-    facts = model.points.survey.facts
+    facts = model.points.georeference.facts
     write_index(folder, Index(id, settings, facts, model.bounds.tolist(), box, longest, *sizes, files, apart))
 
 

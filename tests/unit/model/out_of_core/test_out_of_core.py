@@ -365,7 +365,9 @@ def test_real_scans_by_parts(tmp_path, rng):
     """LAS without normals, with a coordinate system and whole numbers that float32 cannot hold."""
     file = shared_model("raw/autzen_trim_rgb.laz")
     whole, parts = pr.Model(pr.read(file), scatter="surface"), prepared(file, tmp_path / "a.pointray", 1 << 16)
-    assert parts.points.survey == whole.points.survey and set(parts.points.attributes) == set(whole.points.attributes)
+    assert parts.points.georeference == whole.points.georeference and set(parts.points.attributes) == set(
+        whole.points.attributes
+    )
     scenes = [pr.Scene(), pr.Scene()]
     for scene, model in zip(scenes, (whole, parts), strict=True):
         scene.add(model)

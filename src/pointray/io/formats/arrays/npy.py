@@ -165,12 +165,12 @@ def _header_of(dtype: np.dtype[Any], count: int) -> bytes:
 
 
 def _lost(points: Points) -> list[str]:
-    survey = points.survey
+    georeference = points.georeference
     held = {
-        "the coordinate system": survey.crs,
-        "the unit": survey.unit,
-        "scale and offset": survey.scale,
-        "the scanner positions": survey.stations,
+        "the coordinate system": georeference.crs,
+        "the unit": georeference.unit,
+        "scale and offset": georeference.scale,
+        "the scanner positions": georeference.stations,
     }
     return [f"cannot store {what}" for what, value in held.items() if value]
 

@@ -32,11 +32,11 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
         flat = _fitting(values, name, losses).reshape(len(points), -1)
         _add(columns, [name] if values.ndim == 1 else [f"{name}_{i}" for i in range(flat.shape[1])], flat)
     dtype = np.dtype([(name, column.dtype) for name, column in columns.items()])
-    moved = bool(points.origin.any()) or points.survey.projection is not None
+    moved = bool(points.origin.any()) or points.georeference.projection is not None
     if moved:
         dtype = np.dtype([(n, np.float64 if n in ("x", "y", "z") else dtype[n]) for n in columns])
     comments = [f"crs {' '.join(points.crs.split())}"] if points.crs else []
-    if points.survey.stations and len(points.survey.stations) > 0:
+    if points.georeference.stations and len(points.georeference.stations) > 0:
         losses.append("cannot store the scanner positions")
     empty = PlyElement.describe(np.empty(0, dtype), "vertex")
     header = PlyData([empty], byte_order="<", comments=comments).header
@@ -44,7 +44,9 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
     for start in range(0, len(points), CHUNK):
         part = slice(start, start + CHUNK)
         rows = np.empty(len(points.positions[part]), dtype.newbyteorder("<"))
-        world = in_file(points.survey, points.positions[part] + points.origin) if moved else points.positions[part]
+        world = (
+            in_file(points.georeference, points.positions[part] + points.origin) if moved else points.positions[part]
+        )
         for k, (name, column) in enumerate(columns.items()):
             rows[name] = world[:, k] if k < 3 else column[part]
         file.write(rows.data)
