@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.memory import check_memory
-from ..base.progress import Progress, part_of, tell
+from ..base.progress import Progress, part_of, report_progress
 from ..cloud.georeference import RESIDUAL, SCAN, Georeference
 from ..cloud.points import Points, check_count
 from .colors import GREY, ColorRange, to_shades
@@ -33,7 +33,9 @@ from .opening import Opener, announced_rows, check_selected, listings_of, name_o
 from .selection import Selection, Thinning
 
 READ = 0.8  # fraction of the time that reading takes; joining the chunks takes the rest
-WAYS_OUT = "read fewer points with --max-points or --every, or run `pointray prepare --tolerance` on a larger machine"
+MEMORY_ADVICE = (
+    "read fewer points with --max-points or --every, or run `pointray prepare --tolerance` on a larger machine"
+)
 
 Arrays = list[NDArray[Any]]
 
@@ -80,7 +82,7 @@ def _check_bytes(need: int, what: str) -> None:
     try:
         check_memory(need, what)
     except ValueError as error:
-        raise ValueError(f"{error}; {WAYS_OUT}") from None
+        raise ValueError(f"{error}; {MEMORY_ADVICE}") from None
 
 
 def _read(
@@ -126,7 +128,7 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
     names = attributes_of(parts)
     attributes = {}
     for k, name in enumerate(names):
-        tell(progress, k / (len(names) + 2))
+        report_progress(progress, k / (len(names) + 2))
         columns = [chunk.attributes.get(name) for part in parts for chunk in part.chunks]
         column = _column(name, columns, counts)
         assert column is not None
@@ -136,7 +138,7 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
     positions = [chunk.positions for part in parts for chunk in part.chunks]
     for part in parts:
         part.chunks.clear()
-    tell(progress, 0.9)
+    report_progress(progress, 0.9)
     origin, local, residual, georeference = _about_origin(positions, georeference)
     if residual is not None:
         attributes[RESIDUAL] = residual

@@ -24,7 +24,7 @@ import platformdirs
 from ..base.atomic_write import replacing, sweep
 from ..base.dependencies import ROOT, key_of
 from ..base.progress import StageProgress
-from ..base.warning_log import heard, warn
+from ..base.warning_log import collect_warnings, warn
 from .model import Model
 from .model_file import SAVED
 
@@ -105,7 +105,7 @@ def entry_of(files: Sequence[Path], made: Mapping[str, Any]) -> Entry:
 
 def built(build: Callable[[], Model]) -> tuple[Model, list[str]]:
     """Build a model; return it and the warnings that building gave, which are also passed on."""
-    with heard() as notes:
+    with collect_warnings() as notes:
         model = build()
     for note in notes:
         warn(note, stacklevel=2)

@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress
 from ..cloud.georeference import Georeference
 from ..cloud.points import FARTHEST, Points
 from ..engine.kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, SCATTER, STEP, Tree
 from ..surface.tree.indices import check_indices
-from .array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
+from .array_file import Arrays, Kind, read_arrays, take_array, write_arrays
 
-SAVED = ".pointray"  # usual file extension
+SAVED = ".pointray"  # file extension
 LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]
 # Version 3 has leaves of scattered points; a model without any is written as version 2, which earlier releases read.
 # Changing LEAF_BLOCKS requires a new version.
@@ -83,7 +84,7 @@ def place_of(path: str | os.PathLike[str], index: str = "") -> Place:
 
 
 def write_model(
-    path: str | os.PathLike[str], levels: Sequence[Level], report: Say, more: Mapping[str, Any] | None = None
+    path: str | os.PathLike[str], levels: Sequence[Level], report: Progress, more: Mapping[str, Any] | None = None
 ) -> None:
     """Write a file for `read_model`; it gets its name when it is complete.
 

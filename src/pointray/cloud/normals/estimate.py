@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_callback, check_kind, check_whole
-from ...base.progress import Progress, StageProgress, in_stage, part_of, tell
+from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import distinct, neighbor_chunks, neighbors
 from ..points import Points
@@ -126,7 +126,7 @@ def with_fits(
             found.normals[:] *= signs_facing(found.normals, layers.planes, layers.near)[:, None]
         else:
             found.normals[:] *= orient(found.positions, found.normals, found.near)[:, None]
-        tell(progress, ORIENTED)
+        report_progress(progress, ORIENTED)
         orient_thin_sheets(found.positions, found.normals, found.near, found.residuals)
     elif not known.all():
         orient_unknown(found.positions, found.normals, found.near, known)

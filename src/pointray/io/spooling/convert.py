@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Column, Columns
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, part_of, report_progress
 from ...cloud.georeference import RESIDUAL, SCAN, Georeference
 from ...cloud.points import are_finite, check_any_finite, check_attribute
-from ...cloud.preparation import tell_left_out
+from ...cloud.preparation import warn_of_left_out
 from ..colors import GREY, ColorRange, to_shades
 from ..formats._source import CHUNK
 from ..joining import (
@@ -79,7 +79,7 @@ class Cloud(NamedTuple):
         """Yield all rows in blocks (file, begin, end), each within one file."""
         for file in self.files:
             for begin in range(file.begin, file.end, CHUNK):
-                tell(progress, begin / self.rows)
+                report_progress(progress, begin / self.rows)
                 yield file, begin, min(begin + CHUNK, file.end)
 
 
@@ -137,7 +137,7 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
     for (name, target), begin, end in zip(made.items(), ends[:-1], ends[1:], strict=True):
         _write(cloud, located, name, names.get(name, name), target, part_of(progress, begin, end))
         cloud.raw(name).drop()
-        tell(progress, end)
+        report_progress(progress, end)
     if located.losses is not None:  # replaces an attribute of the files with the same name
         cloud.columns.rename(LOSSES, names[ATTRIBUTE + RESIDUAL])
     cloud.columns.drop(LEFT_OUT)
@@ -175,7 +175,7 @@ def _locate(cloud: Cloud, georeference: Georeference, progress: Progress | None)
             losses.append(np.zeros((len(local), 3), np.int32) if lost is None else lost)
     raw.drop()
     check_any_finite(len(positions), total)
-    tell_left_out(total - len(positions), total)
+    warn_of_left_out(total - len(positions), total)
     return Located(origin, georeference, len(positions), left_out, losses)
 
 

@@ -24,7 +24,7 @@ from ...cloud.normals.stations import warn_of_ignored
 from ...cloud.normals.units import to_units
 from ...io.spooling.spooled import Spooled
 from ...surface.splats.scattered.spheres import ALL_SURFACE, Drawing, check_drawing
-from ...surface.splats.support import lone_note
+from ...surface.splats.support import isolated_note
 from ...surface.tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import TILE, Arrangement
 from .facing import turn_fits, turn_given
@@ -266,7 +266,7 @@ class OutOfCoreBuilder:
         work.make_column(SHEETS, np.int8)
         find = partial(find_supports, work, cloud, supporting, statistics)
         self._supports = work.each("support", find, (FACED_AT, SUPPORTED))
-        note = lone_note(sum(fact["lone"] for fact in self._supports), cloud.total)
+        note = isolated_note(sum(fact["lone"] for fact in self._supports), cloud.total)
         if note:
             warn(note, stacklevel=4)
 

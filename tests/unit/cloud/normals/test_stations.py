@@ -126,23 +126,23 @@ def test_given_normals_stay_and_missing_ones_are_estimated():
     fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
     given, said = repair_normals(Points(positions, -exact, **fields))
     np.testing.assert_array_equal(given.normals, -exact)
-    mended, said = repair_normals(Points(positions, np.zeros_like(exact), **fields))
-    assert wrong(mended.normals, exact) == 0 and "estimated" in said
+    repaired, said = repair_normals(Points(positions, np.zeros_like(exact), **fields))
+    assert wrong(repaired.normals, exact) == 0 and "estimated" in said
 
 
 def test_normals_that_disagree_turn_to_their_stations():
     positions, exact, scan = wall(thickness=0.2)
     signs = np.where(np.random.default_rng(3).random(len(exact)) < 0.5, -1, 1)[:, None]
     fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
-    mended, said = repair_normals(Points(positions, exact * signs, **fields))
-    assert wrong(mended.normals, exact) == 0 and "signs recomputed" in said and "viewpoint=" not in said
+    repaired, said = repair_normals(Points(positions, exact * signs, **fields))
+    assert wrong(repaired.normals, exact) == 0 and "signs recomputed" in said and "viewpoint=" not in said
 
 
 def test_right_normals_of_a_thin_wall_are_not_touched():
     positions, exact, scan = wall()
     fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
-    mended, said = repair_normals(Points(positions, exact, **fields))
-    np.testing.assert_array_equal(mended.normals, exact)
+    repaired, said = repair_normals(Points(positions, exact, **fields))
+    np.testing.assert_array_equal(repaired.normals, exact)
     assert said is None
 
 

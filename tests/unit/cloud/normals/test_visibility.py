@@ -1,5 +1,7 @@
 """Stations that are believed, as their points can have been seen from there, and those that are not."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ from pointray.cloud.normals.stations import eyes_of
 from pointray.cloud.normals.visibility import HIDDEN, hidden_share, ignored_stations
 
 EYE = np.array([0.0, 0.0, 1.6])
-NOTE = "not a scanner position: ignored for normals"
+NOTE = "not (a )?scanner positions?: ignored for normals"
 
 
 def first_hits(directions, balls, boxes, floor):
@@ -94,10 +96,10 @@ def test_signs_of_merged_normals_are_set_anew_without_a_station(rng):
     torus = pr.procedural("torus", 6000)
     given = torus.normals * rng.choice([-1, 1], (len(torus), 1))
     with pytest.warns(UserWarning, match=NOTE):
-        mended, said = repair_normals(
+        repaired, said = repair_normals(
             Points(torus.world, given, georeference=Georeference(stations=((5.0, 2.0, 1.5),)))
         )
-    assert (np.einsum("ij,ij->i", mended.normals, torus.normals) > 0).all() and "signs recomputed" in said
+    assert (np.einsum("ij,ij->i", repaired.normals, torus.normals) > 0).all() and "signs recomputed" in said
 
 
 def test_each_station_is_judged_by_its_points():
@@ -160,4 +162,4 @@ def test_a_cloud_in_parts_ignores_the_same_stations(stations, signs, tmp_path, r
     scene.add(parts)
     hits = scene.intersect([(0, 0, 5), (0, 0, -5)], [(0.7, 0, -5), (0.7, 0, 5)])
     assert hits.normal[0, 2] > 0.3 and hits.normal[1, 2] < -0.3
-    assert [NOTE in str(one.message) for one in recwarn].count(True) == bool(stations)
+    assert [bool(re.search(NOTE, str(one.message))) for one in recwarn].count(True) == bool(stations)

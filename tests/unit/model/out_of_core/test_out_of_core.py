@@ -175,14 +175,14 @@ def test_corrections_are_reported_as_for_the_whole(scramble, tmp_path, rng):
         prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
     with pytest.warns(UserWarning, match="normals") as expected:
         pr.Model(points, scatter="surface")
-    (of_parts, share), (of_whole, wanted) = map(mended, (found, expected))
+    (of_parts, share), (of_whole, wanted) = map(repaired, (found, expected))
     assert of_parts == of_whole and any("are zero or not finite" in text for text in of_whole)
     # Where normals are lost, parts count other neighbours than the whole: for 50 clouds shares differed by 0.27 (rms).
     assert len(wanted) == scramble
     np.testing.assert_allclose(share, wanted, rtol=0, atol=2)
 
 
-def mended(warned):
+def repaired(warned):
     """What warnings say without the share of opposite normals, and that share in percent, if there is one."""
     texts = {text.split(" (pass")[0] for one in warned for text in str(one.message).split("; ")}
     shares = [int(share) for text in texts for share in SHARE.findall(text)]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....base.progress import Progress, tell
+from ....base.progress import Progress, report_progress
 from ....base.warning_log import warn
 from ....cloud.georeference import RESIDUAL
 from ....cloud.points import Points
@@ -182,7 +182,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
             _write_array(archive, name, np.array(fact))
         for k, (name, values) in enumerate(there.items()):
             _write_array(archive, name, values, points if name == "positions" and float64 else None)
-            tell(progress, (k + 1) / len(there))
+            report_progress(progress, (k + 1) / len(there))
     return []
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ....base.progress import Progress, tell
+from ....base.progress import Progress, report_progress
 from ....cloud.geographic import in_file
 from ....cloud.georeference import RESIDUAL, Georeference, numbers_of
 from ....cloud.points import Points
@@ -98,7 +98,7 @@ def _write_rows(stream: Any, points: Points, plan: tuple[Any, ...], progress: Pr
             for name, values in extras:
                 rows[name] = values[part]
             writer.write_points(record if whole else laspy.PackedPointRecord(rows[finite[part]], header.point_format))
-            tell(progress, min(part.stop / len(points), 1.0))
+            report_progress(progress, min(part.stop / len(points), 1.0))
         if trailing:
             writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(trailing))
 
@@ -123,7 +123,7 @@ class _ErrorRecorder:
     def seek(self, offset: int, whence: int = 0) -> Any:
         return self._do("seek", offset, whence)
 
-    def tell(self) -> Any:
+    def report_progress(self) -> Any:
         return self._do("tell")
 
     def flush(self) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement
 
-from ....base.progress import Progress, tell
+from ....base.progress import Progress, report_progress
 from ....cloud.geographic import in_file
 from ....cloud.points import Points
 from .._source import CHUNK
@@ -50,7 +50,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
         for k, (name, column) in enumerate(columns.items()):
             rows[name] = world[:, k] if k < 3 else column[part]
         file.write(rows.data)
-        tell(progress, min(part.stop / len(points), 1.0))
+        report_progress(progress, min(part.stop / len(points), 1.0))
     return losses
 
 
