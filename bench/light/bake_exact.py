@@ -19,7 +19,7 @@ from bench.light.bake_scenes import (
     before_wall,
     dark_box,
     lit_sphere,
-    lone_sheet,
+    single_sheet,
     statue_room,
     wall_shade,
 )
@@ -166,7 +166,7 @@ def _box_leaks(options: Options) -> list[Row]:
 
 def _sheet_leaks(options: Options) -> list[Row]:
     """The dark side alone; then with a lamp behind, so that it is baked, minus the lamp's own light."""
-    known = lone_sheet(options.few)
+    known = single_sheet(options.few)
     sun, lamp = known.scene.lights[0], pr.PointLight((0.2, 0.1, -1.5), 0.3)
     middle = np.isfinite(known.at)
     alone, beside = [], []

@@ -131,7 +131,7 @@ def dark_box(points: int, color: float = 0.8) -> Known:
     return Known(scene, id, np.where(near_edge, np.nan, layer), spacing)
 
 
-def lone_sheet(points: int) -> Known:
+def single_sheet(points: int) -> Known:
     """A sheet of points, 2 wide, alone under a sun. at : 1, or NaN within 3 spacings of the rim"""
     spacing = 2.0 / np.sqrt(points)
     positions, normals = sheet((-1, -1, 0), (2, 0, 0), (0, 2, 0), spacing)

@@ -82,7 +82,7 @@ def other_start() -> dict[str, float]:
 
 
 def pace() -> float:
-    """How much faster this core runs Python at this moment than a usual core of 2024, which takes 0.12 s for this."""
+    """How much faster this core runs Python at this moment than a typical core of 2024, which takes 0.12 s for this."""
     begun = time.thread_time()
     sum(i * i for i in range(3_000_000))
     return 0.12 / (time.thread_time() - begun)
@@ -97,7 +97,7 @@ def in_fresh_process(what: str) -> Any:
 
 
 def rounded(kernels: dict[str, float], pace: float) -> dict[str, float]:
-    """Names without the package's, and seconds of a usual core to a tenth, at least one."""
+    """Names without the package's, and seconds of a typical core to a tenth, at least one."""
     return {name.removeprefix(f"{warmup.PACKAGE}."): max(0.1, round(took * pace, 1)) for name, took in kernels.items()}
 
 
@@ -106,11 +106,11 @@ def main() -> None:
     rows = in_fresh_process("first_start")
     paces.append(pace())
     other = in_fresh_process("other_start")
-    usual = statistics.median([*paces, pace()])
+    speed = statistics.median([*paces, pace()])
     rows["build"] = {name: rows["normals"].pop(name) for name in list(rows["normals"]) if name in other}
     shared = rows["rays"][CLICK] - other[CLICK]
     rows["rays"][CLICK] = other[CLICK]
-    found = {**{stage: rounded(kernels, usual) for stage, kernels in rows.items()}, "shared": round(shared * usual, 1)}
+    found = {**{stage: rounded(kernels, speed) for stage, kernels in rows.items()}, "shared": round(shared * speed, 1)}
     FILE.write_text(json.dumps(found, indent=1) + "\n")
     print(FILE.read_text())
 

@@ -56,9 +56,9 @@ def scan(count: int) -> pr.Points:
         "classification": dice.integers(1, 7, count).astype(np.uint8),
         "gps_time": np.sort(dice.random(count)) * 1000 + 3e8,
     }
-    survey = pr.Survey("EPSG:25832", "metre", (0.001,) * 3, (512_000, 5_400_000, 0))
+    georeference = pr.Georeference("EPSG:25832", "metre", (0.001,) * 3, (512_000, 5_400_000, 0))
     return pr.Points(
-        xyz, colors=dice.integers(0, 256, (count, 3)).astype(np.uint8), attributes=attributes, survey=survey
+        xyz, colors=dice.integers(0, 256, (count, 3)).astype(np.uint8), attributes=attributes, georeference=georeference
     )
 
 

@@ -63,8 +63,8 @@ def choice_table(rows: list[Row]) -> Table:
     groups: dict[tuple[str, int, int], list[Row]] = defaultdict(list)
     for row in rows:
         groups[row.surface, row.samples, row.refine].append(row)
-    usual = groups[SURFACE, 4, 1]
-    figures = {key: _figures(some, usual) for key, some in groups.items()}
+    baseline = groups[SURFACE, 4, 1]
+    figures = {key: _figures(some, baseline) for key, some in groups.items()}
     columns = ("", "surface", "N", "refine", "cost", "holes", "phantoms", "depth", "even", "random", "noise", "normals")
     table = Table(*columns, "even", "random", "noise", box=None, header_style="bold")
     for column in table.columns[2:]:
@@ -80,14 +80,14 @@ def choice_table(rows: list[Row]) -> Table:
     return table
 
 
-def _figures(rows: list[Row], usual: list[Row]) -> dict[str, float]:
+def _figures(rows: list[Row], baseline: list[Row]) -> dict[str, float]:
     """Sums and geometric means over the clouds of one setting."""
     found = {
         "cost": _geometric([r.cost for r in rows]),
         "holes": float(sum(r.holes for r in rows)),
         "phantoms": float(sum(r.phantoms for r in rows)),
     }
-    pairs = list(zip(rows, usual, strict=True))
+    pairs = list(zip(rows, baseline, strict=True))
     parts: dict[str, Any] = {
         "": lambda r: True,
         " even": lambda r: r.sampling == "even" and not r.noise,

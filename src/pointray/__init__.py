@@ -12,6 +12,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from .base.deprecation import warn_renamed
 from .base.executor import register_backend
 from .base.version import __version__ as __version__
 
@@ -35,7 +36,7 @@ _HOME = {
     "RectLight": "shade.lights",
     "SphereLight": "shade.lights",
     "Points": "cloud.points",
-    "Survey": "cloud.georeference",
+    "Georeference": "cloud.georeference",
     "Principled": "shade.materials.principled",
     "Scene": "scene.scene",
     "SceneFile": "scenefile",
@@ -72,6 +73,8 @@ _HOME = {
     "write_layers": "image",
 }
 
+_RENAMED = {"Survey": "Georeference"}  # deprecated aliases
+
 __all__ = sorted([*_HOME, "__version__"])
 
 if TYPE_CHECKING:
@@ -84,7 +87,7 @@ if TYPE_CHECKING:
     from .cloud.cleaning import clean as clean
     from .cloud.cleaning import find_flaws as find_flaws
     from .cloud.denoising.smooth import smooth as smooth
-    from .cloud.georeference import Survey as Survey
+    from .cloud.georeference import Georeference as Georeference
     from .cloud.normals.comparison import check_normals as check_normals
     from .cloud.normals.estimate import estimate_normals as estimate_normals
     from .cloud.outliers import find_strays as find_strays
@@ -135,6 +138,9 @@ register_backend(lambda: importlib.import_module(".cluster.backend", __name__))
 
 
 def __getattr__(name: str) -> Any:
+    if name in _RENAMED:
+        warn_renamed(f"pointray.{name}", f"pointray.{_RENAMED[name]}")
+        name = _RENAMED[name]
     if name not in _HOME:
         raise AttributeError(f"module 'pointray' has no attribute {name!r}")
     value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)

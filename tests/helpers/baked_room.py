@@ -21,13 +21,13 @@ def ball(**changes):
 
 
 @cache
-def usual_ball():
+def plain_ball():
     return ball()
 
 
 def room(model=None, lights=(SKY, SUN), **changes):
     """A scene of two balls between two planes, of which something may differ."""
-    model = usual_ball() if model is None else model
+    model = plain_ball() if model is None else model
     scene = pr.Scene()
     scene.add(model, material=pr.Diffuse(changes.get("albedo")))
     scene.add(pr.Plane(changes.get("floor", (0, 0, -1)), (0, 0, 1), shadow_catcher=changes.get("catcher", False)))

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from pointray.cloud.georeference import Survey
+from pointray.cloud.georeference import Georeference
 from pointray.io.formats._source import Listing, Source
 
 
 class Rows(Source):
     """A file of rows in chunks of this many, which may not know their number."""
 
-    def __init__(self, chunk, size=100, known=True, survey=None):
+    def __init__(self, chunk, size=100, known=True, georeference=None):
         n = len(chunk.positions)
-        self.listing = Listing(n if known else None, 64, expected=n, survey=survey or Survey())
+        self.listing = Listing(n if known else None, 64, expected=n, georeference=georeference or Georeference())
         self._chunk, self._size = chunk, size
 
     def chunks(self):

@@ -77,7 +77,7 @@ def full_points(attributes: bool = True) -> pr.Points:
         (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32),
         rng.integers(0, 256, (ROWS, 3)).astype(np.uint8),
         named if attributes else {},
-        survey=pr.Survey("EPSG:25832"),
+        georeference=pr.Georeference("EPSG:25832"),
     )
 
 

@@ -4,11 +4,11 @@ import numpy as np
 
 import pointray as pr
 from pointray import Points
-from pointray.cloud.georeference import Survey
+from pointray.cloud.georeference import Georeference
 
 WEST, EAST = (-5.0, 0.0, 0.3), (5.0, 0.0, -0.2)
 
-BOTH = Survey(stations=(WEST, EAST))
+BOTH = Georeference(stations=(WEST, EAST))
 
 
 def seen_torus(count=6000):

@@ -9,12 +9,14 @@ import pytest
 
 import pointray as pr
 from pointray.cli import execute
-from pointray.cloud.georeference import SCAN, Survey
+from pointray.cloud.georeference import SCAN, Georeference
 from pointray.surface.splats.radii import radii_in
 from pointray.viewer.pick import _format_value, pick
 
 N = 2000
-SURVEY = Survey("EPSG:25832", "metre", (0.001,) * 3, (500_000.0, 5_400_000.0, 0.0), ((512_340.0, 5_400_000.5, 3.25),))
+GEOREFERENCE = Georeference(
+    "EPSG:25832", "metre", (0.001,) * 3, (500_000.0, 5_400_000.0, 0.0), ((512_340.0, 5_400_000.5, 3.25),)
+)
 OTHERS = {"i1": np.int8, "u2": np.uint16, "i2": np.int16, "u4": np.uint32, "i4": np.int32, "u8": np.uint64}
 
 
@@ -40,7 +42,7 @@ def all_kinds():
 def points():
     torus = pr.procedural("torus", N)
     world = torus.positions.astype(np.float64) + (512_345.678, 5_400_000.123, 321.5)
-    return pr.Points(world, torus.normals, None, all_kinds(), survey=SURVEY)
+    return pr.Points(world, torus.normals, None, all_kinds(), georeference=GEOREFERENCE)
 
 
 @pytest.fixture(scope="module")
@@ -48,13 +50,13 @@ def model(points):
     return pr.Model(points)
 
 
-def same(found, want, survey=True):
+def same(found, want, georeference=True):
     """Whether attributes have the same names, in the same order, dtypes and bits."""
     assert list(found.attributes) == list(want.attributes)
     for name, values in want.attributes.items():
         assert found.attributes[name].dtype == values.dtype, name
         assert found.attributes[name].tobytes() == values.tobytes(), name
-    assert not survey or found.survey == want.survey
+    assert not georeference or found.georeference == want.georeference
 
 
 def test_points_keep_what_they_are_given(points):
@@ -97,7 +99,7 @@ def test_models_as_files(tmp_path, points, model):
 def test_levels_in_files_keep_dtypes(tmp_path):
     torus = pr.procedural("torus", 6000)
     kinds = {"classification": np.resize(np.uint8([2, 6]), 6000), "gps_time": 3e8 + 1e-7 * np.arange(6000)}
-    model = pr.Model(torus.changed(attributes=kinds, survey=SURVEY))
+    model = pr.Model(torus.changed(attributes=kinds, georeference=GEOREFERENCE))
     model.make_levels()
     model.save(tmp_path / "a.pointray")
     loaded = pr.Model.load(tmp_path / "a.pointray")
@@ -107,7 +109,7 @@ def test_levels_in_files_keep_dtypes(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "survey",
+    "georeference",
     [
         b'{"crs": 3}',
         b'{"scale": [1, 1, 0], "offset": [0, 0, 0]}',
@@ -119,12 +121,12 @@ def test_levels_in_files_keep_dtypes(tmp_path):
         b"null",
     ],
 )
-def test_a_damaged_survey_is_an_error(tmp_path, model, survey):
+def test_a_damaged_georeference_is_an_error(tmp_path, model, georeference):
     model.save(tmp_path / "a.pointray")
     data = (tmp_path / "a.pointray").read_bytes()
     known = re.search(rb'"survey": (\{.*?\})', data)[1]
-    assert len(survey) <= len(known)
-    (tmp_path / "a.pointray").write_bytes(data.replace(known, survey.ljust(len(known)), 1))
+    assert len(georeference) <= len(known)
+    (tmp_path / "a.pointray").write_bytes(data.replace(known, georeference.ljust(len(known)), 1))
     with pytest.raises(ValueError, match=r"a\.pointray: the model is damaged: invalid georeference"):
         pr.Model.load(tmp_path / "a.pointray")
 
@@ -170,12 +172,12 @@ def test_ply_reports_rounded_numbers(tmp_path, number):
 
 def test_a_prepared_model_and_a_subsample(tmp_path, points):
     plain = points.changed(attributes={n: v for n, v in points.attributes.items() if n not in ("u8", "id", "echo")})
-    pr.write(tmp_path / "a.ply", plain.changed(survey=Survey(SURVEY.crs)))
+    pr.write(tmp_path / "a.ply", plain.changed(georeference=Georeference(GEOREFERENCE.crs)))
     assert execute(["prepare", str(tmp_path / "a.ply"), "-o", str(tmp_path / "a.pointray"), "--normals", "file"]) == 0
     prepared = pr.Model.load(tmp_path / "a.pointray").points
     same(prepared, pr.read(tmp_path / "a.ply"))
     few, _ = pr.subsample(points, count=300)
-    assert few.survey == SURVEY
+    assert few.georeference == GEOREFERENCE
     for name, values in few.attributes.items():
         assert values.dtype == points.attributes[name].dtype and values.shape[1:] == points.attributes[name].shape[1:]
     assert np.isin(few.attributes["classification"], points.attributes["classification"]).all()

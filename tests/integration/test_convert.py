@@ -19,9 +19,9 @@ def scan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> pr.Points:
     monkeypatch.chdir(tmp_path)
     rng, rows = np.random.default_rng(1), sphere_points(500)
     attributes = {"gps_time": 3e8 + rng.random(500), "classification": (np.arange(500) % 7).astype(np.uint8)}
-    survey = pr.Survey(crs="EPSG:25832")
+    georeference = pr.Georeference(crs="EPSG:25832")
     points = pr.Points(
-        rows + [5e5, 5.4e6, 100], rows, rng.integers(0, 256, (500, 3), np.uint8), attributes, None, survey
+        rows + [5e5, 5.4e6, 100], rows, rng.integers(0, 256, (500, 3), np.uint8), attributes, None, georeference
     )
     pr.write("a.ply", points)
     return points

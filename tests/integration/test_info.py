@@ -8,7 +8,7 @@ import pytest
 import pointray as pr
 from helpers.clouds import sphere_points
 from pointray.cli import execute
-from pointray.cli.facts import crs_name, describe_attributes, describe_survey
+from pointray.cli.facts import crs_name, describe_attributes, describe_georeference
 from pointray.cli.tables import show_table
 
 WKT = 'PROJCS["ETRS89 / UTM zone 32N",GEOGCS["ETRS89",DATUM["European Terrestrial"]],UNIT["metre",1]]'
@@ -25,7 +25,9 @@ def scan(tmp_path):
         "reflectance": np.linspace(-1.1, 0.3, 100, dtype=np.float32),
     }
     path = tmp_path / "a.ply"
-    pr.write(path, pr.Points(ROWS + [5e5, 5.4e6, 100], ROWS, attributes=attributes, survey=pr.Survey(crs=WKT)))
+    pr.write(
+        path, pr.Points(ROWS + [5e5, 5.4e6, 100], ROWS, attributes=attributes, georeference=pr.Georeference(crs=WKT))
+    )
     return path
 
 
@@ -125,7 +127,7 @@ def test_ranges_are_exact():
 def test_scanners_are_listed(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "300")
     stations = [(float(k), 2.0, 3.25) for k in range(20)]
-    facts = describe_survey(pr.Survey(unit="metre", stations=tuple(stations)))
+    facts = describe_georeference(pr.Georeference(unit="metre", stations=tuple(stations)))
     assert facts["stations"] == [list(s) for s in stations] and facts["unit"] == "metre"
     show_table({"file": "a", "points": 3, **facts}, False)
     out = " ".join(capsys.readouterr().out.split())
@@ -148,9 +150,9 @@ def test_blanks_can_be_seen(capsys):
 
 def test_coordinates_are_shown_with_the_decimals_of_the_file(tmp_path, capsys):
     numbers = np.linspace((0, 0, 0), (336_270, 463_573, 17_979), 500).round()
-    survey = pr.Survey(scale=(0.01, 0.01, 0.01), offset=(0.0, 0.0, 0.0))
+    georeference = pr.Georeference(scale=(0.01, 0.01, 0.01), offset=(0.0, 0.0, 0.0))
     path = tmp_path / "a.las"
-    pr.write(path, pr.Points(numbers * 0.01 + [635_619.85, 848_899.7, 406.59], survey=survey))
+    pr.write(path, pr.Points(numbers * 0.01 + [635_619.85, 848_899.7, 406.59], georeference=georeference))
     assert execute(["info", str(path)]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert "min 635619.85, 848899.7, 406.59" in lines and "max 638982.55, 853535.43, 586.38" in lines

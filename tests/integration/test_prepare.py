@@ -246,7 +246,7 @@ CLOUDS = {
 def test_info_of_a_large_scan_asks_for_few_neighbours(name, monkeypatch):
     """The spacing is that of a sample, nearly that of all. Few trees of few points are built for it."""
     points = pr.Points(CLOUDS[name](np.random.default_rng(3)))
-    monkeypatch.setattr(report, "_count_lone", lambda *given: 0)  # reads a model's normals and radii
+    monkeypatch.setattr(report, "_count_isolated", lambda *given: 0)  # reads a model's normals and radii
     whole = report.describe(points, deep=True)
     asked, ask = [], report.neighbors
     monkeypatch.setattr(report, "FEW", 50_000)

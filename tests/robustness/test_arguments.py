@@ -80,7 +80,7 @@ SENSE: dict[str, set[str]] = {
         ("Attribute", "BakeSettings", "BakedLight", "Camera", "EnvironmentLight", "Light", "Material", "Model"), set()
     ),
     "Client": {"None"},  # of Dask
-    **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Survey", "Trajectory", "slice"), set()),
+    **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Georeference", "Trajectory", "slice"), set()),
 }
 ARRAY_KINDS = {"ArrayLike", "NDArray", "Any", "Color", "Vector"}  # wrong dtypes are ValueErrors
 PATHS = {"path", "image", "host", "trajectory"}  # parameters whose wrong values may raise an OSError
@@ -161,7 +161,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "Scene.update": (scene.update, {"id": 0}),
         "Settings": (pr.Settings, {}),
         "SphereLight": (pr.SphereLight, {"center": (0, 0, 3), "radius": 1, "radiance": 1}),
-        "Survey": (pr.Survey, {"scale": (1, 1, 1), "offset": (0, 0, 0)}),
+        "Georeference": (pr.Georeference, {"scale": (1, 1, 1), "offset": (0, 0, 0)}),
         "SunLight": (pr.SunLight, {"direction": (0, 0, -1)}),
         "animate": (lambda **told: list(pr.animate(**told)), {"scene": t.scene, "cameras": [t.camera]}),
         "BakeSettings": (pr.BakeSettings, {}),

@@ -64,7 +64,7 @@ class Sample(NamedTuple):
     splats : bool
         Whether all points were Gaussian splats.
     format : str or None
-        File format, see `Survey.format`; None if the scene rotates the points.
+        File format, see `Georeference.format`; None if the scene rotates the points.
     stations : (k, 3) float64
         Scanner positions relative to the origin.
     ignored : Ignored
@@ -119,7 +119,7 @@ def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool =
     if total == 0:
         raise ValueError("no points to view")
     origin = placed[0].world_origin
-    far = any(one.points.origin.any() or one.points.survey.projection for one in placed)
+    far = any(one.points.origin.any() or one.points.georeference.projection for one in placed)
     splats = all(_were_splats(one.points) for one in placed)
     drawn = (_part(one, min(most / total, 1.0), origin) for one in placed)
     stations = np.concatenate([one.stations for one in placed]) - origin
@@ -148,7 +148,7 @@ class _PlacedPoints(NamedTuple):
     @property
     def stations(self) -> Floats:
         """World positions of scanners, (k, 3)."""
-        local = np.reshape(self.points.survey.stations, (-1, 3))
+        local = np.reshape(self.points.georeference.stations, (-1, 3))
         return np.asarray(local @ self.matrix[:3, :3].T + self.matrix[:3, 3])
 
     @property
@@ -156,7 +156,7 @@ class _PlacedPoints(NamedTuple):
         """File format of the points; None if the transform rotates them."""
         linear = self.matrix[:3, :3]
         is_turned = not np.allclose(linear, abs(linear[0, 0]) * np.eye(3))
-        return None if is_turned else self.points.survey.format
+        return None if is_turned else self.points.georeference.format
 
 
 def _format(placed: list[_PlacedPoints]) -> str | None:

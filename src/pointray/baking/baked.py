@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..base.arguments import check_callback, check_kind, check_path, wrong
 from ..base.executor import Client, Executor, snapshot_and_executor
-from ..base.progress import Progress, StageProgress, in_stage, tell
+from ..base.progress import Progress, StageProgress, in_stage, report_progress
 from ..base.warning_log import warn
 from ..engine.jit import Array
 from ..engine.kernels.records import World
@@ -68,7 +68,7 @@ class Baked:
         self._exchange = Exchange(snapshot.opened(), self._settings, progress, executor)
         self._shape = geometry_key(snapshot)
         self._write(snapshot)
-        tell(progress, 1.0)
+        report_progress(progress, 1.0)
 
     def _write(self, snapshot: Snapshot) -> None:
         """Write the records that rendering reads."""
@@ -151,7 +151,7 @@ class Baked:
         self._exchange.relight(snapshot.opened(), shape != self._shape, report)
         self._shape = shape
         self._write(snapshot)
-        tell(report, 1.0)
+        report_progress(report, 1.0)
 
     def relit(self, scene: Scene) -> Baked | None:
         """Return the light of another scene with the same models, planes and clip planes, or None if these differ.

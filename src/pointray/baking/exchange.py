@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.executor import Executor
-from ..base.progress import Progress, part_of, tell
+from ..base.progress import Progress, part_of, report_progress
 from ..engine.kernels.records import INSTANCE, KIND, MODEL
 from ..engine.kernels.vec import LUMINANCE
 from ..scene.world import Snapshot
@@ -50,7 +50,7 @@ class Exchange:
         self._settings, self._executor = settings, executor
         self._surfaces = find_surfaces(scene, _patch_count(scene, settings), settings.albedo_scale)
         self._materials = material_key(scene)
-        tell(progress, 0.1)
+        report_progress(progress, 0.1)
         sky = sample_sky(scene.world)
         self._probe = _probe(scene, self._surfaces, settings, executor)
         self._find(scene, sky, _lit_sides(scene, sky, self._probe, settings), part_of(progress, 0.1, 0.9))

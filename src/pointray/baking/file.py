@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.progress import Progress
 from ..engine.kernels.records import DIRECT, INDIRECT, INSTANCE, KIND, MODEL, MOMENTS, RECORD, SHAPE_ROW, SPREAD
-from ..model.array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
+from ..model.array_file import Arrays, Kind, read_arrays, take_array, write_arrays
 from ..model.model import Model
 from ..scene.world import Snapshot
 from .fingerprints import Keys, difference, scene_keys
@@ -50,7 +51,7 @@ class StoredLight(NamedTuple):
     skies: dict[int, NDArray[np.uint16]]
 
 
-def write_light(path: str | os.PathLike[str], light: StoredLight, report: Say) -> None:
+def write_light(path: str | os.PathLike[str], light: StoredLight, report: Progress) -> None:
     """Write a file for `read_light`; it gets its name once complete. report : called with the completed fraction"""
     kept, row_of = light.kept, {number: row for row, number in enumerate(light.keys.shapes)}
     about = {

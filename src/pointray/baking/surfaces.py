@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.progress import Progress, tell
+from ..base.progress import Progress, report_progress
 from ..engine.jit import run
 from ..engine.kernels.records import (
     BAKED_FRAME,
@@ -79,7 +79,7 @@ def find_surfaces(
     sets = []
     for k, (model, count) in enumerate(zip(scene.models, counts, strict=True)):
         sets.append(choose_patches([model.tree, *(level.tree for level in model.levels)], count))
-        tell(progress, (k + 1) / len(counts))
+        report_progress(progress, (k + 1) / len(counts))
     bounds, surfaces = around(scene), []
     for k, record in enumerate(records):
         if record[KIND] == MODEL:

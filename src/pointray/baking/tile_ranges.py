@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.executor import Executor, Job, SharedValue
-from ..base.progress import Progress, tell
+from ..base.progress import Progress, report_progress
 from ..engine.jit import Array, run
 from ..scene.world import Snapshot
 from .gather import ONE_TILE, Found, Patches, Rays, Targets, send_rays
@@ -92,7 +92,7 @@ def send_ranges(
     done, total = 0, sum(len(tile_range.rows) for tile_range in ranges)
 
     def tick() -> None:
-        tell(progress, done / total)
+        report_progress(progress, done / total)
 
     for job, parts in executor.run(jobs, tick):
         tile_range: TileRange = job.args[0]

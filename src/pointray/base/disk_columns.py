@@ -273,7 +273,7 @@ class Columns:
         return self.folder / f"{_checked(name)}.json"
 
 
-def look_again(folder: Path) -> None:
+def refresh_listing(folder: Path) -> None:
     """Refresh the listing of a folder on a network file system; raise OSError if the folder is not writable.
 
     Such a file system may show an outdated listing for up to a minute, until a file is created in the folder.

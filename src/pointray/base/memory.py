@@ -32,7 +32,7 @@ def check_memory(need: int, what: str) -> None:
         raise ValueError(f"{_in_units(need)} of memory are needed {what}, {_in_units(free)} are available")
 
 
-def give_back() -> None:
+def trim_heap() -> None:
     """Return freed memory of the heap to the system."""
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)

@@ -18,11 +18,11 @@ def part_of(progress: Progress | None, begin: float, end: float) -> Progress | N
     """Return a callback for a part of the work, which covers the fractions `begin` to `end` of the whole."""
     if progress is None:
         return None
-    tell = progress
-    return lambda share: tell(begin + share * (end - begin))
+    whole = progress
+    return lambda share: whole(begin + share * (end - begin))
 
 
-def tell(progress: Progress | None, share: float) -> None:
+def report_progress(progress: Progress | None, share: float) -> None:
     """Report the completed fraction to a callback, if there is one."""
     if progress is not None:
         progress(share)

@@ -11,24 +11,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-_HEARD: ContextVar[list[str] | None] = ContextVar("heard", default=None)
+_COLLECTED: ContextVar[list[str] | None] = ContextVar("collected", default=None)
 
 
 def warn(message: str, category: type[Warning] = UserWarning, stacklevel: int = 1) -> None:
-    """Issue a warning like `warnings.warn`, or collect it within `heard`."""
-    heard = _HEARD.get()
-    if heard is None:
+    """Issue a warning like `warnings.warn`, or collect it within `collect_warnings`."""
+    collected = _COLLECTED.get()
+    if collected is None:
         warnings.warn(message, category, stacklevel=stacklevel + 1)
     else:
-        heard.append(message)
+        collected.append(message)
 
 
 @contextmanager
-def heard() -> Iterator[list[str]]:
+def collect_warnings() -> Iterator[list[str]]:
     """Collect the warnings that this thread issues in the context instead of showing them."""
     found: list[str] = []
-    token = _HEARD.set(found)
+    token = _COLLECTED.set(found)
     try:
         yield found
     finally:
-        _HEARD.reset(token)
+        _COLLECTED.reset(token)

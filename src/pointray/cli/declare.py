@@ -128,11 +128,11 @@ def with_options(*examples: str, **defaults: Any) -> Callable[[Callable[..., Non
 def _parameters(group: Any, command: str, defaults: dict[str, Any]) -> Iterable[inspect.Parameter]:
     """Yield the parameters that a command has of a dataclass."""
     hints = get_type_hints(group)
-    usual: dict[str, Any] = {each.name: each.default for each in fields(group)} | defaults
+    default_of: dict[str, Any] = {each.name: each.default for each in fields(group)} | defaults
     for name, declared in declarations(group).items():
         if declared.commands and command not in declared.commands:
             continue
-        default: Any = usual[name]
+        default: Any = default_of[name]
         kind: Any = declared.kind or hints[name]
         if declared.parse is not None and declared.kind is None:
             kind = str if default is not None else str | None

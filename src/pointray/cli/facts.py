@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cloud.georeference import Survey
+from ..cloud.georeference import Georeference
 from ..cloud.points import Points
 from ..shade.attributes import ASPRS, is_classification
 from .prepare import read_scan
@@ -33,7 +33,7 @@ def describe_all(scan: ScanFiles, deep: bool) -> dict[str, Any]:
         ranges = in_background(lambda: describe_attributes(points))
         picture = in_background(lambda: describe_picture(points))
     formats = dict.fromkeys(file["format"] for file in files)
-    head = {"file": scan.name, "format": ", ".join(formats), **describe_survey(points.survey)}
+    head = {"file": scan.name, "format": ", ".join(formats), **describe_georeference(points.georeference)}
     of_model = {} if model is None else describe_model(model)
     return {**head, **facts, "ranges": ranges, **of_model, "files": files, "first_picture": picture}
 
@@ -76,15 +76,15 @@ def _headers(scan: ScanFiles) -> Iterator[dict[str, Any]]:
         yield {**known, **{name: value for name, value in listing.facts.items() if name not in known}}
 
 
-def describe_survey(survey: Survey) -> dict[str, Any]:
+def describe_georeference(georeference: Georeference) -> dict[str, Any]:
     """Return the coordinate system with its name and unit, the coordinate resolution, and scanner positions."""
     return {
-        "crs": survey.crs,
-        "crs_name": None if survey.crs is None else crs_name(survey.crs),
-        "unit": survey.unit,
-        "projection": survey.projection,
-        "scale": None if survey.scale is None else list(survey.scale),
-        "stations": [list(station) for station in survey.stations],
+        "crs": georeference.crs,
+        "crs_name": None if georeference.crs is None else crs_name(georeference.crs),
+        "unit": georeference.unit,
+        "projection": georeference.projection,
+        "scale": None if georeference.scale is None else list(georeference.scale),
+        "stations": [list(station) for station in georeference.stations],
     }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.progress import Progress, part_of, tell
+from ..base.progress import Progress, part_of, report_progress
 from ..cloud.cleaning import Flaws, find_flaws
 from ..cloud.denoising.smooth import place
 from ..cloud.neighbors import distinct, kd_order, neighbors
@@ -55,13 +55,13 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
     low, high = points.bounds
     is_finite = points.finite
     finite = points.positions if is_finite.all() else points.positions[is_finite]
-    lonely, deep = deep, deep or len(points) <= FEW
+    counts_isolated, deep = deep, deep or len(points) <= FEW
     spacing, sample = _spacing(finite) if deep else _sampled_spacing(finite)
-    tell(progress, MEASURED)
+    report_progress(progress, MEASURED)
     part = part_of(progress, MEASURED, FLAWLESS)
-    flaws: Flaws | None = find_flaws(points, lambda _, share: tell(part, share)) if deep else None
-    lone = _count_lone(points, finite, part_of(progress, FLAWLESS, COUNTED)) if lonely else None
-    tell(progress, COUNTED)
+    flaws: Flaws | None = find_flaws(points, lambda _, share: report_progress(part, share)) if deep else None
+    isolated = _count_isolated(points, finite, part_of(progress, FLAWLESS, COUNTED)) if counts_isolated else None
+    report_progress(progress, COUNTED)
     steps, rounded = find_rounding(points)
     compared = compare_normals(points, max(steps))
     facts: dict[str, Any] = {
@@ -81,7 +81,7 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
         "not_finite": len(points) - len(finite),
         "duplicates": None if flaws is None else int(flaws.duplicates.sum()),
         "outliers": None if flaws is None else int(flaws.outliers.sum()),
-        "lone": lone,
+        "lone": isolated,
     }
     missing = []
     if points.normals is None:
@@ -98,7 +98,7 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
         missing.append("some positions: those points will be left out")
     facts["missing"] = missing
     wrong = (
-        f"{describe_normals(compared)}: fitted ones will be used (--normals file keeps them)"
+        f"{describe_normals(compared)}: they will be estimated (use --normals file to keep them)"
         if compared.wrong
         else None
     )
@@ -106,7 +106,7 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
     return facts
 
 
-def _count_lone(points: Points, finite: Positions, progress: Progress | None) -> int:
+def _count_isolated(points: Points, finite: Positions, progress: Progress | None) -> int:
     """Return the number of isolated points whose radii a model would limit; 0 if the points have radii."""
     if radii_in(points) is not None or len(distinct(finite)[0]) < 2:
         return 0
@@ -116,7 +116,7 @@ def _count_lone(points: Points, finite: Positions, progress: Progress | None) ->
     path = kd_order(smoothed.positions)
     positions, normals = smoothed.positions[path], smoothed.normals[path]
     rest = part_of(progress, 0.5, 1.0)
-    return int(find_support(positions, normals, None, 1.0, borders=False, sheets=False, progress=rest).lone.sum())
+    return int(find_support(positions, normals, None, 1.0, borders=False, sheets=False, progress=rest).isolated.sum())
 
 
 def describe_model(model: Model) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.warning_log import warn
-from .georeference import Survey
+from .georeference import Georeference
 
 # WGS 84, https://earth-info.nga.mil/?dir=wgs84: equatorial radius in metres, and the square of the eccentricity
 RADIUS, ECCENTRICITY2 = 6378137.0, 0.00669437999014
@@ -46,7 +46,7 @@ class LocalFrame(NamedTuple):
     method: str
 
     @classmethod
-    def of(cls, survey: Survey) -> LocalFrame | None:
+    def of(cls, georeference: Georeference) -> LocalFrame | None:
         """Return the frame of points with this georeference; None if they have the file's own coordinates.
 
         Raises
@@ -54,11 +54,11 @@ class LocalFrame(NamedTuple):
         ValueError
             If the projection was not written by this class.
         """
-        if survey.projection is None:
+        if georeference.projection is None:
             return None
-        match = WRITTEN.fullmatch(survey.projection)
+        match = WRITTEN.fullmatch(georeference.projection)
         if match is None or not abs(float(match[2])) < 90 or not abs(float(match[3])) <= 360:
-            raise ValueError(f"invalid projection {survey.projection[:80]!r}")
+            raise ValueError(f"invalid projection {georeference.projection[:80]!r}")
         return cls(float(match[2]), float(match[3]), match[1])
 
     def __str__(self) -> str:
@@ -105,7 +105,7 @@ def _finite(rows: Floats) -> Floats:
     return rows
 
 
-def projected(survey: Survey, sample: NDArray[Any]) -> Survey:
+def projected(georeference: Georeference, sample: NDArray[Any]) -> Georeference:
     """Return the georeference with a projection, with a warning, if coordinates are geographic; else unchanged.
 
     Parameters
@@ -115,42 +115,46 @@ def projected(survey: Survey, sample: NDArray[Any]) -> Survey:
     """
     rows = np.asarray(sample, np.float64)
     rows = rows[np.isfinite(rows).all(axis=1)]
-    if not len(rows) or survey.projection is not None:
-        return survey
+    if not len(rows) or georeference.projection is not None:
+        return georeference
     low, middle, high = np.quantile(rows, [0.01, 0.5, 0.99], axis=0)
     width = float((high - low)[:2].max())
     if np.abs(rows[:, 0]).max() > 360 or np.abs(rows[:, 1]).max() > 90 or width > WIDEST or abs(middle[1]) > 89:
-        return survey
-    stated = is_geographic(survey)
+        return georeference
+    stated = is_geographic(georeference)
     if not stated and not (
-        high[2] - low[2] > SLENDER * width > 0 and np.hypot(middle[0], middle[1]) > DISTANT * width and not survey.crs
+        high[2] - low[2] > SLENDER * width > 0
+        and np.hypot(middle[0], middle[1]) > DISTANT * width
+        and not georeference.crs
     ):
-        return survey
+        return georeference
     frame = LocalFrame(round(float(middle[1]), DECIMALS), round(float(middle[0]), DECIMALS), _method())
     why = "longitude and latitude in degrees" if stated else "x and y look like longitude and latitude in degrees"
     warn(
         f"{why}: shown in metres east and north of {frame.latitude}, {frame.longitude}; files are written in degrees",
         stacklevel=3,
     )
-    stations = frame.to_local(np.reshape(survey.stations, (-1, 3))).tolist()
-    return replace(survey, unit="metre", stations=tuple(tuple(station) for station in stations), projection=str(frame))
+    stations = frame.to_local(np.reshape(georeference.stations, (-1, 3))).tolist()
+    return replace(
+        georeference, unit="metre", stations=tuple(tuple(station) for station in stations), projection=str(frame)
+    )
 
 
-def in_file(survey: Survey, world: NDArray[Any]) -> NDArray[Any]:
+def in_file(georeference: Georeference, world: NDArray[Any]) -> NDArray[Any]:
     """Return coordinates as in the file: in degrees if the georeference has a projection. world : (n, 3)"""
-    frame = LocalFrame.of(survey)
+    frame = LocalFrame.of(georeference)
     return world if frame is None else frame.to_degrees(world)
 
 
-def is_geographic(survey: Survey) -> bool:
+def is_geographic(georeference: Georeference) -> bool:
     """Return whether a file's coordinate system uses degrees."""
-    crs = survey.crs or ""
+    crs = georeference.crs or ""
     code = re.fullmatch(r"EPSG:(\d{4,5})", crs.strip(), re.IGNORECASE)
     if code is not None:
         return int(code[1]) in CODES and int(code[1]) != 4978  # geocentric
     if COMPOUND.match(crs):
         return bool(re.search(r"\bGEOG\w+\s*\[", crs, re.IGNORECASE)) and "PROJ" not in crs.upper()
-    return bool(GEOGRAPHIC.match(crs)) or survey.unit == "degree"
+    return bool(GEOGRAPHIC.match(crs)) or georeference.unit == "degree"
 
 
 def _method() -> str:

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from ..base.arguments import check_position, check_text, wrong
 
-SCAN = "scan"  # attribute with the station of each point: an index into `Survey.stations`
+SCAN = "scan"  # attribute with the station of each point: an index into `Georeference.stations`
 
-RESIDUAL = "grid_residual"  # attribute with the rounding error of float32 against a file's integers, in `Survey.scale`
+RESIDUAL = "grid_residual"  # attribute with float32's rounding error against a file's integers, in `Georeference.scale`
 
 
 @dataclass(frozen=True, slots=True)
-class Survey:
+class Georeference:
     """Georeference of points, kept with them and written back to files.
 
     Attributes
@@ -68,11 +68,11 @@ class Survey:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Values as JSON types, for `Survey(**facts)`."""
+        """Values as JSON types, for `Georeference(**facts)`."""
         return {name: value for name, value in asdict(self).items() if value not in (None, ())}
 
 
-def numbers_of(survey: Survey, world: NDArray[Any]) -> NDArray[np.int64]:
+def numbers_of(georeference: Georeference, world: NDArray[Any]) -> NDArray[np.int64]:
     """Return the integers, (n, 3) int64, that encode world coordinates (n, 3) in a file with this scale and offset."""
-    numbers = np.rint((world - np.array(survey.offset)) / np.array(survey.scale))
+    numbers = np.rint((world - np.array(georeference.offset)) / np.array(georeference.scale))
     return np.asarray(np.nan_to_num(numbers), np.int64)

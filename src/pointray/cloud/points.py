@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_kind, check_mapping, vector
-from .georeference import SCAN, Survey
+from ..base.deprecation import accept_renamed, warn_renamed
+from .georeference import SCAN, Georeference
 
 FARTHEST = 1e12  # a coordinate beyond this is a scanner's 'no return' marker: its square is useless in float32
 MOST = 2**31 - 1  # greatest number of rows: trees index them by int32
@@ -48,7 +49,7 @@ class Points:
         The point that stored positions are relative to. None: zero, unless float32 would lose a ten-thousandth of the
         spacing (maps: millions of metres), or digits of doubles that lie farther from zero than 16 times the cloud's
         size; then a rounded point near the centre.
-    survey : Survey, optional
+    georeference : Georeference, optional
         Georeference: reference system, unit, scanner positions.
 
     Attributes
@@ -60,7 +61,7 @@ class Points:
     colors : (n, 3) uint8 or None
     attributes : dict of str to (n,) or (n, k) array
         In the given dtypes, native byte order; floats of other than 4 or 8 bytes become float32 or float64.
-    survey : Survey
+    georeference : Georeference
 
     Raises
     ------
@@ -73,8 +74,9 @@ class Points:
     normals: NDArray[np.float32] | None
     colors: NDArray[np.uint8] | None
     attributes: dict[str, NDArray[Any]]
-    survey: Survey
+    georeference: Georeference
 
+    @accept_renamed("survey", "georeference")
     def __init__(
         self,
         positions: ArrayLike,
@@ -82,13 +84,14 @@ class Points:
         colors: ArrayLike | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
         origin: ArrayLike | None = None,
-        survey: Survey | None = None,
+        georeference: Georeference | None = None,
     ) -> None:
         world = _check_positions(positions)
         about = choose_origin(world) if origin is None else vector(origin, "origin")
-        self._fill(_localise(world, about), about, normals, colors, attributes, survey)
+        self._fill(_localise(world, about), about, normals, colors, attributes, georeference)
 
     @classmethod
+    @accept_renamed("survey", "georeference")
     def about(
         cls,
         origin: ArrayLike,
@@ -96,12 +99,14 @@ class Points:
         normals: ArrayLike | None = None,
         colors: ArrayLike | None = None,
         attributes: Mapping[str, ArrayLike] | None = None,
-        survey: Survey | None = None,
+        georeference: Georeference | None = None,
     ) -> Points:
         """Create points from (n, 3) float32 positions that are already relative to `origin`."""
         points = cls.__new__(cls)
         positions = _check_positions(positions)
-        points._fill(_localise(positions, np.zeros(3)), vector(origin, "origin"), normals, colors, attributes, survey)
+        points._fill(
+            _localise(positions, np.zeros(3)), vector(origin, "origin"), normals, colors, attributes, georeference
+        )
         return points
 
     def _fill(
@@ -111,7 +116,7 @@ class Points:
         normals: ArrayLike | None,
         colors: ArrayLike | None,
         attributes: Mapping[str, ArrayLike] | None,
-        survey: Survey | None,
+        georeference: Georeference | None,
     ) -> None:
         n = len(positions)
         fields = {
@@ -120,7 +125,9 @@ class Points:
             "normals": None if normals is None else _check_normals(normals, n),
             "colors": None if colors is None else _check_colors(colors, n),
             "attributes": _check_attributes(attributes, n),
-            "survey": Survey() if survey is None else check_kind(survey, "survey", Survey, "a Survey"),
+            "georeference": Georeference()
+            if georeference is None
+            else check_kind(georeference, "georeference", Georeference, "a Georeference"),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -130,7 +137,13 @@ class Points:
     @property
     def crs(self) -> str | None:
         """The coordinate reference system, as well-known text or as a code like "EPSG:25832"; None if unknown."""
-        return self.survey.crs
+        return self.georeference.crs
+
+    @property
+    def survey(self) -> Georeference:
+        """Deprecated alias of `georeference`."""
+        warn_renamed("Points.survey", "Points.georeference")
+        return self.georeference
 
     @property
     def world(self) -> NDArray[np.float64]:
@@ -160,12 +173,13 @@ class Points:
             None if self.normals is None else self.normals[rows],
             None if self.colors is None else self.colors[rows],
             {name: values[rows] for name, values in self.attributes.items()},
-            self.survey,
+            self.georeference,
         )
 
+    @accept_renamed("survey", "georeference")
     def changed(self, **fields: Any) -> Points:
-        """Return the points with other normals, colors, attributes, survey or positions; other arrays are shared."""
-        kept = {name: getattr(self, name) for name in ("positions", "normals", "colors", "attributes", "survey")}
+        """Return the points with other positions, normals, colors, attributes or georeference; the rest is shared."""
+        kept = {name: getattr(self, name) for name in ("positions", "normals", "colors", "attributes", "georeference")}
         return Points.about(self.origin, **{**kept, **fields})
 
     def with_normals(self, normals: ArrayLike | None) -> Points:
@@ -178,7 +192,7 @@ class Points:
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle and copy by the arrays, which are validated again."""
         arrays = self.origin, self.positions, self.normals, self.colors, self.attributes
-        return Points.about, (*arrays, self.survey)
+        return Points.about, (*arrays, self.georeference)
 
     def __repr__(self) -> str:
         low, high = self.bounds

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.memory import check_memory, give_back
+from ..base.memory import check_memory, trim_heap
 from ..base.progress import Progress, part_of
 from ..base.warning_log import warn
 from .denoising.smooth import Placed, place
@@ -16,17 +16,17 @@ from .points import FARTHEST, Points
 PEAK = 350  # bytes per point at the peak, beyond the points themselves, for noisy points; clean ones take 100 to 190
 MERGED = 0.15  # share of the progress after which second layers are merged
 SMALL = 1 << 16  # points from which memory is checked: fewer take less than the kernels do
-WAYS_OUT = "use fewer points (--max-points, --every) or run `pointray prepare --tolerance` on a larger machine"
+MEMORY_ADVICE = "use fewer points (--max-points, --every) or run `pointray prepare --tolerance` on a larger machine"
 
 
 def finite_rows(points: Points) -> NDArray[np.int32]:
     """Return the finite rows; warn if some are not."""
     used = np.flatnonzero(points.finite).astype(np.int32)
-    tell_left_out(len(points) - len(used), len(points))
+    warn_of_left_out(len(points) - len(used), len(points))
     return used
 
 
-def tell_left_out(lost: int, total: int) -> None:
+def warn_of_left_out(lost: int, total: int) -> None:
     """Warn if points are left out because their positions are not finite."""
     if lost:
         text = f"{lost:,} of {total:,} points have no finite position below {FARTHEST:g}: left out"
@@ -47,7 +47,7 @@ def placed_for_model(points: Points, sigma: str | float, merge: bool, progress: 
     if message:
         warn(message, stacklevel=3)
     if len(points) > SMALL:
-        give_back()
+        trim_heap()
     if ordering is None:
         return placed
     apart = placed.noise is None and len(ordering.rows) == len(ordering.ids)
@@ -61,4 +61,4 @@ def check_model_memory(count: int) -> None:
     try:
         check_memory(PEAK * count, f"to make a model of {count:,} points")
     except ValueError as error:
-        raise ValueError(f"{error}; {WAYS_OUT}") from None
+        raise ValueError(f"{error}; {MEMORY_ADVICE}") from None

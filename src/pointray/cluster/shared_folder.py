@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ..base.disk_columns import look_again
+from ..base.disk_columns import refresh_listing
 from ..model.model_file import Place, place_of
 from .client import check_client
 from .task_pool import TaskPool
@@ -45,7 +45,7 @@ def _is_seen(place: Place) -> bool:
     folder = Path(place.path).parent
     try:
         for one in (folder.parent, folder):
-            look_again(one)
+            refresh_listing(one)
     except OSError:
         return False
     return place.is_there

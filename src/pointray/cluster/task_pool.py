@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from ..base.disk_columns import look_again
+from ..base.disk_columns import refresh_listing
 from ..base.executor import Job, SharedValue
 from ..base.progress import Progress
 from ..engine.jit import run
@@ -76,7 +76,7 @@ class TaskPool:
 
     def refresh(self, folder: Path) -> None:
         """Make files that workers have written into a folder visible here."""
-        look_again(folder)
+        refresh_listing(folder)
 
 
 def do_task(scene: None, number: int, todo: bytes, threads: int | None, check: Progress | None) -> bytes:

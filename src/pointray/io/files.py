@@ -90,7 +90,7 @@ def read(
     Returns
     -------
     Points
-        The selected rows, in the order of the files. `survey` has the coordinate system and the scanner positions.
+        The selected rows, in the order of the files. `georeference` has the coordinate system and scanner positions.
 
     Raises
     ------

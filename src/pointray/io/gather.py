@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.memory import check_memory
-from ..base.progress import Progress, part_of, tell
-from ..cloud.georeference import RESIDUAL, SCAN, Survey
+from ..base.progress import Progress, part_of, report_progress
+from ..cloud.georeference import RESIDUAL, SCAN, Georeference
 from ..cloud.points import Points, check_count
 from .colors import GREY, ColorRange, to_shades
 from .filling import Filling
@@ -21,19 +21,21 @@ from .joining import (
     attributes_of,
     color_kind,
     colored,
-    common_survey,
+    common_georeference,
     first_stations,
     kind_of,
     missing_of,
     scans_of,
 )
-from .locating import locate, origin_of, sample_step, surveyed
+from .locating import georeferenced, locate, origin_of, sample_step
 from .missing_columns import warn_missing_columns
 from .opening import Opener, announced_rows, check_selected, listings_of, name_of, named, selected_chunks, shares_of
 from .selection import Selection, Thinning
 
 READ = 0.8  # fraction of the time that reading takes; joining the chunks takes the rest
-WAYS_OUT = "read fewer points with --max-points or --every, or run `pointray prepare --tolerance` on a larger machine"
+MEMORY_ADVICE = (
+    "read fewer points with --max-points or --every, or run `pointray prepare --tolerance` on a larger machine"
+)
 
 Arrays = list[NDArray[Any]]
 
@@ -80,7 +82,7 @@ def _check_bytes(need: int, what: str) -> None:
     try:
         check_memory(need, what)
     except ValueError as error:
-        raise ValueError(f"{error}; {WAYS_OUT}") from None
+        raise ValueError(f"{error}; {MEMORY_ADVICE}") from None
 
 
 def _read(
@@ -104,7 +106,7 @@ def _read(
                 for part in before:
                     part.chunks[:], every = every[: len(part.chunks)], every[len(part.chunks) :]
                 chunks = every
-        return Part(file.name, filling.chunks if filling else chunks, source.listing.survey)
+        return Part(file.name, filling.chunks if filling else chunks, source.listing.georeference)
 
 
 # -------------------------------------------------------------------------------------------------------- joining
@@ -116,7 +118,7 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
     parts = [colored(part, known) for part, known in zip(parts, ranges, strict=True)]
     known = [known for part, known in zip(parts, ranges, strict=True) if part.chunks]
     parts = [part for part in parts if part.chunks]
-    survey = common_survey(parts)
+    georeference = common_georeference(parts)
     scans = _scans(parts)
     counts = [[len(chunk.positions) for chunk in part.chunks] for part in parts]
     check_count(sum(map(sum, counts)))
@@ -126,7 +128,7 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
     names = attributes_of(parts)
     attributes = {}
     for k, name in enumerate(names):
-        tell(progress, k / (len(names) + 2))
+        report_progress(progress, k / (len(names) + 2))
         columns = [chunk.attributes.get(name) for part in parts for chunk in part.chunks]
         column = _column(name, columns, counts)
         assert column is not None
@@ -136,11 +138,11 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
     positions = [chunk.positions for part in parts for chunk in part.chunks]
     for part in parts:
         part.chunks.clear()
-    tell(progress, 0.9)
-    origin, local, residual, survey = _about_origin(positions, survey)
+    report_progress(progress, 0.9)
+    origin, local, residual, georeference = _about_origin(positions, georeference)
     if residual is not None:
         attributes[RESIDUAL] = residual
-    return Points.about(origin, local, normals, colors, attributes, survey)
+    return Points.about(origin, local, normals, colors, attributes, georeference)
 
 
 def _column(
@@ -189,26 +191,26 @@ def _scans(parts: list[Part]) -> NDArray[np.int32] | None:
 
 
 def _about_origin(
-    positions: Arrays, survey: Survey
-) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[Any] | None, Survey]:
-    """Return the origin, positions relative to it, the integer steps that float32 loses (None: none), the survey."""
+    positions: Arrays, georeference: Georeference
+) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[Any] | None, Georeference]:
+    """Return the origin, positions relative to it, integer steps lost in float32 (None: none), and the georeference."""
     total = sum(map(len, positions))
     step, start, sample = sample_step(total), 0, []
     for chunk in positions:
         sample.append(chunk[-start % step :: step].copy())  # a view would keep the chunk
         start += len(chunk)
-    survey, sample = surveyed(sample, survey)
+    georeference, sample = georeferenced(sample, georeference)
     origin = origin_of(sample, total)
-    plain = survey.projection is None and not origin.any()
+    plain = georeference.projection is None and not origin.any()
     if plain and len(positions) == 1 and positions[0].dtype == np.float32:
-        return origin, positions[0], None, survey
+        return origin, positions[0], None, georeference
     local, residual, end = np.empty((total, 3), np.float32), None, total
     for k in reversed(range(len(positions))):  # malloc returns memory from the end of its heap: saves 120 of 420 MB
         chunk = positions[k]
         begin = end - len(chunk)
-        for rows, lost in locate(chunk, origin, survey, local[begin:end]):
+        for rows, lost in locate(chunk, origin, georeference, local[begin:end]):
             residual = np.zeros((total, 3), np.int32) if residual is None else residual
             residual[begin:end][rows] = lost
         positions[k] = np.empty((0, 3), chunk.dtype)  # an empty view would keep the chunk
         end = begin
-    return origin, local, residual, survey
+    return origin, local, residual, georeference

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.warning_log import warn
-from ..cloud.georeference import Survey
+from ..cloud.georeference import Georeference
 from .colors import ColorRange
 from .formats._source import Chunk
 
@@ -23,7 +23,7 @@ class Part(NamedTuple):
 
     name: str
     chunks: list[Chunk]
-    survey: Survey
+    georeference: Georeference
 
 
 def attributes_of(parts: Sequence[Part]) -> list[str]:
@@ -79,19 +79,19 @@ def colored(part: Part, known: ColorRange) -> Part:
     return part
 
 
-# -------------------------------------------------------------------------------------------------------- surveys
+# -------------------------------------------------------------------------------------------------- georeferences
 
 
-def common_survey(parts: Sequence[Part]) -> Survey:
-    """Return the survey that all parts share; raise ValueError if they contradict each other."""
-    crs = _common_value({part.name: part.survey.crs for part in parts}, "coordinate systems")
-    unit = _common_value({part.name: part.survey.unit for part in parts}, "units")
-    stations = tuple(station for part in parts for station in part.survey.stations)
-    first = parts[0].survey
-    same = first.scale is not None and all(_same_grid(first, part.survey) for part in parts[1:])
+def common_georeference(parts: Sequence[Part]) -> Georeference:
+    """Return the georeference that all parts share; raise ValueError if they contradict each other."""
+    crs = _common_value({part.name: part.georeference.crs for part in parts}, "coordinate systems")
+    unit = _common_value({part.name: part.georeference.unit for part in parts}, "units")
+    stations = tuple(station for part in parts for station in part.georeference.stations)
+    first = parts[0].georeference
+    same = first.scale is not None and all(_same_grid(first, part.georeference) for part in parts[1:])
     grid = (first.scale, first.offset) if same else (None, None)
-    formats = {part.survey.format for part in parts}
-    return Survey(crs, unit, *grid, stations, format=formats.pop() if len(formats) == 1 else None)
+    formats = {part.georeference.format for part in parts}
+    return Georeference(crs, unit, *grid, stations, format=formats.pop() if len(formats) == 1 else None)
 
 
 def _common_value(stated: dict[str, str | None], noun: str) -> str | None:
@@ -106,7 +106,7 @@ def _common_value(stated: dict[str, str | None], noun: str) -> str | None:
     return next(iter(known), None)
 
 
-def _same_grid(one: Survey, other: Survey) -> bool:
+def _same_grid(one: Georeference, other: Georeference) -> bool:
     """Whether the grids of integer coordinates of two files coincide."""
     if one.scale is None or one.scale != other.scale:
         return False
@@ -122,10 +122,13 @@ def first_stations(parts: Sequence[Part]) -> list[int | None] | None:
 
     Return None if parts keep their numbers: there is only one part, or no part has stations.
     """
-    if len(parts) == 1 or not any(part.survey.stations for part in parts):
+    if len(parts) == 1 or not any(part.georeference.stations for part in parts):
         return None
-    ends = np.cumsum([len(part.survey.stations) for part in parts]).tolist()
-    return [end - len(p.survey.stations) if p.survey.stations else None for p, end in zip(parts, ends, strict=True)]
+    ends = np.cumsum([len(part.georeference.stations) for part in parts]).tolist()
+    return [
+        end - len(p.georeference.stations) if p.georeference.stations else None
+        for p, end in zip(parts, ends, strict=True)
+    ]
 
 
 def scans_of(own: Column | None, rows: int, first: int | None) -> NDArray[np.int32]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cloud.geographic import LocalFrame, in_file, projected
-from ..cloud.georeference import Survey, numbers_of
+from ..cloud.georeference import Georeference, numbers_of
 from ..cloud.points import SAMPLE, choose_origin
 
 BLOCK = 1 << 15  # rows converted at a time: they stay in the processor's cache
@@ -21,10 +21,12 @@ def sample_step(total: int) -> int:
     return -(-total // SAMPLE)
 
 
-def surveyed(sample: Sequence[NDArray[Any]], survey: Survey) -> tuple[Survey, list[NDArray[Any]]]:
-    """Return the survey and a sample of positions, projected if the coordinates are geographic."""
+def georeferenced(
+    sample: Sequence[NDArray[Any]], georeference: Georeference
+) -> tuple[Georeference, list[NDArray[Any]]]:
+    """Return the georeference and a sample of positions, projected if the coordinates are geographic."""
     with np.errstate(invalid="ignore", over="ignore"):
-        found = projected(survey, np.concatenate(sample))
+        found = projected(georeference, np.concatenate(sample))
         frame = LocalFrame.of(found)
         return found, list(sample) if frame is None else [frame.to_local(piece) for piece in sample]
 
@@ -36,31 +38,31 @@ def origin_of(sample: Sequence[NDArray[Any]], total: int) -> NDArray[np.float64]
 
 
 def locate(
-    world: NDArray[Any], origin: NDArray[np.float64], survey: Survey, local: NDArray[np.float32]
+    world: NDArray[Any], origin: NDArray[np.float64], georeference: Georeference, local: NDArray[np.float32]
 ) -> Iterator[tuple[slice, NDArray[np.int64]]]:
     """Fill `local` with positions relative to the origin; yield the ranges of rows where grid steps are lost.
 
-    world : the file's coordinates, projected here if the survey has a projection
+    world : the file's coordinates, projected here if the georeference has a projection
     """
-    frame = LocalFrame.of(survey)
+    frame = LocalFrame.of(georeference)
     origins = np.tile(origin, (min(BLOCK, len(world)), 1))  # broadcasting over rows of three takes three times as long
     for start in range(0, len(world), BLOCK):
         part, rows = world[start : start + BLOCK], slice(start, min(start + BLOCK, len(world)))
         with np.errstate(over="ignore", invalid="ignore"):  # signalling NaNs; overflow to infinity
             moved = part if frame is None else frame.to_local(part)
             local[rows].reshape(-1)[:] = moved.reshape(-1) - origins[: len(part)].reshape(-1)
-        lost = _lost(part, local[rows], origin, survey)
+        lost = _lost(part, local[rows], origin, georeference)
         if lost is not None:
             yield rows, lost
 
 
 def _lost(
-    rows: NDArray[Any], local: NDArray[np.float32], origin: NDArray[np.float64], survey: Survey
+    rows: NDArray[Any], local: NDArray[np.float32], origin: NDArray[np.float64], georeference: Georeference
 ) -> NDArray[np.int64] | None:
     """Return the grid steps that float32 loses, (n, 3); None if nothing is lost or the file has no grid."""
-    if survey.scale is None:
+    if georeference.scale is None:
         return None
-    if max(-local.min(), local.max()) < SAFE * min(survey.scale):  # per axis it takes ten times as long
+    if max(-local.min(), local.max()) < SAFE * min(georeference.scale):  # per axis it takes ten times as long
         return None
-    lost = numbers_of(survey, rows) - numbers_of(survey, in_file(survey, local + origin))
+    lost = numbers_of(georeference, rows) - numbers_of(georeference, in_file(georeference, local + origin))
     return lost if lost.any() else None

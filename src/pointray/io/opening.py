@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from itertools import accumulate
 from typing import NamedTuple
 
-from ..base.progress import Progress, tell
+from ..base.progress import Progress, report_progress
 from ..base.warning_log import warn
 from .formats._source import Chunk, Listing, Source
 from .selection import Selection, lengths
@@ -64,7 +64,7 @@ def selected_chunks(name: str, source: Source, selection: Selection, progress: P
     """
     some = False
     for chunk, start in lengths(source.chunks()):
-        tell(progress, min(chunk.share, 1.0))
+        report_progress(progress, min(chunk.share, 1.0))
         some = some or len(chunk.positions) > 0
         yield selection.apply(chunk, start)
     faults = str(source.faults)

@@ -52,7 +52,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
             raise ValueError(f"{name}: row {int(bad.argmax()) + 1:,} of the trajectory {what}")
     if len(times) < 2:
         raise ValueError(f"{name}: expected at least two rows; for a static scanner pass its position as viewpoint")
-    return Trajectory(times, in_file(rows.survey, rows.world))
+    return Trajectory(times, in_file(rows.georeference, rows.world))
 
 
 def _columns(path: str | os.PathLike[str]) -> str | None:
@@ -106,7 +106,7 @@ def eyes_along(points: Points, trajectory: str | os.PathLike[str] | Trajectory) 
             f"{path.times[0]:.10g} to {path.times[-1]:.10g}; use the same time base for both (LAS may subtract "
             "1,000,000,000)"
         )
-    eyes, frame = np.full((len(points), 3), np.nan), LocalFrame.of(points.survey)
+    eyes, frame = np.full((len(points), 3), np.nan), LocalFrame.of(points.georeference)
     positions = path.positions if frame is None else frame.to_local(path.positions)
     for axis in range(3):
         eyes[inside, axis] = np.interp(seen[inside], path.times, positions[:, axis])

@@ -9,7 +9,7 @@ import json
 import math
 import mmap
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from typing import IO, Any, NamedTuple, Protocol
 
@@ -18,12 +18,12 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from ..base.atomic_write import check_regular, replacing
+from ..base.progress import Progress
 
 SMALL = 1 << 20  # bytes: smaller files are read instead of mapped, as each mapping takes a file descriptor
 ALIGN = 64  # bytes: alignment of arrays, and padding after the last one, for loads past its end
 CHUNK = 1 << 24  # items written between two progress reports
 
-Say = Callable[[float], None]
 Arrays = dict[str, NDArray[Any]]
 
 
@@ -64,7 +64,7 @@ class Kind(NamedTuple):
 
 
 def write_arrays(
-    path: str | os.PathLike[str], kind: Kind, about: Mapping[str, Any], arrays: Mapping[str, Pieces], report: Say
+    path: str | os.PathLike[str], kind: Kind, about: Mapping[str, Any], arrays: Mapping[str, Pieces], report: Progress
 ) -> None:
     """Write a file for `read_arrays`; it gets its name when it is complete.
 

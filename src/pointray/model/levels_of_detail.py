@@ -29,7 +29,7 @@ def make_levels(data: ModelData, report: StageProgress) -> Iterator[ModelData]:
     points = data.points
     colors = None if points.colors is None else points.colors[rows]
     attributes = {name: values[rows] for name, values in points.attributes.items()}
-    cloud = Points.about(points.origin, positions, normals, colors, attributes, points.survey)
+    cloud = Points.about(points.origin, positions, normals, colors, attributes, points.georeference)
     radii, some = data.radii[rows], data.scattered[rows]
     surface: Points | None = cloud
     scattered: ScatteredPoints | None = None

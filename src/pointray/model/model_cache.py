@@ -25,7 +25,7 @@ import platformdirs
 from ..base.atomic_write import replacing, sweep
 from ..base.dependencies import key_of
 from ..base.progress import StageProgress
-from ..base.warning_log import heard, warn
+from ..base.warning_log import collect_warnings, warn
 from ..cloud.normals.validation import select_normals
 from ..cloud.outliers import without_strays
 from ..io.files import read
@@ -111,7 +111,7 @@ def entry_of(files: Sequence[Path], made: Mapping[str, Any]) -> Entry:
 
 def built(build: Callable[[], Model]) -> tuple[Model, list[str]]:
     """Build a model; return it and the warnings that building gave, which are also passed on."""
-    with heard() as notes:
+    with collect_warnings() as notes:
         model = build()
     for note in notes:
         warn(note, stacklevel=2)

@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..cloud.georeference import Survey
+from ..base.progress import Progress
+from ..cloud.georeference import Georeference
 from ..cloud.points import FARTHEST, Points
 from ..engine.kernels.tree import BLOCK, GROUP, HEAD, LEAF, LONGEST, NODE, PATCH, SCATTER, STEP, Tree
 from ..surface.tree.indices import check_indices
-from .array_file import Arrays, Kind, Say, read_arrays, take_array, write_arrays
+from .array_file import Arrays, Kind, read_arrays, take_array, write_arrays
 
-SAVED = ".pointray"  # usual file extension
+SAVED = ".pointray"  # file extension
 LAYOUT = [BLOCK, LEAF, NODE, GROUP, HEAD, PATCH]
 # Version 3 has leaves of scattered points; a model without any is written as version 2, which earlier releases read.
 # Changing LEAF_BLOCKS requires a new version.
@@ -83,7 +84,7 @@ def place_of(path: str | os.PathLike[str], index: str = "") -> Place:
 
 
 def write_model(
-    path: str | os.PathLike[str], levels: Sequence[Level], report: Say, more: Mapping[str, Any] | None = None
+    path: str | os.PathLike[str], levels: Sequence[Level], report: Progress, more: Mapping[str, Any] | None = None
 ) -> None:
     """Write a file for `read_model`; it gets its name when it is complete.
 
@@ -100,7 +101,7 @@ def write_model(
         f"{_prefix(k)}{name}": array for k, level in enumerate(levels) for name, array in _arrays_of(level).items()
     }
     settings = [level.settings for level in levels]
-    about = {"settings": settings[0], "levels": settings[1:], "survey": levels[0].points.survey.facts}
+    about = {"settings": settings[0], "levels": settings[1:], "survey": levels[0].points.georeference.facts}
     scattered = any(level.tree.head[SCATTER] for level in levels)
     kind = KIND if scattered else KIND._replace(version=SURFACE_ONLY)
     write_arrays(path, kind, {**about, **(more or {})}, arrays, report)
@@ -144,9 +145,9 @@ def read_model(
         about, found = read_arrays(path, KIND)
         if any(about.get(name) != value for name, value in (expected or {}).items()):
             raise ValueError("part does not belong to this folder")
-        survey = survey_of(about)
+        georeference = georeference_of(about)
         given = [(settings, _prefix(k)) for k, settings in enumerate(_settings_in(about))]
-        levels = [_take_level(settings, found, prefix, survey, is_sound) for settings, prefix in given]
+        levels = [_take_level(settings, found, prefix, georeference, is_sound) for settings, prefix in given]
         for level in levels[1:]:
             check_columns(level, levels[0])
     except ValueError as error:
@@ -162,10 +163,10 @@ def _settings_in(about: dict[str, Any]) -> list[dict[str, Any]]:
     return settings
 
 
-def survey_of(about: dict[str, Any]) -> Survey:
+def georeference_of(about: dict[str, Any]) -> Georeference:
     """Return the georeference; empty for older files."""
     try:
-        return Survey(**about.get("survey", {}))
+        return Georeference(**about.get("survey", {}))
     except (TypeError, ValueError) as error:
         raise ValueError(f"the model is damaged: invalid georeference: {error}") from error
 
@@ -187,10 +188,12 @@ def _columns_of(points: Points) -> dict[str, Any]:
     return {"": points.colors is None, **{name: (v.dtype, v.shape[1:]) for name, v in points.attributes.items()}}
 
 
-def _take_level(settings: dict[str, Any], found: Arrays, prefix: str, survey: Survey, is_sound: bool) -> Level:
+def _take_level(
+    settings: dict[str, Any], found: Arrays, prefix: str, georeference: Georeference, is_sound: bool
+) -> Level:
     """Return the validated level whose array names begin with a prefix."""
     mine = {name.removeprefix(prefix): array for name, array in found.items() if name.startswith(prefix)}
-    points = points_of(mine, survey)
+    points = points_of(mine, georeference)
     radii, bounds = (
         take_array(mine, "radii", np.float32, (len(points),)),
         take_array(mine, "bounds", np.float64, (2, 3)),
@@ -211,13 +214,13 @@ def check_level(tree: Tree, points: int) -> None:
         raise ValueError(f"the model is damaged: {problems[0]}")
 
 
-def points_of(found: Arrays, survey: Survey) -> Points:
+def points_of(found: Arrays, georeference: Georeference) -> Points:
     positions = take_array(found, "points.positions", np.float32, (-1, 3))
     origin = take_array(found, "points.origin", np.float64, (3,))
     names = [name for name in found if name.startswith("attribute.")]
     attributes = {name.removeprefix("attribute."): found.pop(name) for name in names}
     normals, colors = found.pop("points.normals", None), found.pop("points.colors", None)
-    return Points.about(origin, positions, normals, colors, attributes, survey)
+    return Points.about(origin, positions, normals, colors, attributes, georeference)
 
 
 def take_tree(found: Arrays) -> Tree:

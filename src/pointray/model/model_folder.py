@@ -35,9 +35,9 @@ from .model_file import (
     Level,
     check_columns,
     check_level,
+    georeference_of,
     points_of,
     read_model,
-    survey_of,
     take_tree,
     write_model,
 )
@@ -294,7 +294,7 @@ def _read_points(folder: Path, index: Index) -> tuple[Points, NDArray[np.float32
         about, found = read_arrays(path, POINTS_KIND)
         if about.get("folder") != index.id:
             raise ValueError("file belongs to another folder")
-        points = points_of(found, survey_of({"survey": index.survey}))
+        points = points_of(found, georeference_of({"survey": index.survey}))
         radii = take_array(found, "radii", np.float32, (len(points),))
         if sum(part.points for part in index.parts) != len(points):
             raise ValueError(f"it has {len(points):,} points; the parts have another number")

@@ -13,7 +13,7 @@ from ..base.arguments import check_numbers, check_text, wrong
 from .colormaps import colormap, shows_classes
 
 COORDINATES = ("x", "y", "z")
-USUAL = "viridis"
+DEFAULT_COLORMAP = "viridis"
 FIRST_MANY = 11  # number of categories from which tab20 replaces tab10
 HUE = 0.618034  # hue step between categories of the same tone: the golden ratio, so that hues do not repeat
 TONES = (0.55, 0.95), (0.9, 0.75), (0.4, 0.7), (0.75, 0.5)  # (saturation, value), used in turn
@@ -81,7 +81,7 @@ class Attribute:
     """
 
     name: str
-    colormap: str = USUAL
+    colormap: str = DEFAULT_COLORMAP
     range: tuple[float, float] | None = None
     categories: ArrayLike | bool | None = None
 
@@ -113,7 +113,7 @@ class Attribute:
 def category_colors(attribute: Attribute) -> NDArray[np.uint8]:
     """Return the colours of an attribute's categories, (n, 3) uint8 sRGB."""
     values = attribute.values
-    if attribute.colormap != USUAL:
+    if attribute.colormap != DEFAULT_COLORMAP:
         table = colormap(attribute.colormap)
         sampled: NDArray[np.uint8] = table[np.linspace(0, len(table) - 1, len(values)).round().astype(int)]
         return sampled

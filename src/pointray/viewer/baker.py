@@ -21,7 +21,7 @@ from collections.abc import Callable
 
 from ..baking.baked import Baked, bake
 from ..baking.settings import BakeSettings
-from ..base.warning_log import heard
+from ..base.warning_log import collect_warnings
 from ..engine.jit import thread_count
 from ..rendering.settings import Settings
 from ..rendering.warmup import wait_until_warm, warm_up
@@ -103,7 +103,7 @@ class Baker:
         done: tuple[Scene | None, bool] = None, False
         while (wanted := self._next(done)) is not None:
             try:
-                with heard():  # hides the warning that a scene has no light: the image shows it
+                with collect_warnings():  # hides the warning that a scene has no light: the image shows it
                     self._bake(*wanted)
             except _SupersededError:
                 pass

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..auto_view.first_view import Scan, ViewChoice
 from ..auto_view.studio import CLAY, with_direct_light
-from ..base.warning_log import heard
+from ..base.warning_log import collect_warnings
 from ..cloud.normals.validation import check_normals_choice, refit_normals, validate_normals
 from ..cloud.outliers import without_strays
 from ..cloud.points import Points, spread_rows
@@ -164,12 +164,12 @@ class FileLoader:
             points = points.select(np.sort(rows))
         if isinstance(cloud, Model):
             return points
-        with _with_file_name(self._groups[number]), heard():  # warnings follow when all points are processed
+        with _with_file_name(self._groups[number]), collect_warnings():  # warnings follow when all points are processed
             points, wrong = validate_normals(points, self.normals)
         return points.with_normals(None) if wrong else points
 
     def _coarse(self, sample: Points, number: int) -> Model:
-        with _with_file_name(self._groups[number]), heard():
+        with _with_file_name(self._groups[number]), collect_warnings():
             return Model(sample, **self.surface)
 
     def _build_model(self, cloud: Points | Model, number: int, shared: SharedScene, notes: list[str]) -> Model:

@@ -13,7 +13,7 @@ import numpy as np
 from ..auto_view.first_view import Scan, ViewChoice
 from ..base.arguments import check_direction
 from ..base.choices import AS_SPHERES, AUTO
-from ..base.memory import give_back
+from ..base.memory import trim_heap
 from ..engine.jit import BACKLOG
 from ..model.model import Model
 from ..rendering.camera import Camera
@@ -274,7 +274,7 @@ class SharedScene:
         except Exception as error:
             log.exception("error while building")
             self._fail(f"{type(error).__name__}: {error}")
-        give_back()
+        trim_heap()
         self.report("", None)
 
     def _fail(self, why: str) -> None:

@@ -10,7 +10,7 @@ import webbrowser
 from collections.abc import Callable
 from typing import Any
 
-from ..base.memory import give_back
+from ..base.memory import trim_heap
 from ..rendering.warmup import warm_up
 from .connection import Link
 from .server import Server
@@ -99,7 +99,7 @@ class Viewer:
             ended = {session for session in self._leaving if session.has_ended}
             self._leaving -= ended
         if ended:
-            give_back()
+            trim_heap()
 
     def _repr_html_(self) -> str:
         """Return the page as an inline frame for a notebook, with a hint in case it does not appear."""

@@ -21,7 +21,7 @@ from attack.mutate import Rng, pick
 from attack.told_counts import told
 from helpers.places import MODELS
 from helpers.small_files import small_scans
-from pointray.base.warning_log import heard
+from pointray.base.warning_log import collect_warnings
 
 SPARE, TIMES = 64 << 20, 8  # memory that a file may take: bytes, and times what it holds
 LARGEST = 400 << 10  # bytes of files of other programs that are mutated
@@ -138,7 +138,7 @@ def begin(folder: Path) -> Attack:
         memory.begin()
         words: list[str] = []
         try:
-            with heard() as words:
+            with collect_warnings() as words:
                 points = pr.read(path, **options)  # type: ignore[arg-type]
         except (ValueError, OSError) as error:
             if "\n" in str(error):

@@ -144,8 +144,8 @@ def test_a_thinned_frame_is_a_frame_and_what_is_seen_from_all_sides_is_none(rng)
 
 @pytest.mark.parametrize("format", FORMATS)
 def test_a_format_decides_where_nothing_else_does(format, rng):
-    survey = pr.Survey(format=format)
-    found = find_up(sample_of(pr.Points(unit_rows(rng.normal(size=(3000, 3))), survey=survey)))
+    georeference = pr.Georeference(format=format)
+    found = find_up(sample_of(pr.Points(unit_rows(rng.normal(size=(3000, 3))), georeference=georeference)))
     assert found.axis == FORMATS[format][0]
     if found.axis != "z":
         assert found.why == f"{format} files are {'y down' if found.axis == '-y' else 'y up'}"
@@ -162,9 +162,9 @@ def test_readers_name_their_formats(tmp_path, rng):
     found = {
         name: pr.read(tmp_path / name, intrinsics=intrinsics.get(name)) for name in ("a.las", "a.pts", "a.xyz", "a.png")
     }
-    assert [points.survey.format for points in found.values()] == ["LAS", "PTS", None, "depth image"]
-    assert pr.read([tmp_path / "a.las", tmp_path / "a.las"]).survey.format == "LAS"
-    assert pr.read([tmp_path / "a.pts", tmp_path / "a.xyz"]).survey.format is None
+    assert [points.georeference.format for points in found.values()] == ["LAS", "PTS", None, "depth image"]
+    assert pr.read([tmp_path / "a.las", tmp_path / "a.las"]).georeference.format == "LAS"
+    assert pr.read([tmp_path / "a.pts", tmp_path / "a.xyz"]).georeference.format is None
     model = pr.Model(found["a.las"].select(np.arange(40)))
     assert sample_of(model).format == "LAS"
     for angle, format in ((0, "LAS"), (90, None)):
@@ -176,7 +176,7 @@ def test_readers_name_their_formats(tmp_path, rng):
 def test_stations_stand_beside_each_other(rng):
     stations = tuple(map(tuple, [(0.0, 0.0, 5.0), (0.0, 3.0, 5.1), (0.0, 6.0, 4.9)]))
     ball = unit_rows(rng.normal(size=(2000, 3))) + (0, 3, 5)
-    sample = sample_of(pr.Points(ball, survey=pr.Survey(stations=stations)))
+    sample = sample_of(pr.Points(ball, georeference=pr.Georeference(stations=stations)))
     np.testing.assert_allclose(sample.stations + sample.origin, stations)
     scores = dict(zip(AXES, weighted_evidence(sample)["stations"], strict=True))
     assert scores["y"] == scores["-y"] < -0.4 and scores["z"] > -0.05
@@ -221,5 +221,5 @@ def test_the_reason_is_printed(rng):
         in Scan(points_of(made.turned(made.tree(rng), "x", rng)), ViewChoice()).found
     )
     las = made.turned(made.vase(rng), "y", rng)
-    scan = Scan(pr.Points(las.positions, survey=pr.Survey(format="LAS")), ViewChoice())
+    scan = Scan(pr.Points(las.positions, georeference=pr.Georeference(format="LAS")), ViewChoice())
     assert "up +z (LAS files are z up)" in scan.found

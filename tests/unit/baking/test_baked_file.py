@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import pointray as pr
-from helpers.baked_room import COLORS, QUICK, SKY, SUN, ball, room, usual_ball
+from helpers.baked_room import COLORS, QUICK, SKY, SUN, ball, plain_ball, room
 from helpers.model_bytes import copied, join, split
 from helpers.places import TESTS
 from pointray.model import array_file
@@ -90,7 +90,7 @@ def test_levels_of_detail_come_back(tmp_path, leveled):
 
 
 def test_models_may_be_saved_and_loaded_too(tmp_path, saved):
-    usual_ball().save(tmp_path / "m")
+    plain_ball().save(tmp_path / "m")
     scene = room(pr.Model.load(tmp_path / "m"))
     again = pr.Baked.load(saved[1], scene)
     assert again.stale is None
@@ -99,7 +99,7 @@ def test_models_may_be_saved_and_loaded_too(tmp_path, saved):
 
 def test_instances_count_in_their_order_whatever_their_numbers(saved):
     scene, places = pr.Scene(), (None, None, pr.transform(translate=(2.5, 0, 0), scale=0.8), None)
-    scene.remove(scene.add(usual_ball()))
+    scene.remove(scene.add(plain_ball()))
     for shape, place in zip(room().shapes.values(), places, strict=True):
         scene.add(shape, place)
     scene.clips, scene.lights = room().clips, room().lights
@@ -160,7 +160,7 @@ def without_last(scene):
 def swapped():
     scene = room()
     scene.remove(0)
-    scene.add(usual_ball())
+    scene.add(plain_ball())
     return scene
 
 
@@ -301,7 +301,7 @@ def test_other_files_are_refused(tmp_path):
         with pytest.raises(OSError):
             pr.Baked.load(path, room())
     np.save(tmp_path / "a.npy", np.arange(10))
-    usual_ball().save(tmp_path / "m")
+    plain_ball().save(tmp_path / "m")
     for content in (b"ply\nformat ascii 1.0\n" * 100, *((tmp_path / name).read_bytes() for name in ("a.npy", "m"))):
         (tmp_path / "a").write_bytes(content)
         assert "not a file of baked light" in refused(tmp_path / "a")
@@ -437,7 +437,7 @@ def test_wrong_arguments_are_refused(tmp_path, saved):
         with pytest.raises(ValueError, match="path"):
             pr.Baked.load(path, room())
     with pytest.raises(ValueError, match="scene"):
-        pr.Baked.load(saved[1], usual_ball())
+        pr.Baked.load(saved[1], plain_ball())
     with pytest.raises(ValueError, match="progress"):
         saved[0].save(tmp_path / "a", 3)
     assert os.listdir(tmp_path) == []

@@ -5,7 +5,7 @@ import pytest
 
 import pointray as pr
 from helpers.clouds import sphere_points
-from pointray.base.progress import part_of, tell
+from pointray.base.progress import part_of, report_progress
 from pointray.cli.report import describe
 
 
@@ -72,10 +72,10 @@ def test_a_part_lies_between_its_ends():
     shares = []
     part = part_of(part_of(shares.append, 0.5, 1.0), 0.0, 0.5)
     for share in (0.0, 0.5, 1.0):
-        tell(part, share)
+        report_progress(part, share)
     assert shares == [0.5, 0.625, 0.75]
     assert part_of(None, 0.0, 1.0) is None
-    tell(None, 0.5)
+    report_progress(None, 0.5)
 
 
 def test_looking_for_flaws_tells_how_much_is_done():

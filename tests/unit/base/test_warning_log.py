@@ -5,16 +5,16 @@ import warnings
 
 import pytest
 
-from pointray.base.warning_log import heard, warn
+from pointray.base.warning_log import collect_warnings, warn
 
 
 def test_warnings_are_given_or_collected():
     with pytest.warns(UserWarning, match="given") as told:
         warn("given")
     assert told[0].filename == __file__
-    with heard() as notes:
+    with collect_warnings() as notes:
         warn("first")
-        with heard() as inner:
+        with collect_warnings() as inner:
             warn("second", FutureWarning)
         warn("third")
     assert (notes, inner) == (["first", "third"], ["second"])
@@ -25,7 +25,7 @@ def test_a_thread_that_collects_changes_nothing_for_others():
     before, inside, done = list(warnings.filters), threading.Event(), threading.Event()
 
     def collect():
-        with heard() as notes:
+        with collect_warnings() as notes:
             warn("of the thread")
             inside.set()
             done.wait()

@@ -11,7 +11,7 @@ from plyfile import PlyData
 import pointray as pr
 from helpers.places import case_file
 from pointray.cloud.geographic import PLANE, PROJ, LocalFrame, is_geographic, projected
-from pointray.cloud.georeference import Survey
+from pointray.cloud.georeference import Georeference
 from pointray.io.trajectory import eyes_along
 
 WGS84 = 'GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],UNIT["degree",0.0174532925199433]]'
@@ -41,13 +41,13 @@ def test_metres_are_those_on_the_ellipsoid(method, error, place, rng):
     assert abs(step[0]).max() < 1e-6 and step[1, 0] > 1 and step[2, 1] > 10  # east and north
 
 
-def test_the_frame_of_a_survey_is_the_one_that_was_written():
+def test_the_frame_of_a_georeference_is_the_one_that_was_written():
     frame = LocalFrame(48.1, -11.5, PROJ)
-    assert LocalFrame.of(Survey(projection=str(frame))) == frame
-    assert LocalFrame.of(Survey()) is None
+    assert LocalFrame.of(Georeference(projection=str(frame))) == frame
+    assert LocalFrame.of(Georeference()) is None
     for wrong in ("+proj=pipeline +step +proj=tmerc", "+proj=tmerc +lat_0=95.0 +lon_0=1.0 +ellps=WGS84 +units=m"):
         with pytest.raises(ValueError, match="invalid projection"):
-            LocalFrame.of(Survey(projection=wrong))
+            LocalFrame.of(Georeference(projection=wrong))
 
 
 @pytest.mark.parametrize(
@@ -61,15 +61,15 @@ def test_the_frame_of_a_survey_is_the_one_that_was_written():
     ],
 )
 def test_coordinate_systems_with_degrees(crs, expected):
-    assert is_geographic(Survey(crs)) == expected
+    assert is_geographic(Georeference(crs)) == expected
 
 
 def test_models_that_stand_somewhere_are_no_maps(rng):
     """Clouds in metres whose numbers could be degrees."""
     ball = rng.normal(size=(500, 3))
     for rows in (ball, ball * (0.05, 0.05, 5) + (13, 52, 0), ball * 0.1 + (13, 52, 30), ball * (1e-3, 1e-3, 1)):
-        assert projected(Survey(), rows) == Survey()
-    stated = Survey("EPSG:4326")
+        assert projected(Georeference(), rows) == Georeference()
+    stated = Georeference("EPSG:4326")
     assert projected(stated, ball * 30000) == stated  # whatever it says, these are no degrees
     assert projected(stated, ball[:0]) == stated
 
@@ -100,8 +100,8 @@ def test_files_are_written_in_degrees(tmp_path, rng, monkeypatch, suffix, is_ins
     path, rows = written(tmp_path / "a.csv", rng)
     with pytest.warns(UserWarning, match="longitude and latitude in degrees: shown in metres east and north of 4"):
         points = pr.read(path)
-    assert points.crs == "EPSG:4326" and points.survey.unit == "metre"
-    assert points.survey.projection.startswith(PROJ if is_installed else PLANE)
+    assert points.crs == "EPSG:4326" and points.georeference.unit == "metre"
+    assert points.georeference.projection.startswith(PROJ if is_installed else PLANE)
     size = np.ptp(points.world, axis=0)
     np.testing.assert_allclose(size, np.ptp(rows, axis=0) * (74_600, 111_200, 1), rtol=0.02)
     pr.write(tmp_path / f"b.{suffix}", points)
@@ -126,7 +126,7 @@ def test_a_trajectory_has_the_degrees_of_the_file(tmp_path, rng):
     with pytest.warns(UserWarning, match="shown in metres"):
         points = pr.read(path)
     times = np.arange(len(points), dtype=float)
-    points = pr.Points.about(points.origin, points.positions, None, None, {"gps_time": times}, points.survey)
+    points = pr.Points.about(points.origin, points.positions, None, None, {"gps_time": times}, points.georeference)
     text = "".join(f"{t},{x:.9f},{y:.9f},{z:.3f}\n" for t, (x, y, z) in zip(times, rows, strict=True))
     (tmp_path / "path.csv").write_text("time,x,y,z\n" + text)
     with pytest.warns(UserWarning, match="look like longitude and latitude"):
@@ -139,4 +139,4 @@ def test_a_saved_model_keeps_its_projection(tmp_path, rng):
     with pytest.warns(UserWarning, match="shown in metres"):
         points = pr.read(path)
     pr.Model(points).save(tmp_path / "a.pointray")
-    assert pr.Model.load(tmp_path / "a.pointray").points.survey == points.survey
+    assert pr.Model.load(tmp_path / "a.pointray").points.georeference == points.georeference

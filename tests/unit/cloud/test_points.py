@@ -1,9 +1,11 @@
 import pickle
+from functools import partial
 
 import numpy as np
 import pytest
 
-from pointray.cloud.georeference import Survey
+import pointray as pr
+from pointray.cloud.georeference import Georeference
 from pointray.cloud.points import Points
 
 CLOUD = np.random.default_rng(1).random((1000, 3))
@@ -111,16 +113,16 @@ def test_attributes_keep_their_dtypes_and_values():
         np.testing.assert_array_equal(points.attributes[name], values)
 
 
-def test_a_survey_goes_along():
-    survey = Survey("EPSG:25832", "metre", (0.01, 0.01, 0.001), (5e5, 0, 0), ((1, 2, 3),))
-    points = Points(UTM + CLOUD, survey=survey)
+def test_a_georeference_is_kept():
+    georeference = Georeference("EPSG:25832", "metre", (0.01, 0.01, 0.001), (5e5, 0, 0), ((1, 2, 3),))
+    points = Points(UTM + CLOUD, georeference=georeference)
     for other in (points.select(np.arange(5)), points.with_normals(CLOUD), pickle.loads(pickle.dumps(points))):
-        assert other.survey == survey
+        assert other.georeference == georeference
         assert other.crs == "EPSG:25832"
-    assert Survey(**survey.facts) == survey
+    assert Georeference(**georeference.facts) == georeference
     for wrong in ({"crs": 4}, {"scale": (1, 1, 1)}, {"scale": (0, 1, 1), "offset": (0, 0, 0)}, {"stations": ((1, 2),)}):
         with pytest.raises(ValueError, match="|".join(wrong)):
-            Survey(**wrong)
+            Georeference(**wrong)
 
 
 def test_select_takes_rows_of_everything():
@@ -187,3 +189,18 @@ def test_colors_of_16_bits_span_the_whole_range(rng):
     np.testing.assert_array_equal(colors, np.rint(rows / 65535 * 255))
     with pytest.raises(ValueError, match=r"colors must be uint8 .*uint16 .*not int32"):
         Points(CLOUD, colors=np.zeros((1000, 3), np.int32))
+
+
+def test_former_names_are_deprecated_aliases():
+    known = Georeference("EPSG:25832")
+    with pytest.warns(DeprecationWarning, match="pointray.Survey is deprecated: use pointray.Georeference") as found:
+        assert pr.Survey is Georeference
+    assert found[0].filename == __file__
+    for make in (partial(Points, CLOUD), partial(Points.about, np.zeros(3), CLOUD), Points(CLOUD).changed):
+        with pytest.warns(DeprecationWarning, match="the argument survey is deprecated: use georeference") as found:
+            points = make(survey=known)
+        assert found[0].filename == __file__
+        with pytest.warns(DeprecationWarning, match="Points.survey is deprecated: use Points.georeference"):
+            assert points.survey is known is points.georeference
+        with pytest.raises(TypeError, match="give only georeference"):
+            make(survey=known, georeference=known)

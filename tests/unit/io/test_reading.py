@@ -11,7 +11,7 @@ import pytest
 import pointray as pr
 from helpers.row_source import Rows
 from pointray.base import memory
-from pointray.cloud.georeference import RESIDUAL, SCAN, Survey, numbers_of
+from pointray.cloud.georeference import RESIDUAL, SCAN, Georeference, numbers_of
 from pointray.io import files, gather
 from pointray.io.colors import ColorRange, to_shades
 from pointray.io.filling import Filling
@@ -158,7 +158,7 @@ def test_one_line_tells_which_files_lack_what():
 def test_files_in_different_coordinate_systems_are_refused(tmp_path):
     paths = [tmp_path / f"{k}.ply" for k in range(3)]
     for path, crs in zip(paths, ("EPSG:25832", "EPSG:25832", "EPSG:25833"), strict=True):
-        pr.write(path, pr.Points(XYZ, survey=Survey(crs)))
+        pr.write(path, pr.Points(XYZ, georeference=Georeference(crs)))
     assert pr.read(paths[:2]).crs == "EPSG:25832"
     with pytest.raises(ValueError, match=r"0\.ply and .*2\.ply have different coordinate systems, 'EPSG:25832'"):
         pr.read(paths)
@@ -167,23 +167,26 @@ def test_files_in_different_coordinate_systems_are_refused(tmp_path):
 
 
 def test_stations_of_several_files_are_distinguished():
-    first, second = Survey(stations=((1, 2, 3),)), Survey(stations=((4, 5, 6), (7, 8, 9)))
+    first, second = Georeference(stations=((1, 2, 3),)), Georeference(stations=((4, 5, 6), (7, 8, 9)))
     chunk, both = Chunk(XYZ), Chunk(XYZ, attributes={SCAN: np.repeat([0, 1], 500)})
-    openers = [Opener("a", lambda: Rows(chunk, survey=first)), Opener("b", lambda: Rows(both, survey=second))]
+    openers = [
+        Opener("a", lambda: Rows(chunk, georeference=first)),
+        Opener("b", lambda: Rows(both, georeference=second)),
+    ]
     openers.append(Opener("c", lambda: Rows(chunk)))
     with pytest.warns(UserWarning, match=f"only some files have: {SCAN}"):
         points = gather.gather(openers, Selection(), None)
-    assert points.survey.stations == ((1, 2, 3), (4, 5, 6), (7, 8, 9))
+    assert points.georeference.stations == ((1, 2, 3), (4, 5, 6), (7, 8, 9))
     assert points.attributes[SCAN].tolist() == [0] * 1000 + [1] * 500 + [2] * 500 + [-1] * 1000
 
 
 @pytest.mark.parametrize("width", [10.0, 1e6])
 def test_whole_numbers_of_a_file_come_back_to_the_last(width, rng):
-    survey = Survey(scale=(1e-3, 1e-3, 1e-4), offset=(500_000.0, 5_400_000.0, 0.0))
+    georeference = Georeference(scale=(1e-3, 1e-3, 1e-4), offset=(500_000.0, 5_400_000.0, 0.0))
     numbers = rng.integers(0, int(width * 1e3), (1000, 3))
-    world = numbers * survey.scale + np.array(survey.offset)
-    points = gathered(Chunk(world), survey=survey)
-    kept = numbers_of(points.survey, points.world) + points.attributes.get(RESIDUAL, 0)
+    world = numbers * georeference.scale + np.array(georeference.offset)
+    points = gathered(Chunk(world), georeference=georeference)
+    kept = numbers_of(points.georeference, points.world) + points.attributes.get(RESIDUAL, 0)
     np.testing.assert_array_equal(kept, numbers)
     assert (RESIDUAL in points.attributes) == (width > 1e5)
 

@@ -5,7 +5,7 @@ import pytest
 
 import pointray as pr
 from pointray import Points
-from pointray.cloud.georeference import SCAN, Survey
+from pointray.cloud.georeference import SCAN, Georeference
 from pointray.cloud.normals.stations import check_outside
 from pointray.io.trajectory import read_trajectory
 
@@ -103,6 +103,8 @@ def test_scans_without_a_station_are_reported():
     points, exact = street()
     scan = (exact[:, 0] > 0).astype(np.int32)
     scan[::10] = 7
-    told = Points(points.positions, attributes={SCAN: scan}, survey=Survey(stations=((-5, 0, 0), (5, 0, 0))))
+    told = Points(
+        points.positions, attributes={SCAN: scan}, georeference=Georeference(stations=((-5, 0, 0), (5, 0, 0)))
+    )
     with pytest.warns(UserWarning, match="600 of 6,000 points belong to scans such as 7, .* only for 0 to 1"):
         pr.estimate_normals(told)

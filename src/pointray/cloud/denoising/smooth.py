@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import check_callback, check_kind, check_number
-from ...base.progress import Progress, StageProgress, in_stage, part_of, tell
+from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import neighbor_chunks, take
 from ..normals.estimate import repair_normals, with_fits
@@ -24,7 +24,7 @@ from .noise import LITTLE, NoiseRanges, measure_ranges, raise_to_typical
 Floats = NDArray[np.float32]
 
 MOVES = 0.09  # noise in spacings from which points move all the way
-USUAL, MUCH = 64, 0.6  # neighbours; noise in spacings above which 128 are used, in twice the time, and no edges
+FEWER, MUCH = 64, 0.6  # neighbours; noise in spacings above which 128 are used, in twice the time, and no edges
 SPACING = math.sqrt(math.pi / SIZES[0])  # times the distance of the 16th neighbour: root of the area per point
 FAR = 5.0  # greatest move of a point to an edge, in standard deviations
 SURVEYED = 0.1  # progress after the noise is measured
@@ -141,7 +141,7 @@ class Fitting:
     ) -> Fits:
         """Fit like `fit_normals`, but return moved positions."""
         noise, most = self._noise or noise_of(ordered, self._sigma)
-        tell(progress, SURVEYED)
+        report_progress(progress, SURVEYED)
         left = part_of(progress, SURVEYED, 1.0)
         if noise is None:
             return fit_normals(ordered, kept, eye, left, planes, statistics=self._statistics)
@@ -160,7 +160,7 @@ class Fitting:
             shares[part], spacing = _shares(ordered, rows, table, noise[part], self._sigma)
             moved[part] += shares[part] * shifts
             residuals[part] = noise[part] / spacing
-            if most == USUAL:
+            if most == FEWER:
                 edges.add(rows, table, noise[part], errors, spacing)
             if eye is not None:
                 to_eye = (eye if eye.ndim == 1 else eye[part]) - moved[part]
@@ -219,9 +219,9 @@ class Noise(NamedTuple):
 def noise_of(ordered: Floats, sigma: str | float, normals: Floats | None = None) -> Noise:
     """Return the noise of distinct points in kd order."""
     if len(ordered) < SIZES[0] or sigma == 0.0:
-        return Noise(None, USUAL)
+        return Noise(None, FEWER)
     if not isinstance(sigma, str):
-        return Noise(np.full(len(ordered), sigma, np.float32), USUAL)
+        return Noise(np.full(len(ordered), sigma, np.float32), FEWER)
     return noise_by(raise_to_typical(measure_ranges(ordered, normals)), np.arange(len(ordered)))
 
 
@@ -229,8 +229,8 @@ def noise_by(ranges: NoiseRanges, rows: NDArray[np.int64]) -> Noise:
     """Return the noise of some rows of a cloud's kd order, from all its ranges."""
     shares = ranges.noise / np.maximum(ranges.spacing, 1e-30)
     if not (shares > LITTLE).any():
-        return Noise(None, USUAL)
-    return Noise(ranges.interpolate(rows)[0], SIZES[-1] if np.median(shares) > MUCH else USUAL)
+        return Noise(None, FEWER)
+    return Noise(ranges.interpolate(rows)[0], SIZES[-1] if np.median(shares) > MUCH else FEWER)
 
 
 def _shares(

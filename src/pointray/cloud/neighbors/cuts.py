@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, part_of, report_progress
 from ...engine.jit import Array, i64, inline, kernel, next_tile, run, thread_count, uncompiled
 from .order import first_part
 
@@ -178,7 +178,7 @@ def find_cuts(chunks: Chunks, count: int, size: int, progress: Progress | None =
         axes, keys, ties = (np.concatenate(pair) for pair in zip(cuts[:3], found, strict=True))
         cuts = Cuts(axes, keys, ties, np.array(children))
         spans, level = [half for half in halves if half.points > size], level + 1
-    tell(progress, 1.0)
+    report_progress(progress, 1.0)
     return cuts
 
 
@@ -196,7 +196,7 @@ class _Cloud(NamedTuple):
         for chunk in self.chunks():
             look(_bits_of(chunk), row)
             row += len(chunk)
-            tell(progress, min(row / self.points, 1.0))
+            report_progress(progress, min(row / self.points, 1.0))
         if row != self.points:
             raise ValueError(f"{row:,} points were read where {self.points:,} were expected")
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, part_of, report_progress
 from ...engine.jit import run
 from .search import CHUNK, find_nearest
 from .sites import LANES, Blocks, Boxes, make_blocks, make_boxes, scale_of
@@ -96,14 +96,14 @@ class NeighborTree:
         rows = 1.0 / self._scale, distances.reshape(-1), indices.reshape(-1)
         tiles = -(-count // (LANES * CHUNK))
         run(find_nearest, tiles, tree, (queried.blocks, numbers, span[0]), span[1], k, rows, progress=progress)
-        tell(progress, 1.0)
+        report_progress(progress, 1.0)
         return indices
 
 
 def neighbors(positions: Floats, k: int, queries: Floats | None = None, progress: Progress | None = None) -> Near:
     """Find the k nearest positions of each query; see `NeighborTree.query`."""
     tree = NeighborTree(positions)
-    tell(progress, TREE)
+    report_progress(progress, TREE)
     return tree.query(k, queries, part_of(progress, TREE, 1.0))
 
 
@@ -116,4 +116,4 @@ def neighbor_chunks(positions: Floats, k: int, progress: Progress | None = None)
     for start in range(0, len(positions), ROWS):
         part = slice(start, min(start + ROWS, len(positions)))
         yield part, tree.rows(k, part)
-        tell(progress, part.stop / len(positions))
+        report_progress(progress, part.stop / len(positions))

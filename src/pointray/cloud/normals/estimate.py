@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_callback, check_kind, check_whole
-from ...base.progress import Progress, StageProgress, in_stage, part_of, tell
+from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import distinct, neighbor_chunks, neighbors
 from ..points import Points
@@ -61,10 +61,10 @@ def estimate_normals(
         World position of the scanner, or of the scanner that saw each point, NaN where unknown (`eyes_along` computes
         it for a moving scanner). Each normal is turned towards the scanner; where it grazes the view, the plane through
         the neighbours decides. Of rows with equal positions the first one's scanner counts. None: the stations of
-        `points.survey`; the attribute "scan" holds each point's station, and a single station without that attribute
-        saw all points. A station from which its points cannot have been seen, as in merged clouds, is ignored with a
-        warning. Where the scanner is unknown, signs propagate from points where it is known; a connected group without
-        any is turned outward, or up if it has no outside.
+        `points.georeference`; the attribute "scan" holds each point's station, and a single station without that
+        attribute saw all points. A station from which its points cannot have been seen, as in merged clouds, is ignored
+        with a warning. Where the scanner is unknown, signs propagate from points where it is known; a connected group
+        without any is turned outward, or up if it has no outside.
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
@@ -126,7 +126,7 @@ def with_fits(
             found.normals[:] *= signs_facing(found.normals, layers.planes, layers.near)[:, None]
         else:
             found.normals[:] *= orient(found.positions, found.normals, found.near)[:, None]
-        tell(progress, ORIENTED)
+        report_progress(progress, ORIENTED)
         orient_thin_sheets(found.positions, found.normals, found.near, found.residuals)
     elif not known.all():
         orient_unknown(found.positions, found.normals, found.near, known)
@@ -142,7 +142,7 @@ def with_fits(
 def _stations_of(points: Points) -> NDArray[np.float64] | None:
     """Return the stations that saw the points, see `eyes_of`; warn of those that are ignored."""
     ignored = ignored_stations(points)
-    warn_of_ignored(ignored, len(points.survey.stations))
+    warn_of_ignored(ignored, len(points.georeference.stations))
     return eyes_of(points, ignored)
 
 
@@ -169,8 +169,8 @@ def repair_normals(
     points : Points
         A missing normal (zero, NaN or infinite) becomes the mean of the nearest valid ones; if none is valid, all are
         estimated. If many neighbours face opposite sides, directions are kept and signs are recomputed, with the
-        stations of `points.survey` as in `estimate_normals`. Normals that all point inward are kept. Rows that are not
-        finite have the normal 0.
+        stations of `points.georeference` as in `estimate_normals`. Normals that all point inward are kept. Rows that
+        are not finite have the normal 0.
     message : str or None
         One line; None if all normals were valid.
     """

@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, part_of, report_progress
 from ...engine.jit import Array, borrow, f32, kernel, next_tile, routine, run
 from ...engine.simd import INF, ONE, broadcast16, load16, select, store, vmax
 from ..neighbors import NeighborTree, neighbor_chunks
@@ -216,7 +216,7 @@ def fit_normals(
     normals, near = np.empty_like(positions), np.empty((n, min(kept, n)), np.int32)
     residuals = np.empty(n, np.float32)
     needed = 0 if planes is None else planes.needed(noise)
-    tell(progress, SURVEY)
+    report_progress(progress, SURVEY)
     for part, found in neighbor_chunks(positions, max(sizes[-1], kept, needed), part_of(progress, SURVEY, 1.0)):
         if planes is not None and needed:
             planes.add_neighbors(part, found)

@@ -29,7 +29,7 @@ def eyes_of(points: Points, ignored: Sequence[int] | None = None) -> NDArray[np.
     ignored : numbers of stations to ignore. None: found by `ignored_stations`; the points must be the whole cloud
     """
     ignored = ignored_stations(points) if ignored is None else ignored
-    stations = np.array(points.survey.stations, np.float64).reshape(-1, 3)
+    stations = np.array(points.georeference.stations, np.float64).reshape(-1, 3)
     scans = points.attributes.get(SCAN)
     if scans is None or scans.ndim != 1:
         return stations[0] if len(stations) == 1 and not ignored else None
@@ -82,7 +82,7 @@ def warn_of_ignored(ignored: Sequence[int], count: int) -> None:
 
 def warn_of_lost_scans(points: Points) -> None:
     """Warn of scan numbers without a station, if there are stations."""
-    scans, count = points.attributes.get(SCAN), len(points.survey.stations)
+    scans, count = points.attributes.get(SCAN), len(points.georeference.stations)
     if scans is None or scans.ndim != 1 or not count:
         return
     with np.errstate(invalid="ignore"):

@@ -26,11 +26,11 @@ HIDDEN = 0.1
 
 
 def ignored_stations(points: Points) -> tuple[int, ...]:
-    """Return the numbers of the stations of `points.survey` from which their points cannot have been seen.
+    """Return the numbers of the stations of `points.georeference` from which their points cannot have been seen.
 
     Decided on a sample. `eyes_of` defines which station saw which points.
     """
-    count = len(points.survey.stations)
+    count = len(points.georeference.stations)
     if not count:
         return ()
     some = points.select(station_sample(len(points), count))
@@ -38,7 +38,7 @@ def ignored_stations(points: Points) -> tuple[int, ...]:
     scans = some.attributes.get(SCAN)
     if scans is None or scans.ndim != 1:
         scans = np.zeros(len(some)) if count == 1 else np.full(len(some), -1)
-    stations = np.array(points.survey.stations, np.float64) - points.origin
+    stations = np.array(points.georeference.stations, np.float64) - points.origin
     return tuple(k for k, eye in enumerate(stations) if hidden_share(some.positions[scans == k], eye) > HIDDEN)
 
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, tell
+from ...base.progress import Progress, report_progress
 from ...engine.jit import Array, borrow, kernel, next_tile, run
 from ...engine.kernels.vec import tangents
 from ..neighbors import NeighborTree
@@ -161,7 +161,7 @@ def examine_rows(
         part = slice(start, start + ROWS)
         found = tree.query(AROUND, positions[rows[part]])[1]
         run(_examine, -(-len(found) // CHUNK), positions, rows[part], found, noise[part], out[part])
-        tell(progress, (start + len(found)) / len(rows))
+        report_progress(progress, (start + len(found)) / len(rows))
     return out
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...base.arguments import check_callback, check_kind
-from ...base.progress import Progress, StageProgress, in_stage, part_of, tell
+from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
 from ...base.warning_log import warn
 from ..neighbors import distinct, kd_order
 from ..normals.stations import check_eyes, eyes_of
@@ -60,7 +60,7 @@ def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: St
     points : Points
     viewpoint : (3,) or (n, 3) array_like, optional
         World position of the scanner, or of the scanner that saw each point, NaN where unknown. None: the stations of
-        `points.survey`, as for `estimate_normals`. Veils are found only where it is known.
+        `points.georeference`, as for `estimate_normals`. Veils are found only where it is known.
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
@@ -95,7 +95,7 @@ def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: S
         positions[strays.layer] += offset[strays.layer]
         points = points.changed(positions=positions)
     merged = merge_passes(points, eyes, part_of(report, CLASSIFIED, 1.0))
-    tell(report, 1.0)
+    report_progress(report, 1.0)
     return merged
 
 
@@ -127,7 +127,7 @@ def _classify(points: Points, viewpoint: ArrayLike | None, progress: Progress | 
         rank[path] = np.arange(len(path))
         found, floors = _kinds(points, rows[path], eyes, progress)
         kinds[finite], offset[finite] = found[rank[ids]], floors.offset[rank[ids]]
-    tell(progress, 1.0)
+    report_progress(progress, 1.0)
     return Strays(*(np.ascontiguousarray(column) for column in kinds.T)), offset
 
 
@@ -139,16 +139,16 @@ def _kinds(
     floors = find_floors(positions, part_of(progress, 0.0, FLOORED))
     off = np.flatnonzero(floors.off)
     off = off[~faces_back(points, rows, floors, off)]
-    layer, lone = np.zeros((2, len(rows)), np.bool_)
+    layer, isolated = np.zeros((2, len(rows)), np.bool_)
     layer[off] = floors.in_layer[off]
-    lone[off] = ~layer[off]
-    lone |= find_sparse(floors)
-    tell(progress, FLOORED)
-    floating = find_floating(positions, floors, layer | lone)
-    tell(progress, GROUPED)
+    isolated[off] = ~layer[off]
+    isolated |= find_sparse(floors)
+    report_progress(progress, FLOORED)
+    floating = find_floating(positions, floors, layer | isolated)
+    report_progress(progress, GROUPED)
     veil = _veils(points, positions, floors.core, rows, eyes)
     layer, floating = layer & ~veil, floating & ~(layer | veil)
-    return np.stack([layer, veil, floating, lone & ~(layer | veil | floating)], axis=1), floors
+    return np.stack([layer, veil, floating, isolated & ~(layer | veil | floating)], axis=1), floors
 
 
 def _veils(

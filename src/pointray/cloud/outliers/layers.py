@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, part_of, report_progress
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import neighbors
 from ..neighbors.components import connected_components
@@ -59,7 +59,7 @@ def merge_for_model(
     """
     ordering = ordering or compute_kd_ordering(points)
     ordered, ids, _ = ordering
-    tell(progress, 0.1)
+    report_progress(progress, 0.1)
     if len(ordered) < LEAST:
         return points
     part = part or Part(len(ordered), np.arange(len(ordered)), CloudStatistics.of(len(ordered)))
@@ -70,7 +70,7 @@ def merge_for_model(
             positions[points.finite] += shift[ids]
             points = points.changed(positions=positions)
             ordering = ordering.moved(points)
-    tell(progress, SPARSE_MERGED)
+    report_progress(progress, SPARSE_MERGED)
     rest = part_of(progress, SPARSE_MERGED, 1.0)
     return merge_passes(points, None, rest, ordering, part.statistics, part.ignored)
 

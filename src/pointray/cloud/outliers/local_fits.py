@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, tell
+from ...base.progress import Progress, report_progress
 from ...engine.jit import Array, borrow, f64, inline, kernel, next_tile, run
 from ...engine.kernels.vec import tangents
 from ..neighbors import NeighborTree
@@ -154,7 +154,7 @@ class LocalSurfaceFits:
                 left = np.unique(left[~is_done[left]])
             if len(left):
                 self._fit(left.reshape(-1, 1))
-            tell(progress, min((start + ROWS) / len(groups), 1.0))
+            report_progress(progress, min((start + ROWS) / len(groups), 1.0))
 
     def shared(self, rows: Rows) -> Floats:
         """Return the median noise of some points' neighbours, (m,): that of one neighbourhood varies by a tenth."""

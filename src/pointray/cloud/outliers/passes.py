@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, part_of, report_progress
 from ..georeference import SCAN
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import NeighborTree
@@ -76,7 +76,7 @@ def merge_passes(
         return float(seen[:, :3].any(axis=1).mean())
 
     misaligned = statistics.get_or_compute("share of passes", share)
-    tell(progress, SAMPLED)
+    report_progress(progress, SAMPLED)
     if misaligned < SHOWN:
         return points
     shifts = _shifts(ordered, tree, scans, facing, part_of(progress, SAMPLED, 1.0))
@@ -95,7 +95,7 @@ def _shifts(
         rows = np.arange(start, min(start + ROWS, n))
         found = tree.rows(AROUND, slice(start, start + ROWS))
         moves[rows], near[rows] = heights(ordered, rows, found, scans, facing), found[:, :KEPT]
-        tell(progress, MOVED * rows[-1] / n)
+        report_progress(progress, MOVED * rows[-1] / n)
     return even_out(moves, near, scans)
 
 

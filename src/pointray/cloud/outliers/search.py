@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, part_of, report_progress
 from .floors import FloorSearch
 from .local_fits import GROUP
 
@@ -65,7 +65,7 @@ class LayerSearch:
             beside = self.open(todo, part_of(progress, SEEDS, SEEDS + (1.0 - SEEDS) * share))
             todo = np.setdiff1d(beside, known)
             known = np.union1d(known, todo)
-        tell(progress, 1.0)
+        report_progress(progress, 1.0)
 
     def _off(self, ranges: Rows, is_exact: bool, progress: Progress | None) -> Rows:
         """Return the rows off their floor in those ranges that show a layer."""

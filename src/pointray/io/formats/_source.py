@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.progress import Progress
-from ...cloud.georeference import Survey
+from ...cloud.georeference import Georeference
 from ...cloud.points import Points
 
 CHUNK = 1 << 18  # approximate number of rows of a chunk
@@ -106,7 +106,7 @@ class Listing:
         Estimated number of rows, if `count` is None.
     row : int
         Bytes per row of all columns in memory while reading.
-    survey : Survey
+    georeference : Georeference
         May be completed while rows are read: use it after the last chunk.
     facts : dict
         Further information for `info`, as JSON values: "version", "software", "scans".
@@ -115,7 +115,7 @@ class Listing:
     count: int | None
     row: int
     expected: int = 0
-    survey: Survey = Survey()
+    georeference: Georeference = Georeference()
     facts: Mapping[str, Any] = field(default_factory=dict)
 
     @property

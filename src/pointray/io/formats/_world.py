@@ -14,7 +14,7 @@ from ...cloud.points import Points
 
 def is_float64(points: Points) -> bool:
     """Whether world coordinates need float64."""
-    return bool(points.origin.any()) or points.survey.projection is not None or _has_grid(points)
+    return bool(points.origin.any()) or points.georeference.projection is not None or _has_grid(points)
 
 
 def world_rows(points: Points, part: slice) -> NDArray[Any]:
@@ -24,14 +24,14 @@ def world_rows(points: Points, part: slice) -> NDArray[Any]:
     """
     if not is_float64(points):
         return points.positions[part]
-    world = in_file(points.survey, points.positions[part] + points.origin)
+    world = in_file(points.georeference, points.positions[part] + points.origin)
     if _has_grid(points):
-        survey, finite = points.survey, points.finite[part]
-        numbers = numbers_of(survey, world) + points.attributes[RESIDUAL][part]
-        world[finite] = (np.array(survey.offset) + np.array(survey.scale) * numbers)[finite]
+        georeference, finite = points.georeference, points.finite[part]
+        numbers = numbers_of(georeference, world) + points.attributes[RESIDUAL][part]
+        world[finite] = (np.array(georeference.offset) + np.array(georeference.scale) * numbers)[finite]
     return world
 
 
 def _has_grid(points: Points) -> bool:
     residual = points.attributes.get(RESIDUAL)
-    return points.survey.scale is not None and residual is not None and residual.shape == points.positions.shape
+    return points.georeference.scale is not None and residual is not None and residual.shape == points.positions.shape

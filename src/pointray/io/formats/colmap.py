@@ -16,7 +16,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cloud.georeference import Survey
+from ...cloud.georeference import Georeference
 from ._counts import missing
 from ._odd_numbers import plain_lines
 from ._source import CHUNK, HEAD, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
@@ -55,7 +55,7 @@ class ColmapSource(Source):
             file.seek(0)
             count = None if self._is_text else _most(_announced(file, self._size, self.faults), self._size)
         facts = {"encoding": "text" if self._is_text else "binary"}
-        self.listing = Listing(count, 36 + 16 + 8, max(self._size // 100, 1), Survey(format="COLMAP"), facts)
+        self.listing = Listing(count, 36 + 16 + 8, max(self._size // 100, 1), Georeference(format="COLMAP"), facts)
 
     def chunks(self) -> Iterator[Chunk]:
         with self._path.open("rb") as file:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cloud.georeference import Survey
+from ...cloud.georeference import Georeference
 from ._source import CHUNK, NO, SURE, Chunk, Format, Listing, Request, Source
 
 PNG, NPY = b"\x89PNG\r\n\x1a\n", b"\x93NUMPY"
@@ -61,8 +61,8 @@ class DepthSource(Source):
         self._steps = steps[0] if steps else MILLIMETRES if self._whole else 1.0
         self._dtype = np.dtype("f4" if dtype.itemsize <= (2 if self._whole else 4) else "f8")
         self._facts: dict[str, Any] = {"width": width, "height": height, "type": str(dtype), "steps": self._steps}
-        survey = Survey(stations=((0.0, 0.0, 0.0),), format="depth image")
-        self.listing = Listing(None, 12 + 3 * self._dtype.itemsize, height * width, survey, self._facts)
+        georeference = Georeference(stations=((0.0, 0.0, 0.0),), format="depth image")
+        self.listing = Listing(None, 12 + 3 * self._dtype.itemsize, height * width, georeference, self._facts)
 
     def chunks(self) -> Iterator[Chunk]:
         pixels = _read_png(self._path) if self._png else np.load(self._path, mmap_mode="r", allow_pickle=False)

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cloud.georeference import Survey
+from ...cloud.georeference import Georeference
 from ._named_columns import roles_of
 from ._source import CHUNK, MAYBE, NO, Chunk, Faults, Format, Listing, Request, Source
 
@@ -83,9 +83,10 @@ class KittiSource(Source):
         if size % (4 * width):
             self.faults.add(f"is cut off: its {size:,} bytes are not a multiple of {4 * width}")
         self._roles = roles_of({name: (np.dtype("<f4"), 0) for name in self._columns if name != LEFT_OUT})
-        survey = Survey(stations=((0.0, 0.0, 0.0),), format="KITTI")  # coordinates are relative to the scanner
+        scanner = 0.0, 0.0, 0.0  # coordinates are relative to it
+        georeference = Georeference(stations=(scanner,), format="KITTI")
         facts = {"layout": ",".join(self._columns) if request.columns else NAMES[width]}
-        self.listing = Listing(size // (4 * width), 36 + 4 * width, survey=survey, facts=facts)
+        self.listing = Listing(size // (4 * width), 36 + 4 * width, georeference=georeference, facts=facts)
 
     def chunks(self) -> Iterator[Chunk]:
         done, total = 0, self.listing.rows

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Column, Columns
-from ...base.progress import Progress, part_of, tell
-from ...cloud.georeference import RESIDUAL, SCAN, Survey
+from ...base.progress import Progress, part_of, report_progress
+from ...cloud.georeference import RESIDUAL, SCAN, Georeference
 from ...cloud.points import are_finite, check_any_finite, check_attribute
-from ...cloud.preparation import tell_left_out
+from ...cloud.preparation import warn_of_left_out
 from ..colors import GREY, ColorRange, to_shades
 from ..formats._source import CHUNK
 from ..joining import (
@@ -20,13 +20,13 @@ from ..joining import (
     attributes_of,
     color_kind,
     colored,
-    common_survey,
+    common_georeference,
     first_stations,
     kind_of,
     missing_of,
     scans_of,
 )
-from ..locating import locate, origin_of, sample_step, surveyed
+from ..locating import georeferenced, locate, origin_of, sample_step
 from ..missing_columns import warn_missing_columns
 from .raw import RAW, Raw
 from .spooled import ATTRIBUTE, COLORS, NORMALS, POSITIONS, Spooled
@@ -79,7 +79,7 @@ class Cloud(NamedTuple):
         """Yield all rows in blocks (file, begin, end), each within one file."""
         for file in self.files:
             for begin in range(file.begin, file.end, CHUNK):
-                tell(progress, begin / self.rows)
+                report_progress(progress, begin / self.rows)
                 yield file, begin, min(begin + CHUNK, file.end)
 
 
@@ -98,7 +98,7 @@ class Located(NamedTuple):
     Attributes
     ----------
     origin : (3,) float64
-    survey : Survey
+    georeference : Georeference
     rows : int
         Number of finite rows.
     left_out : Column or None
@@ -108,7 +108,7 @@ class Located(NamedTuple):
     """
 
     origin: NDArray[np.float64]
-    survey: Survey
+    georeference: Georeference
     rows: int
     left_out: Column | None
     losses: Column | None
@@ -118,7 +118,7 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
     """Write all columns; remove each raw column once it is converted."""
     files = [f._replace(part=colored(f.part, f.color_range)) for f in cloud.files if f.part.chunks]
     parts = [file.part for file in files]
-    survey, firsts = common_survey(parts), first_stations(parts)
+    georeference, firsts = common_georeference(parts), first_stations(parts)
     if firsts is not None:
         files = [file._replace(first=first) for file, first in zip(files, firsts, strict=True)]
     cloud = cloud._replace(files=files)
@@ -129,7 +129,7 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
         targets[ATTRIBUTE + SCAN] = _scans(cloud)
     made = {name: target for name, target in targets.items() if target is not None}
     ends = [(k + 1) / (len(made) + 1) for k in range(len(made) + 1)]
-    located = _locate(cloud, survey, part_of(progress, 0.0, ends[0]))
+    located = _locate(cloud, georeference, part_of(progress, 0.0, ends[0]))
     attributes = [name for name in made if name.startswith(ATTRIBUTE)]
     if located.losses is not None and ATTRIBUTE + RESIDUAL not in made:
         attributes.append(ATTRIBUTE + RESIDUAL)
@@ -137,30 +137,30 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
     for (name, target), begin, end in zip(made.items(), ends[:-1], ends[1:], strict=True):
         _write(cloud, located, name, names.get(name, name), target, part_of(progress, begin, end))
         cloud.raw(name).drop()
-        tell(progress, end)
+        report_progress(progress, end)
     if located.losses is not None:  # replaces an attribute of the files with the same name
         cloud.columns.rename(LOSSES, names[ATTRIBUTE + RESIDUAL])
     cloud.columns.drop(LEFT_OUT)
     cloud.columns.sync()
     labels = [name.removeprefix(ATTRIBUTE) for name in attributes]
     lost = cloud.rows - located.rows
-    return Spooled(located.rows, located.origin, located.survey, labels, NORMALS in made, COLORS in made, lost)
+    return Spooled(located.rows, located.origin, located.georeference, labels, NORMALS in made, COLORS in made, lost)
 
 
 # ------------------------------------------------------------------------------------------------------- positions
 
 
-def _locate(cloud: Cloud, survey: Survey, progress: Progress | None) -> Located:
+def _locate(cloud: Cloud, georeference: Georeference, progress: Progress | None) -> Located:
     """Write the finite positions, and the grid steps that they lose."""
     raw, columns, total = cloud.raw(POSITIONS), cloud.columns, cloud.rows
-    survey, sample = surveyed(raw.sample(sample_step(total)), survey)
+    georeference, sample = georeferenced(raw.sample(sample_step(total)), georeference)
     origin = origin_of(sample, total)
     positions = columns.make(POSITIONS, np.float32, 3)
     left_out: Column | None = None
     losses: Column | None = None
     for _, begin, end in cloud.blocks(progress):
         local, lost = np.empty((end - begin, 3), np.float32), None
-        for rows, some in locate(raw.read(begin, end), origin, survey, local):
+        for rows, some in locate(raw.read(begin, end), origin, georeference, local):
             lost = np.zeros((end - begin, 3), np.int32) if lost is None else lost
             lost[rows] = some
         if lost is not None and losses is None:
@@ -175,8 +175,8 @@ def _locate(cloud: Cloud, survey: Survey, progress: Progress | None) -> Located:
             losses.append(np.zeros((len(local), 3), np.int32) if lost is None else lost)
     raw.drop()
     check_any_finite(len(positions), total)
-    tell_left_out(total - len(positions), total)
-    return Located(origin, survey, len(positions), left_out, losses)
+    warn_of_left_out(total - len(positions), total)
+    return Located(origin, georeference, len(positions), left_out, losses)
 
 
 # ----------------------------------------------------------------------------------------------------- other columns

@@ -21,7 +21,7 @@ from ...cloud.points import check_attribute, check_count
 from ..colors import ColorRange
 from ..filling import Filling
 from ..formats._source import Chunk, Listing
-from ..joining import Part, common_survey
+from ..joining import Part, common_georeference
 from ..opening import Opener, announced_rows, check_selected, listings_of, name_of, named, selected_chunks, shares_of
 from ..selection import Selection
 from .convert import Cloud, File, convert
@@ -52,9 +52,9 @@ def spool(files: Sequence[Opener], selection: Selection, columns: Columns, progr
     clear(columns)
     with named(name_of(files)):
         _check_disk_space(listings, selection, columns.folder)
-    some = [Part(file.name, [], x.survey) for file, x in zip(files, listings, strict=True) if x.count != 0]
+    some = [Part(file.name, [], x.georeference) for file, x in zip(files, listings, strict=True) if x.count != 0]
     if some:
-        common_survey(some)  # detects a conflict from the headers, before any row is read
+        common_georeference(some)  # detects a conflict from the headers, before any row is read
     try:
         cloud = Cloud(columns, {}, [])
         shares = [READ * share for share in shares_of(listings)]
@@ -107,7 +107,7 @@ def _read(file: Opener, selection: Selection, cloud: Cloud, progress: Progress |
                 cloud.raw(name).add(end, column)
             end += len(rows.positions)
             check_count(end)
-        part = Part(file.name, filling.chunks if filling else heads, source.listing.survey)
+        part = Part(file.name, filling.chunks if filling else heads, source.listing.georeference)
         return File(part, begin, end, known)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Columns
-from ...cloud.georeference import Survey
+from ...cloud.georeference import Georeference
 from .raw import RAW
 
 FACTS = "spooled"
@@ -25,7 +25,7 @@ class Spooled(NamedTuple):
         n, all of them finite.
     origin : (3,) float64
         World coordinates = origin + positions.
-    survey : Survey
+    georeference : Georeference
     attributes : list of str
         Names, in the order of the column numbers.
     normals, colors : bool
@@ -36,7 +36,7 @@ class Spooled(NamedTuple):
 
     rows: int
     origin: NDArray[np.float64]
-    survey: Survey
+    georeference: Georeference
     attributes: list[str]
     normals: bool
     colors: bool
@@ -44,8 +44,9 @@ class Spooled(NamedTuple):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The fields as JSON values."""
-        return {**self._asdict(), "origin": self.origin.tolist(), "survey": self.survey.facts}
+        """The fields as JSON values. The georeference is stored as "survey", its name in the first releases."""
+        fields = {"survey" if name == "georeference" else name: value for name, value in self._asdict().items()}
+        return {**fields, "origin": self.origin.tolist(), "survey": self.georeference.facts}
 
 
 def spooled_in(columns: Columns) -> Spooled | None:
@@ -54,8 +55,9 @@ def spooled_in(columns: Columns) -> Spooled | None:
     if facts is None:
         return None
     try:
-        survey, origin = Survey(**facts["survey"]), np.array(facts["origin"], np.float64)
-        return Spooled(**{**facts, "survey": survey, "origin": origin})
+        georeference, origin = Georeference(**facts["survey"]), np.array(facts["origin"], np.float64)
+        others = {name: value for name, value in facts.items() if name not in ("survey", "origin")}
+        return Spooled(**others, georeference=georeference, origin=origin)
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{columns.folder / FACTS}.json: is damaged: {error}") from error
 

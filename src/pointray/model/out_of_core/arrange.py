@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Column, Columns
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, part_of, report_progress
 from ...cloud.neighbors import kd_order
 from ...cloud.neighbors.cuts import Cuts, find_cuts
 
@@ -62,7 +62,7 @@ class Arrangement:
         for start in range(0, self._count, CHUNK):
             rows = slice(start, min(start + CHUNK, self._count))
             self._scatter({name: column[rows] for name, column in there.items()}, start, cuts, made, free)
-            tell(part_of(progress, CUT, 1.0), rows.stop / self._count)
+            report_progress(part_of(progress, CUT, 1.0), rows.stop / self._count)
         columns.sync()
 
     def _scatter(

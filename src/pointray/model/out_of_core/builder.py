@@ -24,7 +24,7 @@ from ...cloud.normals.stations import warn_of_ignored
 from ...cloud.normals.units import to_units
 from ...io.spooling.spooled import Spooled
 from ...surface.splats.scattered.spheres import ALL_SURFACE, Drawing, check_drawing
-from ...surface.splats.support import lone_note
+from ...surface.splats.support import isolated_note
 from ...surface.tree.settings import LOOSE_TRIM, TreeSettings
 from .arrange import TILE, Arrangement
 from .facing import turn_fits, turn_given
@@ -126,7 +126,7 @@ class OutOfCoreBuilder:
         self._drawing = check_drawing(scatter, factor, given)
         viewpoint_columns = {name: f"points.{self._names[name]}" for name in SCAN_ATTRIBUTES if name in self._names}
         ignored = given_columns.ignored_stations()
-        about = columns, spooled.rows, spooled.origin, spooled.survey, viewpoint_columns
+        about = columns, spooled.rows, spooled.origin, spooled.georeference, viewpoint_columns
         self._cloud = Cloud(*about, given_columns.are_seen(ignored), ignored)
         self._work, self._tasks = Work(columns, spooled.rows, size, progress, tasks), tasks
         self.settings, self._progress = options.settings, progress
@@ -160,7 +160,7 @@ class OutOfCoreBuilder:
     def _info(self) -> ModelInfo:
         """Facts that the model's files contain."""
         spooled = self._spooled
-        return ModelInfo(self._folder, id_in(self._columns), spooled.origin, spooled.survey, list(self._names))
+        return ModelInfo(self._folder, id_in(self._columns), spooled.origin, spooled.georeference, list(self._names))
 
     def _separate(self) -> tuple[OutOfCoreBuilder | None, Work | None]:
         """Return the builder of the surface and the columns of scattered points; None for either without points."""
@@ -213,7 +213,7 @@ class OutOfCoreBuilder:
         if has_normals:
             self._check_signs()
         if not has_normals or cloud.has_units:
-            warn_of_ignored(cloud.ignored, len(cloud.survey.stations))
+            warn_of_ignored(cloud.ignored, len(cloud.georeference.stations))
         ranges = self._noise_ranges() if sigma == "auto" else None
         statistics = None if has_normals else work.statistics_for("fits", partial(survey_fits, cloud))
         for name in (PLACED, NORMALS, *PLANES):
@@ -266,7 +266,7 @@ class OutOfCoreBuilder:
         work.make_column(SHEETS, np.int8)
         find = partial(find_supports, work, cloud, supporting, statistics)
         self._supports = work.each("support", find, (FACED_AT, SUPPORTED))
-        note = lone_note(sum(fact["lone"] for fact in self._supports), cloud.total)
+        note = isolated_note(sum(fact["lone"] for fact in self._supports), cloud.total)
         if note:
             warn(note, stacklevel=4)
 

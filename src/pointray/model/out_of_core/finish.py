@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Column, Columns
-from ...base.progress import Progress, tell
+from ...base.progress import Progress, report_progress
 from ...engine.kernels.tree import LONGEST
 from ...surface.splats.scattered.spheres import Drawing
 from ...surface.tree.build import Splats
@@ -154,14 +154,14 @@ def finish(
     assert radii is not None
     known = {name: column for name, column in attributes.items() if column is not None}
     about = named.folder, named.id
-    sizes = write_columns(*about, named.origin, points, known, radii, lambda share: tell(report, share))
+    sizes = write_columns(*about, named.origin, points, known, radii, lambda share: report_progress(report, share))
     files = [file for written in all_written for file in written.files]
     boxes = np.array([file.bounds for file in files])
     bounds = [boxes[:, 0].min(axis=0).tolist(), boxes[:, 1].max(axis=0).tolist()]
     supports = np.array([box for written in all_written for box in written.supports])
     around = [*supports[:, :3].min(axis=0).tolist(), *supports[:, 3:].max(axis=0).tolist()]
     longest = max(written.longest for written in all_written)
-    index = Index(named.id, settings, named.survey.facts, bounds, around, longest, *sizes, files, loose)
+    index = Index(named.id, settings, named.georeference.facts, bounds, around, longest, *sizes, files, loose)
     write_index(named.folder, index)
 
 

@@ -67,23 +67,23 @@ class GivenColumns:
     def ignored_stations(self) -> tuple[int, ...]:
         """Return the stations to ignore; cached."""
         spooled, columns, scans = self._spooled, self._columns, self._scans()
-        stations, positions = len(spooled.survey.stations), self.find("positions")
+        stations, positions = len(spooled.georeference.stations), self.find("positions")
         if not stations or positions is None:
             return ()
         facts = columns.get(IGNORED)
         if facts is None:
             rows = station_sample(spooled.rows, stations)
             attributes = {} if scans is None else {SCAN: scans[rows]}
-            sample = Points.about(spooled.origin, positions[rows], None, None, attributes, spooled.survey)
+            sample = Points.about(spooled.origin, positions[rows], None, None, attributes, spooled.georeference)
             facts = {"stations": ignored_stations(sample)}
             columns.put(IGNORED, facts)
         return tuple(facts["stations"])
 
     def are_seen(self, ignored: tuple[int, ...]) -> bool:
         """Return whether any point has a known viewpoint, see `eyes_of`."""
-        believed = np.setdiff1d(np.arange(len(self._spooled.survey.stations)), ignored)
+        believed = np.setdiff1d(np.arange(len(self._spooled.georeference.stations)), ignored)
         scans = self._scans()
         if scans is None:
-            return len(self._spooled.survey.stations) == 1 and len(believed) == 1
+            return len(self._spooled.georeference.stations) == 1 and len(believed) == 1
         chunks = (scans[start : start + CHUNK] for start in range(0, len(scans), CHUNK))
         return any(bool(np.isin(chunk, believed).any()) for chunk in chunks)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cloud.georeference import Survey
+from ...cloud.georeference import Georeference
 from ...cloud.neighbors import kd_order
 from ...cloud.points import Points
 from ...cloud.sampled_statistics import SampledStatistics
@@ -75,7 +75,7 @@ class ModelInfo(NamedTuple):
     folder: Path
     id: str
     origin: NDArray[np.float64]
-    survey: Survey
+    georeference: Georeference
     attributes: list[str]
 
 
@@ -219,7 +219,7 @@ def tree_part(
         splats.normals[used],
         None if colors is None else colors[used],
         {name: layer.read(f"{ATTRIBUTE}{k}", rows[used]) for k, name in enumerate(named.attributes)},
-        named.survey,
+        named.georeference,
     )
     level = Level({**settings._asdict(), "smooth": 0.0}, points, radii[used], points.bounds, tree)
     file = write_level(named.folder, named.id, part, before.levels + 1, level)

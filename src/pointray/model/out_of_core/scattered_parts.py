@@ -127,7 +127,7 @@ def _write_loose_level(
         return {"file": None}
     splats = _splats(layer, own, np.arange(own.stop - own.start, dtype=np.int32))
     attributes = {name: layer.read(f"{ATTRIBUTE}{k}", own) for k, name in enumerate(named.attributes)}
-    columns = splats.positions, splats.normals, splats.colors, attributes, named.survey
+    columns = splats.positions, splats.normals, splats.colors, attributes, named.georeference
     points = Points.about(named.origin, *columns)
     drawing = ScatteredPoints(points, splats.radii).drawing(loose.drawing.scatter, cell)
     tree = _tree_of(splats, drawing)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.disk_columns import Columns
-from ...base.progress import tell
+from ...base.progress import report_progress
 from ...cloud.neighbors import take
 from ...cloud.normals.estimate import estimate_normals
 from ...cloud.sampled_statistics import of_distinct_positions
@@ -151,7 +151,7 @@ def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, spa
                 _put_back(work, total, name, surface)
             columns.put(done, {})
         columns.drop(name)
-        tell(report, (k + 1) / len(every))
+        report_progress(report, (k + 1) / len(every))
 
 
 def _put_back(work: Work, total: int, name: str, surface: Columns) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from ...base.arguments import check_callback, check_flag, check_path, check_whole
 from ...base.atomic_write import check_writable
 from ...base.disk_columns import Columns
-from ...base.progress import Progress, StageProgress, in_stage, part_of, tell
+from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
 from ...cloud.points import Points
 from ...surface.tree.build import Splats
 from ...surface.tree.parts import splats_of, surface_of
@@ -98,8 +98,8 @@ def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Pro
     radii = surface.radii if found is None else np.concatenate([surface.radii, found.radii])
     points = model.points.select(rows)
     size, id = max(1 << (wanted.bit_length() - 1), least_size(max(count, 1))), secrets.token_hex(8)
-    sizes = write_points(folder, id, points, radii, partial(tell, part_of(progress, 0.0, POINTS)))
-    about = ModelInfo(folder, id, points.origin, points.survey, list(points.attributes))
+    sizes = write_points(folder, id, points, radii, partial(report_progress, part_of(progress, 0.0, POINTS)))
+    about = ModelInfo(folder, id, points.origin, points.georeference, list(points.attributes))
     ends = np.array([0.0, count / len(rows), 1.0]) * (1.0 - POINTS) + POINTS
     files: list[PartFile] = []
     median, longest, supports = None, 0.0, []
@@ -116,7 +116,7 @@ def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Pro
         files, supports = [*files, *more], [*supports, *boxes]
     settings = {**model.settings._asdict(), "smooth": model.smooth, **model.drawing.facts}
     box = [*np.min(supports, axis=0)[:3].tolist(), *np.max(supports, axis=0)[3:].tolist()]
-    facts = model.points.survey.facts
+    facts = model.points.georeference.facts
     write_index(folder, Index(id, settings, facts, model.bounds.tolist(), box, longest, *sizes, files, apart))
 
 
@@ -146,7 +146,7 @@ def _write_loose(
     layer, facts = loose.layer, []
     for part in range(len(layer.sizes)):
         facts.append(write_loose_part(about, loose, part))
-        tell(progress, 0.5 * (part + 1) / len(layer.sizes))
+        report_progress(progress, 0.5 * (part + 1) / len(layer.sizes))
     files = [PartFile.of(fact["file"]) for fact in facts]
     if leveled:
         work = Work(layer.columns, layer.total, int(layer.sizes[0]), progress)

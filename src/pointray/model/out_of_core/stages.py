@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...base.disk_columns import Columns
 from ...cloud.denoising.noise import NoiseRanges, measure_ranges, points_per_range
 from ...cloud.denoising.smooth import Fitting, Noise, noise_by, smooth_known
-from ...cloud.georeference import Survey
+from ...cloud.georeference import Georeference
 from ...cloud.kd_ordering import KdOrdering
 from ...cloud.neighbors import distinct, take
 from ...cloud.normals.estimate import estimate_normals, normalize_normals, seen_from
@@ -52,7 +52,7 @@ class Cloud:
     columns : Columns
     total : int, number of points
     origin : (3,) float64
-    survey : Survey
+    georeference : Georeference
     viewpoint_columns : dict of str to str, columns of the attributes that hold the scan of each point
     is_seen : whether any point has a known viewpoint
     ignored : numbers of stations to ignore, see `eyes_of`
@@ -61,7 +61,7 @@ class Cloud:
     columns: Columns
     total: int
     origin: NDArray[np.float64]
-    survey: Survey
+    georeference: Georeference
     viewpoint_columns: dict[str, str]
     is_seen: bool
     ignored: tuple[int, ...] = ()
@@ -82,7 +82,7 @@ class Cloud:
         positions = local.read(columns[self.latest(MERGED, POSITIONS)])
         normals = local.read(columns[self.latest(TURNED, GIVEN)]) if GIVEN in columns else None
         attributes = {name: local.read(columns[column]) for name, column in self.viewpoint_columns.items()}
-        return Points.about(self.origin, positions, normals, None, attributes, self.survey)
+        return Points.about(self.origin, positions, normals, None, attributes, self.georeference)
 
     def latest(self, found: str, given: str) -> str:
         """Return the column `found` if that stage is done for all parts, else `given`."""

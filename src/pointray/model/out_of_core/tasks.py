@@ -93,6 +93,6 @@ def find_supports(work: Work, cloud: Cloud, supporting: Supporting, statistics: 
     return {
         "borders": found.borders is not None,
         "sheets": found.sheets is not None and bool(found.sheets[local.own].any()),
-        "lone": int(found.lone[local.own].sum()),
+        "lone": int(found.isolated[local.own].sum()),
         "tight": found.tight,
     }

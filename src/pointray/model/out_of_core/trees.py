@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, tell
+from ...base.progress import Progress, report_progress
 from ...cloud.points import Points
 from ...cloud.statistics import quantize
 from ...engine.kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
@@ -92,7 +92,7 @@ def write_trees(
         longest = max(longest, float(tree.head[LONGEST]))
         here = points.positions[part * size : (part + 1) * size]
         files.append(write_part(folder, id, part, len(here), bounds_about(here, points.origin), tree))
-        tell(progress, (part + 1) / len(parts))
+        report_progress(progress, (part + 1) / len(parts))
     return Trees(files, plan, longest)
 
 

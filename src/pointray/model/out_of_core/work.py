@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...base.disk_columns import Column, Columns, look_again
+from ...base.disk_columns import Column, Columns, refresh_listing
 from ...base.executor import LocalTasks, TaskExecutor
-from ...base.memory import give_back
-from ...base.progress import Progress, part_of, tell
+from ...base.memory import trim_heap
+from ...base.progress import Progress, part_of, report_progress
 from ...cloud.sampled_statistics import SampledStatistics
 from ...cloud.statistics import CloudStatistics, sample_of
 from .arrange import TILE
@@ -126,11 +126,11 @@ class Work:
         report, done = self.watch(span), self.parts - len(todo)
 
         def tick() -> None:
-            tell(report, done / self.parts)
+            report_progress(report, done / self.parts)
 
         for one in self._tasks.share(name, do, todo, tick):
             done += 1
-            tell(report, done / self.parts)
+            report_progress(report, done / self.parts)
             yield one
         self._tasks.refresh(self.columns.folder)
 
@@ -143,10 +143,10 @@ def _mark(stage: str, part: int) -> str:
 def _do(work: Work, do: Callable[[int], Result], part: int) -> Result:
     """Call a function for a part, then flush its columns to the disk, for all machines."""
     if work.is_sent:
-        look_again(work.columns.folder)
+        refresh_listing(work.columns.folder)
     result = do(part)
     work.columns.sync()
-    give_back()
+    trim_heap()
     return result
 
 

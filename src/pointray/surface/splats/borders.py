@@ -132,7 +132,7 @@ def find_gaps(
     return out
 
 
-def lone_borders(found: NDArray[np.bool_], near: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
+def isolated_borders(found: NDArray[np.bool_], near: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
     """Return which border points have too few neighbours on a border: single gaps occur by chance.
 
     found : (n,) bool, border points; near : (m, k), rows of border points and their neighbours

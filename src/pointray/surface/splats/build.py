@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, tell
+from ...base.progress import Progress, report_progress
 from ...base.warning_log import warn
 from ...cloud.denoising.smooth import Placed
 from ...cloud.neighbors import kd_order, take
@@ -75,7 +75,7 @@ def make_splats(
         The caller's row of each point.
     """
     automatic, level = settings.overhang < np.inf, sizes.within is not None
-    tell(progress, 0.0)
+    report_progress(progress, 0.0)
     points, noise, order, apart = placed
     order = kd_order(points.positions) if order is None else order
     positions, normals = take(points.positions, order), take(np.asarray(points.normals), order)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, tell
+from ...base.progress import Progress, report_progress
 from ...cloud.neighbors import NeighborTree
 from ...cloud.statistics import CloudStatistics
 from .borders import find_gaps
@@ -89,10 +89,10 @@ class Cells:
                 getattr(self.first, name)[part] = getattr(found, name)
             self.near[part] = neighborhood.near[:, : self.near.shape[1]]
             self._look_for_gaps(neighborhood, found)
-            tell(progress, MEASURED * part.stop / n)
+            report_progress(progress, MEASURED * part.stop / n)
         self.reach = self.first.reach
         self._close(np.flatnonzero(self.first.state == OPEN).astype(np.int32))
-        tell(progress, 1.0)
+        report_progress(progress, 1.0)
 
     def _look_for_gaps(self, neighborhood: Neighborhood, found: Closed) -> None:
         """Find gaps at cells that are open or wide. The others, nearly all, need no search."""

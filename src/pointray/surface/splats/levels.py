@@ -87,7 +87,7 @@ def coarsen(
     groups = groups_in_cells(points.positions, points.normals, cell)
     found = means_of(groups, Fine(points.positions, points.normals, radii, points.colors, noise), cell)
     attributes = attribute_averages(points.attributes, groups.order, groups.starts[:-1])
-    coarse = Points.about(points.origin, found.positions, found.normals, found.colors, attributes, points.survey)
+    coarse = Points.about(points.origin, found.positions, found.normals, found.colors, attributes, points.georeference)
     return coarse, found.limits, found.noise
 
 

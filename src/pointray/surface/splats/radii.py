@@ -17,7 +17,7 @@ from ...base.progress import Progress, part_of
 from ...cloud.neighbors import NeighborTree, distinct
 from ...cloud.points import Points
 from ...cloud.statistics import CloudStatistics
-from .borders import lone_borders
+from .borders import isolated_borders
 from .cells import Cells, Cloud, cloud_of
 from .closed import NEAREST, distances
 from .gaps import find_limits
@@ -49,7 +49,7 @@ class Chosen(NamedTuple):
         In the unit of the positions, greater than 0.
     borders : (n, 3) float32
         Unit outward direction for points on an open border, else zero.
-    lone : (n,) bool
+    isolated : (n,) bool
         Isolated points, whose radii were reduced.
     facing : (n,) bool
         Points that may have neighbours with opposite normals; no other point has.
@@ -59,7 +59,7 @@ class Chosen(NamedTuple):
 
     radii: Floats
     borders: Floats
-    lone: NDArray[np.bool_]
+    isolated: NDArray[np.bool_]
     facing: NDArray[np.bool_]
     near: NDArray[np.int32]
 
@@ -114,7 +114,7 @@ def _merged(cloud: Cloud, found: Chosen, cell: float, statistics: CloudStatistic
     if len(rows) == 1:
         return found
     again = _survey(cloud_of(cloud.positions[rows], cloud.normals[rows], None), statistics.merged(members), others)
-    return Chosen(again.radii[members], again.borders[members], again.lone[members], found.facing, found.near)
+    return Chosen(again.radii[members], again.borders[members], again.isolated[members], found.facing, found.near)
 
 
 def _in_cells(positions: Floats, nearest: Floats, cell: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -154,8 +154,8 @@ def _survey(
     ahead = cells.measure(np.flatnonzero(cells.at_gap | (reach > np.float32(void) * typical)), typical, void)
     borders[ahead], cells.at_gap[ahead] = 0, False
     rows = np.flatnonzero(cells.at_gap)
-    lone = rows[lone_borders(cells.at_gap, cloud.around(rows))]
-    borders[lone], cells.at_gap[lone] = 0, False
+    isolated = rows[isolated_borders(cells.at_gap, cloud.around(rows))]
+    borders[isolated], cells.at_gap[isolated] = 0, False
     stray = np.union1d(above, far[cells.at_gap[far]])
     high = above[fourth[above] > 2 * STRAY * around[above]]
     alone = np.union1d(high, stray[reach[stray] > NOTICE * around[stray]])

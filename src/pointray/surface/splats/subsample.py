@@ -301,4 +301,4 @@ def _averaged(points: Points, subset: Subset) -> Points:
         colors = np.rint(np.sqrt(attribute_averages(squares, splats.members, at)[""])).astype(np.uint8)
     kept = {name: values for name, values in points.attributes.items() if name != RESIDUAL}
     attributes = attribute_averages(kept, splats.members, at, 0.0)
-    return Points.about(points.origin, subset.positions, subset.normals, colors, attributes, points.survey)
+    return Points.about(points.origin, subset.positions, subset.normals, colors, attributes, points.georeference)

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, part_of, tell
+from ...base.progress import Progress, part_of, report_progress
 from ...cloud.neighbors import NeighborTree, distinct, take
 from ...cloud.sampled_statistics import of_distinct_positions
 from ...cloud.statistics import CloudStatistics
@@ -36,7 +36,7 @@ class Support(NamedTuple):
     sheets : (n,) int8, 1 for splats with an opposite sheet close by, else 0; None if no splat has one
     tight : whether many radii are too small to cover the surface
     position_ids : (n,) int32, equal for splats at equal positions; None if all positions differ
-    lone : (n,) bool, isolated points whose radii were reduced
+    isolated : (n,) bool, isolated points whose radii were reduced
     """
 
     radii: Floats
@@ -44,7 +44,7 @@ class Support(NamedTuple):
     sheets: NDArray[np.int8] | None
     tight: bool
     position_ids: Rows | None
-    lone: NDArray[np.bool_]
+    isolated: NDArray[np.bool_]
 
     @property
     def crowded(self) -> NDArray[np.bool_]:
@@ -61,10 +61,10 @@ class Support(NamedTuple):
     @property
     def note(self) -> str:
         """Message about isolated points; empty if there are only a few."""
-        return lone_note(int(self.lone.sum()), len(self.lone))
+        return isolated_note(int(self.isolated.sum()), len(self.isolated))
 
 
-def lone_note(count: int, total: int) -> str:
+def isolated_note(count: int, total: int) -> str:
     """Return a message about `count` isolated points among `total`; empty if they are only a few."""
     if count <= REPORTED_SHARE * total:
         return ""
@@ -126,18 +126,18 @@ def find_support(
         return Support(given, None, None, False, ids, none)
     facing = normals if rows is None else take(normals, rows)
     tree = NeighborTree(sites, in_order=True)
-    tell(progress, SORTED)
+    report_progress(progress, SORTED)
     statistics = CloudStatistics.of(len(sites)) if statistics is None else of_distinct_positions(statistics, ids)
     found = choose_radii(sites, facing, part_of(progress, SORTED, CHOSEN), tree, statistics, others)
     if borders and noise is not None:
         trim_fringe(sites, facing, tree, found, (noise if rows is None else noise[rows]) > 0, statistics)
     covering = found.radii
-    lone = _spread(found.lone, ids) if given is None else none
+    isolated = _spread(found.isolated, ids) if given is None else none
     if within is not None:
         covering = np.clip(covering, np.float32(within[0]), within[1] if rows is None else within[1][rows])
     chosen = _spread(covering, ids) * np.float32(scale) if given is None else given
     if not borders:
-        return Support(chosen, None, None, False, ids, lone)
+        return Support(chosen, None, None, False, ids, isolated)
     at_sites = chosen if rows is None else chosen[rows]
     tight = statistics.share("tight radii", at_sites < TIGHT * covering) > TIGHT_SHARE
     sides: NDArray[Any] | None = None
@@ -146,7 +146,7 @@ def find_support(
         neighborhood = Neighborhood(some, tree.rows_at(NEIGHBORS + 1, sites[some]))
         sides = find_sheets(sites, facing, at_sites, found.near, neighborhood)
         sides = None if sides is None else _spread(sides, ids)
-    return Support(chosen, _spread(found.borders, ids), sides, tight, ids, lone)
+    return Support(chosen, _spread(found.borders, ids), sides, tight, ids, isolated)
 
 
 def _places(positions: Floats) -> tuple[Rows, Rows] | tuple[None, None]:

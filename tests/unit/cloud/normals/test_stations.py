@@ -6,7 +6,7 @@ import pytest
 import pointray as pr
 from helpers.stations import BOTH, EAST, WEST, seen_torus
 from pointray import Points, estimate_normals
-from pointray.cloud.georeference import SCAN, Survey
+from pointray.cloud.georeference import SCAN, Georeference
 from pointray.cloud.normals.estimate import repair_normals
 from pointray.cloud.normals.stations import eyes_of
 
@@ -27,7 +27,7 @@ def wrong(normals, exact):
 
 def test_a_thin_wall_seen_from_both_sides():
     positions, exact, scan = wall()
-    told = Points(positions, attributes={SCAN: scan.astype(np.int32)}, survey=BOTH)
+    told = Points(positions, attributes={SCAN: scan.astype(np.int32)}, georeference=BOTH)
     assert wrong(estimate_normals(told).normals, exact) == 0
     assert wrong(pr.estimate_normals(Points(positions)).normals, exact) > 0.2
     assert wrong(pr.estimate_normals(Points(positions), viewpoint=WEST).normals, exact) > 0.2
@@ -36,16 +36,19 @@ def test_a_thin_wall_seen_from_both_sides():
 def test_the_stations_of_a_scan_far_away():
     far = np.array([512_345.678, 5_400_000.123, 321.5])
     positions, exact, scan = wall(origin=far)
-    survey = Survey(stations=tuple(tuple(far + station) for station in BOTH.stations))
-    assert wrong(estimate_normals(Points(positions, attributes={SCAN: scan}, survey=survey)).normals, exact) == 0
+    georeference = Georeference(stations=tuple(tuple(far + station) for station in BOTH.stations))
+    assert (
+        wrong(estimate_normals(Points(positions, attributes={SCAN: scan}, georeference=georeference)).normals, exact)
+        == 0
+    )
 
 
 def test_one_station_saw_all_points_unless_they_say_otherwise():
     positions, exact, scan = wall()
-    one = Survey(stations=(WEST,))
-    assert (estimate_normals(Points(positions, survey=one)).normals[:, 0] < 0).all()
-    assert (estimate_normals(Points(positions, survey=one), viewpoint=EAST).normals[:, 0] > 0).all()
-    unsaid = Points(positions, attributes={SCAN: np.where(scan == 0, 0, -1)}, survey=one)
+    one = Georeference(stations=(WEST,))
+    assert (estimate_normals(Points(positions, georeference=one)).normals[:, 0] < 0).all()
+    assert (estimate_normals(Points(positions, georeference=one), viewpoint=EAST).normals[:, 0] > 0).all()
+    unsaid = Points(positions, attributes={SCAN: np.where(scan == 0, 0, -1)}, georeference=one)
     assert np.isnan(eyes_of(unsaid)[scan == 1]).all() and (eyes_of(unsaid)[scan == 0] == WEST).all()
 
 
@@ -63,10 +66,10 @@ def test_a_viewpoint_for_each_point():
 def test_all_unknown_is_as_without_stations(scans):
     positions, _, scan = wall(800)
     without = estimate_normals(Points(positions)).normals
-    unknown = Points(positions, attributes={SCAN: np.array(scans)[scan]}, survey=BOTH)
+    unknown = Points(positions, attributes={SCAN: np.array(scans)[scan]}, georeference=BOTH)
     assert eyes_of(unknown) is None
     np.testing.assert_array_equal(estimate_normals(unknown).normals, without)
-    np.testing.assert_array_equal(estimate_normals(Points(positions, survey=BOTH)).normals, without)
+    np.testing.assert_array_equal(estimate_normals(Points(positions, georeference=BOTH)).normals, without)
     blind = np.full((800, 3), np.nan)
     np.testing.assert_array_equal(estimate_normals(Points(positions), viewpoint=blind).normals, without)
 
@@ -95,7 +98,7 @@ def test_equal_positions_take_the_station_of_the_first_row():
     positions, exact, scan = wall(1000)
     twice = np.concatenate([positions, positions[::-1]])
     scans = np.concatenate([scan, np.full(1000, 0)])
-    found = estimate_normals(Points(twice, attributes={SCAN: scans}, survey=BOTH)).normals
+    found = estimate_normals(Points(twice, attributes={SCAN: scans}, georeference=BOTH)).normals
     np.testing.assert_array_equal(found[1000:], found[:1000][::-1])
     assert wrong(found[:1000], exact) == 0
 
@@ -104,48 +107,48 @@ def test_rows_that_are_not_finite_do_not_shift_the_stations():
     positions, exact, scan = wall(1000)
     holes = np.insert(positions, [0, 300, 1000], np.nan, axis=0)
     scans = np.insert(scan, [0, 300, 1000], 1)
-    found = estimate_normals(Points(holes, attributes={SCAN: scans}, survey=BOTH)).normals
+    found = estimate_normals(Points(holes, attributes={SCAN: scans}, georeference=BOTH)).normals
     good = np.isfinite(holes).all(axis=1)
     assert wrong(found[good], exact) == 0 and (found[~good] == 0).all()
 
 
 def test_models_use_the_stations():
     positions, exact, scan = wall(thickness=0.2)
-    survey = {"attributes": {SCAN: scan}, "survey": BOTH}
+    fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
     scene = pr.Scene()
-    scene.add(pr.Model(Points(positions, **survey)))
+    scene.add(pr.Model(Points(positions, **fields)))
     hits = scene.intersect([WEST, EAST], [(1, 0.1, 0.04), (-1, 0.1, 0.14)])
     assert hits.normal[:, 0] == pytest.approx([-1, 1], abs=0.05)
 
 
 def test_given_normals_stay_and_missing_ones_are_estimated():
     positions, exact, scan = wall(thickness=0.2)
-    survey = {"attributes": {SCAN: scan}, "survey": BOTH}
-    given, said = repair_normals(Points(positions, -exact, **survey))
+    fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
+    given, said = repair_normals(Points(positions, -exact, **fields))
     np.testing.assert_array_equal(given.normals, -exact)
-    mended, said = repair_normals(Points(positions, np.zeros_like(exact), **survey))
-    assert wrong(mended.normals, exact) == 0 and "estimated" in said
+    repaired, said = repair_normals(Points(positions, np.zeros_like(exact), **fields))
+    assert wrong(repaired.normals, exact) == 0 and "estimated" in said
 
 
 def test_normals_that_disagree_turn_to_their_stations():
     positions, exact, scan = wall(thickness=0.2)
     signs = np.where(np.random.default_rng(3).random(len(exact)) < 0.5, -1, 1)[:, None]
-    survey = {"attributes": {SCAN: scan}, "survey": BOTH}
-    mended, said = repair_normals(Points(positions, exact * signs, **survey))
-    assert wrong(mended.normals, exact) == 0 and "signs recomputed" in said and "viewpoint=" not in said
+    fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
+    repaired, said = repair_normals(Points(positions, exact * signs, **fields))
+    assert wrong(repaired.normals, exact) == 0 and "signs recomputed" in said and "viewpoint=" not in said
 
 
 def test_right_normals_of_a_thin_wall_are_not_touched():
     positions, exact, scan = wall()
-    survey = {"attributes": {SCAN: scan}, "survey": BOTH}
-    mended, said = repair_normals(Points(positions, exact, **survey))
-    np.testing.assert_array_equal(mended.normals, exact)
+    fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
+    repaired, said = repair_normals(Points(positions, exact, **fields))
+    np.testing.assert_array_equal(repaired.normals, exact)
     assert said is None
 
 
 def test_a_torus_seen_from_two_stations():
     torus, scan, cosine = seen_torus()
-    told = Points(torus.positions, attributes={SCAN: scan.astype(np.uint8)}, survey=BOTH)
+    told = Points(torus.positions, attributes={SCAN: scan.astype(np.uint8)}, georeference=BOTH)
     assert wrong(estimate_normals(told).normals[cosine > 0.1], torus.normals[cosine > 0.1]) == 0
 
 
@@ -153,5 +156,5 @@ def test_fitted_normals_in_place_of_wrong_ones_face_the_stations():
     from pointray.cloud.normals.validation import refit_normals
 
     positions, exact, scan = wall(thickness=0.2)
-    points = Points(positions, -exact, attributes={SCAN: scan}, survey=BOTH)
+    points = Points(positions, -exact, attributes={SCAN: scan}, georeference=BOTH)
     assert wrong(refit_normals(points).normals, exact) == 0  # the file's, which all face away, do not turn them

@@ -83,8 +83,8 @@ def test_veils_are_found_from_the_scanner():
     assert not pr.find_strays(points).veil.any()
     stations = np.full((len(rows), 3), np.nan)
     assert not pr.find_strays(points, stations).veil.any()
-    surveyed = points.changed(survey=pr.Survey(stations=[(0, 0, 0)]))
-    assert (pr.find_strays(surveyed).veil == strays.veil).all()
+    georeferenced = points.changed(georeference=pr.Georeference(stations=[(0, 0, 0)]))
+    assert (pr.find_strays(georeferenced).veil == strays.veil).all()
 
 
 @pytest.mark.parametrize(("model", "count"), [("torus", 8_000), long("statue", 30_000)])

@@ -104,14 +104,16 @@ def test_thin_plates_keep_their_sheets(thickness):
     ids=["equal", "few", "strays"],
 )
 def test_odd_clouds_stay(rows):
-    points = pr.Points(rows, attributes={"scan": np.arange(len(rows)) % 2}, survey=pr.Survey(stations=STATIONS))
+    points = pr.Points(
+        rows, attributes={"scan": np.arange(len(rows)) % 2}, georeference=pr.Georeference(stations=STATIONS)
+    )
     assert merge_for_model(points) is points
 
 
 @pytest.mark.parametrize(("gap", "tilt"), [long(0.5, 0), long(2, 0), (2.5, 0), long(0, 1)])
 def test_two_scans_of_one_wall_become_one_surface(gap, tilt):
     rows, scan = scans(gap, tilt)
-    points = pr.Points(rows, attributes={"scan": scan}, survey=pr.Survey(stations=STATIONS))
+    points = pr.Points(rows, attributes={"scan": scan}, georeference=pr.Georeference(stations=STATIONS))
     inner = np.abs(rows[:, :2]).max(axis=1) < 0.9
     moved = off(merge_passes(points).world)[inner]
     assert rms(moved) < 0.3 and abs(moved.mean()) < 0.1
@@ -119,11 +121,11 @@ def test_two_scans_of_one_wall_become_one_surface(gap, tilt):
         rows, np.broadcast_to((0, 0, 1), (N, 3)), attributes={"point_source_id": scan.astype(np.uint16)}
     )
     assert rms(off(merge_for_model(flights).world)[inner]) < 0.3
-    assert rms(off(pr.merge_layers(points.changed(survey=pr.Survey()), (0, 0, 10)).world)[inner]) < 0.3
+    assert rms(off(pr.merge_layers(points.changed(georeference=pr.Georeference()), (0, 0, 10)).world)[inner]) < 0.3
 
 
 def stays(rows, scan, stations=STATIONS):
-    points = pr.Points(rows, attributes={"scan": scan}, survey=pr.Survey(stations=stations))
+    points = pr.Points(rows, attributes={"scan": scan}, georeference=pr.Georeference(stations=stations))
     return merge_passes(points) is points
 
 
@@ -140,22 +142,22 @@ def test_scans_that_do_not_exist_are_ignored(wrong):
     rows, scan = scans(2)
     assert stays(rows, np.where(scan == 1, wrong, 0.0))
     some = np.where(np.arange(N) % 50 == 0, wrong, scan)
-    points = pr.Points(rows, attributes={"scan": some}, survey=pr.Survey(stations=STATIONS))
+    points = pr.Points(rows, attributes={"scan": some}, georeference=pr.Georeference(stations=STATIONS))
     moved = merge_passes(points).positions != points.positions
     assert not moved[::50].any() and moved.any(axis=1).mean() > 0.9
 
 
 def test_groups_tell_the_neighbours_of_each_point():
     rows = layered(3).astype(np.float32)
-    survey = LocalSurfaceFits(rows)
-    survey.examine(np.arange(0, len(survey.known), 2))
+    fits = LocalSurfaceFits(rows)
+    fits.examine(np.arange(0, len(fits.known), 2))
     away, near = cKDTree(rows).query(rows, KEPT)
-    seen = np.flatnonzero(np.isfinite(survey.noise))
+    seen = np.flatnonzero(np.isfinite(fits.noise))
     assert (seen == np.flatnonzero(np.arange(len(rows)) // GROUP % 2 == 0)).all()
-    assert (np.sort(survey.near[seen]) == np.sort(near[seen])).mean() > 0.9999
-    assert np.allclose(survey.core[seen], away[seen, CORE], rtol=1e-4)
-    ratio = survey.noise / survey.spacing
-    around = np.sort(ratio[survey.near[seen]], axis=1)  # NaN last
+    assert (np.sort(fits.near[seen]) == np.sort(near[seen])).mean() > 0.9999
+    assert np.allclose(fits.core[seen], away[seen, CORE], rtol=1e-4)
+    ratio = fits.noise / fits.spacing
+    around = np.sort(ratio[fits.near[seen]], axis=1)  # NaN last
     middle = np.isfinite(around).sum(axis=1) // 2
-    expected = around[np.arange(len(seen)), middle] * survey.spacing[seen]
-    assert np.allclose(survey.shared(seen), expected, rtol=1e-5)
+    expected = around[np.arange(len(seen)), middle] * fits.spacing[seen]
+    assert np.allclose(fits.shared(seen), expected, rtol=1e-5)

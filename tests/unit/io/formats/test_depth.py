@@ -38,7 +38,7 @@ def test_pixels_become_points(tmp_path, name, picture, steps, monkeypatch):
     path = save(tmp_path / ("b.npy" if name == "a.wrong" else name), picture).rename(tmp_path / name)
     points = read(path, intrinsics=CAMERA)
     np.testing.assert_allclose(points.world, expected(picture, steps), rtol=1e-6)
-    assert points.survey.stations == ((0, 0, 0),)
+    assert points.georeference.stations == ((0, 0, 0),)
 
 
 def test_the_unit_of_depths_can_be_said(tmp_path):

@@ -14,7 +14,7 @@ def test_kitti_has_points_and_reflectance(tmp_path, monkeypatch, rows):
     assert list(points.attributes) == ["reflectance"]
     np.testing.assert_array_equal(points.attributes["reflectance"], REFLECTANCE[:, 0])
     assert points.attributes["reflectance"].dtype == np.float32
-    assert points.survey.stations == ((0.0, 0.0, 0.0),)
+    assert points.georeference.stations == ((0.0, 0.0, 0.0),)
 
 
 @pytest.mark.parametrize("name", ["a.pcd.bin", "a.bin", "A.PCD.BIN"])

@@ -19,7 +19,7 @@ from helpers.marks import long
 from helpers.row_source import Rows
 from helpers.small_files import full_points, small_scans
 from pointray.base.disk_columns import Columns
-from pointray.cloud.georeference import RESIDUAL, SCAN, Survey
+from pointray.cloud.georeference import RESIDUAL, SCAN, Georeference
 from pointray.cloud.points import choose_origin
 from pointray.io.files import open_files, request_of
 from pointray.io.formats._source import CHUNK, Chunk, Listing
@@ -80,13 +80,13 @@ def points_of(columns: Columns) -> pr.Points:
     found = {name: columns[name][:] for name in columns.names}
     assert {len(rows) for rows in found.values()} == {known.rows}
     attributes = {name: found[number] for name, number in zip(known.attributes, numbered, strict=True)}
-    points = pr.Points.about(known.origin, found["positions"], survey=known.survey)
+    points = pr.Points.about(known.origin, found["positions"], georeference=known.georeference)
     return points.changed(normals=found.get("normals"), colors=found.get("colors"), attributes=attributes)
 
 
 def check_same(found: pr.Points, points: pr.Points) -> None:
     """All that two clouds hold is the same, to the last bit."""
-    assert found.survey == points.survey and list(found.attributes) == list(points.attributes)
+    assert found.georeference == points.georeference and list(found.attributes) == list(points.attributes)
     one, other = ({**vars_of(cloud), **cloud.attributes} for cloud in (found, points))
     for name, values in other.items():
         if values is None:
@@ -125,7 +125,7 @@ def check(files, columns: Columns, **options) -> Spooled:
 
 
 def check_chunks(columns: Columns, *sources, selection=None) -> Spooled:
-    """The same for sources in memory: (chunk, survey, size of chunks, whether their number is known)."""
+    """The same for sources in memory: (chunk, georeference, size of chunks, whether their number is known)."""
     openers = [Opener(f"{k}.abc", lambda source=source: Rows(*source)) for k, source in enumerate(sources)]
     with noted() as expected:
         points = gather(openers, selection or Selection(), None)
@@ -293,20 +293,20 @@ def test_rows_that_are_not_finite(columns, rng):
 @pytest.mark.parametrize("far", [0.0, 1e13])
 def test_whole_numbers_of_a_file(columns, far, rng):
     """What float32 loses of them is kept, beside rows that are left out; a file may have such an attribute."""
-    survey = Survey(scale=(1e-3, 1e-3, 1e-4), offset=(500_000.0, 5_500_000.0, 0.0))
+    georeference = Georeference(scale=(1e-3, 1e-3, 1e-4), offset=(500_000.0, 5_500_000.0, 0.0))
     numbers = rng.integers(0, 10**9, (1000, 3))
     numbers[:200] = [-500_000_000, -5_500_000_000, 0] + np.arange(200)[:, None]  # beside the origin nothing is lost
-    world = numbers * survey.scale + np.array(survey.offset)
+    world = numbers * georeference.scale + np.array(georeference.offset)
     world[500:600] += far
-    known, unknown = (Chunk(world), 100, True, survey), (Chunk(world), 100, False, survey)
+    known, unknown = (Chunk(world), 100, True, georeference), (Chunk(world), 100, False, georeference)
     assert check_chunks(columns, known).attributes == [RESIDUAL]
     assert check_chunks(columns, known, unknown).attributes == [RESIDUAL]
     named = Chunk(world, attributes={RESIDUAL: numbers.astype(np.int16), "a": np.arange(1000)})
-    assert check_chunks(columns, (named, 50, True, survey)).attributes == [RESIDUAL, "a"]
-    assert check_chunks(columns, (named, 50, True, Survey())).attributes == [RESIDUAL, "a"]
+    assert check_chunks(columns, (named, 50, True, georeference)).attributes == [RESIDUAL, "a"]
+    assert check_chunks(columns, (named, 50, True, Georeference())).attributes == [RESIDUAL, "a"]
 
 
-def test_surveys_in_the_whole_numbers_of_las(tmp_path, columns):
+def test_clouds_in_the_whole_numbers_of_las(tmp_path, columns):
     pytest.importorskip("laspy")
     points = full_points()
     for k, name in enumerate("ab"):
@@ -319,7 +319,7 @@ def test_surveys_in_the_whole_numbers_of_las(tmp_path, columns):
 
 
 def test_stations_of_all_files_are_kept(columns):
-    first, second = Survey(stations=((1, 2, 3),)), Survey(stations=((4, 5, 6), (7, 8, 9)))
+    first, second = Georeference(stations=((1, 2, 3),)), Georeference(stations=((4, 5, 6), (7, 8, 9)))
     bare, both = Chunk(XYZ), Chunk(XYZ, attributes={"a": np.arange(1000), SCAN: np.repeat([0, 1], 500)})
     one, two = (bare, 100, True, first), (both, 100, False, second)
     narrow = (both._replace(attributes={SCAN: both.attributes[SCAN].astype(np.int32)}), 100, True, second)
@@ -381,11 +381,11 @@ def test_an_error_leaves_nothing(columns):
 
 
 def test_what_is_refused_before_files_are_read(columns, monkeypatch):
-    def opener(name="a", count=1000, survey=None):
+    def opener(name="a", count=1000, georeference=None):
         class Unread(Rows):
             def __init__(self):
-                super().__init__(Chunk(XYZ), survey=survey)
-                self.listing = Listing(count, 64, survey=survey or Survey())
+                super().__init__(Chunk(XYZ), georeference=georeference)
+                self.listing = Listing(count, 64, georeference=georeference or Georeference())
 
             def chunks(self):
                 raise AssertionError("it is read")
@@ -397,7 +397,11 @@ def test_what_is_refused_before_files_are_read(columns, monkeypatch):
     with pytest.raises(ValueError, match="a: 2,147,483,648 points are too many"):
         spool([opener(count=2**31)], Selection(), columns)
     with pytest.raises(ValueError, match="a and b have different coordinate systems"):
-        spool([opener("a", survey=Survey("EPSG:25832")), opener("b", survey=Survey("EPSG:1"))], Selection(), columns)
+        spool(
+            [opener("a", georeference=Georeference("EPSG:25832")), opener("b", georeference=Georeference("EPSG:1"))],
+            Selection(),
+            columns,
+        )
     monkeypatch.setattr(own.shutil, "disk_usage", lambda folder: Usage(2**16))
     with pytest.raises(ValueError, match=r"2 files: 2,000 points need 0\.0 GiB of disk space in .*columns, only"):
         spool([opener("a"), opener("b")], Selection(), columns)

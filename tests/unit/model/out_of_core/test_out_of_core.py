@@ -175,14 +175,14 @@ def test_corrections_are_reported_as_for_the_whole(scramble, tmp_path, rng):
         prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
     with pytest.warns(UserWarning, match="normals") as expected:
         pr.Model(points, scatter="surface")
-    (of_parts, share), (of_whole, wanted) = map(mended, (found, expected))
+    (of_parts, share), (of_whole, wanted) = map(repaired, (found, expected))
     assert of_parts == of_whole and any("are zero or not finite" in text for text in of_whole)
     # Where normals are lost, parts count other neighbours than the whole: for 50 clouds shares differed by 0.27 (rms).
     assert len(wanted) == scramble
     np.testing.assert_allclose(share, wanted, rtol=0, atol=2)
 
 
-def mended(warned):
+def repaired(warned):
     """What warnings say without the share of opposite normals, and that share in percent, if there is one."""
     texts = {text.split(" (pass")[0] for one in warned for text in str(one.message).split("; ")}
     shares = [int(share) for text in texts for share in SHARE.findall(text)]
@@ -365,7 +365,9 @@ def test_real_scans_by_parts(tmp_path, rng):
     """LAS without normals, with a coordinate system and whole numbers that float32 cannot hold."""
     file = shared_model("raw/autzen_trim_rgb.laz")
     whole, parts = pr.Model(pr.read(file), scatter="surface"), prepared(file, tmp_path / "a.pointray", 1 << 16)
-    assert parts.points.survey == whole.points.survey and set(parts.points.attributes) == set(whole.points.attributes)
+    assert parts.points.georeference == whole.points.georeference and set(parts.points.attributes) == set(
+        whole.points.attributes
+    )
     scenes = [pr.Scene(), pr.Scene()]
     for scene, model in zip(scenes, (whole, parts), strict=True):
         scene.add(model)

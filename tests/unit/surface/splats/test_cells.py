@@ -257,7 +257,7 @@ def test_the_order_of_the_points_does_not_matter(rng):
     mixed = choose_radii(x[order], n[order])
     np.testing.assert_allclose(mixed.radii, there.radii[order], rtol=1e-5)
     np.testing.assert_allclose(mixed.borders, there.borders[order], atol=1e-5)
-    np.testing.assert_array_equal(mixed.lone, there.lone[order])
+    np.testing.assert_array_equal(mixed.isolated, there.isolated[order])
 
 
 @pytest.mark.parametrize("name", ["random", long("cube"), long("wall"), "clusters"])

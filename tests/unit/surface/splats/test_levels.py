@@ -89,9 +89,9 @@ def test_supports_of_levels_reach_no_farther_than_those_they_stand_for():
     rng = np.random.default_rng(3)
     ball, up = pr.procedural("sphere", 30_000), np.array([0, 0.6, 0.8])
     away = rng.normal(scale=0.015, size=(200, 20, 3))
-    lone = (rng.uniform(-4, 4, (200, 1, 3)) + away - (away @ up)[..., None] * up).reshape(-1, 3)
-    normals = np.concatenate([ball.normals, np.tile(up, (len(lone), 1))])
-    model = pr.Model(pr.Points(np.concatenate([ball.positions, lone]), normals))
+    isolated = (rng.uniform(-4, 4, (200, 1, 3)) + away - (away @ up)[..., None] * up).reshape(-1, 3)
+    normals = np.concatenate([ball.normals, np.tile(up, (len(isolated), 1))])
+    model = pr.Model(pr.Points(np.concatenate([ball.positions, isolated]), normals))
     model.make_levels()
     rays = pr.Camera.look_at((0, -14, 3), (0, 0, 0), size=(300, 300)).rays()
 

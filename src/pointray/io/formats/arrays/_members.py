@@ -13,7 +13,7 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from ....cloud.georeference import Survey
+from ....cloud.georeference import Georeference
 from ._array import Header, blocks_of, read_header
 
 SUFFIX = ".npy"
@@ -86,7 +86,7 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
 
 
 def pop_metadata(archive: zipfile.ZipFile, members: dict[str, Member]) -> dict[str, Any]:
-    """Return the data about the whole cloud, "origin" and fields of a `Survey`; remove their arrays from `members`."""
+    """Return the data about the whole cloud, "origin" and fields of `Georeference`; remove it from `members`."""
     facts: dict[str, Any] = {}
     for name in ("crs", "unit"):
         if name in members and members[name].header.shape in ((), (1,)) and members[name].header.dtype.kind in "US":
@@ -101,13 +101,13 @@ def pop_metadata(archive: zipfile.ZipFile, members: dict[str, Member]) -> dict[s
     return facts
 
 
-def survey_of(facts: Mapping[str, Any]) -> Survey:
-    """Return such data as a survey; a scale without an offset is ignored."""
+def georeference_of(facts: Mapping[str, Any]) -> Georeference:
+    """Return the georeference in such data; a scale without an offset is ignored."""
     stated = {name: facts.get(name) or None for name in ("crs", "unit")}
     grid = (facts.get("scale"), facts.get("offset"))
     if grid[0] is None or grid[1] is None or min(grid[0]) <= 0:
         grid = (None, None)
-    return Survey(stated["crs"], stated["unit"], *grid, tuple(facts.get("stations", ())))
+    return Georeference(stated["crs"], stated["unit"], *grid, tuple(facts.get("stations", ())))
 
 
 def _text(archive: zipfile.ZipFile, member: Member, name: str) -> str:

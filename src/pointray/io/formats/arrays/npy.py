@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....base.progress import Progress, tell
+from ....base.progress import Progress, report_progress
 from ....cloud.georeference import RESIDUAL
 from ....cloud.points import Points
 from .._counts import missing
@@ -134,7 +134,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
     for start in range(0, len(points), step_of(dtype.itemsize)):
         part = slice(start, start + step_of(dtype.itemsize))
         file.write(_rows(points, attributes, dtype, part).data)
-        tell(progress, min(part.stop / len(points), 1.0))
+        report_progress(progress, min(part.stop / len(points), 1.0))
     return _lost(points)
 
 
@@ -165,12 +165,12 @@ def _header_of(dtype: np.dtype[Any], count: int) -> bytes:
 
 
 def _lost(points: Points) -> list[str]:
-    survey = points.survey
+    georeference = points.georeference
     held = {
-        "the coordinate system": survey.crs,
-        "the unit": survey.unit,
-        "scale and offset": survey.scale,
-        "the scanner positions": survey.stations,
+        "the coordinate system": georeference.crs,
+        "the unit": georeference.unit,
+        "scale and offset": georeference.scale,
+        "the scanner positions": georeference.stations,
     }
     return [f"cannot store {what}" for what, value in held.items() if value]
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ....base.progress import Progress, tell
+from ....base.progress import Progress, report_progress
 from ....base.warning_log import warn
 from ....cloud.georeference import RESIDUAL
 from ....cloud.points import Points
@@ -21,7 +21,7 @@ from .._source import MAYBE, NO, SURE, Chunk, Format, Listing, Request, Source
 from .._unnamed_columns import recognise_array_columns
 from .._world import is_float64, world_rows
 from ._array import blocks_of, check_dtype, check_table, fields_of, step_of
-from ._members import SUFFIX, Member, members_of, opened, pop_metadata, survey_of
+from ._members import SUFFIX, Member, georeference_of, members_of, opened, pop_metadata
 
 NAME = 30  # offset of the name of an archive's first member
 ATTRIBUTES = "attributes/"  # prefix of attributes whose names are reserved
@@ -57,7 +57,7 @@ class NpzSource(Source):
         self._types_and_roles(("x", "y", "z"))
         row = sum(member.header.nbytes for member in self._members.values()) // self._count
         self._step = step_of(row)
-        self.listing = Listing(self._count, 36 + row, survey=survey_of(facts))
+        self.listing = Listing(self._count, 36 + row, georeference=georeference_of(facts))
 
     def chunks(self) -> Iterator[Chunk]:
         if self._left_out:
@@ -166,10 +166,12 @@ def _is_column(name: str, member: Member, count: int) -> bool:
 
 def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
     """Write all data of the points."""
-    survey, float64 = points.survey, is_float64(points)
-    facts = {name: getattr(survey, name) for name in ("crs", "unit", "scale", "offset") if getattr(survey, name)}
-    if survey.stations:
-        facts["stations"] = survey.stations
+    georeference, float64 = points.georeference, is_float64(points)
+    facts = {
+        name: getattr(georeference, name) for name in ("crs", "unit", "scale", "offset") if getattr(georeference, name)
+    }
+    if georeference.stations:
+        facts["stations"] = georeference.stations
     arrays = {"positions": points.positions, "normals": points.normals, "colors": points.colors}
     for name, values in points.attributes.items():
         if name != RESIDUAL or not float64:  # included in the positions
@@ -180,7 +182,7 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
             _write_array(archive, name, np.array(fact))
         for k, (name, values) in enumerate(there.items()):
             _write_array(archive, name, values, points if name == "positions" and float64 else None)
-            tell(progress, (k + 1) / len(there))
+            report_progress(progress, (k + 1) / len(there))
     return []
 
 

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ....cloud.georeference import SCAN, Survey
+from ....cloud.georeference import SCAN, Georeference
 from ...colors import GREY
 from .._counts import count_mismatch
 from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source
@@ -49,8 +49,8 @@ class E57Source(Source):
         invalid = any(name in scan.fields for scan in scans for name in STATES)
         row = 36 + sum(dtype.itemsize for dtype in self._columns.values())
         row += 12 * any(scan.normals for scan in scans) + 3 * any(scan.colors for scan in scans)
-        survey = _survey(scans, root.text_at("coordinateMetadata"))
-        self.listing = Listing(None if invalid else total, row, total, survey, self._facts)
+        georeference = _georeference(scans, root.text_at("coordinateMetadata"))
+        self.listing = Listing(None if invalid else total, row, total, georeference, self._facts)
 
     def chunks(self) -> Iterator[Chunk]:
         from pye57 import libe57
@@ -141,11 +141,11 @@ def _plain(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name.rpartition(":")[2]).lower()
 
 
-def _survey(scans: list[Scan], crs: str) -> Survey:
-    """Return the survey in metres. If some scans have a pose, those without are placed at 0."""
+def _georeference(scans: list[Scan], crs: str) -> Georeference:
+    """Return the georeference in metres. If some scans have a pose, those without are placed at 0."""
     stations = tuple(scan.station for scan in scans) if any(scan.posed for scan in scans) else ()
     scale, offset = _grid(scans)
-    return Survey(crs or None, "metre", scale, offset, stations, format="E57")
+    return Georeference(crs or None, "metre", scale, offset, stations, format="E57")
 
 
 def _grid(scans: list[Scan]) -> tuple[Any, Any]:

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ....base.progress import Progress, tell
+from ....base.progress import Progress, report_progress
 from ....cloud.geographic import in_file
-from ....cloud.georeference import RESIDUAL, Survey, numbers_of
+from ....cloud.georeference import RESIDUAL, Georeference, numbers_of
 from ....cloud.points import Points
 from .._source import CHUNK
 from ._crs import USER, WKT, records_for
@@ -52,11 +52,11 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> Losses
             described.options &= ~6 if described.data_type else 255
     grid = _Grid(points, losses)
     header.scales, header.offsets = np.array(grid.scale), np.array(grid.offset)
-    trailing = _state_crs(header, points.survey, losses)
+    trailing = _state_crs(header, points.georeference, losses)
     time = points.attributes.get("gps_time") if "gps_time" in standard else None
     if time is not None and np.abs(time).max() > WEEK:
         header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
-    if points.survey.stations:
+    if points.georeference.stations:
         losses.append("cannot store the scanner positions")
     missing = len(points) - int(points.finite.sum())
     if missing:
@@ -98,7 +98,7 @@ def _write_rows(stream: Any, points: Points, plan: tuple[Any, ...], progress: Pr
             for name, values in extras:
                 rows[name] = values[part]
             writer.write_points(record if whole else laspy.PackedPointRecord(rows[finite[part]], header.point_format))
-            tell(progress, min(part.stop / len(points), 1.0))
+            report_progress(progress, min(part.stop / len(points), 1.0))
         if trailing:
             writer.write_evlrs(laspy.vlrs.vlrlist.VLRList(trailing))
 
@@ -123,7 +123,7 @@ class _ErrorRecorder:
     def seek(self, offset: int, whence: int = 0) -> Any:
         return self._do("seek", offset, whence)
 
-    def tell(self) -> Any:
+    def report_progress(self) -> Any:
         return self._do("tell")
 
     def flush(self) -> Any:
@@ -213,13 +213,13 @@ def _type_of(values: NDArray[Any]) -> np.dtype[Any]:
     return values.dtype if values.ndim == 1 else np.dtype((values.dtype, values.shape[1:]))
 
 
-def _state_crs(header: Any, survey: Survey, losses: Losses) -> list[Any]:
+def _state_crs(header: Any, georeference: Georeference, losses: Losses) -> list[Any]:
     """Write the coordinate system to a header; return the records that are too long for it, to follow the points."""
     import laspy
 
     trailing: list[Any] = []
-    unit = survey.unit if survey.projection is None else "degree"
-    for number, data in records_for(survey.crs, unit, losses):
+    unit = georeference.unit if georeference.projection is None else "degree"
+    for number, data in records_for(georeference.crs, unit, losses):
         record = laspy.VLR(USER, number, "coordinate system", data)
         (header.vlrs if len(data) <= LONGEST_RECORD else trailing).append(record)
         header.global_encoding.wkt = number == WKT
@@ -240,29 +240,31 @@ class _Grid:
     def __init__(self, points: Points, losses: Losses) -> None:
         self._residual: NDArray[Any] | None = None
         self._shift = np.zeros(3, np.int64)
-        self._survey = points.survey
+        self._georeference = points.georeference
         if not self._fits(points):
-            if points.survey.scale is not None:
-                losses.append(f"rounds its coordinates: too large for 32 bits at steps of {min(points.survey.scale):g}")
+            if points.georeference.scale is not None:
+                losses.append(
+                    f"rounds its coordinates: too large for 32 bits at steps of {min(points.georeference.scale):g}"
+                )
             self._residual, self._shift = None, np.zeros(3, np.int64)
             size = max(float(np.abs(points.bounds - points.origin).max()), 1e-30)
             step = float(f"1e{int(np.floor(np.log10(size * 2.0**-24)))}")  # float32 is not finer there
-            across = step if points.survey.projection is None else step * DEGREE
-            offset = in_file(points.survey, points.origin[None])[0].tolist()
-            self._survey = replace(points.survey, scale=(across, across, step), offset=tuple(offset))
-        self.scale = self._survey.scale
-        self.offset = tuple((np.array(self._survey.offset) + self._shift * np.array(self.scale)).tolist())
+            across = step if points.georeference.projection is None else step * DEGREE
+            offset = in_file(points.georeference, points.origin[None])[0].tolist()
+            self._georeference = replace(points.georeference, scale=(across, across, step), offset=tuple(offset))
+        self.scale = self._georeference.scale
+        self.offset = tuple((np.array(self._georeference.offset) + self._shift * np.array(self.scale)).tolist())
 
     def _fits(self, points: Points) -> bool:
         """Whether the original grid fits, if necessary with its offset moved by whole steps."""
-        if self._survey.scale is None:
+        if self._georeference.scale is None:
             return False
         residual = points.attributes.get(RESIDUAL)
         if residual is not None and residual.shape == (len(points), 3) and residual.dtype.kind == "i":
             self._residual = residual
         with np.errstate(over="ignore"):
-            bounds = in_file(self._survey, points.bounds)
-            farthest = np.abs((bounds - np.array(self._survey.offset)) / np.array(self._survey.scale)).max()
+            bounds = in_file(self._georeference, points.bounds)
+            farthest = np.abs((bounds - np.array(self._georeference.offset)) / np.array(self._georeference.scale)).max()
         if farthest < 2.0**31 - 2**12:  # float32 may be off by 128 steps there
             return True
         if not farthest < 2.0**52:
@@ -276,7 +278,7 @@ class _Grid:
         return bool((high - low < 2**32).all())
 
     def _whole(self, points: Points, part: slice) -> NDArray[np.int64]:
-        numbers = numbers_of(self._survey, in_file(self._survey, points.positions[part] + points.origin))
+        numbers = numbers_of(self._georeference, in_file(self._georeference, points.positions[part] + points.origin))
         if self._residual is not None:
             numbers += self._residual[part]
         return numbers

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ....cloud.georeference import Survey
+from ....cloud.georeference import Georeference
 from .._counts import missing, rows_after
 from .._source import CHUNK, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ._copc import Copc, copc_of, nodes_of
@@ -56,7 +56,7 @@ class LasSource(Source):
             None if chosen else rows,
             self._layout.size,
             rows,
-            Survey(*crs_of(header), header.scale, header.offset, format="LAS"),
+            Georeference(*crs_of(header), header.scale, header.offset, format="LAS"),
             _facts(header, self._layout, self._copc),
         )
 

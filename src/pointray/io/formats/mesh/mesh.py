@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.extras import require
-from ....cloud.georeference import Survey
+from ....cloud.georeference import Georeference
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from ..ply._header import least_size, read_header
 from ._text import STL_HEADER, check_stl, is_text_stl
@@ -68,8 +68,8 @@ class MeshSource(Source):
         expected = request.sample or max(size // BYTES[self._kind], 1)
         self._facts: dict[str, Any] = {"kind": self._kind}
         row = 60 + size * FACTOR[self._kind] // expected
-        survey = Survey(format="glTF" if self._kind in ("glb", "gltf") else None)
-        self.listing = Listing(request.sample or None, row, expected, survey, self._facts)
+        georeference = Georeference(format="glTF" if self._kind in ("glb", "gltf") else None)
+        self.listing = Listing(request.sample or None, row, expected, georeference, self._facts)
 
     def chunks(self) -> Iterator[Chunk]:
         from ._load import counts_of, load

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from ....cloud.georeference import Survey
+from ....cloud.georeference import Georeference
 from .._counts import count_lines, count_mismatch, readable_rows, rows_after, whole_lines
 from .._named_columns import Columns, Roles, roles_of
 from .._odd_numbers import plain_lines
@@ -48,11 +48,11 @@ class PcdSource(Source):
             self._roles = _roles(header, self._packed)
             points += _count_extra(file, header, self.faults)
         self._header = header = header._replace(points=points)
-        survey = Survey(stations=() if header.station is None else (header.station,))
+        georeference = Georeference(stations=() if header.station is None else (header.station,))
         facts: dict[str, Any] = {"version": header.version, "encoding": header.encoding}
         if header.shape[1] > 1:
             facts["organised"] = f"{header.shape[0]} x {header.shape[1]}"
-        self.listing = Listing(header.points, 36 + header.row, survey=survey, facts=facts)
+        self.listing = Listing(header.points, 36 + header.row, georeference=georeference, facts=facts)
 
     def chunks(self) -> Iterator[Chunk]:
         header = self._header

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from plyfile import PlyData, PlyElement
 
-from ....base.progress import Progress, tell
+from ....base.progress import Progress, report_progress
 from ....cloud.geographic import in_file
 from ....cloud.points import Points
 from .._source import CHUNK
@@ -32,11 +32,11 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
         flat = _fitting(values, name, losses).reshape(len(points), -1)
         _add(columns, [name] if values.ndim == 1 else [f"{name}_{i}" for i in range(flat.shape[1])], flat)
     dtype = np.dtype([(name, column.dtype) for name, column in columns.items()])
-    moved = bool(points.origin.any()) or points.survey.projection is not None
+    moved = bool(points.origin.any()) or points.georeference.projection is not None
     if moved:
         dtype = np.dtype([(n, np.float64 if n in ("x", "y", "z") else dtype[n]) for n in columns])
     comments = [f"crs {' '.join(points.crs.split())}"] if points.crs else []
-    if points.survey.stations and len(points.survey.stations) > 0:
+    if points.georeference.stations and len(points.georeference.stations) > 0:
         losses.append("cannot store the scanner positions")
     empty = PlyElement.describe(np.empty(0, dtype), "vertex")
     header = PlyData([empty], byte_order="<", comments=comments).header
@@ -44,11 +44,13 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
     for start in range(0, len(points), CHUNK):
         part = slice(start, start + CHUNK)
         rows = np.empty(len(points.positions[part]), dtype.newbyteorder("<"))
-        world = in_file(points.survey, points.positions[part] + points.origin) if moved else points.positions[part]
+        world = (
+            in_file(points.georeference, points.positions[part] + points.origin) if moved else points.positions[part]
+        )
         for k, (name, column) in enumerate(columns.items()):
             rows[name] = world[:, k] if k < 3 else column[part]
         file.write(rows.data)
-        tell(progress, min(part.stop / len(points), 1.0))
+        report_progress(progress, min(part.stop / len(points), 1.0))
     return losses
 
 

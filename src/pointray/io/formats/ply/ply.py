@@ -17,7 +17,7 @@ from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 from plyfile import PlyListProperty
 
-from ....cloud.georeference import Survey
+from ....cloud.georeference import Georeference
 from .._counts import count_lines, rows_after
 from .._packed_colors import PackedColors, find_packed
 from .._source import NO, SURE, Chunk, Faults, Format, Listing, Request, Source
@@ -64,7 +64,7 @@ class PlySource(Source):
             "comments": [text for text in header.comments if not text.startswith("crs ")],
         }
         self.has_texture = any(text.startswith("TextureFile") for text in header.comments)
-        self.listing = Listing(count, row, survey=Survey(crs or None), facts=facts)
+        self.listing = Listing(count, row, georeference=Georeference(crs or None), facts=facts)
 
     def chunks(self) -> Iterator[Chunk]:
         for columns, share in self._columns():

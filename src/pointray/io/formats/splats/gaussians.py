@@ -48,7 +48,7 @@ class GaussianSource(PlySource):
         row = ROW + sum(self._types[name].itemsize for name in self._others)
         self._facts = {**self.listing.facts, "splats": self.listing.rows}
         listing = listing_of(self.listing.rows, self._opacity, self._facts, row)
-        self.listing = replace(listing, survey=self.listing.survey)
+        self.listing = replace(listing, georeference=self.listing.georeference)
 
     def chunks(self) -> Iterator[Chunk]:
         return opaque_chunks(self._splats(), self._opacity, self._facts)

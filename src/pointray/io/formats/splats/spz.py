@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.extras import require
-from ....cloud.georeference import Survey
+from ....cloud.georeference import Georeference
 from .._source import NO, SURE, Chunk, Format, Request, Source
 from ._common import HARMONIC, KEEPS, ROWS, Splats, listing_of, opaque_chunks, smallest_three
 
@@ -76,7 +76,7 @@ class SpzSource(Source):
             "antialiased": bool(header.flags & ANTIALIASED),
         }
         listing = listing_of(header.splats, self._opacity, self._facts)
-        self.listing = replace(listing, survey=Survey(format="SPZ"))
+        self.listing = replace(listing, georeference=Georeference(format="SPZ"))
 
     def chunks(self) -> Iterator[Chunk]:
         return opaque_chunks(self._splats(), self._opacity, self._facts)

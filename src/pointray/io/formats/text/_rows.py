@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from ....cloud.georeference import Survey
+from ....cloud.georeference import Georeference
 from .._counts import count_mismatch
 from .._source import Chunk, Faults, Listing, Request, Source
 from ._columns import Layout, merged, scanning
@@ -37,10 +37,10 @@ class TextSource(Source):
         if properties.announced is not None:
             facts["announced"] = properties.announced
         expected = max(int((self._size - properties.start) / max(properties.row, 1)), 1)
-        survey = Survey(
+        georeference = Georeference(
             "EPSG:4326" if properties.has_degrees else None, format="PTS" if path.suffix.lower() == ".pts" else None
         )
-        self.listing = Listing(None, self._layout.row(), expected, survey, facts)
+        self.listing = Listing(None, self._layout.row(), expected, georeference, facts)
 
     def chunks(self) -> Iterator[Chunk]:
         properties, layout = self._properties, self._layout

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.warning_log import warn
-from ....cloud.georeference import SCAN, Survey
+from ....cloud.georeference import SCAN, Georeference
 from ...colors import GREY
 from .._counts import count_mismatch
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
@@ -42,8 +42,8 @@ class PtxSource(Source):
         self._has_colors = any(scan.fields == 7 for scan in scans)
         row = 40 + 6 * self._has_colors + 4 * (len(scans) > 1)
         grids = [{"columns": scan.shape[0], "rows": scan.shape[1]} for scan in scans]
-        survey = Survey(stations=tuple(scan.matrix[3][:3] for scan in scans), format="PTX")  # type: ignore[misc]
-        self.listing = Listing(None, row, sum(scan.rows for scan in scans), survey, {"scans": grids})
+        georeference = Georeference(stations=tuple(scan.matrix[3][:3] for scan in scans), format="PTX")  # type: ignore[misc]
+        self.listing = Listing(None, row, sum(scan.rows for scan in scans), georeference, {"scans": grids})
 
     def chunks(self) -> Iterator[Chunk]:
         grey = sum(scan.fields == 4 for scan in self._scans) if self._has_colors else 0
@@ -66,7 +66,7 @@ class PtxSource(Source):
         facts = {**self.listing.facts, "without_return": self._there - seen}
         self.listing = replace(self.listing, facts=facts)
         if len(self._scans) == 1 and _is_unplaced(self._scans[0], low, high):
-            self.listing = replace(self.listing, survey=Survey(format="PTX"))
+            self.listing = replace(self.listing, georeference=Georeference(format="PTX"))
 
     def _rows(self, file: BinaryIO, newline: bytes, scan: Scan, number: int) -> Iterator[Chunk]:
         from ._numbers import FLOAT, INT, Dialect, Reader, line_at

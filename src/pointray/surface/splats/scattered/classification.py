@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....base.arguments import check_callback
-from ....base.progress import Progress, part_of, tell
+from ....base.progress import Progress, part_of, report_progress
 from ....cloud.denoising.smooth import Placed
 from ....cloud.neighbors import NeighborTree, distinct, kd_order, take
 from ....cloud.points import Points
@@ -83,11 +83,11 @@ def find_scattered(
     order = kd_order(positions, threads)
     along = take(positions, order)
     first, ids = distinct(along)
-    tell(progress, SORTED)
+    report_progress(progress, SORTED)
     known = None if normals is None else Normals(columns_of(take(normals, order[first])), fitted)
     scattered = np.empty(len(positions), np.bool_)
     scattered[order] = scattered_places(take(along, first), first, known, threads, progress)[ids]
-    tell(progress, 1.0)
+    report_progress(progress, 1.0)
     return scattered
 
 
@@ -155,17 +155,17 @@ def _scattered(
     """Return which of some distinct positions in kd order are scattered."""
     near = NeighborTree(positions, in_order=True).rows(VOTERS + 1)
     xyz = columns_of(positions)
-    tell(progress, FOUND)
+    report_progress(progress, FOUND)
     parts = [_parts(positions, rows, step) for step in (COARSE, COARSEST)]
     evidence = _evidence(positions, xyz, near, parts, threads)
-    tell(progress, FITTED)
+    report_progress(progress, FITTED)
     surface, alone = judge(xyz, near, evidence, threads)
     reach = evidence.reaches[0]
     typical = parts[0].means(reach)
     alone[reach > SPARSEST * typical] = 1
     if normals is not None:
         follow_normals(xyz, normals, near, surface, evidence, threads)
-    tell(progress, JUDGED)
+    report_progress(progress, JUDGED)
     surface[alone > 0] = 0
     alone[(surface == 0) & (reach > SPARSE * typical)] = 1
     for limits in [(KEEP, LOSE)] * ROUNDS + [(KEEP, 0)] * ROUNDS:

@@ -75,7 +75,9 @@ def coarsen_scattered(
     attributes = attribute_averages(points.attributes, groups.order, groups.starts[:-1], categories=categories)
     positions = groups.mean(points.positions).astype(np.float32)
     directions = unit_vectors(groups.mean(np.asarray(points.normals)).astype(np.float32))
-    return ScatteredPoints(Points.about(points.origin, positions, directions, colors, attributes, points.survey), radii)
+    return ScatteredPoints(
+        Points.about(points.origin, positions, directions, colors, attributes, points.georeference), radii
+    )
 
 
 def joined(surface: Points | None, scattered: Points | None) -> Points:
@@ -91,5 +93,5 @@ def joined(surface: Points | None, scattered: Points | None) -> Points:
         np.concatenate([np.asarray(surface.normals), np.asarray(scattered.normals)]),
         colors,
         {name: np.concatenate([values, scattered.attributes[name]]) for name, values in surface.attributes.items()},
-        surface.survey,
+        surface.georeference,
     )

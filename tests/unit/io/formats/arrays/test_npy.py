@@ -6,7 +6,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from pointray.cloud.georeference import RESIDUAL, SCAN, Survey, numbers_of
+from pointray.cloud.georeference import RESIDUAL, SCAN, Georeference, numbers_of
 from pointray.cloud.points import Points
 from pointray.io.files import read, write, write_points
 from pointray.io.formats.arrays import _array as _arrays
@@ -329,7 +329,7 @@ def check_same(found, points):
 
 
 SPECIAL = {"scale": XYZ, "rgb": RGB, "x": XYZ[:, 0], "crs": XYZ[:, 0], "origin": XYZ[:3].repeat(N, 0)[:N]}
-SURVEY = Survey("EPSG:25832", "metre", None, None, ((1.0, 2.0, 3.0), (4.5, 5.0, 6e6)))
+GEOREFERENCE = Georeference("EPSG:25832", "metre", None, None, ((1.0, 2.0, 3.0), (4.5, 5.0, 6e6)))
 
 
 @pytest.mark.usefixtures("chunked")
@@ -350,13 +350,13 @@ def test_what_is_written_comes_back(tmp_path, suffix, points):
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, N])
-def test_npz_holds_attributes_of_every_name_and_the_survey(tmp_path, n):
+def test_npz_holds_attributes_of_every_name_and_the_georeference(tmp_path, n):
     attributes = {k: v[:n] for k, v in {**SPECIAL, "attributes/a": RGB, SCAN: np.arange(N) % 2, "a/b": XYZ}.items()}
-    points = Points(XYZ[:n], attributes=attributes, survey=SURVEY)
+    points = Points(XYZ[:n], attributes=attributes, georeference=GEOREFERENCE)
     assert write_points(tmp_path / "a.npz", points) == []
     found = read(tmp_path / "a.npz")
     check_same(found, points)
-    assert found.survey == points.survey
+    assert found.georeference == points.georeference
     with np.load(tmp_path / "a.npz") as arrays:  # NumPy reads it too
         np.testing.assert_array_equal(arrays["positions"], XYZ[:n])
 
@@ -364,9 +364,9 @@ def test_npz_holds_attributes_of_every_name_and_the_survey(tmp_path, n):
 @pytest.mark.parametrize("suffix", [".npz", ".npy"])
 def test_whole_numbers_of_a_file_come_back(tmp_path, suffix):
     numbers = np.arange(3 * N).reshape(N, 3) * 7_000_003
-    survey = Survey("EPSG:1", None, (1e-4, 1e-4, 1e-3), (4e5, 5e6, 0.0))
-    world = np.array(survey.offset) + np.array(survey.scale) * numbers
-    np.savez(tmp_path / "a.npz", positions=world, scale=survey.scale, offset=survey.offset)
+    georeference = Georeference("EPSG:1", None, (1e-4, 1e-4, 1e-3), (4e5, 5e6, 0.0))
+    world = np.array(georeference.offset) + np.array(georeference.scale) * numbers
+    np.savez(tmp_path / "a.npz", positions=world, scale=georeference.scale, offset=georeference.offset)
     points = read(tmp_path / "a.npz")
     assert RESIDUAL in points.attributes, "float32 loses digits here"
     with warnings.catch_warnings():
@@ -377,14 +377,14 @@ def test_whole_numbers_of_a_file_come_back(tmp_path, suffix):
         written = np.stack([rows[axis] for axis in "xyz"], axis=1)
     else:
         again = read(tmp_path / "b.npz")
-        assert again.survey == points.survey.__class__(None, None, survey.scale, survey.offset)
+        assert again.georeference == points.georeference.__class__(None, None, georeference.scale, georeference.offset)
         check_same(again, points)
         written = np.load(tmp_path / "b.npz")["positions"]
-    np.testing.assert_array_equal(numbers_of(survey, written), numbers)
+    np.testing.assert_array_equal(numbers_of(georeference, written), numbers)
 
 
 def test_npy_tells_what_it_loses_and_refuses_names_that_are_taken(tmp_path):
-    lost = write_points(tmp_path / "a.npy", cloud(survey=SURVEY))
+    lost = write_points(tmp_path / "a.npy", cloud(georeference=GEOREFERENCE))
     assert [word.removeprefix("cannot store ") for word in lost] == [
         "the coordinate system",
         "the unit",

@@ -32,7 +32,7 @@ def test_a_file_of_another_program_is_as_pye57_reads_it():
         own = file.read_scan(0)
     np.testing.assert_array_equal(points.positions.T, [own[f"cartesian{axis}"].astype(np.float32) for axis in "XYZ"])
     assert points.attributes == {}
-    assert (points.survey.unit, points.survey.stations) == ("metre", ())
+    assert (points.georeference.unit, points.georeference.stations) == ("metre", ())
     (_, _, listing) = next(files.headers(path))
     assert listing.facts["scans"][0]["name"] == "bunny"
     assert listing.rows == len(points) == 30_571
@@ -44,7 +44,7 @@ def test_a_pose_turns_positions_and_normals(tmp_path):
     points = read(path)
     np.testing.assert_allclose(points.world, turned(XYZ) + AT, atol=1e-6)
     np.testing.assert_allclose(points.normals, turned(NORMALS), atol=1e-6)
-    assert points.survey.stations == (AT,)
+    assert points.georeference.stations == (AT,)
     assert "scan" not in points.attributes
     with pye57.E57(str(path)) as file:
         np.testing.assert_allclose(file.to_global(XYZ, np.array(TURN), np.array(AT)), points.world, atol=1e-6)
@@ -120,7 +120,7 @@ def test_scans_with_different_columns_are_one_cloud(tmp_path):
     path = save(tmp_path / "a.e57", (first, pose(at=(1, 0, 0))), (second, pose(at=(0, 2, 0)) | {"name": "second"}))
     points = read(path)
     np.testing.assert_array_equal(points.attributes["scan"], np.repeat([0, 1], N))
-    assert points.survey.stations == ((1, 0, 0), (0, 2, 0))
+    assert points.georeference.stations == ((1, 0, 0), (0, 2, 0))
     np.testing.assert_array_equal(points.colors, np.concatenate([RGB, np.full((N, 3), 128)]))
     np.testing.assert_array_equal(points.attributes["intensity"][N:], np.arange(N) * 0.5)
     assert np.isnan(points.attributes["time"][:N]).all()
@@ -137,10 +137,10 @@ def test_whole_numbers_with_a_scale_are_kept(rng, tmp_path):
         for axis, column, grid in zip("XYZ", whole.T, grids, strict=True)
     }
     points = read(save(tmp_path / "a.e57", (columns, {})))
-    survey = points.survey
-    assert list(zip(survey.scale, survey.offset, strict=True)) == grids
+    georeference = points.georeference
+    assert list(zip(georeference.scale, georeference.offset, strict=True)) == grids
     residual = points.attributes.get("grid_residual", 0)
-    np.testing.assert_array_equal(numbers_of(survey, points.world) + residual, whole)
+    np.testing.assert_array_equal(numbers_of(georeference, points.world) + residual, whole)
 
 
 def test_header_data_of_the_file_and_its_scans(tmp_path):

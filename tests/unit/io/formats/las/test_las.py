@@ -17,7 +17,7 @@ import pointray as pr
 from helpers.las_files import write_random
 from helpers.marks import long
 from helpers.places import shared_model
-from pointray.cloud.georeference import RESIDUAL, Survey, numbers_of
+from pointray.cloud.georeference import RESIDUAL, Georeference, numbers_of
 from pointray.io.files import headers
 from pointray.io.formats._source import Request
 from pointray.io.formats.las._crs import keys_of, records_for, unit_of
@@ -40,9 +40,9 @@ def check_same(points: pr.Points, las: laspy.LasData) -> None:
         wanted, found = np.asarray(las[name]), points.attributes[name]
         assert found.dtype == wanted.dtype and found.shape == wanted.shape and found.flags.c_contiguous, name
         np.testing.assert_array_equal(found, wanted, err_msg=name)
-    numbers = numbers_of(points.survey, points.world) + points.attributes.get(RESIDUAL, 0)
+    numbers = numbers_of(points.georeference, points.world) + points.attributes.get(RESIDUAL, 0)
     np.testing.assert_array_equal(numbers, np.stack([las.X, las.Y, las.Z], axis=1))
-    np.testing.assert_array_equal(points.survey.scale, las.header.scales)
+    np.testing.assert_array_equal(points.georeference.scale, las.header.scales)
     assert (points.colors is not None) == ("red" in las.point_format.dimension_names)
 
 
@@ -212,10 +212,14 @@ def test_rows_that_are_not_finite_are_left_out(tmp_path: Path) -> None:
 
 
 def test_grids_that_do_not_fit_are_moved_or_coarsened(tmp_path: Path) -> None:
-    far = pr.Points(np.arange(30.0).reshape(10, 3) + 1e7, survey=Survey(scale=(0.001,) * 3, offset=(0.0,) * 3))
+    far = pr.Points(
+        np.arange(30.0).reshape(10, 3) + 1e7, georeference=Georeference(scale=(0.001,) * 3, offset=(0.0,) * 3)
+    )
     pr.write(tmp_path / "a.las", far)
     np.testing.assert_allclose(pr.read(tmp_path / "a.las").world, far.world, atol=1e-6)
-    wide = pr.Points(np.arange(30.0).reshape(10, 3) * 1e6, survey=Survey(scale=(0.001,) * 3, offset=(0.0,) * 3))
+    wide = pr.Points(
+        np.arange(30.0).reshape(10, 3) * 1e6, georeference=Georeference(scale=(0.001,) * 3, offset=(0.0,) * 3)
+    )
     with pytest.warns(UserWarning, match="too large for 32 bits"):
         pr.write(tmp_path / "a.las", wide)
     np.testing.assert_allclose(pr.read(tmp_path / "a.las").world, wide.world, atol=3)
@@ -227,9 +231,9 @@ def test_grids_that_do_not_fit_are_moved_or_coarsened(tmp_path: Path) -> None:
 def test_well_known_text_is_kept_as_it_stands(tmp_path: Path) -> None:
     path = tmp_path / "a.las"
     for text in (PROJECTED, PROJECTED.replace("c", "c" * 70_000)):
-        points = pr.Points(np.arange(30.0).reshape(10, 3), survey=Survey(text))
+        points = pr.Points(np.arange(30.0).reshape(10, 3), georeference=Georeference(text))
         pr.write(path, points)
-        assert pr.read(path).crs == text and pr.read(path).survey.unit == "US survey foot"
+        assert pr.read(path).crs == text and pr.read(path).georeference.unit == "US survey foot"
         assert laspy.read(path).header.global_encoding.wkt
     header = laspy.LasHeader(version="1.4", point_format=6)
     header.vlrs.append(WktCoordinateSystemVlr(PROJECTED))
@@ -241,10 +245,10 @@ def test_well_known_text_is_kept_as_it_stands(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("code", "unit"), [(25832, "metre"), (2285, "US survey foot"), (4326, "degree"), (2285, None)])
 def test_codes_of_epsg(code: int, unit: str | None, tmp_path: Path) -> None:
-    points = pr.Points(np.arange(30.0).reshape(10, 3), survey=Survey(f"EPSG:{code}", unit))
+    points = pr.Points(np.arange(30.0).reshape(10, 3), georeference=Georeference(f"EPSG:{code}", unit))
     pr.write(tmp_path / "a.las", points)
-    survey = pr.read(tmp_path / "a.las").survey
-    assert (survey.crs, survey.unit) == (f"EPSG:{code}", unit)
+    georeference = pr.read(tmp_path / "a.las").georeference
+    assert (georeference.crs, georeference.unit) == (f"EPSG:{code}", unit)
     keys = laspy.read(tmp_path / "a.las").header.vlrs.get("GeoKeyDirectoryVlr")[0].geo_keys
     assert code in [key.value_offset for key in keys]
 

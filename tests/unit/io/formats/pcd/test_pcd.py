@@ -23,7 +23,7 @@ def test_every_encoding_gives_all_fields_with_their_types(tmp_path, monkeypatch,
     for name, values in points.attributes.items():
         assert values.dtype == COLUMNS[name].dtype
         np.testing.assert_array_equal(values, COLUMNS[name])
-    assert points.survey.stations == ()
+    assert points.georeference.stations == ()
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
@@ -106,7 +106,7 @@ def test_separate_colours_and_short_names_of_normals(tmp_path):
 )
 def test_the_viewpoint_is_a_station_and_moves_nothing(tmp_path, viewpoint, stations):
     points = read(save(tmp_path / "a.pcd", VIEWPOINT=viewpoint))
-    assert points.survey.stations == stations
+    assert points.georeference.stations == stations
     np.testing.assert_array_equal(points.positions, XYZ)
 
 

@@ -23,7 +23,7 @@ def test_scans_are_placed_by_their_matrices(tmp_path, end, last):
     np.testing.assert_array_equal(points.world, [[10, 21, 30], [9, 20, 30], [10, 20, 31], [5, 6, 7], [8, 9, 10]])
     assert points.attributes[SCAN].tolist() == [0, 0, 0, 1, 1]
     assert points.attributes["intensity"].dtype == np.float32
-    assert points.survey.stations == ((10, 20, 30), (0, 0, 0))
+    assert points.georeference.stations == ((10, 20, 30), (0, 0, 0))
     assert points.colors is None
     assert next(headers(path))[2].facts["scans"] == [{"columns": 2, "rows": 2}, {"columns": 1, "rows": 2}]
 
@@ -47,7 +47,7 @@ def test_a_single_scan_has_no_scan_numbers(tmp_path):
     path = save(tmp_path, FIRST)
     points = read(path)
     assert set(points.attributes) == {"intensity"}
-    assert points.survey.stations == ((10, 20, 30),)
+    assert points.georeference.stations == ((10, 20, 30),)
     with next(headers(path))[1].open(path, Request()) as source:
         list(source.chunks())
         assert source.listing.facts["without_return"] == 1
@@ -105,7 +105,7 @@ def test_a_real_file_holds_what_numpy_reads():
     np.testing.assert_allclose(points.world, wanted[:, :3], atol=3e-4, rtol=0)
     np.testing.assert_array_equal(points.attributes["intensity"], wanted[:, 3].astype(np.float32))
     np.testing.assert_array_equal(points.colors, wanted[:, 4:])
-    assert points.survey.stations == ()
+    assert points.georeference.stations == ()
 
 
 def test_damaged_files_are_read_or_refused(tmp_path):
