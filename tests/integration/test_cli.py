@@ -341,7 +341,7 @@ import sys
 from pointray.cli import execute
 commands = "--help", "render --help", "animate --help", "bake --help", "convert --help", "--version"
 status = [execute(arguments.split()) for arguments in commands]
-heavy = {name.split(".")[0] for name in sys.modules} & {"numpy", "numba", "llvmlite", "scipy", "PIL", "plyfile"}
+heavy = {name.split(".")[0] for name in sys.modules} & {"numpy", "numba", "llvmlite", "scipy", "PIL"}
 print(status, sorted(heavy))
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -20,7 +20,6 @@ from pointray.cli import execute
 from pointray.io.files import request_of
 from pointray.io.selection import Selection
 from pointray.model.model_folder import INDEX, SURFACE_ONLY
-from pointray.model.out_of_core import exclusive_lock as alone_module
 from pointray.model.out_of_core import prepare as prepare_module
 from pointray.model.out_of_core.builder import OutOfCoreBuilder
 from pointray.model.out_of_core.prepare import prepare, unfinished_part_points
@@ -142,7 +141,7 @@ def test_a_folder_whose_writer_has_just_ended_is_not_written_to(
 ) -> None:
     """It locked a file that was removed before."""
     unfinished = tmp_path / "a" / "unfinished"
-    monkeypatch.setattr(alone_module.fcntl, "flock", lambda lock, how: shutil.rmtree(unfinished))
+    monkeypatch.setattr("fcntl.flock", lambda lock, how: shutil.rmtree(unfinished))
     with pytest.raises(ValueError, match="another process is preparing a model in this folder"):
         prepared(scan, tmp_path / "a")
 

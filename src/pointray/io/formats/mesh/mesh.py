@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ....base.extras import require
 from ....cloud.georeference import Georeference
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
-from ..ply._header import least_size, read_header
+from ..ply._header import read_header
 from ._text import STL_HEADER, check_stl, is_text_stl
 
 OBJ_LINE = re.compile(rb"(v|vn|vt|vp|f|l|p|o|g|s|mtllib|usemtl)[ \t]")
@@ -126,7 +126,7 @@ def has_few_vertices(path: Path) -> bool:
 
     with path.open("rb") as file:
         header = read_header(file)
-    counts = {element.name: count for element, count in zip(header.elements, header.counts, strict=True)}
+    counts = {element.name: element.rows for element in header.elements}
     return counts.get("face", 0) > 0 and 0 < counts.get("vertex", 0) < SAMPLES
 
 
@@ -158,10 +158,10 @@ def _check_elements(path: Path) -> None:
     with path.open("rb") as file:
         header = read_header(file)
     left = path.stat().st_size - header.size
-    for element, count in zip(header.elements, header.counts, strict=True):
-        least = sum(1 if header.format == "ascii" else least_size(p) for p in element.properties)
-        if count * least > left:
-            raise ValueError(f"is cut off: {count:,} rows of {element.name!r} expected, {left:,} bytes found")
+    for element in header.elements:
+        least = len(element.properties) if header.format == "ascii" else element.least_size
+        if element.rows * least > left:
+            raise ValueError(f"is cut off: {element.rows:,} rows of {element.name!r} expected, {left:,} bytes found")
 
 
 FORMAT = Format(

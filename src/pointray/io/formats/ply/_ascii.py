@@ -10,12 +10,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyListProperty
 
 from .._counts import count_mismatch, missing, whole_lines
 from .._odd_numbers import plain_lines
 from .._source import CHUNK, Faults
-from ._header import Header, check_size, has_lists
+from ._header import Element, Header, check_size
 
 Columns = dict[str, NDArray[Any]]
 
@@ -26,20 +25,19 @@ LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for
 
 def read_ascii(file: BinaryIO, header: Header, index: int, most: int, faults: Faults) -> Iterator[Columns]:
     """Yield the columns of the vertices in chunks. most : maximum number of rows in the file"""
-    for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
-        if element.properties and count:
-            skip_lines(file, element, count)
-    vertex, count = header.elements[index], header.counts[index]
+    for element in header.elements[:index]:
+        skip_lines(file, element)
+    vertex = header.elements[index]
     names = [p.name for p in vertex.properties]
     if faults.strict:
-        check_size(file, vertex, count, 2 * len(names) - 1)  # digits and separators; the last line may lack a newline
+        check_size(file, vertex, 2 * len(names) - 1)  # digits and separators; the last line may lack a newline
     text = io.TextIOWrapper(file, "latin-1")
     try:
         lines = plain_lines(text)
-        if has_lists(vertex):
-            yield _numbers_beside_lists(lines, vertex, count, min(most, count), faults)
+        if vertex.has_lists:
+            yield _numbers_beside_lists(lines, vertex, min(most, vertex.rows), faults)
         else:
-            yield from _rows_of_text(whole_lines(lines, len(names), faults), names, count, most, faults)
+            yield from _rows_of_text(whole_lines(lines, len(names), faults), names, vertex.rows, most, faults)
     finally:
         text.detach()
 
@@ -81,9 +79,11 @@ def _loaded(lines: Iterator[str], wanted: int, done: int, width: int, count: int
     return rows
 
 
-def skip_lines(file: BinaryIO, element: Any, count: int) -> None:
-    """Skip `count` nonblank lines with any line ends, to the start of the next nonblank line."""
-    within = False  # whether the current byte is inside a nonblank line
+def skip_lines(file: BinaryIO, element: Element) -> None:
+    """Skip the nonblank lines of an element, with any line ends, to the start of the next nonblank line."""
+    if not element.properties or not element.rows:
+        return
+    count, within = element.rows, False  # within: whether the current byte is inside a nonblank line
     while block := file.read(TEXT_BYTES):
         kinds = LETTERS[np.frombuffer(block, np.uint8)]
         offsets = np.flatnonzero(kinds != SPACE)
@@ -97,9 +97,9 @@ def skip_lines(file: BinaryIO, element: Any, count: int) -> None:
     raise ValueError(f"is cut off in the element {element.name!r} or after it")
 
 
-def _numbers_beside_lists(lines: Iterable[str], vertex: Any, count: int, most: int, faults: Faults) -> Columns:
+def _numbers_beside_lists(lines: Iterable[str], vertex: Element, most: int, faults: Faults) -> Columns:
     """Read vertices with lists, and drop the lists. most : maximum number of rows in the file"""
-    scalars = [p.name for p in vertex.properties if not isinstance(p, PlyListProperty)]
+    scalars, count = [p.name for p in vertex.scalars], vertex.rows
     rows, done, filled = np.empty((most, len(scalars))), 0, filter(str.strip, lines)
     for line in islice(filled, most):
         numbers = _beside_lists(line.split(), vertex)
@@ -114,13 +114,13 @@ def _numbers_beside_lists(lines: Iterable[str], vertex: Any, count: int, most: i
     return dict(zip(scalars, rows[:done].T, strict=True))
 
 
-def _beside_lists(fields: list[str], vertex: Any) -> list[str] | None:
+def _beside_lists(fields: list[str], vertex: Element) -> list[str] | None:
     """Return the scalar fields of a line, possibly too few; None if lists or the number of fields are wrong."""
     at, numbers = 0, []
     for p in vertex.properties:
         if at >= len(fields):
             break
-        if isinstance(p, PlyListProperty):
+        if p.length is not None:
             at += _length_of(fields[at])
         else:
             numbers.append(fields[at])

@@ -8,13 +8,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyListProperty
 
 from .._counts import missing
 from .._source import CHUNK, Faults
-from ._header import Header, bytes_left, check_size, has_lists, least_size
+from ._header import Element, Header, Order, bytes_left, check_size
 
-ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">"}
+ORDERS: dict[str, Order] = {"binary_little_endian": "<", "binary_big_endian": ">"}
 CHUNK_BYTES = 1 << 25  # maximum bytes of a chunk: a splat has 248
 
 Columns = dict[str, NDArray[Any]]
@@ -23,14 +22,14 @@ Columns = dict[str, NDArray[Any]]
 def read_binary(file: BinaryIO, header: Header, index: int, most: int, faults: Faults) -> Iterator[Columns]:
     """Yield the columns of the vertices in chunks. most : maximum number of rows in the file"""
     order = ORDERS[header.format]
-    for element, count in zip(header.elements[:index], header.counts[:index], strict=True):
-        skip(file, element, count, order)
-    vertex, count = header.elements[index], header.counts[index]
-    if has_lists(vertex):
-        yield _read_beside_lists(file, vertex, count, order, faults)
+    for element in header.elements[:index]:
+        skip(file, element, order)
+    vertex = header.elements[index]
+    if vertex.has_lists:
+        yield _read_beside_lists(file, vertex, order, faults)
         return
-    dtype = np.dtype([(p.name, p.dtype(order)) for p in vertex.properties])
-    count = max(check_size(file, vertex, count, dtype.itemsize, faults), most if most > count else 0)
+    dtype = vertex.dtype(order)
+    count = max(check_size(file, vertex, dtype.itemsize, faults), most if most > vertex.rows else 0)
     step = max(min(CHUNK, CHUNK_BYTES // dtype.itemsize), 1)
     for start in range(0, count, step):
         rows = np.fromfile(file, dtype, min(step, count - start))
@@ -39,33 +38,31 @@ def read_binary(file: BinaryIO, header: Header, index: int, most: int, faults: F
         yield {name: rows[name] for name in dtype.names or ()}
 
 
-def skip(file: BinaryIO, element: Any, count: int, order: str) -> None:
+def skip(file: BinaryIO, element: Element, order: Order) -> None:
     """Skip an element before the vertices."""
-    row = sum(least_size(p) for p in element.properties)
-    check_size(file, element, count, row)
-    if not has_lists(element):
-        file.seek(count * row, io.SEEK_CUR)
-    elif count:
+    check_size(file, element, element.least_size)
+    if not element.has_lists:
+        file.seek(element.rows * element.least_size, io.SEEK_CUR)
+    elif element.rows:
         from ._lists import walk_rows
 
-        file.seek(walk_rows(*_bytes_from(file), count, element, order, np.empty((0, 0), np.int64))[0])
+        file.seek(walk_rows(*_bytes_from(file), element.rows, element, order, np.empty((0, 0), np.int64))[0])
 
 
-def _read_beside_lists(file: BinaryIO, vertex: Any, count: int, order: str, faults: Faults) -> Columns:
+def _read_beside_lists(file: BinaryIO, vertex: Element, order: Order, faults: Faults) -> Columns:
     """Read vertices with lists, and drop the lists."""
     from ._lists import scalars_at, walk_rows
 
-    least = sum(least_size(p) for p in vertex.properties)
     if faults.strict:
-        check_size(file, vertex, count, least)
-    scalars = [p for p in vertex.properties if not isinstance(p, PlyListProperty)]
-    most = min(count, bytes_left(file) // least)
-    (data, start), offsets = _bytes_from(file), np.empty((most, len(scalars)), np.int64)
+        check_size(file, vertex, vertex.least_size)
+    count, types = vertex.rows, vertex.dtype(order)
+    most = min(count, bytes_left(file) // vertex.least_size)
+    (data, start), offsets = _bytes_from(file), np.empty((most, len(vertex.scalars)), np.int64)
     _, rows = walk_rows(data, start, most, vertex, order, offsets, partial=True)
     if rows < count:
         faults.add(f"is cut off in the element {vertex.name!r}, row {rows:,} of {count:,}: {missing(count, rows)}")
     offsets = offsets[:rows]
-    return {p.name: scalars_at(data, offsets[:, k], np.dtype(p.dtype(order))) for k, p in enumerate(scalars)}
+    return {name: scalars_at(data, offsets[:, k], types[name]) for k, name in enumerate(types.names or ())}
 
 
 def _bytes_from(file: BinaryIO) -> tuple[NDArray[np.uint8], int]:

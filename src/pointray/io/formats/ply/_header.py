@@ -1,30 +1,70 @@
-"""Header of a PLY file: its elements, their numbers of rows, and where the rows begin.
-
-plyfile parses the grammar and the type names, from a copy of the header with counts of 0.
-"""
+"""Header of a PLY file: its elements, their numbers of rows, and where the rows begin."""
 
 from __future__ import annotations
 
 import io
 import re
 from collections.abc import Sequence
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, BinaryIO, Literal, NamedTuple
 
 import numpy as np
-from plyfile import PlyData, PlyListProperty, PlyParseError
 
 from .._counts import missing
 from .._source import Faults
 from ._names import VERTICES
 
 LONGEST_HEADER = 1 << 20
+Order = Literal["<", ">"]
+FORMAT = re.compile(r"format\s+(ascii|binary_little_endian|binary_big_endian)\s+1\.0")
+NAMES = {"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"}
+NAMES |= {"f4": "float", "f8": "double"}  # of NumPy types
+TYPES = {name: np.dtype(code) for code, name in NAMES.items()} | {np.dtype(code).name: np.dtype(code) for code in NAMES}
+
+
+class Property(NamedTuple):
+    """Property of an element: a number, or a list of numbers."""
+
+    name: str
+    type: np.dtype[Any]  # of the number, or of the numbers in the list
+    length: np.dtype[Any] | None = None  # type of a list's length
+
+    @property
+    def least_size(self) -> int:
+        """Minimum bytes: those of a number, or of an empty list."""
+        return (self.type if self.length is None else self.length).itemsize
+
+
+class Element(NamedTuple):
+    """Element of a file: rows of properties."""
+
+    name: str
+    rows: int
+    properties: list[Property]
+
+    @property
+    def scalars(self) -> list[Property]:
+        """Properties that are not lists."""
+        return [p for p in self.properties if p.length is None]
+
+    @property
+    def has_lists(self) -> bool:
+        """Whether any property is a list."""
+        return len(self.scalars) < len(self.properties)
+
+    @property
+    def least_size(self) -> int:
+        """Minimum bytes of a row."""
+        return sum(p.least_size for p in self.properties)
+
+    def dtype(self, order: Order) -> np.dtype[Any]:
+        """Return the type of the scalars of a row. order : {"<", ">"}"""
+        return np.dtype([(p.name, p.type.newbyteorder(order)) for p in self.scalars])
 
 
 class Header(NamedTuple):
     """Contents of the header."""
 
-    elements: Sequence[Any]  # plyfile's PlyElement, without rows
-    counts: Sequence[int]
+    elements: Sequence[Element]
     format: str
     size: int  # bytes
     comments: Sequence[str]
@@ -44,25 +84,32 @@ def read_header(file: BinaryIO) -> Header:
     lines = [line.strip() for line in start[: last.end()].decode("latin-1").splitlines()]
     comments = [line.split(None, 1)[1] for line in lines if re.match(r"(comment|obj_info)\s+\S", line)]
     lines = [line for line in lines if line and line.split()[0] not in ("comment", "obj_info")]
-    counts = [_count(line) for line in lines if line.split()[0] == "element"]
-    return Header(_parse_elements(lines), counts, lines[1].split()[1], last.end(), comments)
+    encoding = FORMAT.fullmatch(lines[1])
+    if encoding is None:
+        raise ValueError(f"invalid header line {lines[1][:80]!r}: expected format, encoding and 1.0")
+    return Header(_parse_elements(lines[2:-1]), encoding[1], last.end(), comments)
 
 
-def _count(line: str) -> int:
-    fields = line.split()
-    if len(fields) != 3 or not fields[2].isdecimal() or len(fields[2]) > 15:
-        raise ValueError(f"invalid header line {line!r}: expected element, name and count")
-    return int(fields[2])
-
-
-def _parse_elements(lines: list[str]) -> Sequence[Any]:
-    """Parse the header with plyfile; with counts of 0 it reads nothing else."""
-    empty = [re.sub(r"^(element\s+\S+)\s+\d+$", r"\1 0", line) for line in lines]
-    text = "\n".join(empty) + "\n"
-    try:
-        return tuple(PlyData.read(io.BytesIO(text.encode("ascii", "replace"))).elements)
-    except (PlyParseError, ValueError) as error:
-        raise ValueError(f"invalid header: {error}") from error
+def _parse_elements(lines: Sequence[str]) -> Sequence[Element]:
+    """Parse the lines of elements and their properties."""
+    elements: list[Element] = []
+    for line in lines:
+        match line.encode("ascii", "replace").decode().split():
+            case ["element", name, count] if count.isdecimal() and len(count) <= 15:
+                elements.append(Element(name, int(count), []))
+            case ["property", kind, name] if elements and kind in TYPES:
+                elements[-1].properties.append(Property(name, TYPES[kind]))
+            case ["property", "list", length, kind, name] if elements and {length, kind} <= TYPES.keys():
+                elements[-1].properties.append(Property(name, TYPES[kind], TYPES[length]))
+            case _:
+                raise ValueError(
+                    f"invalid header line {line[:80]!r}: expected element, name and count, or property, type and name; "
+                    f"types: {', '.join(TYPES)}"
+                )
+    for names in ([e.name for e in elements], *([p.name for p in e.properties] for e in elements)):
+        if len(set(names)) < len(names):
+            raise ValueError("invalid header: two elements, or two properties of an element, have the same name")
+    return elements
 
 
 def bytes_left(file: BinaryIO) -> int:
@@ -72,12 +119,12 @@ def bytes_left(file: BinaryIO) -> int:
     return end - here
 
 
-def check_size(file: BinaryIO, element: Any, count: int, row: int, faults: Faults | None = None) -> int:
+def check_size(file: BinaryIO, element: Element, row: int, faults: Faults | None = None) -> int:
     """Return how many of the announced rows fit into the rest of the file.
 
     Missing rows are a fault. Raise ValueError if there are no `faults`, or not even one row.
     """
-    left = bytes_left(file)
+    left, count = bytes_left(file), element.rows
     if count * row <= left:
         return count
     rows = "vertices" if element.name.lower() in VERTICES else f"rows of the element {element.name!r}"
@@ -86,12 +133,3 @@ def check_size(file: BinaryIO, element: Any, count: int, row: int, faults: Fault
         raise ValueError(message)
     faults.add(f"{message}: {missing(count, left // row)}")
     return left // row
-
-
-def least_size(p: Any) -> int:
-    """Return the minimum bytes of a property: those of a value, or of an empty list."""
-    return int(np.dtype(p.list_dtype()[0] if isinstance(p, PlyListProperty) else p.dtype()).itemsize)
-
-
-def has_lists(element: Any) -> bool:
-    return any(isinstance(p, PlyListProperty) for p in element.properties)

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyElement
 
 from ....base.progress import Progress, report_progress
 from ....cloud.geographic import in_file
 from ....cloud.points import Points
 from .._source import CHUNK
+from ._header import NAMES
 from ._names import COLORS, NORMALS
 
 Columns = dict[str, NDArray[Any]]
@@ -35,12 +35,14 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
     moved = bool(points.origin.any()) or points.georeference.projection is not None
     if moved:
         dtype = np.dtype([(n, np.float64 if n in ("x", "y", "z") else dtype[n]) for n in columns])
-    comments = [f"crs {' '.join(points.crs.split())}"] if points.crs else []
+    comments = [f"comment crs {' '.join(points.crs.split())}"] if points.crs else []
+    if not all(map(str.isascii, comments)):
+        raise ValueError("a PLY file cannot store a coordinate system whose description is not ASCII")
     if points.georeference.stations and len(points.georeference.stations) > 0:
         losses.append("cannot store the scanner positions")
-    empty = PlyElement.describe(np.empty(0, dtype), "vertex")
-    header = PlyData([empty], byte_order="<", comments=comments).header
-    file.write(re.sub(r"(?m)^element vertex 0$", f"element vertex {len(points)}", header).encode("ascii") + b"\n")
+    properties = [f"property {NAMES[dtype[name].str[1:]]} {name}" for name in columns]
+    header = ["ply", "format binary_little_endian 1.0", *comments, f"element vertex {len(points)}", *properties]
+    file.write("\n".join([*header, "end_header", ""]).encode("ascii"))
     for start in range(0, len(points), CHUNK):
         part = slice(start, start + CHUNK)
         rows = np.empty(len(points.positions[part]), dtype.newbyteorder("<"))
@@ -59,6 +61,8 @@ def _fitting(values: NDArray[Any], name: str, losses: list[str]) -> NDArray[Any]
     if values.dtype == np.bool_:
         return values.astype(np.uint8)
     if values.dtype not in (np.int64, np.uint64):
+        if values.dtype.str[1:] not in NAMES:
+            raise ValueError(f"a PLY file cannot store an attribute of type {values.dtype}: {name!r}")
         return values
     for dtype in (np.int32, np.uint32):
         if len(values) and values.min() >= np.iinfo(dtype).min and values.max() <= np.iinfo(dtype).max:

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyListProperty
 
 from .._counts import missing
 from .._source import NO, SURE, Chunk, Faults, Format, Request, Source
@@ -86,12 +85,12 @@ def _tables(header: Header) -> dict[str, Table]:
         raise ValueError(f"compressed splats must be in a binary format, not {header.format}")
     tables: dict[str, Table] = {}
     start = header.size
-    for element, count in zip(header.elements, header.counts, strict=True):
-        if any(isinstance(p, PlyListProperty) for p in element.properties):
+    for element in header.elements:
+        if element.has_lists:
             raise ValueError(f"element {element.name!r} contains lists; compressed splat files must not")
-        dtype = np.dtype([(p.name, p.dtype(ORDERS[header.format])) for p in element.properties])
-        tables[element.name] = Table(start, count, dtype)
-        start += count * dtype.itemsize
+        dtype = element.dtype(ORDERS[header.format])
+        tables[element.name] = Table(start, element.rows, dtype)
+        start += element.rows * dtype.itemsize
     return tables
 
 

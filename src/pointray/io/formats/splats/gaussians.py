@@ -38,7 +38,7 @@ class GaussianSource(PlySource):
 
     def __init__(self, path: Path, request: Request) -> None:
         super().__init__(path, request)
-        names = [p.name for p in self._scalars]
+        names = list(self._types)
         missing = [name for name in NEEDED if name not in names]
         if missing:
             raise ValueError(f"missing properties of splats: {', '.join(missing)}")
