@@ -5,7 +5,7 @@ Each splat belongs to one part, but may be close to splats of other parts: `near
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,17 @@ from numpy.typing import NDArray
 from ...base.disk_columns import Column, Columns
 from .arrange import CHUNK, TILE, boxes_of
 from .local import touched
+from .work import Work
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 Source = str | NDArray[Any]  # a column name, or an array
 
+# Properties. Given positions and normals, at level 0, are those of the files.
 POSITIONS, NORMALS, RADII, NOISE, COLORS = "positions", "normals", "radii", "noise", "colors"
+LIMITS, BORDERS, SHEETS = "limits", "borders", "sheets"
+GIVEN_POSITIONS, GIVEN_NORMALS = "given.positions", "given.normals"
+ATTRIBUTE = "attribute."  # prefix, followed by the number of the attribute
 BOXES = "boxes"  # column of the tiles' bounding boxes
 FOUR = 4  # splats of a block, which share their noise
 
@@ -187,6 +192,18 @@ class Layer:
             if len(run):
                 place = firsts[owner[run[0]]] + number[run] * TILE
                 yield slice(int(place[0]), int(min(place[-1] + TILE, ends[owner[run[0]]])))
+
+
+def finest_layer(work: Work, sources: Mapping[str, Source | None]) -> Layer:
+    """Return the full model. sources : those that are None or missing columns are left out"""
+    names = work.columns.names
+    known = {
+        name: source
+        for name, source in sources.items()
+        if source is not None and (not isinstance(source, str) or source in names)
+    }
+    sizes = np.array([rows.stop - rows.start for rows in map(work.part_rows, range(work.parts))], np.int64)
+    return Layer(0, work.columns, sizes, sizes, known)
 
 
 def _tiles(rows: Any) -> Any:

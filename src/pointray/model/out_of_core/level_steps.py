@@ -29,13 +29,11 @@ from ..model_file import Level
 from ..model_folder import write_level
 from .arrange import boxes_of
 from .grid import Grid, cells_of_part, widened
-from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
+from .layer import ATTRIBUTE, BORDERS, COLORS, LIMITS, NOISE, NORMALS, POSITIONS, RADII, SHEETS, Layer
 from .sorted_sets import distinct_numbers, isin_sorted
 from .trees import tree_within, with_margins
 from .work import Facts
 
-LIMITS, BORDERS, SHEETS = "limits", "borders", "sheets"  # columns
-ATTRIBUTE = "attribute."  # prefix, followed by the number of the attribute
 # Least margin around a part's splats, in cells, that their supports depend on: 80 neighbours lie within 5 cells, and
 # those searched across a gap within 14.
 MARGIN = 16

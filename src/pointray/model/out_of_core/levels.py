@@ -22,12 +22,8 @@ from ...surface.tree.settings import check_settings
 from ..levels_of_detail import COARSER, LEVEL_SAMPLES
 from ..model_folder import LevelFile, PartFile
 from .grid import Grid
-from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
+from .layer import ATTRIBUTE, BORDERS, COLORS, LIMITS, NOISE, NORMALS, POSITIONS, RADII, SHEETS, Layer
 from .level_steps import (
-    ATTRIBUTE,
-    BORDERS,
-    LIMITS,
-    SHEETS,
     LevelProgress,
     ModelInfo,
     SharedValues,
@@ -38,12 +34,10 @@ from .level_steps import (
     tree_part,
 )
 from .trees import nth_least
-from .work import Facts, Work
+from .work import Facts, Span, Work, within
 
 SHOWN = 0.05  # progress after the boxes of the finest splats are written
 COARSENED, SUPPORTED = 0.3, 0.6  # progress within a level
-
-Span = tuple[float, float]
 
 
 class Steps(NamedTuple):
@@ -90,7 +84,7 @@ def write_levels(
 def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFile], span: Span) -> list[PartFile]:
     """Write levels of detail until no part has LEAST_POINTS splats in one; return the index entries of the parts."""
     columns, fine = work.columns, whole
-    span = span[0] + SHOWN * (span[1] - span[0]), span[1]
+    span = within(span, SHOWN, 1.0)
     whole.make_boxes()
     facts = work.each("level-0", partial(show_part, whole), (span[0], span[0]))
     cell, last = steps.cell, whole.sizes
@@ -140,7 +134,7 @@ def _coarsened(work: Work, layers: tuple[Layer, Layer], grid: Grid, steps: Steps
         known = {"names": found}
         work.columns.put(name, known)
     do = partial(steps.coarsen, fine, coarse, grid, known["names"])
-    return work.each(f"level-{coarse.number}-points", do, (span[0], span[0] + COARSENED * (span[1] - span[0])))
+    return work.each(f"level-{coarse.number}-points", do, within(span, 0.0, COARSENED))
 
 
 def _shaped(
@@ -154,12 +148,13 @@ def _shaped(
 ) -> list[Facts]:
     """Find the supports of a level, and write its files, see `tree_part`."""
     columns, stage = work.columns, f"level-{layer.number}"
-    first, second = (span[0] + share * (span[1] - span[0]) for share in (COARSENED, SUPPORTED))
     known = columns.get(f"{stage}-usual")
     if known is None:
         known = survey_supports(layer, cell)
         columns.put(f"{stage}-usual", known)
-    supports = work.each(f"{stage}-support", partial(support_part, layer, cell, known), (first, second))
+    supports = work.each(
+        f"{stage}-support", partial(support_part, layer, cell, known), within(span, COARSENED, SUPPORTED)
+    )
     if not any(fact["borders"] for fact in supports):
         layer.sources.pop(BORDERS, None)
     if sum(fact["sheets"] for fact in supports) < THIN * layer.total:
@@ -173,7 +168,7 @@ def _shaped(
     whole = SharedValues(box, steps["reference"], np.array([fact["longest"] for fact in supports], np.float32))
     settings = check_settings("paper", LEVEL_SAMPLES, 1, "auto")
     return work.each(
-        f"{stage}-tree", partial(tree_part, layer, cells, whole, settings, named, written), (second, span[1])
+        f"{stage}-tree", partial(tree_part, layer, cells, whole, settings, named, written), within(span, SUPPORTED, 1.0)
     )
 
 

@@ -26,13 +26,11 @@ from ..levels_of_detail import LEVEL_SAMPLES
 from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part
 from .grid import Grid, cells_of_part
-from .layer import COLORS, NORMALS, POSITIONS, RADII, Layer
-from .level_steps import ATTRIBUTE, LevelProgress, ModelInfo, box_around
+from .layer import ATTRIBUTE, COLORS, NORMALS, POSITIONS, RADII, Layer
+from .level_steps import LevelProgress, ModelInfo, box_around
 from .levels import Steps, make_columns, median_of, write_all_levels
 from .trees import bounds_about
-from .work import Facts, Work
-
-Span = tuple[float, float]
+from .work import Facts, Span, Work, within
 
 
 @dataclass(frozen=True)
@@ -82,7 +80,7 @@ def write_loose_levels(
 
     def shape(layer: Layer, cell: float, written: list[LevelProgress | None], span: Span) -> list[Facts]:
         do = partial(_write_loose_level, layer, loose, cell, named, written)
-        return work.each(f"level-{layer.number}-tree", do, (span[0] + 0.5 * (span[1] - span[0]), span[1]))
+        return work.each(f"level-{layer.number}-tree", do, within(span, 0.5, 1.0))
 
     median, others = surface
     cell = spacing_in(loose, work.columns) if median is None else median

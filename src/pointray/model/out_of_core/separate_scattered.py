@@ -26,7 +26,7 @@ from ...surface.splats.scattered.spheres import Drawing, shapes_of
 from .arrange import CHUNK, SORTED
 from .local import Local
 from .stages import Cloud, ordering_of
-from .work import Facts, Work
+from .work import Facts, Span, Work, within
 
 # Columns: row of each point in the files; whether it is scattered; radius and direction if it is.
 ROW, APART, SPHERES, DIRECTIONS = "row", "apart", "sphere-radii", "sphere-directions"
@@ -35,7 +35,6 @@ BY_ROW = "by-row"  # column of the surface's points, in ranges of rows that are 
 SEPARATED = "separated"
 FOUND, SHAPED = 0.5, 0.8  # progress
 
-Span = tuple[float, float]
 Floats = NDArray[np.float32]
 
 
@@ -85,9 +84,10 @@ def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, s
     columns, drawing = work.columns, shaping.drawing
     known = columns.get(SEPARATED)
     if known is None:
-        first, second = (span[0] + share * (span[1] - span[0]) for share in (FOUND, SHAPED))
         work.make_column(APART, np.int8)
-        found = [fact["scattered"] for fact in work.each("apart", partial(_find, work, cloud), (span[0], first))]
+        found = [
+            fact["scattered"] for fact in work.each("apart", partial(_find, work, cloud), within(span, 0.0, FOUND))
+        ]
         count, is_shown = sum(found), drawing.scatter != "none"
         if count == cloud.total and not is_shown:
             raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
@@ -95,9 +95,9 @@ def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, s
             statistics = work.statistics_for("shapes", partial(shaping.find, cloud))
             work.make_column(SPHERES, np.float32)
             work.make_column(DIRECTIONS, np.float32, 3)
-            work.each("shapes", partial(_shape, work, cloud, shaping, statistics), (first, second))
+            work.each("shapes", partial(_shape, work, cloud, shaping, statistics), within(span, FOUND, SHAPED))
         if count:
-            _put_apart(work, cloud.total, names, is_shown, (second, span[1]))
+            _put_apart(work, cloud.total, names, is_shown, within(span, SHAPED, 1.0))
         known = {"surface": cloud.total - count, "loose": count if is_shown else 0}
         columns.put(SEPARATED, known)
     return known["surface"], known["loose"]

@@ -28,10 +28,10 @@ from ...cloud.normals.sheets import (
     step_of,
 )
 from ...cloud.normals.winding import TILE, Frame, Splats, Winding, roots_of, spacings, top_of
-from .facing import Span, near_in
+from .facing import near_in
 from .local import Local, runs_of
 from .stages import FACED, PARTED, PLACED, THICK, Cloud
-from .work import Facts, Work
+from .work import Facts, Span, Work
 
 # Columns: square root of each point's area; whether a ring has found it, in its own part or from another part; gain of
 # its numbers; whether it is flipped at first, undecided by numbers, flipped back, flipped by its edges.

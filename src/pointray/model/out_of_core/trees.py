@@ -8,23 +8,19 @@ single model.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, tell
-from ...cloud.points import Points
 from ...cloud.statistics import quantize
-from ...engine.kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
+from ...engine.kernels.tree import BLOCK, CELL, LEAF, RADIUS, Tree
 from ...surface.tree.blocks import PER_BLOCK, make_blocks
 from ...surface.tree.build import Splats, WholeModel, bounds_of, build_tree
 from ...surface.tree.leaves import longest_step
 from ...surface.tree.parts import without_unused
 from ...surface.tree.settings import TreeSettings
 from ...surface.tree.top import PER_GROUP, Groups, cells_of_parts, cut_top, groups_of, groups_per_root, top_of_part
-from ..model_folder import PartFile, write_part
 
 GROUP = PER_BLOCK * PER_GROUP  # splats
 # Radii. Of a statue in 8 parts, every second one a level coarser, 44 of 3,500 lit pixels are dark without a margin; 10,
@@ -48,52 +44,9 @@ class Plan(NamedTuple):
     reference: float
 
 
-class Trees(NamedTuple):
-    """Result of `write_trees`.
-
-    plan : shared values; longest : longest sampling step in any leaf
-    """
-
-    parts: list[PartFile]
-    plan: Plan
-    longest: float
-
-
 def least_size(count: int) -> int:
     """Return the least number of splats of a part, a power of two."""
     return GROUP * groups_per_root(-(-count // GROUP))
-
-
-def write_trees(
-    folder: Path,
-    id: str,
-    points: Points,
-    splats: Splats,
-    size: int,
-    settings: TreeSettings,
-    progress: Progress | None = None,
-) -> Trees:
-    """Write the files of all parts.
-
-    Parameters
-    ----------
-    points : Points
-        One row per splat.
-    splats : Splats
-        In kd order.
-    size : int
-        Splats of a part, a power of two, at least `least_size`.
-    """
-    parts = range(-(-len(splats.radii) // size))
-    plan = plan_of([shown(splats, size, part) for part in parts], splats.radii, size)
-    files, longest = [], 0.0
-    for part in parts:
-        tree = tree_of(splats, plan, part, settings)
-        longest = max(longest, float(tree.head[LONGEST]))
-        here = points.positions[part * size : (part + 1) * size]
-        files.append(write_part(folder, id, part, len(here), bounds_about(here, points.origin), tree))
-        tell(progress, (part + 1) / len(parts))
-    return Trees(files, plan, longest)
 
 
 def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:

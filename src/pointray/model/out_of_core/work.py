@@ -22,6 +22,7 @@ from .arrange import TILE
 from .local import Local, local_of, points_of
 
 Facts = dict[str, Any]
+Span = tuple[float, float]  # begin and end of a stage, as fractions of all work
 Result = TypeVar("Result")
 
 
@@ -133,6 +134,12 @@ class Work:
             tell(report, done / self.parts)
             yield one
         self._tasks.refresh(self.columns.folder)
+
+
+def within(span: Span, begin: float, end: float) -> Span:
+    """Return the part of a span between two fractions of it."""
+    length = span[1] - span[0]
+    return span[0] + begin * length, span[0] + end * length
 
 
 def _mark(stage: str, part: int) -> str:
