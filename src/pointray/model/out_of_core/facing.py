@@ -76,10 +76,9 @@ class Facing:
         """Return a part with its margin. alone : without margin and neighbours"""
         columns = self._work.columns
         local = _own(self._work, part) if alone else self._work.local(part)
-        core = slice(int(local.own[0]), int(local.own[-1]) + 1)
-        near = np.empty((0, 0), np.int32) if alone else near_in(self._cloud, local, core, self._near)
+        near = np.empty((0, 0), np.int32) if alone else near_in(self._cloud, local, local.core, self._near)
         places, normals = (local.read(columns[name]) for name in self._columns)
-        return signs.Local(local.rows, core, places, normals, near)
+        return signs.Local(local.rows, local.core, places, normals, near)
 
 
 def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDArray[np.int32]:
@@ -117,16 +116,14 @@ def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
 
 def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
     """Write the fitted normals of a part with their signs."""
-    columns, part_rows = work.columns, work.part_rows(part)
-    normals = columns[NORMALS][part_rows]
+    columns, normals = work.columns, work.read(NORMALS, part)
     if has_planes:
         local = work.local(part)
-        core = slice(int(local.own[0]), int(local.own[-1]) + 1)
         planes = local.read(columns[PLANES[1]]) * local.read(columns[SIGNED])[:, None]
-        signed = signs_facing(normals, planes, near_in(cloud, local, core, KEPT))
+        signed = signs_facing(normals, planes, near_in(cloud, local, local.core, KEPT))
     else:
-        signed = columns[SIGNED][part_rows]
-    columns[FACED].write(part_rows.start, normals * signed[:, None])
+        signed = work.read(SIGNED, part)
+    work.write(FACED, part, normals * signed[:, None])
 
 
 def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
@@ -134,15 +131,14 @@ def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
     columns = work.columns
     if columns.get(TURNED) is not None:
         return
-    directions = work.make_column(UNITS, np.float32, 3)
+    work.make_column(UNITS, np.float32, 3)
     if cloud.is_seen:
         work.make_column(KNOWN, np.int8)
     facts = work.each("units", partial(_put_units, work, cloud), within(span, 0.0, 0.2))
     Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).orient(within(span, 0.2, 0.9))
-    out, signed = work.make_column(TURNED, np.float32, 3), columns[SIGNED]
+    work.make_column(TURNED, np.float32, 3)
     for part in range(work.parts):
-        part_rows = work.part_rows(part)
-        out.write(part_rows.start, directions[part_rows] * signed[part_rows][:, None])
+        work.write(TURNED, part, work.read(UNITS, part) * work.read(SIGNED, part)[:, None])
     columns.put(TURNED, {"mended": np.sum([fact["mended"] for fact in facts], axis=0).tolist()})
 
 
@@ -150,7 +146,5 @@ def _put_units(work: Work, cloud: Cloud, part: int) -> Facts:
     """Write the normals of a part at unit length."""
     local = work.local(part)
     found = units(cloud, local)
-    local.write(work.columns[UNITS], found.normals)
-    if found.known is not None:
-        local.write(work.columns[KNOWN], found.known)
+    local.write_all(work.columns, {UNITS: found.normals, KNOWN: found.known})
     return {"mended": list(found.repaired)}

@@ -33,7 +33,7 @@ from .layer import (
 from .level_steps import ModelInfo
 from .levels import median_of, write_levels
 from .scattered_parts import LooseParts, write_loose_levels, write_loose_part
-from .trees import Plan, bounds_about, cells_of, plan_of, shown, tree_of
+from .trees import Plan, bounds_about, box_around, cells_of, plan_of, shown, tree_of
 from .work import Facts, Span, Work, within
 
 SHOWN, TREES = 0.07, 0.6  # progress after boxes, and after trees; levels of detail take the rest
@@ -145,8 +145,7 @@ def finish(
         boxes = np.array([file.bounds for file in files])
         bounds = [boxes[:, 0].min(axis=0).tolist(), boxes[:, 1].max(axis=0).tolist()]
     supports = np.array([box for written in all_written for box in written.supports])
-    around = [*supports[:, :3].min(axis=0).tolist(), *supports[:, 3:].max(axis=0).tolist()]
-    longest = max(written.longest for written in all_written)
+    around, longest = box_around(supports).tolist(), max(written.longest for written in all_written)
     index = Index(named.id, settings, named.survey.facts, bounds, around, longest, *sizes, files, loose)
     write_index(named.folder, index)
 
@@ -173,8 +172,4 @@ def _grow(named: ModelInfo, layer: Layer, plan: Plan, settings: TreeSettings, pa
 
 def id_in(columns: Columns) -> str:
     """Return the id that all files of the folder contain; create it if missing."""
-    facts = columns.get("id")
-    if facts is None:
-        facts = {"id": secrets.token_hex(8)}
-        columns.put("id", facts)
-    return str(facts["id"])
+    return str(columns.get_or_put("id", lambda: {"id": secrets.token_hex(8)})["id"])

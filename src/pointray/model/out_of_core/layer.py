@@ -134,6 +134,19 @@ class Layer:
             if name.startswith(self._name("")):
                 self.columns.drop(name)
 
+    def write_all(self, part: int, named: Mapping[str, NDArray[Any] | None]) -> dict[str, Any]:
+        """Write the properties of the splats of a part, and its tiles' boxes; return their number and bounding box.
+
+        named : by name, positions among them; None: not written
+        """
+        for name, values in named.items():
+            if values is not None:
+                self.write(name, part, values)
+        positions = named[POSITIONS]
+        assert positions is not None
+        self.write_boxes(part, positions)
+        return {"size": len(positions), **corners(positions)}
+
     def write_boxes(self, part: int, positions: Floats) -> None:
         """Write the bounding boxes of the tiles of a part."""
         if len(positions):
@@ -204,6 +217,13 @@ def finest_layer(work: Work, sources: Mapping[str, Source | None]) -> Layer:
     }
     sizes = np.array([rows.stop - rows.start for rows in map(work.part_rows, range(work.parts))], np.int64)
     return Layer(0, work.columns, sizes, sizes, known)
+
+
+def corners(positions: Floats) -> dict[str, Any]:
+    """Return the corners of the bounding box of positions; empty if there are none."""
+    if not len(positions):
+        return {}
+    return {"low": positions.min(axis=0).astype(float).tolist(), "high": positions.max(axis=0).astype(float).tolist()}
 
 
 def _tiles(rows: Any) -> Any:

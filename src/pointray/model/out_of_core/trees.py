@@ -61,7 +61,7 @@ def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: i
     groups = Groups(*(np.concatenate(arrays) for arrays in zip(*(groups for groups, _ in parts), strict=True)))
     starts = range(0, len(radii), size)
     reference = nth_least(lambda: (radii[start : start + size] for start in starts), len(radii) // 50)
-    return Plan(size, groups, _around([bounds for _, bounds in parts]), quantize(reference, is_limit=True))
+    return Plan(size, groups, box_around(np.array([bounds for _, bounds in parts])), quantize(reference, is_limit=True))
 
 
 def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tree:
@@ -118,10 +118,9 @@ def part_of(splats: Splats, rows: slice | NDArray[np.int64]) -> Splats:
     return Splats(*arrays)
 
 
-def _around(boxes: list[NDArray[np.float32]]) -> NDArray[np.float32]:
-    """Return the bounding box of boxes, (6,)."""
-    each = np.array(boxes)
-    return np.concatenate([each[:, :3].min(axis=0), each[:, 3:].max(axis=0)])
+def box_around(boxes: NDArray[Any]) -> NDArray[Any]:
+    """Return the bounding box, (6,), of boxes (n, 6)."""
+    return np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
 
 
 def nth_least(read: Callable[[], Iterable[NDArray[np.float32]]], n: int) -> float:
