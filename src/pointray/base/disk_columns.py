@@ -12,7 +12,7 @@ import secrets
 import sys
 import threading
 import weakref
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -258,6 +258,15 @@ class Columns:
             raise ValueError(f"{path}: is damaged: {error}") from error
         if not isinstance(facts, dict):
             raise ValueError(f"{path}: is damaged: expected a JSON object")
+        return facts
+
+    def get_or_put(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """Return the record with a name; compute and store it if it is missing."""
+        known = self.get(name)
+        if known is not None:
+            return known
+        facts = compute()
+        self.put(name, facts)
         return facts
 
     def _files(self, name: str) -> list[Path]:

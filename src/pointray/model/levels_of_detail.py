@@ -20,6 +20,7 @@ from .building import BuildOptions, assemble
 from .model_data import ModelData
 
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
+LEVEL_SETTINGS = check_settings("paper", LEVEL_SAMPLES, 1, "auto")
 COARSER = 2.0  # ratio of a level's cell size to that of the level before; for the first level to the model's spacing
 
 
@@ -66,11 +67,10 @@ def _make_level(
 ) -> ModelData:
     """Return a level of detail. The limits of its supports keep isolated points about as small as they were."""
     points = joined(None if placed is None else placed.points, None if scattered is None else scattered.points)
-    settings = check_settings("paper", LEVEL_SAMPLES, 1, "auto")
     made, count = None, 0
     if placed is not None:
         count = len(placed.points)
-        made = make_splats(placed, np.arange(count, dtype=np.int32), Sizes(within=within), settings)
+        made = make_splats(placed, np.arange(count, dtype=np.int32), Sizes(within=within), LEVEL_SETTINGS)
     # Normals are not repaired: neighbours may face opposite sides.
     splats = None if scattered is None else scattered.splats(count)
-    return assemble(points, BuildOptions(settings, 1.0, 0.0, drawing), made, splats, lambda stage, share: None)
+    return assemble(points, BuildOptions(LEVEL_SETTINGS, 1.0, 0.0, drawing), made, splats, lambda stage, share: None)

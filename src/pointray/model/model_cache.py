@@ -148,7 +148,7 @@ def clear() -> tuple[int, int]:
 
 @cache
 def source_key() -> str:
-    """Return a hash of the sources that decide what a model is: of `MADE_BY`, the file formats, and what these import."""
+    """Return a hash of the sources that decide what a model is: `MADE_BY`, the formats, and what these import."""
     return key_of([*(Path(inspect.getfile(each)) for each in MADE_BY), *format_files()], deferred=True)
 
 

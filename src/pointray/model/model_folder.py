@@ -139,25 +139,16 @@ def digest_of(path: Path) -> tuple[int, str]:
         return os.fstat(file.fileno()).st_size, hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def write_points(folder: Path, id: str, points: Points, radii: NDArray[np.float32], report: Report) -> tuple[int, str]:
-    """Write the file of the points; return its `digest_of`."""
-    named: dict[str, Any] = {name: getattr(points, name) for name in ("positions", "normals", "colors")}
-    return write_columns(folder, id, points.origin, named, points.attributes, radii, report)
-
-
-def write_columns(
-    folder: Path,
-    id: str,
-    origin: NDArray[np.float64],
-    named: Mapping[str, Pieces | None],
-    attributes: Mapping[str, Pieces],
-    radii: Pieces,
-    report: Report,
+def write_points(
+    folder: Path, id: str, origin: NDArray[np.float64], columns: Mapping[str, Pieces], report: Report
 ) -> tuple[int, str]:
-    """Write the file of the points from columns: "positions", "normals" and "colors" (may be None), and attributes."""
-    known = {f"points.{name}": column for name, column in named.items() if column is not None}
-    known |= {"points.origin": origin, **{f"attribute.{name}": values for name, values in attributes.items()}}
-    write_arrays(folder / POINTS, POINTS_KIND, {"folder": id}, {**known, "radii": radii}, report)
+    """Write the file of the points; return its `digest_of`.
+
+    columns : by their names in the file: points.positions and optionally points.normals and points.colors, then
+        attributes and radii
+    """
+    points = {name: column for name, column in columns.items() if name.startswith("points.")}
+    write_arrays(folder / POINTS, POINTS_KIND, {"folder": id}, {**points, "points.origin": origin, **columns}, report)
     return digest_of(folder / POINTS)
 
 

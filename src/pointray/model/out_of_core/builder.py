@@ -26,13 +26,14 @@ from ...io.spooling.spooled import Spooled
 from ...surface.splats.scattered.spheres import ALL_SURFACE, Drawing, check_drawing
 from ...surface.splats.support import isolated_note
 from ...surface.tree.settings import LOOSE_TRIM, TreeSettings
-from .arrange import TILE, Arrangement
+from . import layer
+from .arrange import CHUNK, TILE, Arrangement
 from .facing import turn_fits, turn_given
-from .finish import Described, WrittenParts, finish, finish_loose, finish_surface, id_in
+from .finish import WrittenParts, finish, finish_loose, finish_surface, id_in
 from .given import RADIUS, GivenColumns
 from .level_steps import ModelInfo
 from .second_layers import find_layers
-from .separate_scattered import LOOSE, ROW, SEPARATED, SURFACE, Shaping, number_rows, separate
+from .separate_scattered import DIRECTIONS, LOOSE, ROW, SEPARATED, SPHERES, SURFACE, Shaping, number_rows, separate
 from .stages import (
     GIVEN,
     KNOWN,
@@ -139,14 +140,15 @@ class OutOfCoreBuilder:
         if written is not None:
             all_written.append(written)
         if loose is not None:
-            all_written.append(
-                finish_loose(self._info, loose, drawing, written, self._options.leveled, (LEVELED, WRITTEN))
-            )
+            splats = {layer.POSITIONS: "positions", layer.NORMALS: DIRECTIONS, layer.RADII: SPHERES}
+            whole = layer.finest_layer(loose, splats | self._given_sources())
+            span = LEVELED, WRITTEN
+            all_written.append(finish_loose(self._info, loose, whole, drawing, written, self._options.leveled, span))
         settings = self._options.settings if surface is None else surface.settings
         facts = {**settings._asdict(), "smooth": self._options.smooth, **drawing.facts}
-        count = 0 if loose is None else all_written[-1].rows
+        count = 0 if loose is None else all_written[-1].layer.total
         finish(self._info, all_written, facts, count, part_of(self._progress, WRITTEN, 1.0))
-        return sum(written.rows for written in all_written)
+        return sum(written.layer.total for written in all_written)
 
     def make(self) -> WrittenParts:
         """Run all stages of a surface, and write its parts."""
@@ -276,8 +278,24 @@ class OutOfCoreBuilder:
         if any(fact["tight"] for fact in facts):
             settings = settings._replace(trim=LOOSE_TRIM)
         self.settings = settings
-        optional = [name for name in (BORDERS, SHEETS) if any(fact[name] for fact in facts)]
-        optional += [NOISE] if self._is_noisy else []
-        attributes = {name: f"points.{column}" for name, column in self._names.items()}
-        model = Described(settings, self._options.smooth, attributes, tuple(optional), self._options.leveled)
-        return finish_surface(self._info, self._work, self._cloud, model, (SUPPORTED, LEVELED))
+        used = [RADII, *(name for name in (BORDERS, SHEETS) if any(fact[name] for fact in facts))]
+        if self._is_noisy:
+            _limit_noise(self._columns)
+            used.append(NOISE)
+        sources = {layer.POSITIONS: PLACED, layer.NORMALS: self._cloud.normals, **{name: name for name in used}}
+        splats = layer.finest_layer(self._work, sources | self._given_sources("points."))
+        return finish_surface(self._info, self._work, splats, settings, self._options.leveled, (SUPPORTED, LEVELED))
+
+    def _given_sources(self, prefix: str = "") -> dict[str, layer.Source | None]:
+        """Return the columns of the points as given, see `Layer`. prefix : of these columns"""
+        names = {layer.GIVEN_POSITIONS: "positions", layer.GIVEN_NORMALS: "normals", layer.COLORS: "colors"}
+        names |= {f"{layer.ATTRIBUTE}{k}": column for k, column in enumerate(self._names.values())}
+        return {name: prefix + column for name, column in names.items()}
+
+
+def _limit_noise(columns: Columns) -> None:
+    """Limit the noise to the radii: a surface has no bumps higher than its supports."""
+    noise, radii = columns[NOISE], columns[RADII]
+    for start in range(0, len(radii), CHUNK):
+        rows = slice(start, start + CHUNK)
+        noise.write(start, np.minimum(noise[rows], radii[rows]))

@@ -15,11 +15,9 @@ from . import signs
 from .local import Local
 from .signs import PIECE, SIGN, SIGNED, Outlook, Shared, Signs, Whole, firsts_of
 from .stages import FACED, KNOWN, MERGED, NORMALS, PLACED, PLANES, POSITIONS, TURNED, UNITS, Cloud, units
-from .work import Facts, Work
+from .work import Facts, Span, Work, within
 
 FOUND, VOTED, JOINED, EXAMINED = 0.4, 0.75, 0.8, 0.9  # progress of the passes
-
-Span = tuple[float, float]
 
 
 class Facing:
@@ -44,13 +42,10 @@ class Facing:
 
     def orient(self, span: Span) -> None:
         """Write the sign of each normal to the column `SIGNED`; signs known from scanners are kept."""
-        begin, length = span[0], span[1] - span[0]
-        shares = ((0, FOUND), (FOUND, VOTED), (JOINED, EXAMINED))
-        passes = [(begin + a * length, begin + b * length) for a, b in shares]
         work = self._work
-        firsts = firsts_of(work.all(self._find, passes[0]))
-        shared = self._signs.gather(firsts, work.all(partial(self._vote, firsts), passes[1]))
-        inward = self._signs.face(work.all(partial(self._examine, firsts, shared), passes[2]))
+        firsts = firsts_of(work.all(self._find, within(span, 0.0, FOUND)))
+        shared = self._signs.gather(firsts, work.all(partial(self._vote, firsts), within(span, FOUND, VOTED)))
+        inward = self._signs.face(work.all(partial(self._examine, firsts, shared), within(span, JOINED, EXAMINED)))
         known = work.columns.find(KNOWN)
         if known is not None:
             seen, away = self._known_groups(firsts, known, len(inward))
@@ -81,10 +76,9 @@ class Facing:
         """Return a part with its margin. alone : without margin and neighbours"""
         columns = self._work.columns
         local = _own(self._work, part) if alone else self._work.local(part)
-        core = slice(int(local.own[0]), int(local.own[-1]) + 1)
-        near = np.empty((0, 0), np.int32) if alone else near_in(self._cloud, local, core, self._near)
+        near = np.empty((0, 0), np.int32) if alone else near_in(self._cloud, local, local.core, self._near)
         places, normals = (local.read(columns[name]) for name in self._columns)
-        return signs.Local(local.rows, core, places, normals, near)
+        return signs.Local(local.rows, local.core, places, normals, near)
 
 
 def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDArray[np.int32]:
@@ -110,28 +104,26 @@ def _own(work: Work, part: int) -> Local:
 
 def turn_fits(work: Work, cloud: Cloud, has_planes: bool, span: Span) -> None:
     """Write the fitted normals with their signs to the column `FACED`."""
-    columns, middle = work.columns, span[0] + 0.8 * (span[1] - span[0])
+    columns = work.columns
     if columns.get(FACED) is not None:
         return
     names = PLANES if has_planes else (PLACED, NORMALS)
-    Facing(work, cloud, *names, KEPT if has_planes else NEAR).orient((span[0], middle))
+    Facing(work, cloud, *names, KEPT if has_planes else NEAR).orient(within(span, 0.0, 0.8))
     work.make_column(FACED, np.float32, 3)
-    work.all(partial(_turn, work, cloud, has_planes), (middle, span[1]))
+    work.all(partial(_turn, work, cloud, has_planes), within(span, 0.8, 1.0))
     columns.put(FACED, {})
 
 
 def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
     """Write the fitted normals of a part with their signs."""
-    columns, part_rows = work.columns, work.part_rows(part)
-    normals = columns[NORMALS][part_rows]
+    columns, normals = work.columns, work.read(NORMALS, part)
     if has_planes:
         local = work.local(part)
-        core = slice(int(local.own[0]), int(local.own[-1]) + 1)
         planes = local.read(columns[PLANES[1]]) * local.read(columns[SIGNED])[:, None]
-        signed = signs_facing(normals, planes, near_in(cloud, local, core, KEPT))
+        signed = signs_facing(normals, planes, near_in(cloud, local, local.core, KEPT))
     else:
-        signed = columns[SIGNED][part_rows]
-    columns[FACED].write(part_rows.start, normals * signed[:, None])
+        signed = work.read(SIGNED, part)
+    work.write(FACED, part, normals * signed[:, None])
 
 
 def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
@@ -139,16 +131,14 @@ def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
     columns = work.columns
     if columns.get(TURNED) is not None:
         return
-    directions = work.make_column(UNITS, np.float32, 3)
+    work.make_column(UNITS, np.float32, 3)
     if cloud.is_seen:
         work.make_column(KNOWN, np.int8)
-    first, last = (span[0] + share * (span[1] - span[0]) for share in (0.2, 0.9))
-    facts = work.each("units", partial(_put_units, work, cloud), (span[0], first))
-    Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).orient((first, last))
-    out, signed = work.make_column(TURNED, np.float32, 3), columns[SIGNED]
+    facts = work.each("units", partial(_put_units, work, cloud), within(span, 0.0, 0.2))
+    Facing(work, cloud, cloud.latest(MERGED, POSITIONS), UNITS, NEAR).orient(within(span, 0.2, 0.9))
+    work.make_column(TURNED, np.float32, 3)
     for part in range(work.parts):
-        part_rows = work.part_rows(part)
-        out.write(part_rows.start, directions[part_rows] * signed[part_rows][:, None])
+        work.write(TURNED, part, work.read(UNITS, part) * work.read(SIGNED, part)[:, None])
     columns.put(TURNED, {"mended": np.sum([fact["mended"] for fact in facts], axis=0).tolist()})
 
 
@@ -156,7 +146,5 @@ def _put_units(work: Work, cloud: Cloud, part: int) -> Facts:
     """Write the normals of a part at unit length."""
     local = work.local(part)
     found = units(cloud, local)
-    local.write(work.columns[UNITS], found.normals)
-    if found.known is not None:
-        local.write(work.columns[KNOWN], found.known)
+    local.write_all(work.columns, {UNITS: found.normals, KNOWN: found.known})
     return {"mended": list(found.repaired)}

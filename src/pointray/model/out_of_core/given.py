@@ -46,11 +46,7 @@ class GivenColumns:
 
     def have_radii(self) -> bool:
         """Return whether the cloud has radii, see `radii_in`; cached."""
-        known = self._columns.get(GIVEN_RADII)
-        if known is None:
-            known = {"given": self._find_radii()}
-            self._columns.put(GIVEN_RADII, known)
-        return bool(known["given"])
+        return bool(self._columns.get_or_put(GIVEN_RADII, lambda: {"given": self._find_radii()})["given"])
 
     def _find_radii(self) -> bool:
         column = self.find(self.names.get(RADIUS, RADIUS))

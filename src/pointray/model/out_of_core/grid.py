@@ -27,7 +27,7 @@ class Grid:
     low: list[float]
 
 
-def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tuple[Rows, Groups]:
+def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tuple[Rows, Groups] | None:
     """Return the groups of splats in a cell that a part owns: those whose first splat belongs to the part.
 
     sides : whether splats in a cell that face different main directions form different groups
@@ -37,8 +37,10 @@ def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tu
     rows : (n,) int64, ascending
         The part's splats, and those of other parts that share cells with them.
     groups : Groups
-        Groups of these rows.
+        Groups of these rows. None instead of both: the part owns no group.
     """
+    if not layer.sizes[part]:
+        return None
     own, (cell, low) = layer.own(part), (grid.cell, np.array(grid.low, np.float32))
 
     def facing(rows: slice | Rows, count: int) -> Floats:
@@ -55,7 +57,8 @@ def cells_of_part(layer: Layer, grid: Grid, part: int, sides: bool = True) -> tu
     rows = np.sort(np.concatenate([others, np.arange(own.start, own.stop)]))
     groups = groups_in_cells(layer.read(POSITIONS, rows), facing(rows, len(rows)), cell, low)
     owner = rows[groups.first]
-    return rows, groups.pick((owner >= own.start) & (owner < own.stop))
+    is_own = (owner >= own.start) & (owner < own.stop)
+    return (rows, groups.pick(is_own)) if is_own.any() else None
 
 
 def widened(boxes: Floats, reach: float) -> Floats:

@@ -5,7 +5,7 @@ Each splat belongs to one part, but may be close to splats of other parts: `near
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,17 @@ from numpy.typing import NDArray
 from ...base.disk_columns import Column, Columns
 from .arrange import CHUNK, TILE, boxes_of
 from .local import touched
+from .work import Work
 
 Floats = NDArray[np.float32]
 Rows = NDArray[np.int64]
 Source = str | NDArray[Any]  # a column name, or an array
 
+# Properties. Given positions and normals, at level 0, are those of the files.
 POSITIONS, NORMALS, RADII, NOISE, COLORS = "positions", "normals", "radii", "noise", "colors"
+LIMITS, BORDERS, SHEETS = "limits", "borders", "sheets"
+GIVEN_POSITIONS, GIVEN_NORMALS = "given.positions", "given.normals"
+ATTRIBUTE = "attribute."  # prefix, followed by the number of the attribute
 BOXES = "boxes"  # column of the tiles' bounding boxes
 FOUR = 4  # splats of a block, which share their noise
 
@@ -129,6 +134,19 @@ class Layer:
             if name.startswith(self._name("")):
                 self.columns.drop(name)
 
+    def write_all(self, part: int, named: Mapping[str, NDArray[Any] | None]) -> dict[str, Any]:
+        """Write the properties of the splats of a part, and its tiles' boxes; return their number and bounding box.
+
+        named : by name, positions among them; None: not written
+        """
+        for name, values in named.items():
+            if values is not None:
+                self.write(name, part, values)
+        positions = named[POSITIONS]
+        assert positions is not None
+        self.write_boxes(part, positions)
+        return {"size": len(positions), **corners(positions)}
+
     def write_boxes(self, part: int, positions: Floats) -> None:
         """Write the bounding boxes of the tiles of a part."""
         if len(positions):
@@ -187,6 +205,25 @@ class Layer:
             if len(run):
                 place = firsts[owner[run[0]]] + number[run] * TILE
                 yield slice(int(place[0]), int(min(place[-1] + TILE, ends[owner[run[0]]])))
+
+
+def finest_layer(work: Work, sources: Mapping[str, Source | None]) -> Layer:
+    """Return the full model. sources : those that are None or missing columns are left out"""
+    names = work.columns.names
+    known = {
+        name: source
+        for name, source in sources.items()
+        if source is not None and (not isinstance(source, str) or source in names)
+    }
+    sizes = np.array([rows.stop - rows.start for rows in map(work.part_rows, range(work.parts))], np.int64)
+    return Layer(0, work.columns, sizes, sizes, known)
+
+
+def corners(positions: Floats) -> dict[str, Any]:
+    """Return the corners of the bounding box of positions; empty if there are none."""
+    if not len(positions):
+        return {}
+    return {"low": positions.min(axis=0).astype(float).tolist(), "high": positions.max(axis=0).astype(float).tolist()}
 
 
 def _tiles(rows: Any) -> Any:

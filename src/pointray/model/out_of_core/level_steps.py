@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +23,17 @@ from ...surface.splats.levels import SUPPORT, Fine, means_of
 from ...surface.splats.support import Support, find_support
 from ...surface.tree.build import Splats, bounds_of
 from ...surface.tree.leaves import longest_step
-from ...surface.tree.settings import TreeSettings
 from ...surface.tree.stored import find_surface_bounds
+from ..levels_of_detail import LEVEL_SAMPLES, LEVEL_SETTINGS
 from ..model_file import Level
 from ..model_folder import write_level
 from .arrange import boxes_of
 from .grid import Grid, cells_of_part, widened
-from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
+from .layer import ATTRIBUTE, BORDERS, COLORS, LIMITS, NOISE, NORMALS, POSITIONS, RADII, SHEETS, Layer, corners
 from .sorted_sets import distinct_numbers, isin_sorted
 from .trees import tree_within, with_margins
 from .work import Facts
 
-LIMITS, BORDERS, SHEETS = "limits", "borders", "sheets"  # columns
-ATTRIBUTE = "attribute."  # prefix, followed by the number of the attribute
 # Least margin around a part's splats, in cells, that their supports depend on: 80 neighbours lie within 5 cells, and
 # those searched across a gap within 14.
 MARGIN = 16
@@ -83,7 +81,7 @@ def show_part(layer: Layer, part: int) -> Facts:
     """Write the bounding boxes of a part's tiles; return the bounding box of its splats."""
     positions = layer.read(POSITIONS, layer.own(part))
     layer.write_boxes(part, positions)
-    return box_around(positions)
+    return corners(positions)
 
 
 def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], part: int) -> Facts:
@@ -91,25 +89,18 @@ def coarsen_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], 
 
     categories : the columns of attributes that have categories
     """
-    if not fine.sizes[part]:
+    cells = cells_of_part(fine, grid, part)
+    if cells is None:
         return {"size": 0}
-    rows, groups = cells_of_part(fine, grid, part)
-    if len(groups.starts) == 1:  # all cells belong to earlier parts
-        return {"size": 0}
-    positions, normals, cell = fine.read(POSITIONS, rows), fine.read(NORMALS, rows), grid.cell
-    found = means_of(
-        groups, Fine(positions, normals, fine.read(RADII, rows), fine.find(COLORS, rows), fine.find(NOISE, rows)), cell
-    )
-    named: dict[str, NDArray[Any]] = {POSITIONS: found.positions, NORMALS: found.normals, LIMITS: found.limits}
-    named |= {name: array for name, array in ((COLORS, found.colors), (NOISE, found.noise)) if array is not None}
-    for name, values in named.items():
-        coarse.write(name, part, values)
+    rows, groups = cells
+    columns = fine.read(POSITIONS, rows), fine.read(NORMALS, rows), fine.read(RADII, rows)
+    found = means_of(groups, Fine(*columns, fine.find(COLORS, rows), fine.find(NOISE, rows)), grid.cell)
     for name in [name for name in fine.sources if name.startswith(ATTRIBUTE)]:
         some = {name: fine.read(name, rows)}
         means = attribute_averages(some, groups.order, groups.starts[:-1], categories=categories)
         coarse.write(name, part, means[name])
-    coarse.write_boxes(part, found.positions)
-    return {"size": len(found.positions), **box_around(found.positions)}
+    named = {POSITIONS: found.positions, NORMALS: found.normals, LIMITS: found.limits}
+    return coarse.write_all(part, {**named, COLORS: found.colors, NOISE: found.noise})
 
 
 def survey_supports(layer: Layer, cell: float) -> dict[str, float]:
@@ -178,7 +169,6 @@ def tree_part(
     layer: Layer,
     cells: NDArray[np.float64],
     whole: SharedValues,
-    settings: TreeSettings,
     named: ModelInfo,
     written: list[LevelProgress | None],
     part: int,
@@ -188,23 +178,24 @@ def tree_part(
     cells : (parts, 6) the space of each part; written : levels written of each part, None: no further level is wanted
     """
     before = written[part]
-    rows = None if before is None else _reaching(layer, cells[part], whole, longest_step(settings.samples))
+    rows = None if before is None else _reaching(layer, cells[part], whole, longest_step(LEVEL_SAMPLES))
     if before is None or rows is None or not len(rows):
         return {"file": None}
     rows = rows[kd_order(layer.read(POSITIONS, rows))]
-    positions, radii, colors = layer.read(POSITIONS, rows), layer.read(RADII, rows), layer.find(COLORS, rows)
-    noise = layer.find(NOISE, rows)
+    radii, noise = layer.read(RADII, rows), layer.find(NOISE, rows)
     splats = Splats(
-        positions,
+        layer.read(POSITIONS, rows),
         layer.read(NORMALS, rows),
         radii,
         np.arange(len(rows), dtype=np.int32),
-        colors,
+        layer.find(COLORS, rows),
         layer.find(BORDERS, rows),
         layer.find(SHEETS, rows),
         None if noise is None else np.minimum(noise, radii),
     )
-    tree = with_margins(tree_within(splats, cells[part], (whole.supports, whole.reference), settings), cells[part])
+    tree = with_margins(
+        tree_within(splats, cells[part], (whole.supports, whole.reference), LEVEL_SETTINGS), cells[part]
+    )
     reach = find_surface_bounds(tree)
     if reach is None:
         return {"file": None}
@@ -213,17 +204,17 @@ def tree_part(
     tree, used = tree._replace(order=(order.ravel() - empty).astype(np.int32)), used[empty:]
     if np.median(radii[used]) < before.spacing:
         return {"file": None}
-    points = Points.about(
-        named.origin,
-        positions[used],
-        splats.normals[used],
-        None if colors is None else colors[used],
-        {name: layer.read(f"{ATTRIBUTE}{k}", rows[used]) for k, name in enumerate(named.attributes)},
-        named.georeference,
-    )
-    level = Level({**settings._asdict(), "smooth": 0.0}, points, radii[used], points.bounds, tree)
+    points = points_of(layer, rows[used], named)
+    level = Level({**LEVEL_SETTINGS._asdict(), "smooth": 0.0}, points, radii[used], points.bounds, tree)
     file = write_level(named.folder, named.id, part, before.levels + 1, level)
     return {"file": file._asdict(), "reach": reach.tolist()}
+
+
+def points_of(layer: Layer, rows: slice | Rows, named: ModelInfo) -> Points:
+    """Return some splats as points with attributes."""
+    attributes = {name: layer.read(f"{ATTRIBUTE}{k}", rows) for k, name in enumerate(named.attributes)}
+    columns = layer.read(POSITIONS, rows), layer.read(NORMALS, rows), layer.find(COLORS, rows)
+    return Points.about(named.origin, *columns, attributes, named.georeference)
 
 
 def _reaching(layer: Layer, cell: NDArray[np.float64], whole: SharedValues, step: float) -> Rows:
@@ -262,9 +253,3 @@ def _around(layer: Layer, positions: Floats, reach: float) -> Callable[[slice], 
         return inside & isin_sorted(cells, found)
 
     return keep
-
-
-def box_around(positions: Floats) -> Facts:
-    if not len(positions):
-        return {}
-    return {"low": positions.min(axis=0).astype(float).tolist(), "high": positions.max(axis=0).astype(float).tolist()}

@@ -18,16 +18,11 @@ from ...base.disk_columns import Columns
 from ...cloud.statistics import quantize
 from ...surface.splats.averages import have_categories
 from ...surface.splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
-from ...surface.tree.settings import check_settings
-from ..levels_of_detail import COARSER, LEVEL_SAMPLES
+from ..levels_of_detail import COARSER
 from ..model_folder import LevelFile, PartFile
 from .grid import Grid
-from .layer import COLORS, NOISE, NORMALS, POSITIONS, RADII, Layer
+from .layer import ATTRIBUTE, BORDERS, COLORS, LIMITS, NOISE, NORMALS, POSITIONS, RADII, SHEETS, Layer
 from .level_steps import (
-    ATTRIBUTE,
-    BORDERS,
-    LIMITS,
-    SHEETS,
     LevelProgress,
     ModelInfo,
     SharedValues,
@@ -37,13 +32,11 @@ from .level_steps import (
     survey_supports,
     tree_part,
 )
-from .trees import nth_least
-from .work import Facts, Work
+from .trees import box_around, nth_least
+from .work import Facts, Span, Work, within
 
 SHOWN = 0.05  # progress after the boxes of the finest splats are written
 COARSENED, SUPPORTED = 0.3, 0.6  # progress within a level
-
-Span = tuple[float, float]
 
 
 class Steps(NamedTuple):
@@ -90,7 +83,7 @@ def write_levels(
 def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFile], span: Span) -> list[PartFile]:
     """Write levels of detail until no part has LEAST_POINTS splats in one; return the index entries of the parts."""
     columns, fine = work.columns, whole
-    span = span[0] + SHOWN * (span[1] - span[0]), span[1]
+    span = within(span, SHOWN, 1.0)
     whole.make_boxes()
     facts = work.each("level-0", partial(show_part, whole), (span[0], span[0]))
     cell, last = steps.cell, whole.sizes
@@ -132,15 +125,13 @@ def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFil
 def _coarsened(work: Work, layers: tuple[Layer, Layer], grid: Grid, steps: Steps, span: Span) -> list[Facts]:
     """Write the splats of a level for all parts. layers : the finer level, and the level"""
     fine, coarse = layers
-    name = f"level-{coarse.number}-categories"
-    known = work.columns.get(name)
-    if known is None:
-        keys = [f"{ATTRIBUTE}{k}" for k in range(len(steps.names))]
-        found = [key for key, name in zip(keys, steps.names, strict=True) if have_categories(name, fine.chunks(key))]
-        known = {"names": found}
-        work.columns.put(name, known)
+    keys = {f"{ATTRIBUTE}{k}": name for k, name in enumerate(steps.names)}
+    known = work.columns.get_or_put(
+        f"level-{coarse.number}-categories",
+        lambda: {"names": [key for key, name in keys.items() if have_categories(name, fine.chunks(key))]},
+    )
     do = partial(steps.coarsen, fine, coarse, grid, known["names"])
-    return work.each(f"level-{coarse.number}-points", do, (span[0], span[0] + COARSENED * (span[1] - span[0])))
+    return work.each(f"level-{coarse.number}-points", do, within(span, 0.0, COARSENED))
 
 
 def _shaped(
@@ -154,26 +145,23 @@ def _shaped(
 ) -> list[Facts]:
     """Find the supports of a level, and write its files, see `tree_part`."""
     columns, stage = work.columns, f"level-{layer.number}"
-    first, second = (span[0] + share * (span[1] - span[0]) for share in (COARSENED, SUPPORTED))
-    known = columns.get(f"{stage}-usual")
-    if known is None:
-        known = survey_supports(layer, cell)
-        columns.put(f"{stage}-usual", known)
-    supports = work.each(f"{stage}-support", partial(support_part, layer, cell, known), (first, second))
+    known = columns.get_or_put(f"{stage}-usual", lambda: survey_supports(layer, cell))
+    supports = work.each(
+        f"{stage}-support", partial(support_part, layer, cell, known), within(span, COARSENED, SUPPORTED)
+    )
     if not any(fact["borders"] for fact in supports):
         layer.sources.pop(BORDERS, None)
     if sum(fact["sheets"] for fact in supports) < THIN * layer.total:
         layer.sources.pop(SHEETS, None)
-    steps = columns.get(f"{stage}-steps")
-    if steps is None:
-        steps = {"reference": quantize(nth_least(lambda: layer.chunks(RADII), layer.total // 50), is_limit=True)}
-        columns.put(f"{stage}-steps", steps)
+    reference = columns.get_or_put(
+        f"{stage}-steps",
+        lambda: {"reference": quantize(nth_least(lambda: layer.chunks(RADII), layer.total // 50), is_limit=True)},
+    )["reference"]
     boxes = np.array([fact["supports"] for fact in supports if "supports" in fact], np.float32)
-    box = np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
-    whole = SharedValues(box, steps["reference"], np.array([fact["longest"] for fact in supports], np.float32))
-    settings = check_settings("paper", LEVEL_SAMPLES, 1, "auto")
+    longest = np.array([fact["longest"] for fact in supports], np.float32)
+    whole = SharedValues(box_around(boxes), reference, longest)
     return work.each(
-        f"{stage}-tree", partial(tree_part, layer, cells, whole, settings, named, written), (second, span[1])
+        f"{stage}-tree", partial(tree_part, layer, cells, whole, named, written), within(span, SUPPORTED, 1.0)
     )
 
 
@@ -203,13 +191,13 @@ def _is_done(columns: Columns, number: int) -> bool:
 
 def median_of(layer: Layer, columns: Columns) -> float:
     """Return the median of all radii of the finest level, equal to NumPy's."""
-    known = columns.get("level-0-median")
-    if known is None:
+
+    def compute() -> Facts:
         places = {(layer.total - 1) // 2, layer.total // 2}
         middles = [nth_least(lambda: layer.chunks(RADII), place) for place in places]
-        known = {"radius": float(np.mean(np.array(middles, np.float32)))}
-        columns.put("level-0-median", known)
-    return float(known["radius"])
+        return {"radius": float(np.mean(np.array(middles, np.float32)))}
+
+    return float(columns.get_or_put("level-0-median", compute)["radius"])
 
 
 def _widened(reaches: list[list[Any]], others: Sequence[Any] = ()) -> list[Any]:

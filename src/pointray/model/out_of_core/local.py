@@ -6,6 +6,7 @@ points are thus those of the whole cloud.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,6 +44,17 @@ class Local(NamedTuple):
     def tiles(self) -> Rows:
         """Tiles, ascending."""
         return np.unique(self.rows // TILE)
+
+    @property
+    def core(self) -> slice:
+        """Indices of the own points of a part, which are consecutive."""
+        return slice(int(self.own[0]), int(self.own[-1]) + 1)
+
+    def write_all(self, columns: Columns, named: Mapping[str, NDArray[Any] | None]) -> None:
+        """Write the values of the part's own points to several columns, by name; None: nothing."""
+        for name, values in named.items():
+            if values is not None:
+                self.write(columns[name], values)
 
     def write(self, column: Column, values: NDArray[Any]) -> None:
         """Write the values, (n, ...), of the part's own points to a column."""

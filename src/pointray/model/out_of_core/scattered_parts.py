@@ -20,19 +20,16 @@ from ...surface.splats.scattered.levels import ScatteredPoints, coarsen_scattere
 from ...surface.splats.scattered.spheres import Drawing
 from ...surface.tree.build import Splats
 from ...surface.tree.scattered import with_scattered
-from ...surface.tree.settings import check_settings
 from ...surface.tree.stored import find_surface_bounds
-from ..levels_of_detail import LEVEL_SAMPLES
+from ..levels_of_detail import LEVEL_SETTINGS
 from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part
 from .grid import Grid, cells_of_part
-from .layer import COLORS, NORMALS, POSITIONS, RADII, Layer
-from .level_steps import ATTRIBUTE, LevelProgress, ModelInfo, box_around
+from .layer import ATTRIBUTE, COLORS, NORMALS, POSITIONS, RADII, Layer
+from .level_steps import LevelProgress, ModelInfo, points_of
 from .levels import Steps, make_columns, median_of, write_all_levels
 from .trees import bounds_about
-from .work import Facts, Work
-
-Span = tuple[float, float]
+from .work import Facts, Span, Work, within
 
 
 @dataclass(frozen=True)
@@ -82,7 +79,7 @@ def write_loose_levels(
 
     def shape(layer: Layer, cell: float, written: list[LevelProgress | None], span: Span) -> list[Facts]:
         do = partial(_write_loose_level, layer, loose, cell, named, written)
-        return work.each(f"level-{layer.number}-tree", do, (span[0] + 0.5 * (span[1] - span[0]), span[1]))
+        return work.each(f"level-{layer.number}-tree", do, within(span, 0.5, 1.0))
 
     median, others = surface
     cell = spacing_in(loose, work.columns) if median is None else median
@@ -98,24 +95,18 @@ def spacing_in(loose: LooseParts, columns: Columns) -> float:
 
 def coarsen_loose_part(fine: Layer, coarse: Layer, grid: Grid, categories: list[str], part: int) -> Facts:
     """Write the scattered points of a part's next level, see `coarsen_part`."""
-    if not fine.sizes[part]:
+    cells = cells_of_part(fine, grid, part, sides=False)
+    if cells is None:
         return {"size": 0}
-    rows, groups = cells_of_part(fine, grid, part, sides=False)
-    if len(groups.starts) == 1:  # all cells belong to earlier parts
-        return {"size": 0}
+    rows, groups = cells
     names = [name for name in fine.sources if name.startswith(ATTRIBUTE)]
     attributes = {name: fine.read(name, rows) for name in names}
     columns = fine.read(POSITIONS, rows), fine.read(NORMALS, rows), fine.find(COLORS, rows), attributes
     some = ScatteredPoints(Points.about(np.zeros(3), *columns), fine.read(RADII, rows))
     found = coarsen_scattered(some, grid.cell, groups, categories)
     points = found.points
-    named: dict[str, NDArray[Any] | None] = {POSITIONS: points.positions, NORMALS: points.normals, RADII: found.radii}
-    named |= {COLORS: points.colors, **points.attributes}
-    for name, values in named.items():
-        if values is not None:
-            coarse.write(name, part, values)
-    coarse.write_boxes(part, points.positions)
-    return {"size": len(points), **box_around(points.positions)}
+    named = {POSITIONS: points.positions, NORMALS: points.normals, RADII: found.radii, COLORS: points.colors}
+    return coarse.write_all(part, {**named, **points.attributes})
 
 
 def _write_loose_level(
@@ -126,12 +117,10 @@ def _write_loose_level(
     if before is None or own.start == own.stop:
         return {"file": None}
     splats = _splats(layer, own, np.arange(own.stop - own.start, dtype=np.int32))
-    attributes = {name: layer.read(f"{ATTRIBUTE}{k}", own) for k, name in enumerate(named.attributes)}
-    columns = splats.positions, splats.normals, splats.colors, attributes, named.georeference
-    points = Points.about(named.origin, *columns)
+    points = points_of(layer, own, named)
     drawing = ScatteredPoints(points, splats.radii).drawing(loose.drawing.scatter, cell)
     tree = _tree_of(splats, drawing)
-    settings = {**check_settings("paper", LEVEL_SAMPLES, 1, "auto")._asdict(), "smooth": 0.0, **drawing.facts}
+    settings = {**LEVEL_SETTINGS._asdict(), "smooth": 0.0, **drawing.facts}
     level = Level(settings, points, splats.radii, points.bounds, tree)
     file = write_level(named.folder, named.id, loose.first_part + part, before.levels + 1, level)
     reach = find_surface_bounds(tree)

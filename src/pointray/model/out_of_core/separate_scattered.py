@@ -26,7 +26,7 @@ from ...surface.splats.scattered.spheres import Drawing, shapes_of
 from .arrange import CHUNK, SORTED
 from .local import Local
 from .stages import Cloud, ordering_of
-from .work import Facts, Work
+from .work import Facts, Span, Work, within
 
 # Columns: row of each point in the files; whether it is scattered; radius and direction if it is.
 ROW, APART, SPHERES, DIRECTIONS = "row", "apart", "sphere-radii", "sphere-directions"
@@ -35,7 +35,6 @@ BY_ROW = "by-row"  # column of the surface's points, in ranges of rows that are 
 SEPARATED = "separated"
 FOUND, SHAPED = 0.5, 0.8  # progress
 
-Span = tuple[float, float]
 Floats = NDArray[np.float32]
 
 
@@ -85,9 +84,10 @@ def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, s
     columns, drawing = work.columns, shaping.drawing
     known = columns.get(SEPARATED)
     if known is None:
-        first, second = (span[0] + share * (span[1] - span[0]) for share in (FOUND, SHAPED))
         work.make_column(APART, np.int8)
-        found = [fact["scattered"] for fact in work.each("apart", partial(_find, work, cloud), (span[0], first))]
+        found = [
+            fact["scattered"] for fact in work.each("apart", partial(_find, work, cloud), within(span, 0.0, FOUND))
+        ]
         count, is_shown = sum(found), drawing.scatter != "none"
         if count == cloud.total and not is_shown:
             raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
@@ -95,9 +95,9 @@ def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, s
             statistics = work.statistics_for("shapes", partial(shaping.find, cloud))
             work.make_column(SPHERES, np.float32)
             work.make_column(DIRECTIONS, np.float32, 3)
-            work.each("shapes", partial(_shape, work, cloud, shaping, statistics), (first, second))
+            work.each("shapes", partial(_shape, work, cloud, shaping, statistics), within(span, FOUND, SHAPED))
         if count:
-            _put_apart(work, cloud.total, names, is_shown, (second, span[1]))
+            _put_apart(work, cloud.total, names, is_shown, within(span, SHAPED, 1.0))
         known = {"surface": cloud.total - count, "loose": count if is_shown else 0}
         columns.put(SEPARATED, known)
     return known["surface"], known["loose"]
@@ -120,7 +120,7 @@ def _find(work: Work, cloud: Cloud, part: int) -> Facts:
 
 def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatistics, part: int) -> None:
     """Write radii and directions of the scattered points of a part."""
-    apart = work.columns[APART][work.part_rows(part)] != 0
+    apart = work.read(APART, part) != 0
     if not apart.any():
         return
     local = work.local(part)
@@ -128,8 +128,7 @@ def _shape(work: Work, cloud: Cloud, shaping: Shaping, statistics: CloudStatisti
     mask[local.own[apart]] = True
     radii, directions = shaping.find(cloud, local, statistics, mask)
     check_size(radii[mask])
-    local.write(work.columns[SPHERES], radii)
-    local.write(work.columns[DIRECTIONS], directions)
+    local.write_all(work.columns, {SPHERES: radii, DIRECTIONS: directions})
 
 
 def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, span: Span) -> None:
@@ -144,8 +143,7 @@ def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, spa
             source = columns[name]
             out = loose.make(short, source.dtype, source.width)
             for part in range(work.parts if is_shown else 0):
-                rows = work.part_rows(part)
-                out.append(source[rows][columns[APART][rows] != 0])
+                out.append(work.read(name, part)[work.read(APART, part) != 0])
             loose.sync()
             if name not in shapes:
                 _put_back(work, total, name, surface)
@@ -157,14 +155,13 @@ def _put_apart(work: Work, total: int, names: Sequence[str], is_shown: bool, spa
 def _put_back(work: Work, total: int, name: str, surface: Columns) -> None:
     """Write a column of the surface's points in file order, as ranges of rows that are then sorted."""
     columns, size = work.columns, work.size
-    source, apart, numbers = columns[name], columns[APART], columns[f"{SORTED}{ROW}"]
+    source = columns[name]
     between = surface.make(BY_ROW, source.dtype, source.width, total)
     places = surface.make(f"{BY_ROW}-{ROW}", np.int32, 0, total)
     counts = np.zeros(-(-total // size), np.int64)
     for part in range(work.parts):
-        part_rows = work.part_rows(part)
-        mine = np.flatnonzero(apart[part_rows] == 0)
-        rows, values = numbers[part_rows][mine], source[part_rows][mine]
+        mine = np.flatnonzero(work.read(APART, part) == 0)
+        rows, values = work.read(f"{SORTED}{ROW}", part)[mine], work.read(name, part)[mine]
         order = np.argsort(rows)
         rows, values = rows[order], values[order]
         ends = np.searchsorted(rows, np.arange(1, len(counts) + 1) * size)

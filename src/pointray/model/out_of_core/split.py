@@ -5,32 +5,39 @@ from __future__ import annotations
 import os
 import secrets
 import shutil
-from functools import partial
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from ...base.arguments import check_callback, check_flag, check_path, check_whole
 from ...base.atomic_write import check_writable
 from ...base.disk_columns import Columns
-from ...base.progress import Progress, StageProgress, in_stage, part_of, report_progress
+from ...base.progress import Progress, StageProgress, in_stage, part_of
 from ...cloud.points import Points
 from ...surface.tree.build import Splats
 from ...surface.tree.parts import splats_of, surface_of
 from ...surface.tree.scattered import scattered_of
 from ..model import Model
-from ..model_folder import INDEX, Index, PartFile, write_index, write_points
-from . import layer
-from .layer import Layer
-from .level_steps import ATTRIBUTE, ModelInfo
-from .levels import write_levels
-from .scattered_parts import LooseParts, write_loose_levels, write_loose_part
-from .trees import Trees, cells_of, least_size, write_trees
+from ..model_folder import INDEX
+from .finish import WrittenParts, finish, finish_loose, finish_surface
+from .layer import (
+    ATTRIBUTE,
+    BORDERS,
+    COLORS,
+    GIVEN_NORMALS,
+    GIVEN_POSITIONS,
+    NOISE,
+    NORMALS,
+    POSITIONS,
+    RADII,
+    SHEETS,
+    Layer,
+    finest_layer,
+)
+from .level_steps import ModelInfo
+from .separate_scattered import LOOSE, SURFACE
+from .trees import least_size
 from .work import Work
 
-POINTS, TREES = 0.2, 0.6  # progress after the points, and after the trees of the surface
-LEVELS, LOOSE = "levels", "loose"  # subfolders for intermediate data of levels of detail
+POINTS = 0.8  # progress after which the points are written
 PART = 1 << 22  # default number of points of a part
 
 
@@ -92,74 +99,39 @@ def split(
 
 def _write(model: Model, folder: Path, wanted: int, leveled: bool, progress: Progress | None) -> None:
     """Write all files of a folder, the index last."""
-    surface, found = splats_of(surface_of(model.tree), model.radii), scattered_of(model.tree, model.radii)
-    count, apart = len(surface.rows), 0 if found is None else len(found.rows)
-    rows = surface.rows if found is None else np.concatenate([surface.rows, found.rows])
-    radii = surface.radii if found is None else np.concatenate([surface.radii, found.radii])
-    points = model.points.select(rows)
-    size, id = max(1 << (wanted.bit_length() - 1), least_size(max(count, 1))), secrets.token_hex(8)
-    sizes = write_points(folder, id, points, radii, partial(report_progress, part_of(progress, 0.0, POINTS)))
-    about = ModelInfo(folder, id, points.origin, points.georeference, list(points.attributes))
-    ends = np.array([0.0, count / len(rows), 1.0]) * (1.0 - POINTS) + POINTS
-    files: list[PartFile] = []
-    median, longest, supports = None, 0.0, []
+    surface, scattered = splats_of(surface_of(model.tree), model.radii), scattered_of(model.tree, model.radii)
+    count, apart = len(surface.rows), 0 if scattered is None else len(scattered.rows)
+    points, size = model.points, max(1 << (wanted.bit_length() - 1), least_size(max(count, 1)))
+    named = ModelInfo(folder, secrets.token_hex(8), points.origin, points.georeference, list(points.attributes))
+    middle = count / (count + apart) * POINTS
+    all_written: list[WrittenParts] = []
     if count:
-        mine = points.select(np.arange(count))
-        median = float(np.median(surface.radii))
-        surface = surface._replace(rows=np.arange(count, dtype=np.int32))
-        trees = _write_surface(about, mine, surface, size, model, leveled, part_of(progress, ends[0], ends[1]))
-        files, longest, supports = trees.parts, trees.longest, [trees.plan.supports.astype(float).tolist()]
-    if found is not None:
-        layer = _layer_of(folder / LOOSE, size, found, points.select(np.arange(count, len(rows))))
-        loose = LooseParts(layer, model.drawing, len(files), count)
-        more, boxes = _write_loose(about, loose, (median, files), leveled, part_of(progress, ends[1], ends[2]))
-        files, supports = [*files, *more], [*supports, *boxes]
+        work = Work(Columns(folder / SURFACE), count, size, progress)
+        layer = _layer_of(work, surface, points)
+        all_written.append(finish_surface(named, work, layer, model.settings, leveled, (0.0, middle)))
+    if scattered is not None:
+        work, before = Work(Columns(folder / LOOSE), apart, size, progress), all_written[0] if count else None
+        layer = _layer_of(work, scattered, points)
+        all_written.append(finish_loose(named, work, layer, model.drawing, before, leveled, (middle, POINTS)))
+    for name in (SURFACE, LOOSE):
+        shutil.rmtree(folder / name, ignore_errors=True)
     settings = {**model.settings._asdict(), "smooth": model.smooth, **model.drawing.facts}
-    box = [*np.min(supports, axis=0)[:3].tolist(), *np.max(supports, axis=0)[3:].tolist()]
-    facts = model.points.georeference.facts
-    write_index(folder, Index(id, settings, facts, model.bounds.tolist(), box, longest, *sizes, files, apart))
+    finish(named, all_written, settings, apart, part_of(progress, POINTS, 1.0), model.bounds.tolist())
 
 
-def _write_surface(
-    about: ModelInfo, points: Points, splats: Splats, size: int, model: Model, leveled: bool, progress: Progress | None
-) -> Trees:
-    """Write the parts of the surface."""
-    grown = part_of(progress, 0.0, TREES if leveled else 1.0)
-    trees = write_trees(about.folder, about.id, points, splats, size, model.settings, grown)
-    if not leveled:
-        return trees
-    layer = _layer_of(about.folder / LEVELS, size, splats, points)
-    work = Work(layer.columns, len(points), size, progress)
-    files = write_levels(work, layer, about, cells_of(trees.plan), trees.parts, (TREES, 1.0))
-    shutil.rmtree(layer.columns.folder)
-    return trees._replace(parts=files)
-
-
-def _write_loose(
-    about: ModelInfo,
-    loose: LooseParts,
-    surface: tuple[float | None, list[PartFile]],
-    leveled: bool,
-    progress: Progress | None,
-) -> tuple[list[PartFile], list[list[float]]]:
-    """Write the parts of scattered points; return their index entries, and the bounds of their spheres."""
-    layer, facts = loose.layer, []
-    for part in range(len(layer.sizes)):
-        facts.append(write_loose_part(about, loose, part))
-        report_progress(progress, 0.5 * (part + 1) / len(layer.sizes))
-    files = [PartFile.of(fact["file"]) for fact in facts]
-    if leveled:
-        work = Work(layer.columns, layer.total, int(layer.sizes[0]), progress)
-        files = write_loose_levels(work, loose, about, surface, files, (0.5, 1.0))
-    shutil.rmtree(layer.columns.folder)
-    return files, [fact["supports"] for fact in facts]
-
-
-def _layer_of(folder: Path, size: int, splats: Splats, points: Points) -> Layer:
-    """Return splats as the finest layer of levels of detail."""
-    named: dict[str, Any] = {layer.POSITIONS: splats.positions, layer.NORMALS: splats.normals}
-    named |= {layer.RADII: splats.radii, layer.NOISE: splats.noise, layer.COLORS: points.colors}
-    named |= {f"{ATTRIBUTE}{k}": values for k, values in enumerate(points.attributes.values())}
-    sources = {name: array for name, array in named.items() if array is not None}
-    sizes = np.diff(np.append(np.arange(0, len(points), size), len(points)))
-    return Layer(0, Columns(folder), sizes, sizes, sources)
+def _layer_of(work: Work, splats: Splats, points: Points) -> Layer:
+    """Return splats as the finest layer of levels of detail. points : all points of the model"""
+    points = points.select(splats.rows)
+    sources = {
+        POSITIONS: splats.positions,
+        NORMALS: splats.normals,
+        RADII: splats.radii,
+        NOISE: splats.noise,
+        BORDERS: splats.borders,
+        SHEETS: splats.sheets,
+        GIVEN_POSITIONS: points.positions,
+        GIVEN_NORMALS: points.normals,
+        COLORS: points.colors,
+        **{f"{ATTRIBUTE}{k}": values for k, values in enumerate(points.attributes.values())},
+    }
+    return finest_layer(work, sources)

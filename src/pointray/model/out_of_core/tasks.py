@@ -60,20 +60,14 @@ def measure_noise(work: Work, cloud: Cloud, part: int) -> Facts:
 
 def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts:
     """Write the surface positions, normals and noise of a part."""
-    local, columns = work.local(part), work.columns
+    local = work.local(part)
     sigma, ranges, statistics = measure
     found = place(cloud, local, sigma, ranges) if statistics is None else fit(cloud, local, sigma, ranges, statistics)
-    local.write(columns[PLACED], found.positions)
-    local.write(columns[NORMALS], found.normals)
-    if found.noise is not None:
-        local.write(columns[NOISE], found.noise)
-    for name, values in zip(PLANES, found.planes or (), strict=False):
-        local.write(columns[name], values)
-    if found.known is not None:
-        local.write(columns[KNOWN], found.known)
+    named = {PLACED: found.positions, NORMALS: found.normals, NOISE: found.noise, KNOWN: found.known}
+    planes = dict(zip(PLANES, found.planes or (), strict=False))
+    local.write_all(work.columns, {**named, **planes, THICK: found.thick})
     facts: Facts = {"is_noisy": found.noise is not None, "has_planes": found.planes is not None}
     if found.thick is not None:
-        local.write(columns[THICK], found.thick)
         own = found.positions[local.own]
         facts |= {"thick": int(found.thick[local.own].sum()), "low": own.min(axis=0).tolist()}
         facts |= {"high": own.max(axis=0).tolist()}
@@ -82,14 +76,10 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
 
 def find_supports(work: Work, cloud: Cloud, supporting: Supporting, statistics: CloudStatistics, part: int) -> Facts:
     """Write the supports of a part."""
-    local, columns = work.local(part), work.columns
+    local = work.local(part)
     found = supporting.find(cloud, local, statistics)
     check_size(found.radii)
-    local.write(columns[RADII], found.radii)
-    if found.borders is not None:
-        local.write(columns[BORDERS], found.borders)
-    if found.sheets is not None:
-        local.write(columns[SHEETS], found.sheets)
+    local.write_all(work.columns, {RADII: found.radii, BORDERS: found.borders, SHEETS: found.sheets})
     return {
         "borders": found.borders is not None,
         "sheets": found.sheets is not None and bool(found.sheets[local.own].any()),

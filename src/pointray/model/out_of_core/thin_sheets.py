@@ -28,10 +28,10 @@ from ...cloud.normals.sheets import (
     step_of,
 )
 from ...cloud.normals.winding import TILE, Frame, Splats, Winding, roots_of, spacings, top_of
-from .facing import Span, near_in
+from .facing import near_in
 from .local import Local, runs_of
 from .stages import FACED, PARTED, PLACED, THICK, Cloud
-from .work import Facts, Work
+from .work import Facts, Span, Work
 
 # Columns: square root of each point's area; whether a ring has found it, in its own part or from another part; gain of
 # its numbers; whether it is flipped at first, undecided by numbers, flipped back, flipped by its edges.
@@ -130,11 +130,10 @@ class ThinSheets:
 
     def _measure(self, part: int) -> None:
         """Write the spacings of a part."""
-        local, columns = self._work.local(part), self._work.columns
-        core = slice(int(local.own[0]), int(local.own[-1]) + 1)
-        positions = self._frame.of(local.read(columns[PLACED]))
-        found = spacings(positions, near_in(self._cloud, local, core, NEAR), core.start)
-        columns[SPACING].write(self._work.part_rows(part).start, found)
+        local = self._work.local(part)
+        positions = self._frame.of(local.read(self._work.columns[PLACED]))
+        near = near_in(self._cloud, local, local.core, NEAR)
+        self._work.write(SPACING, part, spacings(positions, near, local.core.start))
 
     def _read(self, field: Field, tiles: Rows) -> Splats:
         """Return the splats of some tiles."""
@@ -164,10 +163,9 @@ class ThinSheets:
 
     def _ring(self, field: Field, ring: int, part: int) -> Rows:
         """Mark a part's own points around those whose numbers do not add up to 1; return those in other parts."""
-        columns, part_rows = self._work.columns, self._work.part_rows(part)
-        before = self._suspects(part, ring)
+        part_rows, before = self._work.part_rows(part), self._suspects(part, ring)
         if ring == 0:
-            thick, earlier = np.flatnonzero(columns[THICK][part_rows]), sum(self._thick[:part])
+            thick, earlier = np.flatnonzero(self._work.read(THICK, part)), sum(self._thick[:part])
             step = step_of(sum(self._thick), self._cloud.total)
             rows = thick[-earlier % step :: step]
         else:
@@ -176,9 +174,7 @@ class ThinSheets:
         around = self._neighborhood(part, rows)
         beside = around.local.rows[np.unique(around.near[around.rows])]
         is_own = (beside >= part_rows.start) & (beside < part_rows.stop)
-        found = np.zeros(len(before), np.int8)
-        found[beside[is_own] - part_rows.start] = 1
-        columns[f"{FOUND}-{ring}"].write(part_rows.start, found)
+        self._write_flags(f"{FOUND}-{ring}", part, beside[is_own] - part_rows.start)
         return np.asarray(beside[~is_own])
 
     def _mark(self, ring: int, rows: Sequence[Rows]) -> None:
@@ -189,10 +185,9 @@ class ThinSheets:
 
     def _suspects(self, part: int, rings: int = RINGS) -> Flags:
         """Return which of a part's points some rings have found."""
-        part_rows = self._work.part_rows(part)
-        found = np.zeros(part_rows.stop - part_rows.start, np.bool_)
+        found = self._zeros(part, np.bool_)
         for name in _ring_columns(rings):
-            found |= self._work.columns[name][part_rows] != 0
+            found |= self._work.read(name, part) != 0
         return found
 
     def _neighborhood(self, part: int, rows: Rows) -> Around:
@@ -206,49 +201,50 @@ class ThinSheets:
 
     def _turn(self, field: Field, part: int) -> bool:
         """Write which suspects are flipped; return whether there are any suspects."""
-        columns, part_rows = self._work.columns, self._work.part_rows(part)
         rows = np.flatnonzero(self._suspects(part))
-        numbers = self._around(field, rows + part_rows.start)
-        columns.fill(f"{NUMBERS}-{part:04d}", numbers)
+        numbers = self._around(field, rows + self._work.part_rows(part).start)
+        self._work.columns.fill(f"{NUMBERS}-{part:04d}", numbers)
         _, mine, positions, normals, near = self._neighborhood(part, rows)
         self._write_flags(TURNS, part, rows[is_wrong(mine, numbers, positions, normals, near)])
         return len(rows) > 0
 
     def _weigh(self, field: Field, part: int) -> None:
         """Write the gain of the suspects, and which are undecided."""
-        columns, part_rows = self._work.columns, self._work.part_rows(part)
-        gain, rows = np.zeros(part_rows.stop - part_rows.start, np.float32), np.flatnonzero(self._suspects(part))
-        before, after = columns[f"{NUMBERS}-{part:04d}"][:], self._around(field, rows + part_rows.start)
+        gain, rows = self._zeros(part, np.float32), np.flatnonzero(self._suspects(part))
+        before = self._work.columns[f"{NUMBERS}-{part:04d}"][:]
+        after = self._around(field, rows + self._work.part_rows(part).start)
         gain[rows] = energy(before) - energy(after)
-        columns[GAIN].write(part_rows.start, gain)
+        self._work.write(GAIN, part, gain)
         self._write_flags(UNSURE, part, rows[is_unsure(before, after)])
 
     def _turn_back(self, part: int) -> None:
         """Write which are flipped back because they gained nothing."""
-        columns = self._work.columns
-        turned = np.flatnonzero(columns[TURNS][self._work.part_rows(part)])
+        turned = np.flatnonzero(self._work.read(TURNS, part))
         local, mine, _, _, near = self._neighborhood(part, turned)
-        self._write_flags(BACK, part, turned[local.read(columns[GAIN])[near[mine]].sum(axis=1) <= 0])
+        self._write_flags(BACK, part, turned[local.read(self._work.columns[GAIN])[near[mine]].sum(axis=1) <= 0])
 
     def _vote(self, part: int) -> None:
         """Write which of the undecided points are flipped by their edges."""
-        columns, part_rows = self._work.columns, self._work.part_rows(part)
-        unsure = np.flatnonzero(columns[UNSURE][part_rows] | columns[BACK][part_rows])
+        columns = self._work.columns
+        unsure = np.flatnonzero(self._work.read(UNSURE, part) | self._work.read(BACK, part))
         local, mine, positions, normals, near = self._neighborhood(part, unsure)
         normals *= _signs(local.read(columns[TURNS]) ^ local.read(columns[BACK]))
         self._write_flags(VOTED, part, unsure[disagrees(mine, positions, normals, near)])
 
     def _write_flags(self, name: str, part: int, rows: Rows) -> None:
         """Write 1 for some of a part's points, and 0 for the others."""
-        part_rows = self._work.part_rows(part)
-        flags = np.zeros(part_rows.stop - part_rows.start, np.int8)
+        flags = self._zeros(part, np.int8)
         flags[rows] = 1
-        self._work.columns[name].write(part_rows.start, flags)
+        self._work.write(name, part, flags)
+
+    def _zeros(self, part: int, dtype: Any) -> NDArray[Any]:
+        """Return a zero for each point of a part."""
+        part_rows = self._work.part_rows(part)
+        return np.zeros(part_rows.stop - part_rows.start, dtype)
 
     def _write(self, part: int) -> None:
-        columns, part_rows = self._work.columns, self._work.part_rows(part)
-        turns = columns[TURNS][part_rows] ^ columns[BACK][part_rows] ^ columns[VOTED][part_rows]
-        columns[PARTED].write(part_rows.start, columns[FACED][part_rows] * _signs(turns))
+        turns, back, voted = (self._work.read(name, part) for name in (TURNS, BACK, VOTED))
+        self._work.write(PARTED, part, self._work.read(FACED, part) * _signs(turns ^ back ^ voted))
 
 
 def _rows(column: Any, runs: list[slice]) -> NDArray[Any]:

@@ -8,23 +8,19 @@ single model.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.progress import Progress, report_progress
-from ...cloud.points import Points
 from ...cloud.statistics import quantize
-from ...engine.kernels.tree import BLOCK, CELL, LEAF, LONGEST, RADIUS, Tree
+from ...engine.kernels.tree import BLOCK, CELL, LEAF, RADIUS, Tree
 from ...surface.tree.blocks import PER_BLOCK, make_blocks
 from ...surface.tree.build import Splats, WholeModel, bounds_of, build_tree
 from ...surface.tree.leaves import longest_step
 from ...surface.tree.parts import without_unused
 from ...surface.tree.settings import TreeSettings
 from ...surface.tree.top import PER_GROUP, Groups, cells_of_parts, cut_top, groups_of, groups_per_root, top_of_part
-from ..model_folder import PartFile, write_part
 
 GROUP = PER_BLOCK * PER_GROUP  # splats
 # Radii. Of a statue in 8 parts, every second one a level coarser, 44 of 3,500 lit pixels are dark without a margin; 10,
@@ -48,52 +44,9 @@ class Plan(NamedTuple):
     reference: float
 
 
-class Trees(NamedTuple):
-    """Result of `write_trees`.
-
-    plan : shared values; longest : longest sampling step in any leaf
-    """
-
-    parts: list[PartFile]
-    plan: Plan
-    longest: float
-
-
 def least_size(count: int) -> int:
     """Return the least number of splats of a part, a power of two."""
     return GROUP * groups_per_root(-(-count // GROUP))
-
-
-def write_trees(
-    folder: Path,
-    id: str,
-    points: Points,
-    splats: Splats,
-    size: int,
-    settings: TreeSettings,
-    progress: Progress | None = None,
-) -> Trees:
-    """Write the files of all parts.
-
-    Parameters
-    ----------
-    points : Points
-        One row per splat.
-    splats : Splats
-        In kd order.
-    size : int
-        Splats of a part, a power of two, at least `least_size`.
-    """
-    parts = range(-(-len(splats.radii) // size))
-    plan = plan_of([shown(splats, size, part) for part in parts], splats.radii, size)
-    files, longest = [], 0.0
-    for part in parts:
-        tree = tree_of(splats, plan, part, settings)
-        longest = max(longest, float(tree.head[LONGEST]))
-        here = points.positions[part * size : (part + 1) * size]
-        files.append(write_part(folder, id, part, len(here), bounds_about(here, points.origin), tree))
-        report_progress(progress, (part + 1) / len(parts))
-    return Trees(files, plan, longest)
 
 
 def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.float32]]:
@@ -108,7 +61,7 @@ def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: i
     groups = Groups(*(np.concatenate(arrays) for arrays in zip(*(groups for groups, _ in parts), strict=True)))
     starts = range(0, len(radii), size)
     reference = nth_least(lambda: (radii[start : start + size] for start in starts), len(radii) // 50)
-    return Plan(size, groups, _around([bounds for _, bounds in parts]), quantize(reference, is_limit=True))
+    return Plan(size, groups, box_around(np.array([bounds for _, bounds in parts])), quantize(reference, is_limit=True))
 
 
 def tree_of(splats: Splats, plan: Plan, part: int, settings: TreeSettings) -> Tree:
@@ -165,10 +118,9 @@ def part_of(splats: Splats, rows: slice | NDArray[np.int64]) -> Splats:
     return Splats(*arrays)
 
 
-def _around(boxes: list[NDArray[np.float32]]) -> NDArray[np.float32]:
-    """Return the bounding box of boxes, (6,)."""
-    each = np.array(boxes)
-    return np.concatenate([each[:, :3].min(axis=0), each[:, 3:].max(axis=0)])
+def box_around(boxes: NDArray[Any]) -> NDArray[Any]:
+    """Return the bounding box, (6,), of boxes (n, 6)."""
+    return np.concatenate([boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)])
 
 
 def nth_least(read: Callable[[], Iterable[NDArray[np.float32]]], n: int) -> float:

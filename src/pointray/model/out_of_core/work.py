@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...base.disk_columns import Column, Columns, refresh_listing
 from ...base.executor import LocalTasks, TaskExecutor
@@ -22,6 +23,7 @@ from .arrange import TILE
 from .local import Local, local_of, points_of
 
 Facts = dict[str, Any]
+Span = tuple[float, float]  # begin and end of a stage, as fractions of all work
 Result = TypeVar("Result")
 
 
@@ -84,27 +86,33 @@ class Work:
         self.columns.put(made, {})
         return column
 
+    def read(self, name: str, part: int) -> NDArray[Any]:
+        """Return the rows of a part in a column."""
+        return self.columns[name][self.part_rows(part)]
+
+    def write(self, name: str, part: int, values: NDArray[Any]) -> None:
+        """Write the rows of a part to a column."""
+        self.columns[name].write(self.part_rows(part).start, values)
+
     def local(self, part: int) -> Local:
         """Return the points of a part with its margin, which is computed once."""
         tiles, name = np.arange(part * self.size, self.part_rows(part).stop, TILE) // TILE, f"margin-{part:04d}"
-        known = self.columns.get(name)
-        if known is not None:
-            return points_of(np.array(known["tiles"], np.int64), tiles, self._total)
-        local = local_of(self.columns, tiles, self._total)
-        self.columns.put(name, {"tiles": local.tiles.tolist()})
-        return local
+        known = self.columns.get_or_put(
+            name, lambda: {"tiles": local_of(self.columns, tiles, self._total).tiles.tolist()}
+        )
+        return points_of(np.array(known["tiles"], np.int64), tiles, self._total)
 
     def statistics_for(self, stage: str, compute: Callable[[Local, CloudStatistics], Any]) -> CloudStatistics:
         """Return the statistics that a stage needs of the whole cloud, computed on the sample and cached."""
-        known = self.columns.get(f"usual-{stage}")
-        if known is None:
-            ranges = sample_of(self._total)
-            tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in ranges])
+
+        def on_sample() -> dict[str, float]:
+            tiles = np.concatenate([np.arange(one.start, one.stop, TILE) // TILE for one in sample_of(self._total)])
             local = local_of(self.columns, tiles, self._total)
             statistics = SampledStatistics(local.own)
             compute(local, statistics)
-            known = statistics.known
-            self.columns.put(f"usual-{stage}", known)
+            return statistics.known
+
+        known = self.columns.get_or_put(f"usual-{stage}", on_sample)
         return CloudStatistics(None, known, is_complete=True)
 
     def all(self, do: Callable[[int], Result], span: tuple[float, float], name: str = "signs") -> list[Result]:
@@ -133,6 +141,12 @@ class Work:
             report_progress(report, done / self.parts)
             yield one
         self._tasks.refresh(self.columns.folder)
+
+
+def within(span: Span, begin: float, end: float) -> Span:
+    """Return the part of a span between two fractions of it."""
+    length = span[1] - span[0]
+    return span[0] + begin * length, span[0] + end * length
 
 
 def _mark(stage: str, part: int) -> str:
