@@ -137,7 +137,7 @@ def test_no_gap_is_overlooked(name):
     assert found.gap[gaps].all()
 
 
-def test_gaps_are_searched_at_few_points():
+def test_few_points_of_a_sphere_may_have_gaps():
     assert table_and_neighborhood("sphere")[3].gap.mean() < 0.1
 
 

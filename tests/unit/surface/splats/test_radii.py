@@ -24,7 +24,7 @@ def survey(positions, normals=None):
     """Return radii and borders of distinct points. The default normals are those of a sphere."""
     positions = np.asarray(positions, np.float32)
     normals = positions / np.linalg.norm(positions, axis=1, keepdims=True) if normals is None else normals
-    normals = np.array(np.broadcast_to(normals, positions.shape), np.float32)  # read-only arrays have another type in Numba
+    normals = np.array(np.broadcast_to(normals, positions.shape), np.float32)  # read-only arrays have another type
     return choose_radii(positions, normals)[:2]
 
 
@@ -277,7 +277,7 @@ def test_radii_beyond_float32_are_refused(size):
         pr.Model(pr.procedural("sphere", 1000), np.full(1000, size))
 
 
-def test_dense_clusters_at_one_place_are_thinned():
+def test_many_coincident_points_are_thinned():
     points = pr.procedural("sphere", 2000)
     x = np.concatenate([np.repeat(points.positions[:1], 200_000, axis=0), points.positions])
     with pytest.warns(UserWarning, match="199,985 points left out: 16 others have the same position"):

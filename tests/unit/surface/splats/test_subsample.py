@@ -252,7 +252,7 @@ def test_invalid_options_are_refused(options, words):
         pr.subsample(SPHERE, **options)
 
 
-def test_coincident_points_are_subsampled():
+def test_coincident_points_are_refused():
     with pytest.raises(ValueError, match="same position"):
         pr.subsample(pr.Points(np.ones((9, 3)), np.ones((9, 3))), 0.1)
 

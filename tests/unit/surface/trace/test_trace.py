@@ -171,7 +171,7 @@ def test_coordinates_of_ten_million_keep_millimetres():
     assert np.quantile(np.abs(a.t[both] - b.t[both]), 0.99) < 1e-5
 
 
-def test_refine_and_samples_have_an_effect():
+def test_refinement_reduces_the_error_of_hits():
     errors = {}
     for refine in (0, 1):
         scene, _ = scene_of("sphere", 5_000, surface="apss", refine=refine)
@@ -220,7 +220,7 @@ def test_rays_from_hits_do_not_depend_on_their_tile(name, rng):
         assert np.abs(t[order][both] - other[both]).max() < 1e-3 * radius
 
 
-def test_invalid_rays_miss_and_stray_points_are_hit():
+def test_invalid_and_extreme_rays_are_handled():
     scene = pr.Scene()
     scene.add(pr.Plane((0, 0, 0), (-1, 0, 0)))
     assert not np.isfinite(scene.intersect([5, 5, 5], [[np.nan, 0, 1], [0, 0, 0]]).t).any()

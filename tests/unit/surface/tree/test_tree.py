@@ -193,7 +193,7 @@ def narrow_voxels(tree):
 
 
 def empty_a_leaf(tree):
-    """Remove a leaf from its parent, as if it had been proved empty."""
+    """Remove a leaf with its splats, as if it had been proved empty."""
     rows, children = tree.boxes.reshape(-1, 6, 8), tree.children.reshape(-1, 8)
     node, k = np.argwhere((children < 0) & (children > -(2**31)))[len(tree.leaves) // 32]
     tree.spans[2 * ~children[node, k] + 1] = 0
