@@ -1,4 +1,4 @@
-"""Which points a first picture frames: distant clusters, strays and repeated places do not decide it."""
+"""Points that the automatic view frames: distant clusters, strays and repeated positions are ignored."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_places_count_once(rng):
 
 
 def test_the_largest_group_is_framed_where_all_would_be_dots(rng):
-    """Bodies so small and far apart that their picture would be blank."""
+    """Bodies are so small and far apart that their picture would be blank."""
     bodies = [ball(rng, n, 0.001, center) for n, center in zip((300, 200, 250), rng.normal(size=(3, 3)), strict=True)]
     points = pr.Points(np.concatenate(bodies))
     with pytest.warns(UserWarning, match=r"would cover only 0\.\d% of the image: the largest cluster is framed"):
@@ -84,7 +84,7 @@ def test_the_largest_group_is_framed_where_all_would_be_dots(rng):
 
 @pytest.mark.parametrize("share", [0.025, 0.1])
 def test_a_sky_of_far_points_is_not_framed(rng, share):
-    """More than may be left out silently, and spread over the whole picture."""
+    """There are more than may be ignored silently, spread over the whole picture."""
     sky = rng.normal(size=(round(20_000 * share), 3))
     sky *= 500 / np.linalg.norm(sky, axis=1, keepdims=True)
     points = pr.Points(np.concatenate([ball(rng, 20_000), sky]))

@@ -1,4 +1,4 @@
-"""The contact shadow of an object that stands, beside a twin that intersects a sphere by formula, and plain loops."""
+"""Contact shadows of standing objects, compared with an analytic sphere and plain loops."""
 
 from dataclasses import replace
 
@@ -37,7 +37,7 @@ def shadow(ball, request):
 
 
 def blocked_by_sphere(origins, directions, middle, most):
-    """Whether rays meet a sphere of radius 1, from outside or from within, by the quadratic equation."""
+    """Return whether rays hit a sphere of radius 1, from outside or inside, by the quadratic equation."""
     offset = origins - middle
     b, c = (offset * directions).sum(axis=-1), (offset**2).sum(axis=-1) - 1
     root = b * b - c
@@ -45,7 +45,7 @@ def blocked_by_sphere(origins, directions, middle, most):
     return (root > 0) & (((near > 0) & (near < most)) | ((far > 0) & (far < most)))
 
 
-def test_the_grid_is_that_of_a_sphere_by_formula(shadow):
+def test_the_grid_equals_that_of_an_analytic_sphere(shadow):
     found, key = shadow
     np.testing.assert_allclose(found.middle, [3, 1, 1], atol=0.02)
     side = ((np.arange(CELLS) + 0.5) / CELLS * 2 - 1) * found.half
@@ -67,11 +67,11 @@ def test_the_shadow_is_dark_below_and_ends_before_the_edge(shadow):
     assert max(grid[[0, -1]].max(), grid[:, [0, -1]].max()) < 1e-3
     away = (grid.sum(axis=1) * np.arange(CELLS)).sum() / grid.sum() - (CELLS - 1) / 2
     sideways = shadow[0].axes[0] @ np.array(KEY)
-    assert abs(away) < 0.3 if key is None else away * sideways > 0  # it falls where the key light travels to
+    assert abs(away) < 0.3 if key is None else away * sideways > 0  # it falls away from the key light
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-def test_a_picture_shows_it_where_rays_meet_the_ground(shadow, projection):
+def test_a_picture_shows_the_shadow_where_rays_hit_the_ground(shadow, projection):
     found = shadow[0]
     camera = pr.Camera.look_at((7, -4, 4), (3, 1, 1.5), fov=50, size=(24, 18), projection=projection)
     alpha = found.for_camera(camera)
@@ -91,7 +91,7 @@ def test_a_picture_shows_it_where_rays_meet_the_ground(shadow, projection):
     assert alpha.max() > 0.3
 
 
-def test_it_is_not_seen_from_below_or_in_a_panorama(shadow):
+def test_the_shadow_is_not_shown_from_below_or_in_a_panorama(shadow):
     below = pr.Camera.look_at((7, -4, 0.5), (3, 1, 2))
     panorama = pr.Camera.look_at((7, -4, 4), (3, 1, 2), projection="panorama")
     assert panorama.record()[PROJECTION] != below.record()[PROJECTION]
@@ -113,7 +113,7 @@ def test_it_lies_under_the_picture(shadow, rng):
 
 
 def bowl(n, rng):
-    """Half a sphere that lies on its round side."""
+    """Return half a sphere that lies on its round side."""
     x = rng.normal(size=(n, 3))
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     x[:, 2] = -np.abs(x[:, 2])
@@ -164,7 +164,7 @@ def standing(tmp_path_factory):
 
 
 def shaded(path, camera, options):
-    """The share of a white background that is darker, around the scan."""
+    """Return the share of darkened white background around the scan."""
     levels = []
     for more in (options, ALPHA):
         out = path.with_suffix(".png")
@@ -192,12 +192,12 @@ WHITE = ("--background", "1,1,1")
         (("--elevation", "-20"), WHITE, 0, 0),
     ],
 )
-def test_commands_draw_it_where_there_is_a_backdrop_and_the_studio(standing, camera, options, least, most):
+def test_commands_draw_the_shadow_with_a_backdrop_and_studio_light(standing, camera, options, least, most):
     assert least <= shaded(standing, camera, options) <= most
 
 
 @pytest.mark.long
-def test_a_film_has_it(standing):
+def test_a_film_has_the_shadow(standing):
     folder = standing.parent / "film"
     arguments = ["--seconds", "0.1", "--fps", "20", "--size", "48x36", "--spp", "1", *WHITE]
     assert execute(["animate", str(standing), "-o", str(folder), *arguments]) == 0
@@ -205,7 +205,7 @@ def test_a_film_has_it(standing):
     assert len(frames) == 2 and all((frame[30:, :, :3] < 245).all(axis=-1).mean() > 0.05 for frame in frames)
 
 
-def test_the_viewer_finds_it_while_it_refines_and_shows_it_from_then_on():
+def test_the_viewer_computes_the_shadow_while_it_refines():
     model = pr.Model(pr.procedural("statue", 3_000))
     scene, contacts, asked = pr.Scene(), Contacts(), []
     scene.add(model)

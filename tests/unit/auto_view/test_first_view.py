@@ -53,7 +53,7 @@ def small_statue():
 
 
 def seen(camera, points):
-    """Positions of points in the picture, (2, n), from -1 to 1 across and upwards, and depths along the view, (n,)."""
+    """Return picture positions of points, (2, n) from -1 to 1 (right, up), and depths along the view, (n,)."""
     eye, forward, right, up = camera.record()[:12].reshape(4, 3)
     offset = points - eye
     depth = offset @ forward
@@ -62,7 +62,7 @@ def seen(camera, points):
 
 
 def filled(camera, points, stray=STRAY):
-    """The middle and half size of the box that the points fill in the picture."""
+    """Return the centre and half size of the points' box in the picture."""
     low, high = np.quantile(seen(camera, points)[0], [stray, 1 - stray], axis=1)
     return (low + high) / 2, (high - low) / 2
 
@@ -85,7 +85,7 @@ def test_points_fill_the_picture_and_are_in_its_middle(direction, size, projecti
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("free", [(0, 0, 0.7, 1), (0.5, 0.25, 1, 0.75), (0, 0, 1, 0.6)])
-def test_points_fill_what_is_free_of_the_picture(free, projection):
+def test_points_fill_the_free_part_of_the_picture(free, projection):
     points = statue(5_000)
     camera = frame_points(sample_of(points), (0.4, -1, 0.3), (0, 0, 1), Lens(35, (400, 300), projection), free)
     middle, half = filled(camera, points.positions)
@@ -115,7 +115,7 @@ def test_islands_of_strays_do_not_count_and_a_pair_of_bodies_does(rng):
     assert sparse.without_islands() is sparse
 
 
-def test_points_far_from_zero_are_framed_as_near_ones():
+def test_points_far_from_zero_are_framed_like_near_ones():
     points = statue(5_000)
     far = np.array([596_700.0, 5_243_700.0, 100.0])
     near = frame_points(sample_of(points), (0.4, -1, 0.3))
@@ -123,7 +123,7 @@ def test_points_far_from_zero_are_framed_as_near_ones():
     np.testing.assert_allclose(np.subtract(moved.eye, far), near.eye, atol=1e-3)
 
 
-def test_what_stands_in_a_scene_is_framed_where_it_stands():
+def test_instances_are_framed_at_their_place_in_the_scene():
     model = pr.Model(pr.procedural("torus", 2_000))
     scene = pr.Scene()
     for x in (0.0, 9.0):
@@ -136,7 +136,7 @@ def test_what_stands_in_a_scene_is_framed_where_it_stands():
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (1, 2, 3)])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-def test_what_turns_stays_in_the_picture(up, projection):
+def test_a_turntable_keeps_the_scan_in_the_picture(up, projection):
     points = statue(5_000)
     first = frame_turning(sample_of(points), direction_of(25, 18, up), up, Lens(35, (400, 300), projection))
     sides = np.array([np.abs(seen(camera, points.positions)[0]) for camera in pr.turntable(first, 24)])
@@ -148,7 +148,7 @@ def test_what_turns_stays_in_the_picture(up, projection):
 @pytest.mark.parametrize("fov", [35, 100])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_what_turns_turns_about_its_own_axis(projection, fov, rng):
-    """A cone seen from above has its middle away from its axis; the eye may also be among its points."""
+    """A cone seen from above has its centre off its axis; the eye may also be inside the cloud."""
     height, angle = 3 * np.sqrt(rng.random(20_000)), 2 * np.pi * rng.random(20_000)
     cone = np.stack([height * np.cos(angle) + 5, height * np.sin(angle), 3 - height], axis=1)
     first = frame_turning(
@@ -160,14 +160,14 @@ def test_what_turns_turns_about_its_own_axis(projection, fov, rng):
     assert np.abs([middle for middle, _ in sides]).max() < 0.03
 
 
-def test_a_zoomed_parallel_view_leaves_nothing_behind_the_eye():
+def test_a_zoomed_parallel_view_has_nothing_behind_the_eye():
     points = statue(5_000)
     wide, near = (pr.frame(points, projection="orthographic", zoom=zoom) for zoom in (1, 20))
     np.testing.assert_allclose(filled(near, points.positions)[1], 20 * filled(wide, points.positions)[1])
     assert seen(near, points.positions)[1].min() > 0
 
 
-def test_zoom_comes_nearer():
+def test_zoom_moves_the_eye_closer():
     points = pr.procedural("torus", 5_000)
     far, near = (pr.frame(points, zoom=zoom) for zoom in (1, 2))
     assert np.linalg.norm(np.subtract(near.eye, near.target)) == pytest.approx(
@@ -189,7 +189,7 @@ def test_scans_stand_upright(name, up):
     "name", ["stanford_bunny", *map(long, ("stanford_dragon", "stanford_lucy_50k", "nefertiti_50k"))]
 )
 @pytest.mark.parametrize("axis", ["y", "z"])
-def test_a_body_stands_whichever_of_the_usual_axes_is_up(name, axis):
+def test_a_body_stands_with_any_common_up_axis(name, axis):
     points = scan(name)
     old, new = (np.array(axis_direction(a)) for a in (STANDING[name], axis))
     about = np.cross(old, new)
@@ -258,7 +258,7 @@ def test_a_room_is_seen_from_within_and_a_yard_from_above(rng):
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (0, -1, 0), (1, 2, 3)])
 @pytest.mark.parametrize("view", VIEWS)
-def test_views_are_seen_from_where_they_say(view, up):
+def test_named_views_look_from_their_side(view, up):
     camera = pr.frame(pr.procedural("torus", 2_000), view, up)
     away = np.subtract(camera.eye, camera.target)
     azimuth, elevation = angles_of(away, up)
@@ -283,7 +283,7 @@ def test_an_invalid_view_is_reported(wrong):
         pr.frame(pr.procedural("torus", 2_000), **wrong)
 
 
-def test_choices_are_described_in_words():
+def test_the_chosen_view_is_described():
     found = Scan(statue(5_000), ViewChoice()).found
     assert found.endswith(" Change with --view and --up.") and "\n" not in found
     assert Scan(statue(5_000), ViewChoice((0, 0, 1), "front")).found == ""
@@ -294,7 +294,7 @@ def test_choices_are_described_in_words():
 
 @pytest.mark.parametrize("kind", ["sun", "point"])
 @pytest.mark.parametrize("integrator", ["phong", "path"])
-def test_a_light_that_goes_with_the_camera_lights_every_side_alike(kind, integrator):
+def test_camera_lights_light_every_side_equally(kind, integrator):
     scene = pr.Scene()
     scene.add(pr.Model(pr.procedural("sphere", 5_000)), material=pr.Diffuse(1.0))
     scene.background = (0, 0, 0)
@@ -314,7 +314,7 @@ def test_a_light_that_goes_with_the_camera_lights_every_side_alike(kind, integra
     assert left > 1.2 * right and pictures[0][:24].mean() > 1.2 * pictures[0][24:].mean()
 
 
-def test_a_light_of_the_camera_stands_where_it_would_in_the_world():
+def test_a_camera_light_equals_the_same_light_in_the_world():
     scene, twin = pr.Scene(), pr.Scene()
     model = pr.Model(pr.procedural("torus", 5_000))
     camera = pr.Camera.look_at((1, -5, 2), (0, 0, 0), size=(32, 24))
@@ -326,8 +326,8 @@ def test_a_light_of_the_camera_stands_where_it_would_in_the_world():
     np.testing.assert_array_equal(pr.render(scene, camera), pr.render(twin, camera))
 
 
-def test_sky_rays_find_what_a_corner_sees():
-    """Half of the sky is hidden at a wall's foot, and none of it far from the wall."""
+def test_sky_rays_measure_visibility_in_a_corner():
+    """Half of the sky is hidden at the foot of a wall, and none far from it."""
     x, y = np.meshgrid(np.linspace(-1, 1, 60), np.linspace(-1, 1, 60))
     flat, zero, one = np.ravel(x), np.zeros(3600), np.ones(3600)
     floor = np.stack([flat, y.ravel(), zero], axis=1), np.stack([zero, zero, one], axis=1)
@@ -350,7 +350,7 @@ def test_sky_rays_find_what_a_corner_sees():
     assert shares[2][1] == pytest.approx(1.0, abs=0.02)  # the wall is farther away than the distance
 
 
-def test_the_studio_leaves_nothing_black_and_burns_nothing():
+def test_studio_light_neither_blackens_nor_clips():
     scene = pr.Scene()
     scene.add(pr.Model(statue(5_000)), material=pr.Diffuse(0.65))
     scene.lights = pr.studio()
@@ -361,8 +361,8 @@ def test_the_studio_leaves_nothing_black_and_burns_nothing():
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, -1, 0), (1, 1, 0)])
 @pytest.mark.parametrize("azimuth", [0.0, 25.0, -170.0])
-def test_the_studio_that_stands_still_is_that_of_a_viewer_there(small_statue, up, azimuth):
-    """Its light is the one that follows a camera, as a level camera on that side of the scan carries it."""
+def test_the_fixed_studio_equals_the_camera_studio_of_its_side(small_statue, up, azimuth):
+    """It equals the light that follows a level camera on that side of the scan."""
     scene = pr.Scene()
     scene.add(small_statue, material=pr.Diffuse(0.65))
     camera = pr.frame(scene, up=up, azimuth=azimuth, elevation=0, size=(48, 36))
@@ -397,16 +397,16 @@ def test_exposure_keeps_highlights():
     image[:2] = 1.0  # 2 of 100 pixels
     assert 2 ** auto_exposure(image) <= 0.93
     image[:2] = 0.01
-    image[0, :20] = 1e6  # one pixel of 500 may burn
+    image[0, :20] = 1e6  # one pixel of 500 may clip
     assert 2 ** auto_exposure(image) * 0.01 == pytest.approx(0.24, rel=0.05)
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan, np.inf])
-def test_of_nothing_the_exposure_is_none(value):
+def test_empty_or_black_images_have_the_default_exposure(value):
     assert auto_exposure(np.full((4, 4, 4), value, np.float32)) == 0.0
 
 
-def test_a_backdrop_stands_behind_and_is_not_exposed(tmp_path):
+def test_a_backdrop_does_not_affect_exposure(tmp_path):
     from PIL import Image
 
     image = np.zeros((8, 4, 4), np.float32)
@@ -433,7 +433,7 @@ def test_a_wall_stands_wherever_it_is(angle, rng):
         assert scores == pytest.approx(first, abs=1e-6)
 
 
-def test_what_lies_over_a_thin_base():
+def test_the_up_direction_of_bodies_over_a_thin_base():
     along, across = np.array([np.cos(0.098), np.sin(0.098)]), np.array([-np.sin(0.098), np.cos(0.098)])
     base = np.array([x * along + y * across for x in np.linspace(-1, 1, 50) for y in (-0.005, 0.005)])
     for far, carried in ((0.0, True), (0.004, True), (0.006, False), (0.05, False)):

@@ -1,4 +1,4 @@
-"""Which way is up: sixty clouds of all kinds, formats, frames of cameras, and the reasons that are printed."""
+"""Up directions: sixty clouds of all kinds, file formats, depth camera frames, and the printed reasons."""
 
 from functools import partial
 
@@ -49,7 +49,7 @@ UP = {
     "../cases/tree_z_up.ply": "z",
 }
 INTRINSICS = {"raw/depth_7scenes_000300.png": (585, 585, 320, 240), "../cases/depth_mm.png": (140, 140, 80, 60)}
-# What is made, its up axis, and whether it has normals.
+# A cloud, its up axis, and whether it has normals.
 MADE = [
     (made.tree, "z", False),
     (made.tree, "-y", False),
@@ -118,7 +118,7 @@ def test_sixty_clouds_stand_upright():
 @pytest.mark.parametrize("make", [made.room, made.street])
 @pytest.mark.parametrize(("up", "turn"), [("-y", (1, 1, 1)), ("y", (1, -1, -1))])
 def test_a_frame_of_a_camera_is_seen_from_it_and_upright(make, up, turn, sign, rng):
-    """Whatever sign its normals have, or if it has none."""
+    """This holds for normals of either sign, or none."""
     frame = made.frame(rng, make)
     points = pr.Points(frame.positions * turn, frame.normals * turn * sign if sign else None)
     scan = Scan(points, ViewChoice())
@@ -152,7 +152,7 @@ def test_a_format_decides_where_nothing_else_does(format, rng):
 
 
 def test_readers_name_their_formats(tmp_path, rng):
-    """The format stays with the points of a selection and of a model, and a turned instance has none."""
+    """The format is kept by selections and models; a rotated instance has none."""
     rows = rng.random((50, 3)) * 9
     pr.write(tmp_path / "a.las", pr.Points(rows))
     np.savetxt(tmp_path / "a.pts", rows, fmt="%.3f", header="50", comments="")

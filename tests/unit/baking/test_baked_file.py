@@ -1,4 +1,4 @@
-"""Baked light in files: it comes back, and no damage, other scene or failing disk does harm."""
+"""Files of baked light: what is saved is loaded, and damage, other scenes and failing disks do no harm."""
 
 import json
 import mmap
@@ -27,7 +27,7 @@ def saved(tmp_path_factory):
 
 @pytest.fixture
 def parts(saved):
-    """The parts of the file, to be changed."""
+    """The parts of the file, as copies to change."""
     return copied(split(saved[1].read_bytes()))
 
 
@@ -40,7 +40,7 @@ def picture(scene, baked, size=32, distance=1.0, **settings):
 
 
 def refused(path, scene=None):
-    """The reason for which a file is refused: one line, with its name and what to do."""
+    """Return the error of a refused file, checked to be one line with its name and what to do."""
     with pytest.raises(ValueError) as error:
         pr.Baked.load(path, scene or room())
     told = str(error.value)
@@ -52,11 +52,11 @@ def refused(path, scene=None):
 
 
 def close(got, want):
-    """Whether light differs by at most a 256th of the brightest channel."""
+    """Return whether light differs by at most 1/256 of the brightest channel."""
     return (np.abs(got - want) <= want.max(axis=1, keepdims=True) / 256).all()
 
 
-def test_light_comes_back(saved):
+def test_saved_light_is_loaded(saved):
     baked, path = saved
     scene = room()
     again = pr.Baked.load(path, scene)
@@ -78,7 +78,7 @@ def leveled():
     return model
 
 
-def test_levels_of_detail_come_back(tmp_path, leveled):
+def test_levels_of_detail_are_saved_and_loaded(tmp_path, leveled):
     scene = room(leveled)
     baked = pr.bake(scene, QUICK)
     baked.save(tmp_path / "a")
@@ -89,7 +89,7 @@ def test_levels_of_detail_come_back(tmp_path, leveled):
     assert np.abs(far - picture(scene, again, distance=10.0, levels=False)).max() > 0
 
 
-def test_models_may_be_saved_and_loaded_too(tmp_path, saved):
+def test_light_is_valid_for_saved_and_loaded_models(tmp_path, saved):
     plain_ball().save(tmp_path / "m")
     scene = room(pr.Model.load(tmp_path / "m"))
     again = pr.Baked.load(saved[1], scene)
@@ -97,7 +97,7 @@ def test_models_may_be_saved_and_loaded_too(tmp_path, saved):
     np.testing.assert_array_equal(picture(scene, again), picture(room(), saved[0]))
 
 
-def test_instances_count_in_their_order_whatever_their_numbers(saved):
+def test_instances_are_matched_by_order(saved):
     scene, places = pr.Scene(), (None, None, pr.transform(translate=(2.5, 0, 0), scale=0.8), None)
     scene.remove(scene.add(plain_ball()))
     for shape, place in zip(room().shapes.values(), places, strict=True):
@@ -108,14 +108,14 @@ def test_instances_count_in_their_order_whatever_their_numbers(saved):
     np.testing.assert_array_equal(picture(scene, again), picture(room(), saved[0]))
 
 
-def test_settings_come_back_but_for_threads(tmp_path):
+def test_settings_except_threads_are_saved(tmp_path):
     settings = pr.BakeSettings(links=2, patches=64, noise=2.0, max_depth=3, memory=10**9, albedo_scale=0.5, seed=7)
     pr.bake(room(), pr.BakeSettings(**{**vars(settings), "threads": 1})).save(tmp_path / "a")
     assert pr.Baked.load(tmp_path / "a", room())._settings == settings
 
 
-def test_light_is_mapped(saved, monkeypatch):
-    """No array is copied, and writing to one does not change the file."""
+def test_light_is_memory_mapped(saved, monkeypatch):
+    """No array is copied, and writing to an array does not change the file."""
     monkeypatch.setattr(array_file, "SMALL", 0)
     before = saved[1].read_bytes()
     again = pr.Baked.load(saved[1], room())
@@ -186,13 +186,13 @@ def test_the_light_of_another_scene_is_refused_with_the_reason(saved, scene, wor
     assert refused(saved[1], scene()) == f"the light belongs to another scene: {words}"
 
 
-def test_levels_of_detail_belong_to_the_scene(tmp_path, leveled):
+def test_scenes_with_other_levels_of_detail_are_refused(tmp_path, leveled):
     pr.bake(room(leveled), QUICK).save(tmp_path / "a")
     bare = pr.Model(leveled.points)
     assert refused(tmp_path / "a", room(bare)).endswith("instance 0 differs in its levels of detail")
 
 
-def test_levels_that_are_made_after_the_bake_have_no_light(tmp_path):
+def test_levels_made_after_the_bake_have_no_light(tmp_path):
     model = pr.Model(pr.procedural("torus", 12_000))
     baked = pr.bake(room(model), QUICK)
     model.make_levels()
@@ -202,7 +202,7 @@ def test_levels_that_are_made_after_the_bake_have_no_light(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-def test_an_update_lights_levels_that_were_made_after_the_bake(tmp_path):
+def test_an_update_lights_levels_made_after_the_bake(tmp_path):
     model = pr.Model(pr.procedural("torus", 12_000))
     scene = room(model)
     baked = pr.bake(scene, QUICK)
@@ -229,7 +229,7 @@ def test_an_update_lights_levels_that_were_made_after_the_bake(tmp_path):
     ],
     ids=["lights", "sky", "material", "colors"],
 )
-def test_other_lights_materials_and_colors_make_it_stale(saved, scene):
+def test_other_lights_materials_and_colors_make_light_stale(saved, scene):
     scene = scene()
     again = pr.Baked.load(saved[1], scene)
     assert "update" in again.stale
@@ -247,7 +247,7 @@ def test_light_that_follows_the_camera_is_not_baked(saved):
     assert pr.Baked.load(saved[1], room(lights=[SKY, SUN, lamp])).stale is None
 
 
-def test_a_scene_that_changes_later_is_noticed(saved):
+def test_a_scene_that_changes_later_makes_light_stale(saved):
     scene = room()
     again = pr.Baked.load(saved[1], scene)
     scene.lights = [SKY]
@@ -260,8 +260,8 @@ def test_a_scene_that_changes_later_is_noticed(saved):
         again.update()
 
 
-def test_what_is_saved_is_of_the_scene_that_was_baked(tmp_path):
-    """The scene may have changed since."""
+def test_the_file_describes_the_scene_that_was_baked(tmp_path):
+    """Later changes of the scene do not matter."""
     scene = room()
     baked = pr.bake(scene, QUICK)
     scene.lights = [SKY]
@@ -275,7 +275,7 @@ def test_what_is_saved_is_of_the_scene_that_was_baked(tmp_path):
 
 
 def boundaries(data):
-    """Where each array's header, contents and padding begin."""
+    """Return the offsets of the header, contents and padding of each array."""
     out, at = [0], 0
     while (at := data.find(b"\x93NUMPY", at)) >= 0:
         contents = at + 10 + int.from_bytes(data[at + 8 : at + 10], "little")
@@ -386,8 +386,8 @@ def test_a_wrong_array_is_refused(tmp_path, parts, name, change, words):
     assert words in refused(tmp_path / "a")
 
 
-def test_a_description_without_end_is_refused(tmp_path):
-    """It is nested so deeply that Python's parser gives up."""
+def test_a_deeply_nested_description_is_refused(tmp_path):
+    """It exceeds the recursion limit of Python's parser."""
     np.save(tmp_path / "a.npy", np.frombuffer(b"[" * 200_000, np.uint8))
     assert "its description is damaged" in refused(tmp_path / "a.npy")
 
@@ -417,8 +417,8 @@ def test_random_damage_is_refused_or_shown_in_finite_pictures(tmp_path, saved, s
 
 
 @pytest.mark.parametrize("fill", [0, -1, 2**31 - 1, -(2**31), 0x7F7F7F7F])
-def test_every_record_is_a_finite_light(tmp_path, parts, fill):
-    """Whatever its bits are, and in the largest unit."""
+def test_every_record_decodes_to_finite_light(tmp_path, parts, fill):
+    """This holds for all bit patterns, with the largest unit."""
     parts.arrays["records"][:] = fill
     parts.about["unit"] = 5e33
     (tmp_path / "a").write_bytes(join(parts))
@@ -446,7 +446,7 @@ def test_wrong_arguments_are_refused(tmp_path, saved):
 # ------------------------------------------------------------------------------------------------- failing writes
 
 
-def test_if_writing_ends_early_the_old_file_stays(tmp_path, saved):
+def test_a_failed_write_keeps_the_old_file(tmp_path, saved):
     def stop(share):
         raise KeyboardInterrupt
 
@@ -458,7 +458,7 @@ def test_if_writing_ends_early_the_old_file_stays(tmp_path, saved):
         saved[0].save(tmp_path / "none" / "a")
 
 
-# Bakes and saves two versions in turn, in processes that are killed: at any moment, about when they begin to save, or
+# Bakes and saves two versions alternately in processes that are killed: at a random time, near the start of saving, or
 # once the new file has been begun. Prints how many kills left an unfinished file, and what was wrong.
 KILLS = """
 import json, os, random, signal, sys, time
@@ -528,7 +528,7 @@ print(json.dumps([unfinished, wrong]))
 
 @pytest.mark.long
 @pytest.mark.skipif(os.name != "posix", reason="processes and signals of POSIX")
-def test_killed_at_any_moment_the_old_file_is_whole_or_the_new_one(tmp_path):
+def test_killed_processes_leave_the_old_file_or_the_new_one(tmp_path):
     paths = os.pathsep.join([str(TESTS), *filter(None, [os.environ.get("PYTHONPATH")])])
     command = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", KILLS, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, "PYTHONPATH": paths}, check=False)

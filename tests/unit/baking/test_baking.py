@@ -1,4 +1,4 @@
-"""Baked light against exact shapes: what arrives, from where, and how much of the sky is seen."""
+"""Baked light compared with exact solutions: irradiance, its directions, and sky visibility."""
 
 from functools import cache
 
@@ -22,8 +22,8 @@ def ball():
 
 
 @pytest.mark.parametrize("n", [5_000, long(20_000)])
-def test_inside_a_sphere_all_bounces_add_up(n):
-    """In a closed sphere every point sees all others alike: with the albedo 0.8 the light is 5 times the direct."""
+def test_all_bounces_add_up_inside_a_sphere(n):
+    """In a closed sphere of albedo 0.8, the light is 5 times the direct light everywhere."""
     scene = pr.Scene()
     scene.add(sphere(n), material=pr.Diffuse(0.8))
     scene.add_light(pr.PointLight((0, 0, 0), 1.0))
@@ -33,7 +33,7 @@ def test_inside_a_sphere_all_bounces_add_up(n):
 
 
 @pytest.mark.parametrize("n", [5_000, long(20_000)])
-def test_the_outside_of_a_closed_body_is_lit_alone(n):
+def test_only_the_outside_of_a_closed_body_is_lit(n):
     scene, ball = pr.Scene(), sphere(n)
     scene.add(ball, material=pr.Diffuse(0.5))
     scene.add_light(pr.EnvironmentLight())
@@ -47,8 +47,8 @@ def test_the_outside_of_a_closed_body_is_lit_alone(n):
 
 @pytest.mark.long
 @pytest.mark.parametrize(("edge", "n"), [(80, 5_000), long(300, 20_000)])
-def test_the_shade_below_a_ball(edge, n):
-    """A unit sphere on a plane hides so much of the sky from a point at the distance d: 1 - (1 + d^2)^-1.5."""
+def test_sky_visibility_below_a_ball_is_exact(edge, n):
+    """A unit sphere on a plane hides 1 - (1 + d^2)^-1.5 of the sky from a point at distance d."""
     ground = pr.Points(*_sheet(edge, 4.0))
     scene = pr.Scene()
     scene.add(sphere(n), pr.transform(translate=(0, 0, 1)), material=pr.Diffuse(0.0))
@@ -64,7 +64,7 @@ def test_the_shade_below_a_ball(edge, n):
 
 
 def _sheet(edge, half):
-    """Positions and normals of a square sheet."""
+    """Return positions and normals of a square sheet."""
     u = (np.arange(edge) + 0.5) / edge * 2 * half - half
     x, y = np.meshgrid(u, u)
     positions = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
@@ -72,7 +72,7 @@ def _sheet(edge, half):
 
 
 @pytest.mark.long
-def test_pictures_are_those_of_path_tracing():
+def test_baked_pictures_equal_path_traced_ones():
     model = pr.Model(pr.procedural("statue", 30_000))
     scene = pr.Scene()
     scene.add(model, material=pr.Diffuse((0.7, 0.5, 0.4)))
@@ -88,7 +88,7 @@ def test_pictures_are_those_of_path_tracing():
     assert np.sqrt(np.mean((baked - path) ** 2)) / path.mean() < 0.03
 
 
-def test_light_follows_lights_without_new_links(ball):
+def test_changed_lights_need_no_new_links(ball):
     scene = pr.Scene()
     scene.add(ball, material=pr.Diffuse(0.5))
     floor = scene.add(pr.Plane((0, 0, -1), (0, 0, 1), color=0.5))
@@ -107,7 +107,7 @@ def test_light_follows_lights_without_new_links(ball):
         baked.update()
 
 
-def test_light_follows_materials_without_new_links(ball):
+def test_changed_materials_need_no_new_links(ball):
     scene = pr.Scene()
     body = scene.add(ball, material=pr.Diffuse(0.5))
     floor = scene.add(pr.Plane((0, 0, -1), (0, 0, 1), color=0.5))
@@ -156,7 +156,7 @@ def test_the_light_does_not_depend_on_threads(ball):
     assert (one.irradiance(0) == three.irradiance(0)).all()
 
 
-def test_what_is_asked_for_must_exist(ball):
+def test_invalid_arguments_of_baking_are_refused(ball):
     with pytest.raises(ValueError, match="empty"):
         pr.bake(pr.Scene())
     with pytest.raises(ValueError, match="Scene"):
@@ -180,8 +180,8 @@ def test_what_is_asked_for_must_exist(ball):
 
 
 @pytest.mark.filterwarnings("ignore::pointray.StaleLightWarning")
-def test_light_is_never_that_of_another_tree(ball):
-    """Records of a model that was exchanged for a larger one would be read beyond their end: it is dark instead."""
+def test_light_of_another_tree_is_never_used(ball):
+    """If a model is replaced by a larger one, its records would be read out of bounds: it is dark instead."""
     scene = pr.Scene()
     scene.add(ball)
     scene.add(pr.Plane((0, 0, -1), (0, 0, 1)))
@@ -196,7 +196,7 @@ def test_light_is_never_that_of_another_tree(ball):
 
 
 def test_a_small_sun_in_a_picture_of_the_sky_leaves_no_speckles():
-    """Links would meet it by chance: four pixels have two thirds of the light."""
+    """Links would hit it by chance: four pixels contain two thirds of the light."""
     image = np.full((128, 256, 3), 0.3)
     image[40:42, 100:102] = 2_000.0
     theta = (np.arange(128) + 0.5) / 128 * np.pi
@@ -210,8 +210,8 @@ def test_a_small_sun_in_a_picture_of_the_sky_leaves_no_speckles():
     assert light.mean() == pytest.approx(exact, rel=0.02)
 
 
-def test_lamps_hide_what_is_behind_them():
-    """A ceiling glows; a black-backed lamp of the same size as the floor's view of it is as good as night."""
+def test_lamps_block_light_from_behind():
+    """A lamp with a black back that covers a glowing ceiling leaves the floor dark."""
     scene = pr.Scene()
     ground = scene.add(pr.Model(pr.Points(*_sheet(40, 0.2))), material=pr.Diffuse(0.0))
     scene.add(pr.Plane((0, 0, 2), (0, 0, -1)), material=pr.Emissive(1.0))

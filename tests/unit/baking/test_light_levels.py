@@ -1,4 +1,4 @@
-"""Coarser light where that of all splats of all instances would not fit into the memory that it may take."""
+"""Coarser light levels are used where light of all splats of all instances exceeds the memory budget."""
 
 from functools import cache
 
@@ -25,7 +25,7 @@ def body(name="torus"):
 
 @cache
 def sheet():
-    """An open sheet that is curved: both of its sides are lit, each otherwise."""
+    """Return an open curved sheet; its sides are lit differently."""
     x, y = np.meshgrid(np.linspace(-1, 1, 50), np.linspace(-1, 1, 50))
     slope = 0.5 * np.cos(2.0 * x)
     normals = np.stack([-slope, 0 * x, 1 + 0 * x], axis=-1).reshape(-1, 3)
@@ -34,7 +34,7 @@ def sheet():
 
 
 def room(name="torus", models=()):
-    """Instances of two models, or of the given ones, beside each other on a plane."""
+    """Return instances of two models, or of the given ones, side by side on a plane."""
     one, other = body(name), sheet()
     scene = pr.Scene()
     for k, model in enumerate(models or (one, one, other, one, other)):
@@ -56,7 +56,7 @@ def baked_at(scene, budget, name="torus", **changes):
 
 @cache
 def full(name="torus"):
-    """Light of all splats of all instances, and its picture."""
+    """Return the light of all splats of all instances, and its picture."""
     scene = room(name)
     baked = pr.bake(scene, settings(name))
     assert set(baked.levels.values()) == {0} and baked.coarser == ""
@@ -69,7 +69,7 @@ def planes_of(baked):
 
 
 def least_of(scene):
-    """The least budget, as the refusal tells it."""
+    """Return the least sufficient budget, as the error states it."""
     with pytest.raises(ValueError, match=r"at least [\d,]+ bytes, more than memory=1,000") as error:
         baked_at(scene, 1000)
     return int(str(error.value).split("at least ")[1].split(" ")[0].replace(",", ""))
@@ -92,9 +92,9 @@ def error(got, want):
     ],
 )
 def test_coarser_light_is_nearly_the_same(tmp_path, name, level, in_picture, on_body, on_sheet):
-    """It fits the budget, is nearly that of all splats, and comes back from a file.
+    """It fits the budget, is nearly that of all splats, and can be saved and loaded.
 
-    The statue has few splats for its folds. A spread with shares or records in another order is beyond the bounds.
+    The statue has few splats for its folds. Weights or records in a wrong order exceed the bounds.
     """
     scene, (finest, shown) = room(name), full(name)
     budget = budget_of(finest, level, name)
@@ -116,7 +116,7 @@ def test_coarser_light_is_nearly_the_same(tmp_path, name, level, in_picture, on_
 
 
 def budget_of(full, level, name="torus"):
-    """Bytes that are just enough for this level of all instances."""
+    """Return the bytes that just suffice for this level of all instances."""
     total = planes_of(full)
     for id in range(5):
         for sign in (1, -1):
@@ -135,7 +135,7 @@ def test_the_least_budget_is_reported_and_suffices():
 
 
 @pytest.mark.long
-def test_light_follows_lights_at_any_level():
+def test_lights_may_change_at_any_level():
     scene = room()
     baked = baked_at(scene, budget_of(full()[0], 2))
     before = dict(baked.levels)
@@ -174,8 +174,8 @@ def test_levels_of_detail_share_the_records_of_coarser_light(tmp_path):
         assert table[1, 3] == table[2, 3] != table[0, 3]
 
 
-def test_the_levels_fit_whatever_the_budget():
-    """And are as fine as they may be: with more memory no instance is coarser, on the average."""
+def test_levels_fit_any_budget():
+    """They are as fine as possible: with more memory, instances are not coarser on average."""
     rng = np.random.default_rng(4)
     shapes = [LightCost(4 * int(n), 32 * int(n), int(n)) for n in rng.integers(20, 50_000, 6)]
     wanted = [LitInstance(int(rng.integers(6)), int(rng.integers(1, 3))) for _ in range(40)]
@@ -192,7 +192,7 @@ def test_the_levels_fit_whatever_the_budget():
 
 
 def bytes_of(shapes, wanted, levels):
-    """A slow twin of what `choose_levels` counts."""
+    """Return the bytes that `choose_levels` counts: a slow reference."""
     total, spreads = 0, set()
     for item, level in zip(wanted, levels, strict=True):
         shape = shapes[item.shape]
@@ -204,7 +204,7 @@ def bytes_of(shapes, wanted, levels):
 
 
 def test_the_number_of_patches_has_a_bound():
-    """Also where the instances are many."""
+    """The bound holds for many instances."""
     scene = pr.Scene()
     ball = pr.Model(pr.procedural("sphere", 300))
     for k in range(100):

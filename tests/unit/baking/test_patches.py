@@ -1,4 +1,4 @@
-"""Patches: which of them serve a splat, which are neighbours, which are trusted."""
+"""Patches: which of them light a splat, which are neighbours, which are valid."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ FEW = BakeSettings(patches=256)
 
 @pytest.fixture(scope="module")
 def wall():
-    """A wall whose back has few points: the nearest patches of these are on its front."""
+    """A wall whose back has few points, whose nearest patches are on its front."""
     front, back = _sheet(64, 0.0), _sheet(24, -0.1)
     normals = np.repeat([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], [len(front), len(back)], axis=0)
     radii = np.repeat([0.03, 0.08], [len(front), len(back)])
@@ -40,7 +40,7 @@ def test_a_splat_of_a_thin_wall_gets_the_light_of_its_own_side(wall):
     assert (weights[away] == 0).all() and (weights.max(axis=1) == 255).all()
 
 
-def test_a_lit_wall_is_dark_behind(wall):
+def test_the_back_of_a_lit_wall_is_dark(wall):
     scene = pr.Scene()
     id = scene.add(wall, material=pr.Diffuse(0.5))
     scene.add_light(pr.SunLight((0.0, 0.0, -1.0), 3.0))
@@ -64,7 +64,7 @@ def test_cells_behind_a_wall_are_no_neighbours():
 
 
 def test_the_floor_below_a_body_has_the_light_beside_it():
-    """Cells of a plane inside a closed body see nothing: what reads them near its edge must not find them dark."""
+    """Cells of a plane inside a closed body see nothing; cells near its edge must not be darkened by them."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.procedural("sphere", 4_000)), material=pr.Diffuse(0.5))
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1), 0.5))
@@ -80,8 +80,8 @@ def test_the_floor_below_a_body_has_the_light_beside_it():
     assert rim.any() and (light[rim] == 1.0).mean() > 0.5
 
 
-def test_light_on_planes_far_from_zero_is_that_near_it():
-    """A ray that begins on a plane far away must not take the floor beside it for its own start."""
+def test_light_on_planes_far_from_zero_is_the_same():
+    """A ray that starts on a plane far from zero must not ignore the floor beside it as its own start."""
     light = []
     for offset in (0.0, 5e6):
         scene = pr.Scene()

@@ -1,4 +1,4 @@
-"""The tables of choices: no other code has its own, and documents name all choices."""
+"""The tables of choices are used by all code, and documents name all choices."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ SCENES = (DOCS / "scenes.md").read_text() if DOCS.exists() else ""
 
 
 def test_choices_load_nothing() -> None:
-    """`pointray --help` must answer at once."""
+    """`pointray --help` must be fast."""
     code = "import sys; old = set(sys.modules); import pointray.base.choices; print('numpy' in set(sys.modules) - old)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 
 
 def test_saved_models_and_kernels_know_choices_by_these_numbers() -> None:
-    """Old files stay readable: new choices go to the end."""
+    """Old files stay readable: new choices are appended."""
     assert list(choices.SURFACES)[:4] == ["paper", "imls", "apss", "disc"]
     assert choices.number_of(choices.SURFACES, "apss") == 2
 

@@ -46,15 +46,15 @@ def naive_imports(path: Path, nodes: Iterable[ast.AST]) -> set[Path]:
 
 
 @pytest.mark.long
-def test_imports_found_by_text_are_those_of_the_syntax_tree():
+def test_imports_found_by_text_equal_those_of_the_syntax_tree():
     for path in FILES:
         tree = ast.parse(path.read_bytes())
         for deferred, nodes in ((False, tree.body), (True, statements(tree))):
             assert dependencies._imports(path, deferred) == naive_imports(path, nodes), path
 
 
-def test_forms_of_imports(tmp_path):
-    """Of a file outside of the package: comments, parentheses, several modules a line, files beside it."""
+def test_all_forms_of_imports_are_found(tmp_path):
+    """In a file outside the package: comments, parentheses, several modules in a line, files next to it."""
     for name in ("one", "two", "three", "four", "seven", "eight"):
         (tmp_path / f"{name}.py").write_text("")
     (tmp_path / "room").mkdir()
@@ -109,7 +109,7 @@ def test_the_key_of_a_kernel_covers_every_function_that_it_calls():
         files = {Path(function.__code__.co_filename) for function in functions_of(kernel)}
         assert files <= set(files_of([Path(kernel.py_func.__code__.co_filename)])), name
         most = max(most, len(files))
-    assert most > 30  # the search above finds what kernels call
+    assert most > 30  # the search above does find calls
 
 
 KEYS = """
@@ -176,7 +176,7 @@ CHANGED = {  # file -> keys that its edit changes
 
 
 def test_an_edit_changes_the_keys_that_depend_on_it_and_no_others(tmp_path):
-    """One file of each folder, and what cached models survived before: an edit of the neighbour search."""
+    """One file of each folder, and an edit of the neighbour search, which once did not invalidate cached models."""
     folders = {path.relative_to(ROOT).parts[0] for path in FILES if path.parent != ROOT}
     assert folders <= {Path(name).parts[0] for name in CHANGED}
     shutil.copytree(ROOT, tmp_path / "pointray", ignore=shutil.ignore_patterns("__pycache__"))

@@ -1,4 +1,4 @@
-"""Columns on disk: what is written is read again, in pieces and in any order; damaged files raise errors."""
+"""Columns on disk: written rows are read in pieces and in any order; damaged files raise errors."""
 
 from __future__ import annotations
 
@@ -41,11 +41,11 @@ def test_rows_come_back(rng, columns, monkeypatch, rows, span):
         found = column[wanted]
         assert found.dtype == rows.dtype
         np.testing.assert_array_equal(found, rows[wanted])
-        found[:] = 0  # it is the caller's own
+        found[:] = 0  # the array belongs to the caller
 
 
-def test_only_what_is_asked_for_is_read(columns, monkeypatch):
-    """Neighbours in one piece, up to its most bytes; rows that lie far apart by themselves."""
+def test_only_requested_rows_are_read(columns, monkeypatch):
+    """Nearby rows are read in one piece of bounded size; distant rows separately."""
     column = columns.make("a", np.float64, rows=10**6)
     read = []
     monkeypatch.setattr(Column, "_read", lambda self, start, out: read.append((start, len(out))))
@@ -56,7 +56,7 @@ def test_only_what_is_asked_for_is_read(columns, monkeypatch):
     assert len(read) == -(-8 * 10**6 // own.SPAN) and max(rows for _, rows in read) <= own.SPAN / 8
 
 
-def test_the_system_may_take_and_give_a_part(columns, monkeypatch):
+def test_short_reads_and_writes_are_continued(columns, monkeypatch):
     get, put = Column._get, Column._put
     monkeypatch.setattr(Column, "_get", lambda self, out, place: get(self, out[:100], place))
     monkeypatch.setattr(Column, "_put", lambda self, data, place: put(self, data[:100], place))
@@ -82,7 +82,7 @@ def test_rows_are_written_anywhere(columns):
         column[np.array([0.5])]
 
 
-def test_threads_write_side_by_side(columns):
+def test_threads_write_concurrently(columns):
     column = columns.make("a", "i4", 2)
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(lambda k: column.write(1000 * k, np.full((1000, 2), k)), range(50)))
@@ -131,7 +131,7 @@ def test_damage_is_reported(columns):
             columns.get("b")
 
 
-def test_facts_are_kept_exactly(columns):
+def test_metadata_is_stored_exactly(columns):
     assert columns.get("spooled") is None
     columns.put("spooled", {"rows": 1})
     columns.put("spooled", {"rows": 2, "origin": [0.1, 1e300]})
@@ -141,7 +141,7 @@ def test_facts_are_kept_exactly(columns):
 # -------------------------------------------------------------------------------------------------- raw columns
 
 
-def test_raw_columns_hold_rows_of_several_types_and_gaps(columns):
+def test_raw_columns_store_rows_of_several_types_and_gaps(columns):
     """Rows 0 to 9 and 15 to 24 of whole numbers, 10 to 14 missing, 25 to 29 of floats."""
     raw = Raw(columns, 0)
     rows = np.arange(30).astype(np.float64)

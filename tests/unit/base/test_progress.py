@@ -1,4 +1,4 @@
-"""Progress bars move from the beginning to the end, and never back."""
+"""Progress goes from 0 to 1 and never back."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,8 @@ from pointray.base.progress import part_of, report_progress
 from pointray.cli.report import describe
 
 
-class Told:
-    """Records the reported shares of stages in their order."""
+class StageShares:
+    """Records the reported shares of stages in order."""
 
     def __init__(self):
         self.stages, self.shares = [], []
@@ -27,16 +27,16 @@ class Told:
 
 
 def moves(shares, steps, longest):
-    """Whether shares go from 0 to 1 in at least this many steps, none longer than the longest allowed."""
+    """Return whether shares go from 0 to 1 in at least this many steps, none longer than the longest allowed."""
     assert all(0 <= share <= 1 for share in shares)
     gaps = np.diff([0.0, *shares, 1.0])
     return (gaps >= 0).all() and np.count_nonzero(gaps) >= steps and gaps.max() <= longest
 
 
 @pytest.mark.long
-def test_a_model_tells_normals_radii_and_tree():
+def test_a_model_reports_normals_radii_and_tree():
     points = pr.procedural("statue", 300_000)
-    told = Told()
+    told = StageShares()
     pr.Model(pr.Points(points.positions), progress=told)
     assert told.stages == ["normals", "scattered points", "radii", "tree"]
     assert moves(told.of("normals"), 5, 0.5)
@@ -44,16 +44,16 @@ def test_a_model_tells_normals_radii_and_tree():
 
 
 @pytest.mark.long
-def test_normals_tell_how_many_are_done():
+def test_normals_report_progress():
     points = pr.procedural("torus", 300_000)
     for viewpoint in (None, (0, 0, 9)):
-        told = Told()
+        told = StageShares()
         pr.estimate_normals(pr.Points(points.positions), viewpoint=viewpoint, progress=told)
         assert told.stages == ["normals"] and moves(told.of("normals"), 4, 0.5)
 
 
 @pytest.mark.parametrize("form", ["binary", "ascii"])
-def test_reading_tells_how_much_is_read(tmp_path, form):
+def test_reading_reports_progress(tmp_path, form):
     path = tmp_path / "a.ply"
     points = pr.Points(sphere_points(600_000 if form == "binary" else 60_000))
     if form == "binary":
@@ -68,7 +68,7 @@ def test_reading_tells_how_much_is_read(tmp_path, form):
     np.testing.assert_allclose(read.positions, pr.read(path).positions)
 
 
-def test_a_part_lies_between_its_ends():
+def test_progress_of_a_part_is_scaled():
     shares = []
     part = part_of(part_of(shares.append, 0.5, 1.0), 0.0, 0.5)
     for share in (0.0, 0.5, 1.0):
@@ -78,7 +78,7 @@ def test_a_part_lies_between_its_ends():
     report_progress(None, 0.5)
 
 
-def test_looking_for_flaws_tells_how_much_is_done():
+def test_diagnosis_reports_progress():
     points = pr.Points(sphere_points(100_000), sphere_points(100_000))
     shares, facts = [], []
     pr.find_flaws(points, progress=lambda _, share: shares.append(share))

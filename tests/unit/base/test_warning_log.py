@@ -1,4 +1,4 @@
-"""Warnings that a thread collects are its own: other threads give theirs as usual, and settings stay as they were."""
+"""A thread collects only its own warnings; other threads and warning filters are not affected."""
 
 import threading
 import warnings
@@ -8,7 +8,7 @@ import pytest
 from pointray.base.warning_log import collect_warnings, warn
 
 
-def test_warnings_are_given_or_collected():
+def test_warnings_are_issued_or_collected():
     with pytest.warns(UserWarning, match="given") as told:
         warn("given")
     assert told[0].filename == __file__
@@ -21,7 +21,7 @@ def test_warnings_are_given_or_collected():
 
 
 def test_a_thread_that_collects_changes_nothing_for_others():
-    """`warnings.catch_warnings` of two threads that overlap leaves the filters of one of them behind."""
+    """Overlapping `warnings.catch_warnings` of two threads would leave the filters of one in place."""
     before, inside, done = list(warnings.filters), threading.Event(), threading.Event()
 
     def collect():

@@ -1,4 +1,4 @@
-"""Cleaning finds planted strays and keeps real points."""
+"""Cleaning removes artificial strays and keeps real points."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ BALL = sphere_points(5000)
 
 
 def planted(world, seed=1):
-    """The cloud, 20 stray points and a clump of ten, all 1 to 30 diagonals out."""
+    """Return the cloud, 20 stray points and a clump of ten, all 1 to 30 diagonals away."""
     low, high = world.min(axis=0), world.max(axis=0)
     size, draw = np.linalg.norm(high - low), np.random.default_rng(seed)
     directions = draw.normal(size=(20, 3))
@@ -46,7 +46,7 @@ def test_outliers_are_found_at_any_scale(scale):
     assert len(pr.clean(points, outliers=False)) == 5030
 
 
-def test_sparse_parts_and_second_objects_stay():
+def test_sparse_parts_and_second_objects_are_kept():
     sparse = sphere_points(500, seed=3) * np.float32(10) + np.float32(15)
     other = sphere_points(2000, seed=4) + np.float32(500)
     assert not pr.find_flaws(pr.Points(np.vstack([BALL, sparse, other]))).outliers.any()
@@ -59,7 +59,7 @@ def test_few_points_have_no_outliers(rows):
     assert flaws.duplicates.sum() == len(rows) - len(np.unique(rows, axis=0))
 
 
-def test_rows_that_are_not_finite_stay_where_they_are():
+def test_rows_that_are_not_finite_are_kept_in_place():
     rows = np.vstack([np.full((3, 3), np.nan), BALL, BALL[:5]])
     cleaned = pr.clean(pr.Points(rows))
     assert len(cleaned) == 5003 and not cleaned.finite[:3].any()

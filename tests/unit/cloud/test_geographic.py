@@ -1,4 +1,4 @@
-"""Clouds in degrees of longitude and latitude: shown in metres, written in degrees again."""
+"""Clouds in degrees of longitude and latitude are converted to metres, and written in degrees again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UTM = 'PROJCS["WGS 84 / UTM 32N",GEOGCS["WGS 84"],PROJECTION["Transverse_Mercato
 
 
 def geocentric(degrees):
-    """Coordinates about the middle of the Earth, metres."""
+    """Return geocentric coordinates, metres."""
     (longitude, latitude), height = np.radians(degrees[:, :2].T), degrees[:, 2]
     e2 = 0.00669437999014
     n = 6378137 / np.sqrt(1 - e2 * np.sin(latitude) ** 2)
@@ -41,7 +41,7 @@ def test_metres_are_those_on_the_ellipsoid(method, error, place, rng):
     assert abs(step[0]).max() < 1e-6 and step[1, 0] > 1 and step[2, 1] > 10  # east and north
 
 
-def test_the_frame_of_a_georeference_is_the_one_that_was_written():
+def test_local_frames_are_parsed_from_projections():
     frame = LocalFrame(48.1, -11.5, PROJ)
     assert LocalFrame.of(Georeference(projection=str(frame))) == frame
     assert LocalFrame.of(Georeference()) is None
@@ -60,7 +60,7 @@ def test_the_frame_of_a_georeference_is_the_one_that_was_written():
         ('GEOCCS["WGS 84",DATUM["x"]]', False),
     ],
 )
-def test_coordinate_systems_with_degrees(crs, expected):
+def test_coordinate_systems_in_degrees_are_recognised(crs, expected):
     assert is_geographic(Georeference(crs)) == expected
 
 
@@ -70,19 +70,19 @@ def test_models_that_stand_somewhere_are_no_maps(rng):
     for rows in (ball, ball * (0.05, 0.05, 5) + (13, 52, 0), ball * 0.1 + (13, 52, 30), ball * (1e-3, 1e-3, 1)):
         assert projected(Georeference(), rows) == Georeference()
     stated = Georeference("EPSG:4326")
-    assert projected(stated, ball * 30000) == stated  # whatever it says, these are no degrees
+    assert projected(stated, ball * 30000) == stated  # whatever the file declares, these are not degrees
     assert projected(stated, ball[:0]) == stated
 
 
 def written(path, rng):
-    """A file of text with degrees, and its rows."""
+    """Return a text file in degrees, and its rows."""
     rows = (11.5, 48.1, 500.0) + rng.uniform(-1, 1, (400, 3)) * (4e-4, 3e-4, 20)
     np.savetxt(path, rows, "%.9f", ",", header="longitude,latitude,height", comments="")
     return path, np.loadtxt(path, delimiter=",", skiprows=1)
 
 
 def stored(path):
-    """The coordinates in a file, as other programs read them."""
+    """Return the coordinates in a file, as other programs read them."""
     if path.suffix == ".las":
         return pytest.importorskip("laspy").read(path).xyz
     if path.suffix == ".npz":
@@ -109,7 +109,7 @@ def test_files_are_written_in_degrees(tmp_path, rng, monkeypatch, suffix, is_ins
     assert (wrong < (2e-10, 2e-10, 4e-5)).all()  # float32 of 500 m
 
 
-def test_whole_numbers_of_las_come_back(tmp_path):
+def test_integer_coordinates_of_las_are_written_unchanged(tmp_path):
     laspy = pytest.importorskip("laspy")
     path = case_file("las_degrees.las")
     with pytest.warns(UserWarning, match="x and y look like longitude and latitude in degrees"):

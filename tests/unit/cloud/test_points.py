@@ -12,7 +12,7 @@ CLOUD = np.random.default_rng(1).random((1000, 3))
 UTM = np.array([637369.0, 5851979.0, 406.0])
 
 
-def test_small_coordinates_are_held_about_zero():
+def test_small_coordinates_have_a_zero_origin():
     points = Points(CLOUD)
     assert not points.origin.any()
     assert points.positions.dtype == np.float32
@@ -21,7 +21,7 @@ def test_small_coordinates_are_held_about_zero():
 
 
 @pytest.mark.parametrize("scale", [1e-4, 1.0, 100.0])
-def test_map_coordinates_keep_a_ten_thousandth_of_the_spacing(scale):
+def test_map_coordinates_are_exact_to_a_ten_thousandth_of_the_spacing(scale):
     world = UTM + CLOUD * scale
     points = Points(world)
     spacing = scale / np.sqrt(len(CLOUD))
@@ -30,12 +30,12 @@ def test_map_coordinates_keep_a_ten_thousandth_of_the_spacing(scale):
     assert np.abs(points.bounds - [world.min(axis=0), world.max(axis=0)]).max() <= max(1e-4 * spacing, 1e-9)
 
 
-def test_few_wide_points_of_a_map_keep_their_millimetres():
+def test_few_distant_points_of_a_map_keep_millimetres():
     world = np.round(UTM + [[0.123, 0.456, 0.789], [4321.987, 10.5, 3.25], [25.125, 3999.999, -7.001]], 3)
     assert np.array_equal(np.round(Points(world).world, 3), world)
 
 
-def test_float32_far_away_is_kept_to_the_last_bit():
+def test_float32_far_from_zero_is_kept_to_the_last_bit():
     few = (UTM / 100 + CLOUD[:20] * 300).astype(np.float32)
     assert np.array_equal(Points(few).world, few)
     assert not Points(few).origin.any()
@@ -73,7 +73,7 @@ def test_arrays_are_copied_only_if_needed_and_are_writable():
         np.testing.assert_allclose(positions, given, rtol=1e-3)
 
 
-def test_rows_that_are_not_finite_are_kept_and_told_apart():
+def test_rows_that_are_not_finite_are_kept_and_marked():
     world = CLOUD.copy()
     world[3, 1], world[5, 2], world[7, 0] = np.nan, np.inf, 3e38
     points = Points(world)
@@ -82,7 +82,7 @@ def test_rows_that_are_not_finite_are_kept_and_told_apart():
     assert points.bounds.max() <= 1
 
 
-def test_colors_are_bytes_or_floats_and_alpha_goes():
+def test_colors_are_bytes_or_floats_and_alpha_is_dropped():
     expected = np.array([[0, 128, 255]] * 2, np.uint8)
     for colors in (expected, expected / 255, [[0.001, 0.501, 0.999]] * 2, np.array([[0, 128, 255, 7]] * 2, np.uint8)):
         stored = Points(np.eye(3)[:2], colors=colors).colors
@@ -113,7 +113,7 @@ def test_attributes_keep_their_dtypes_and_values():
         np.testing.assert_array_equal(points.attributes[name], values)
 
 
-def test_a_georeference_is_kept():
+def test_the_georeference_is_kept():
     georeference = Georeference("EPSG:25832", "metre", (0.01, 0.01, 0.001), (5e5, 0, 0), ((1, 2, 3),))
     points = Points(UTM + CLOUD, georeference=georeference)
     for other in (points.select(np.arange(5)), points.with_normals(CLOUD), pickle.loads(pickle.dumps(points))):
@@ -125,7 +125,7 @@ def test_a_georeference_is_kept():
             Georeference(**wrong)
 
 
-def test_select_takes_rows_of_everything():
+def test_select_applies_to_all_columns():
     points = Points(UTM + CLOUD, CLOUD, (CLOUD * 255).astype(np.uint8), {"a": np.arange(1000)})
     few = points.select(np.array([7, 3]))
     np.testing.assert_array_equal(few.world, points.world[[7, 3]])
@@ -135,7 +135,7 @@ def test_select_takes_rows_of_everything():
     assert few.attributes["a"].tolist() == [7, 3]
 
 
-def test_repr_says_what_there_is():
+def test_repr_lists_the_columns():
     text = repr(Points(UTM + CLOUD, CLOUD, attributes={"intensity": CLOUD[:, 0]}))
     assert "1,000" in text
     assert "normals, intensity" in text

@@ -1,4 +1,4 @@
-"""Rounded coordinates are recognised, and rasters are not taken for them."""
+"""Rounded coordinates are recognised, and rasters are not mistaken for them."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ PLACE = np.float64([432_100, 5_412_300, 240])
 
 
 def hills(rng: np.random.Generator, spacing: float, n: int = 20_000) -> np.ndarray:
-    """Random points of a surface with this spacing."""
+    """Return random points of a surface with this spacing."""
     x, y = rng.uniform(0, spacing * np.sqrt(n), (2, n))
     return np.column_stack([x, y, 3 * spacing * np.sin(x / (20 * spacing)) + 2 * spacing * np.cos(y / (13 * spacing))])
 
@@ -52,7 +52,7 @@ def test_float32_at_millions_of_metres(spacing, rng):
 @pytest.mark.parametrize("origin", [(0, 0, 0), PLACE])
 @pytest.mark.parametrize("ratio", [0.3, 0.5, 0.6, 0.7, 1.0, 1.5, 3.0])
 def test_decimals(ratio, origin, rng):
-    """Decimals are recognised also about an offset in doubles, as in LAS."""
+    """Decimals are recognised relative to a float64 offset, too, as in LAS."""
     steps, message = find_rounding(pr.Points(np.round(hills(rng, 0.01 / ratio), 2) + origin))
     assert steps[:2] == pytest.approx((0.01, 0.01))
     assert "steps of 0.01" in message and "float32" not in message and message.endswith("more decimals")
@@ -70,7 +70,7 @@ def cube() -> np.ndarray:
 
 
 def slices(rng: np.random.Generator) -> np.ndarray:
-    """Points at random x and z, on 40 levels of y."""
+    """Return points at random x and z, on 40 levels of y."""
     rows = rng.uniform(0, 10, (20_000, 3))
     rows[:, 1] = np.floor(rows[:, 1] * 4) / 4
     return rows
@@ -125,7 +125,7 @@ def test_no_real_scan_is_reported_as_rounded(path):
 
 
 @pytest.mark.scans
-def test_a_real_scan_in_float32_on_a_map():
+def test_a_real_scan_in_float32_map_coordinates_is_reported():
     points = pr.read(shared_model("points/outcrop_qcompass_rgb.ply"))
     moved = pr.Points((points.world - points.bounds[0] + PLACE).astype(np.float32))
     assert find_rounding(moved)[0][1] == 0.5

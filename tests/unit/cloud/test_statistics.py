@@ -1,4 +1,4 @@
-"""Statistics of a cloud, and how exactly they are stored."""
+"""Statistics of a cloud, and the precision with which they are stored."""
 
 import math
 
@@ -17,15 +17,15 @@ def test_numbers_that_hardly_differ_are_quantized_to_one(value: float) -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, math.inf])
-def test_numbers_without_bits_stay(value: float) -> None:
+def test_zero_and_non_finite_numbers_are_not_quantized(value: float) -> None:
     assert quantize(value) == value
     assert math.isnan(quantize(math.nan))
 
 
-def test_a_cloud_is_described_by_quantized_numbers() -> None:
+def test_statistics_of_a_cloud_are_quantized() -> None:
     values = np.random.default_rng(0).lognormal(size=5000).astype(np.float32)
     statistics = CloudStatistics()
     found = statistics.quantile("a", values, 0.5)
     assert found == quantize(float(np.quantile(values, 0.5))) == statistics.known["a"]
     assert statistics.share("b", values > 1) == quantize(float((values > 1).mean()))
-    assert statistics.least("c", values) == values.min()  # what is compared with each value
+    assert statistics.least("c", values) == values.min()  # it is compared with each value

@@ -1,4 +1,4 @@
-"""Denoising: pictures are nearer to the exact one, coverage stays, and a message tells if the package is absent."""
+"""Denoising: errors decrease, coverage is kept, and a missing package is reported."""
 
 import sys
 
@@ -28,7 +28,7 @@ def picture(stage, **options):
 
 
 @pytest.mark.long
-def test_denoised_pictures_are_nearer_to_the_exact_one():
+def test_denoising_reduces_the_error():
     pytest.importorskip("pyoidn")
     statue = stage(pr.procedural("statue", 20_000), (160, 120))
     exact = picture(statue, spp=256)
@@ -40,13 +40,13 @@ def test_denoised_pictures_are_nearer_to_the_exact_one():
     assert (clean >= 0).all() and clean.dtype == np.float32
 
 
-def test_pictures_without_noise_stay(small_stage):
+def test_pictures_without_noise_are_not_changed(small_stage):
     phong = [pr.render(*small_stage, pr.Settings(spp=2, denoise=denoise)) for denoise in (False, True)]
     assert np.array_equal(*phong)
 
 
 @pytest.mark.parametrize("integrator", ["path", "ao"])
-def test_what_is_not_noisy_stays(integrator):
+def test_pixels_without_noise_are_not_changed(integrator):
     """Background, sky and a surface of constant light in all samples keep their last bit."""
     pytest.importorskip("pyoidn")
     scene = pr.Scene()
@@ -74,7 +74,7 @@ def test_what_is_not_noisy_stays(integrator):
         assert (clean[surfaces == 1] != noisy[surfaces == 1]).any()
 
 
-def test_without_its_package(small_stage, monkeypatch):
+def test_a_missing_denoiser_is_reported(small_stage, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyoidn", None)
     with pytest.raises(ValueError, match=r"pip install 'pointray\[denoise\]'"):
         picture(small_stage, denoise=True, spp=65536)  # the message comes before the work begins
@@ -82,7 +82,7 @@ def test_without_its_package(small_stage, monkeypatch):
 
 @pytest.mark.parametrize("command", ["render -o out.png", "animate -o film"])
 @pytest.mark.parametrize("file", ["scan.ply", "scene.toml"])
-def test_a_command_says_so_before_it_begins(tmp_path, monkeypatch, capsys, command, file):
+def test_commands_report_a_missing_denoiser_first(tmp_path, monkeypatch, capsys, command, file):
     """The message comes before the scan is read and anything is written."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "pyoidn", None)

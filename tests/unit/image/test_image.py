@@ -27,7 +27,7 @@ def test_srgb_known_values():
     )
 
 
-def test_srgb_there_and_back():
+def test_srgb_is_inverted():
     np.testing.assert_array_equal(np.rint(linear_to_srgb(srgb_to_linear(BYTES)) * 255), BYTES)
     np.testing.assert_allclose(srgb_to_linear(BYTES), srgb_to_linear(BYTES / 255), rtol=1e-6)
     assert srgb_to_linear(BYTES.reshape(16, 16)).shape == (16, 16)
@@ -41,12 +41,12 @@ def test_filmic_rises_from_0_to_1():
     assert filmic(np.float32([1]))[0] == pytest.approx(2.54 / 3.16)  # Narkowicz' fit at 1
 
 
-def test_a_stop_doubles():
+def test_an_exposure_stop_doubles():
     np.testing.assert_allclose(tone(GRAY, exposure=1), 0.5)
     np.testing.assert_allclose(tone(GRAY, exposure=-2, curve="filmic"), filmic(np.full_like(GRAY, 0.0625)))
 
 
-def test_what_is_no_number_is_black():
+def test_nan_is_black():
     values = np.float32([np.nan, np.inf, -np.inf, -1, 3])
     for curve in ("srgb", "neutral", "filmic"):
         shown = tone(values, 3, curve)
@@ -64,13 +64,13 @@ def test_opaque_images_have_three_channels(tmp_path, name):
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
-def test_file_colors_survive(tmp_path):
+def test_colors_of_files_are_unchanged(tmp_path):
     ramp = np.stack([BYTES, BYTES[::-1], BYTES], axis=1)[None]
     write_image(tmp_path / "a.png", srgb_to_linear(ramp))
     np.testing.assert_array_equal(load(tmp_path / "a.png"), ramp)
 
 
-def test_alpha_is_kept_and_taken_out_of_the_color(tmp_path):
+def test_alpha_is_kept_and_colors_are_unpremultiplied(tmp_path):
     write_image(tmp_path / "a.png", rgba([1, 0.25, 0], 0.5))
     picture = load(tmp_path / "a.png")
     assert picture.shape == (4, 6, 4)
@@ -110,7 +110,7 @@ def test_nan_and_infinity_do_no_harm(tmp_path):
         ("a.png", GRAY, {"exposure": np.nan}, "exposure"),
     ],
 )
-def test_what_is_no_image(tmp_path, name, image, others, words):
+def test_invalid_images_are_refused(tmp_path, name, image, others, words):
     with pytest.raises(ValueError, match=words):
         write_image(tmp_path / name, image, **others)
     assert list(tmp_path.iterdir()) == []
@@ -129,8 +129,8 @@ def spotted(dark, share=0.02):
     return image
 
 
-def test_a_few_bright_spots_do_not_leave_the_rest_dark():
-    """The soft curve is chosen if the rest would be dark; then the spots are no whiter than by the plain one."""
+def test_a_few_bright_spots_do_not_darken_the_rest():
+    """The soft curve is chosen if the rest would be dark; spots are then not brighter than by the plain one."""
     stops, curve = auto_tone(spotted(0.01))
     assert curve == "soft" and stops > auto_exposure(spotted(0.01)) + 2
     shown = linear_to_srgb(tone(spotted(0.01)[..., :3], stops, curve)) * 255
@@ -159,19 +159,19 @@ def test_white_is_known_under_suns_skies_and_headlights_only():
     aside, behind = pr.SunLight((-1, 0, 0), np.pi), pr.SunLight((0, 0.6, 0.8), np.pi)
     assert white_under([sun, aside]) == pytest.approx(np.hypot(2, 1))  # it faces a direction between them
     assert white_under([sun, behind]) == pytest.approx(2)
-    along = pr.SunLight((0, 0, 1), np.pi, camera=True)  # it may come from anywhere
+    along = pr.SunLight((0, 0, 1), np.pi, camera=True)  # it may come from any direction
     assert white_under([sun, along]) == pytest.approx(3)
     assert white_under([sun, lamp]) is white_under([], "path") is white_under([pr.SunLight((0, 0, -1), 0)]) is None
 
 
 def khronos(x):
-    """Grey along PBR Neutral as its specification has it, with this project's 0.01 in the place of 0.04."""
+    """Return grey by the specification of PBR Neutral, with this project's 0.01 instead of 0.04."""
     x = x - (x - x * x / 0.04 if x < 0.02 else 0.01)
     start = 0.8 - 0.01
     return x if x < start else 1 - (1 - start) ** 2 / (x + 1 - 2 * start)
 
 
-def test_the_neutral_curve_is_that_of_its_specification():
+def test_the_neutral_curve_equals_its_specification():
     x = np.geomspace(1e-4, 1e4, 2000).astype(np.float32)
     y = neutral(x)
     np.testing.assert_allclose(y, [khronos(float(v)) for v in x], rtol=1e-5, atol=1e-7)

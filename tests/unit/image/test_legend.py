@@ -46,7 +46,7 @@ def test_a_bar_from_the_greatest_to_the_least(size, level):
 
 
 @pytest.mark.parametrize("level", [0, 90, 255])
-def test_writing_is_dark_on_light(level):
+def test_text_is_dark_on_light(level):
     """Text beside the bar is dark on a light panel, on any background."""
     drawn = draw_legend(blank(800, 600, level), HEIGHT).astype(int)
     x, rows, _ = column_of(drawn, "viridis")
@@ -55,7 +55,7 @@ def test_writing_is_dark_on_light(level):
     assert ink < 60 and panel > 200
 
 
-def test_ticks_stand_at_their_values():
+def test_ticks_are_drawn_at_their_values():
     drawn = draw_legend(blank(800, 600, 255), pr.Attribute("height", range=(0.5, 10))).astype(int)
     x, rows, _ = column_of(drawn, "viridis")
     right = x + np.flatnonzero((drawn[300, x:] < 60).all(axis=1))[0]  # the bar's edge
@@ -94,7 +94,7 @@ def test_ticks_of_any_range(seed):
 
 @pytest.mark.parametrize(("name", "last"), [("tab10", 6), ("tab20", 18), ("tab10", 300)])
 @pytest.mark.parametrize("size", [(800, 600), (320, 240)])
-def test_classes_have_fields(name, last, size):
+def test_classes_are_drawn_as_colour_fields(name, last, size):
     drawn = draw_legend(blank(*size, 30), pr.Attribute("class", name, (0, last)))
     count = min(last + 1, len(colormap(name)))
     for k, color in enumerate(colormap(name)):
@@ -110,7 +110,7 @@ def test_a_long_name_fits():
     assert (drawn[:, :20] == 255).all() and (drawn != 255).any()
 
 
-def test_pictures_of_all_kinds(tmp_path):
+def test_legends_are_drawn_on_all_kinds_of_pictures(tmp_path):
     """Linear and transparent pictures get the same legend and are unchanged beside it."""
     shown = draw_legend(blank(160, 120, 0), HEIGHT).astype(int)
     linear = draw_legend(np.zeros((120, 160, 3), np.float32), HEIGHT)
@@ -145,7 +145,7 @@ def test_a_bad_legend_is_refused(make, says):
 # --------------------------------------------------------------------------------------------- the command line
 
 
-def test_legend_of_render(tmp_path, capsys):
+def test_render_draws_a_legend(tmp_path, capsys):
     rows = sphere_points(3000)
     pr.write(tmp_path / "scan.ply", pr.Points(rows, rows))
     pictures = {}

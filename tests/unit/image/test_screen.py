@@ -1,4 +1,4 @@
-"""The screen's levels by a table, compared with the formulas that write pictures."""
+"""Display levels from a lookup table, compared with the formulas used for files."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_levels_are_those_of_the_curves(curve, exposure, rng):
     assert (levels != expected).mean() < 0.04
 
 
-def test_every_level_comes_back():
+def test_every_level_is_reproduced():
     from pointray.image.tone import srgb_to_linear
 
     grey = np.ones((1, 256, 4), np.float32)
@@ -35,7 +35,7 @@ def test_every_level_comes_back():
     assert (np.abs(to_8bit(grey)[0, :, 0].astype(int) - np.arange(256)) <= 1).all()
 
 
-def test_what_is_no_light_is_dark_and_what_is_too_much_is_white():
+def test_invalid_light_is_black_and_too_bright_light_white():
     image = np.ones((1, 4, 4), np.float32)
     image[0, :, :3] = np.array([np.nan, -5.0, np.inf, 0.0])[:, None]
     assert to_8bit(image)[0, :, 0].tolist() == [0, 0, 255, 0]

@@ -1,4 +1,4 @@
-"""Colours and columns as other programs and datasets write them."""
+"""Colours and columns as written by other programs and datasets."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BLUE, RED, GREEN = (40, 60, 220), (220, 60, 40), (60, 200, 80)
 
 
 def room(rng, n=400):
-    """Points of a room and colours of its walls: similar channels, some noise."""
+    """Return points of a room and colours of its walls: similar channels, some noise."""
     xyz = np.round(rng.uniform(-3, 3, (n, 3)), 3)
     base = rng.integers(60, 200, (5, 1)) + rng.integers(-30, 30, (5, 3))
     return xyz, np.clip(base[rng.integers(0, 5, n)] + rng.integers(-9, 9, (n, 1)), 0, 255)
@@ -29,7 +29,7 @@ def names_of(*columns, **options):
 
 
 def datasets(rng):
-    """Rows of datasets, by the names of their columns."""
+    """Return rows of datasets and the names of their columns."""
     xyz, rgb = room(rng)
     n = len(xyz)
     label, instance = rng.integers(0, 13, n), rng.integers(0, 600, n)
@@ -75,7 +75,7 @@ def test_many_unrecognised_columns_are_one_short_note(rng):
 
 
 def test_pts_has_intensity_before_colours(tmp_path, rng):
-    """Whatever the values are; other texts with an intensity from 0 to 255 are guessed, with a note."""
+    """This holds for any values; other texts with an intensity from 0 to 255 are guessed, with a note."""
     xyz, rgb = room(rng)
     rows = np.column_stack([xyz, rgb.mean(axis=1).astype(int), rgb])
     np.savetxt(tmp_path / "a.pts", rows, "%.3f %.3f %.3f %d %d %d %d")
@@ -102,7 +102,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_files_that_failed_once_have_their_colors(name):
+def test_colors_of_once_failing_files_are_plausible(name):
     with pytest.warns(UserWarning, match=re.escape(CASES[name] or "")) if CASES[name] else nullcontext():
         points = pr.read(case_file(name))
     if name.startswith("txt_id"):
@@ -116,7 +116,7 @@ def test_files_that_failed_once_have_their_colors(name):
 
 
 def written(path: Path, colors) -> Path:
-    """A file of points with colours as they stand in an array."""
+    """Write a file of points whose colours are those of an array."""
     colors = np.asarray(colors)
     xyz = np.random.default_rng(2).normal(size=(len(colors), 3)).astype(np.float32)
     rows = np.rec.fromarrays([*xyz.T, *colors.T], names="x,y,z,red,green,blue")
@@ -137,7 +137,7 @@ def test_stray_values_do_not_decide_the_range(tmp_path, white, dtype):
 
 
 def test_few_painted_points_keep_their_range(tmp_path):
-    """All but 3 of 9,000 values are zero: they are no strays."""
+    """All but 3 of 9,000 values are zero; the 3 are not outliers."""
     colors = np.zeros((3000, 3), np.uint16)
     colors[7] = 65535
     assert pr.read(written(tmp_path / "a", colors)).colors.sum() == 3 * 255

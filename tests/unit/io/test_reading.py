@@ -1,4 +1,4 @@
-"""From files to one cloud: which rows are chosen, how files are joined, packed files, colours, memory."""
+"""Reading files into one cloud: selection of rows, joining, compressed files, colours, memory."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ def gathered(*chunks, selection=None, progress=None, **about):
     return gather.gather(openers, selection or Selection(), progress)
 
 
-def test_rows_that_are_left_out_take_no_memory():
-    """The chosen rows are copied, as a view keeps all rows of the file."""
+def test_dropped_rows_take_no_memory():
+    """The chosen rows are copied, as a view would keep all rows of the file."""
     chunk = Chunk(XYZ, normals=XYZ.astype(np.float32), attributes={"a": CLASSES})
     for selection in (Selection(every=10), Selection(bounds=np.array([[0, 0, 0], [0.1, 1, 1]]))):
         assert all(column.base is None for column in selection.apply(chunk, 3).columns)
 
 
-def test_chunks_fill_arrays_that_are_made_once():
+def test_chunks_are_copied_into_preallocated_arrays():
     filling = Filling(1000)
     for start in range(0, 1000, 300):
         filling.add(Chunk(XYZ[start : start + 300], attributes={"a": CLASSES[start : start + 300].astype(">i2")}))
@@ -87,7 +87,7 @@ def test_rows_are_chosen(scan, options, rows):
 
 
 @pytest.mark.parametrize("count", [1, 3, 64, 333, 999, 1000, 5000])
-def test_at_most_so_many_points_spread_evenly(scan, count):
+def test_max_points_selects_evenly(scan, count):
     rows = pr.read(scan, max_points=count).attributes["row"]
     assert len(rows) == min(count, 1000)
     assert np.diff(rows).max(initial=1) <= -(-1000 // count)
@@ -95,12 +95,12 @@ def test_at_most_so_many_points_spread_evenly(scan, count):
 
 
 @pytest.mark.parametrize("count", [1, 7, 100, 400, 999])
-def test_as_many_where_the_number_of_rows_is_not_known(count):
+def test_max_points_works_if_the_number_of_rows_is_unknown(count):
     chunk = Chunk(XYZ, attributes={"row": np.arange(1000)})
     points = gathered(chunk, chunk, selection=Selection(max_points=count), known=False)
     rows = np.concatenate([points.attributes["row"][:1], np.diff(points.attributes["row"]) % 1000])
     assert count / 2 <= len(points) <= count
-    assert len(set(rows[1:].tolist())) <= 1  # evenly, from one file to the next too
+    assert len(set(rows[1:].tolist())) <= 1  # evenly, across files as well
     kept = gathered(chunk, selection=Selection(max_points=count, drop={"row": range(500)}))
     assert min(count, 500) / 2 <= len(kept) <= count
     assert kept.attributes["row"].min() >= 500
@@ -147,7 +147,7 @@ def test_several_files_are_one_cloud(scan, tmp_path):
     np.testing.assert_array_equal(points.colors[[0, 1000]], [[128] * 3, (XYZ[0] * 255).astype(np.uint8)])
 
 
-def test_one_line_tells_which_files_lack_what():
+def test_missing_columns_are_reported_in_one_warning():
     full = Chunk(XYZ, attributes={"class": CLASSES, "row": np.arange(1000)})
     with pytest.warns(UserWarning, match="class, row; missing in") as said:
         gathered(full, *[Chunk(XYZ)] * 7)
@@ -224,7 +224,7 @@ def test_a_file_that_is_being_written_is_reported(scan, monkeypatch):
     [
         (np.array([[0, 128, 255]], np.uint8), [0, 128, 255]),
         (np.array([[0, 128, 255]], np.uint16), [0, 128, 255]),  # 8 bits in 16
-        (np.array([[0, 128 * 256, 255 * 256]], np.uint16), [0, 128, 255]),  # moved up
+        (np.array([[0, 128 * 256, 255 * 256]], np.uint16), [0, 128, 255]),  # shifted
         (np.array([[0, 128 * 257, 65535]], np.uint16), [0, 128, 255]),
         (np.array([[1, 128 * 257, 40000]], np.uint16), [0, 128, 156]),
         (np.array([[0, 0.5, 1]]), [0, 128, 255]),
@@ -246,7 +246,7 @@ def test_colors_out_of_range_are_refused(wrong):
         ColorRange.of([np.array(wrong)]).scale(np.array(wrong).dtype)
 
 
-def test_16_bits_are_recognised_by_all_chunks_together():
+def test_all_chunks_decide_whether_colors_have_16_bits():
     dark, bright = np.full((1, 3), 200, np.uint16), np.full((1, 3), 51400, np.uint16)
     scale = ColorRange.of([dark, bright]).scale(dark.dtype)
     assert [to_shades(one, scale).tolist() for one in (dark, bright)] == [[[1, 1, 1]], [[200, 200, 200]]]

@@ -1,4 +1,4 @@
-"""Scanners that move: each point's eye is where the trajectory was at its time."""
+"""Moving scanners: a point's viewpoint is the position of the trajectory at its time."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ START = 316_000.25
 
 
 def street(n=6000):
-    """Two thin walls, both of whose sides were seen in turn by a car that drove around: points, exact normals."""
+    """Return two thin walls, both sides scanned by a car driving around them: points, exact normals."""
     rng = np.random.default_rng(2)
     side = rng.integers(0, 2, n)
     positions = np.column_stack([np.where(side == 0, -0.001, 0.001), rng.random(n), rng.random(n)])
@@ -23,7 +23,7 @@ def street(n=6000):
 
 
 def drive(path, header="time,x,y,z\n", separator=",", extra=""):
-    """The car goes to the west at first, then to the east."""
+    """Write a trajectory of the car, which drives west at first, then east."""
     rows = [(0, -5, 0, 0.5), (10, -5, 1, 0.5), (15, 0, 5, 0.5), (20, 5, 1, 0.5), (40, 5, 0, 0.5)]
     text = [separator.join(f"{v:.6f}" for v in (START + t, *(FAR + (x, y, z)))) + extra for t, x, y, z in rows]
     path.write_text(header + "\n".join(text) + "\n")
@@ -41,7 +41,7 @@ def test_normals_face_the_car(tmp_path, header, separator, extra):
     assert (np.sum(normals * exact, axis=1) > 0).all()
 
 
-def test_eyes_are_interpolated_and_unknown_outside(tmp_path):
+def test_viewpoints_are_interpolated_and_unknown_outside(tmp_path):
     times = START + np.array([-1, 0, 5, 12.5, 40, 41, np.nan])
     points = Points(np.tile(FAR, (7, 1)), attributes={"gps_time": times})
     eyes = pr.eyes_along(points, drive(tmp_path / "car.csv"))
@@ -49,7 +49,7 @@ def test_eyes_are_interpolated_and_unknown_outside(tmp_path):
     np.testing.assert_allclose(eyes[1:5] - FAR, [[-5, 0, 0.5], [-5, 0.5, 0.5], [-2.5, 3, 0.5], [5, 0, 0.5]], atol=1e-5)
 
 
-def test_a_cloud_is_a_trajectory(tmp_path):
+def test_a_trajectory_may_be_a_cloud_file(tmp_path):
     path = drive(tmp_path / "car.csv")
     rows = read_trajectory(path)
     pr.write(tmp_path / "car.npz", Points(rows.positions, attributes={"gps_time": rows.times}))
@@ -68,14 +68,14 @@ def test_a_cloud_is_a_trajectory(tmp_path):
         ("time,x,y,z\n1,0,0,0\n2,0,0,0\n", "times of points are 316000.* of the trajectory 1 to 2"),
     ],
 )
-def test_what_is_no_trajectory(tmp_path, text, words):
+def test_invalid_trajectories_are_refused(tmp_path, text, words):
     (tmp_path / "bad.csv").write_text(text)
     with pytest.raises(ValueError, match=words) as error:
         pr.eyes_along(street(200)[0], tmp_path / "bad.csv")
     assert "\n" not in str(error.value)
 
 
-def test_points_without_times(tmp_path):
+def test_points_without_times_are_refused(tmp_path):
     with pytest.raises(ValueError, match="the attribute gps_time of the points, which is missing: pass a viewpoint"):
         pr.eyes_along(Points(np.eye(3)), drive(tmp_path / "car.csv"))
 
@@ -91,7 +91,7 @@ def test_a_viewpoint_in_a_wall_is_refused(shift):
         pr.estimate_normals(points, viewpoint=eye)
 
 
-def test_returns_that_a_scanner_lost_do_not_make_it_lie_among_the_points():
+def test_lost_returns_at_the_viewpoint_are_ignored():
     ball = pr.procedural("sphere", 2000)
     check_outside(np.concatenate([ball.positions, np.zeros((5, 3), np.float32)]), np.zeros(3))
     found = pr.estimate_normals(Points(np.concatenate([ball.positions, [[0, 0, 0]]])), viewpoint=(0, 0, 0)).normals

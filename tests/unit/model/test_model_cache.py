@@ -1,4 +1,4 @@
-"""The cache of models: what is found again, what is not, and that nothing breaks it."""
+"""The cache of models: hits, misses, eviction, and robustness against damage."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ MADE = {"surface": None, "samples": 4}
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """An empty cache that keeps small models, and a scan that was written a while ago."""
+    """An empty cache that keeps small models, and a scan with an old modification time."""
     monkeypatch.setenv("POINTRAY_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(model_cache, "WORTH", 100)
     scan = tmp_path / "scan.ply"
@@ -54,7 +54,7 @@ def test_a_model_is_found_again_with_its_levels_and_notes(place):
     assert [len(level.points) for level in again.levels] == [len(level.points) for level in model.levels]
 
 
-def test_another_file_time_size_or_way_of_making_is_another_model(place, tmp_path):
+def test_another_file_time_size_or_setting_is_a_cache_miss(place, tmp_path):
     assert entry_of([place], MADE).store(_model())
     assert entry_of([place], {**MADE, "samples": 5}).load() is None
     other = tmp_path / "other.ply"
@@ -84,7 +84,7 @@ def test_small_models_are_not_kept(place, monkeypatch):
     assert not entry_of([place], MADE).store(_model())
 
 
-def test_the_least_recently_used_ones_go(place, tmp_path, monkeypatch):
+def test_the_least_recently_used_models_are_removed(place, tmp_path, monkeypatch):
     entries = []
     for k in range(4):
         scan = tmp_path / f"{k}.ply"
@@ -107,7 +107,7 @@ def test_the_least_recently_used_ones_go(place, tmp_path, monkeypatch):
     assert list(model_cache.folder().iterdir()) == []
 
 
-def test_damaged_models_are_built_anew(place):
+def test_damaged_models_are_built_again(place):
     entry, model, dice = entry_of([place], MADE), _model(), np.random.default_rng(3)
     assert entry.store(model)
     whole = entry.path.read_bytes()
@@ -171,7 +171,7 @@ while True:
 
 
 @pytest.mark.long
-def test_processes_that_write_the_same_model_and_are_killed_leave_a_whole_one(place):
+def test_killed_processes_that_write_the_same_model_leave_a_valid_one(place):
     dice, entry, seen = random.Random(5), entry_of([place], MADE), set()
     for _ in range(4):
         command = [sys.executable, "-c", WRITER, place]
@@ -181,7 +181,7 @@ def test_processes_that_write_the_same_model_and_are_killed_leave_a_whole_one(pl
         while not entry.path.exists():  # a first model is written
             assert all(writer.poll() is None for writer in writers)
             time.sleep(0.01)
-        time.sleep(dice.uniform(0, 0.05))  # they are killed at any moment
+        time.sleep(dice.uniform(0, 0.05))  # they are killed at a random time
         for writer in writers:
             writer.send_signal(signal.SIGKILL)
             writer.wait()

@@ -37,7 +37,7 @@ def hits_of(model):
     return scene.intersect(origins, directions, attributes=("heat", "flow"))
 
 
-def test_a_loaded_model_is_the_saved_one(saved):
+def test_a_loaded_model_equals_the_saved_one(saved):
     model, path = saved
     again = pr.Model.load(path)
     assert (again.surface, again.settings, again.nbytes) == (model.surface, model.settings, model.nbytes)
@@ -55,7 +55,7 @@ def test_a_loaded_model_is_the_saved_one(saved):
 
 
 @pytest.mark.parametrize("options", [{"surface": "disc"}, {"surface": "paper", "trim": None}])
-def test_models_of_all_kinds_come_back(tmp_path, options):
+def test_models_of_all_kinds_are_saved_and_loaded(tmp_path, options):
     model = pr.Model(pr.procedural("sphere", 500).positions, **options)
     model.save(tmp_path / "m")
     again = pr.Model.load(tmp_path / "m")
@@ -75,7 +75,7 @@ def test_a_loaded_model_is_saved_again_over_its_own_file(tmp_path, saved):
     assert os.listdir(tmp_path) == ["m"]
 
 
-def test_writing_to_a_loaded_model_leaves_its_file_alone(saved):
+def test_writing_to_a_loaded_model_does_not_change_its_file(saved):
     before = saved[1].read_bytes()
     model = pr.Model.load(saved[1])
     model.radii[:] = 0
@@ -125,7 +125,7 @@ def test_another_description_is_an_error(tmp_path, saved, old, new, words):
 
 
 def damages():
-    """Damages that a wrong byte on the disk may do to a tree: (array, function that damages it)."""
+    """Return changes that a wrong byte on the disk may cause: (array of the tree, function that changes it)."""
 
     def put(index, value):
         def change(array):
@@ -176,7 +176,7 @@ def far_picture(model, **settings):
     return pr.render(scene, pr.Camera.look_at(eye, near.target, size=(32, 32)), pr.Settings("color", **settings))
 
 
-def test_levels_of_detail_come_back(tmp_path, leveled):
+def test_levels_of_detail_are_saved_and_loaded(tmp_path, leveled):
     model, path = leveled
     again = pr.Model.load(path)
     assert len(again.levels) == len(model.levels) >= 2 and again.nbytes == model.nbytes
@@ -190,7 +190,7 @@ def test_levels_of_detail_come_back(tmp_path, leveled):
     assert (tmp_path / "m").read_bytes() == path.read_bytes()
 
 
-def test_a_file_without_a_word_on_levels_is_read(tmp_path, saved):
+def test_an_old_file_without_levels_is_read(tmp_path, saved):
     """Older files did not keep levels."""
     data = saved[1].read_bytes()
     assert data.count(b', "levels": []') == 1
@@ -215,7 +215,7 @@ def test_a_damaged_level_is_an_error(tmp_path, leveled):
 def test_a_damaged_tree_is_an_error(tmp_path, saved, name, change):
     model = pr.Model.load(saved[1])
     array = getattr(model.tree, name)
-    if name == "leaves":  # of a leaf that is not empty
+    if name == "leaves":  # at a leaf that is not empty
         array = array[LEAF * int(np.flatnonzero(array[STEP::LEAF])[0]) :]
     change(array)
     model.save(tmp_path / "m")
@@ -240,7 +240,7 @@ def test_random_damage_is_an_error_or_leads_no_ray_astray(tmp_path, saved, rng):
     assert loaded > 0
 
 
-def test_bits_above_a_color_lead_no_ray_astray(tmp_path, saved):
+def test_bits_above_a_color_are_ignored(tmp_path, saved):
     model = pr.Model.load(saved[1])
     tree = model.tree._replace(colors=model.tree.colors | (1 << 30))
     PrebuiltModel(model.data._replace(tree=tree)).save(tmp_path / "m")
@@ -267,13 +267,13 @@ def test_the_command_line_saves_and_renders_models(tmp_path):
 
 
 @pytest.mark.scans
-def test_a_scan_comes_back(tmp_path):
+def test_metadata_of_a_scan_is_saved_and_loaded(tmp_path):
     model = pr.Model(pr.read(shared_model("points/nefertiti_50k.ply")))
     model.save(tmp_path / "m")
     assert np.array_equal(pr.Model.load(tmp_path / "m").tree.leaves, model.tree.leaves)
 
 
-def test_what_is_part_of_a_saved_model_is_not_asked_for(saved, tmp_path, capsys):
+def test_options_of_building_are_refused_for_saved_models(saved, tmp_path, capsys):
     for option in (["--surface", "disc"], ["--samples", "8"], ["--radius-scale", "2"]):
         assert execute(["render", str(saved[1]), "-o", str(tmp_path / "a.png"), *option]) == 2
         assert "part of a saved model" in capsys.readouterr().err
@@ -288,8 +288,8 @@ def test_an_invalid_model_is_reported_with_its_file(tmp_path, capsys):
 
 
 @pytest.mark.long
-def test_no_extreme_number_in_a_file_leads_a_ray_astray(tmp_path):
-    """This runs in a process of its own, which a ray that reads foreign memory may end."""
+def test_extreme_numbers_in_a_file_cause_no_invalid_memory_access(tmp_path):
+    """This runs in its own process, which an invalid memory access may crash."""
     command = [sys.executable, str(TESTS / "helpers" / "model_extremes.py"), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, f"exit status {done.returncode}: {done.stderr[-2000:]}"

@@ -1,4 +1,4 @@
-"""Models in parts: rays meet in them what they meet in the whole, and folders that are damaged are refused."""
+"""Models in parts: rays hit what they hit in the whole, and damaged folders are refused."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def leaves(model: pr.Model) -> set[bytes]:
 
 
 def noisy_wall(rng: np.random.Generator, count: int = 60_000) -> pr.Points:
-    """Thin, open, coloured, with noise and another density on one side."""
+    """Return a thin, open, coloured wall with noise, of different density on one side."""
     x, z = rng.uniform(0, 1, (2, count)) ** [[1.5], [1.0]]
     positions = np.column_stack([x, 0.05 * np.sin(9 * x) + rng.normal(0, 0.002, len(x)), z])
     colors = rng.integers(0, 256, positions.shape).astype(np.uint8)
@@ -53,7 +53,7 @@ def both(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return model, pr.Model.load(folder)
 
 
-def test_the_trees_of_the_parts_are_the_tree_of_the_whole(both: tuple[pr.Model, pr.Model]) -> None:
+def test_the_trees_of_the_parts_equal_that_of_the_whole(both: tuple[pr.Model, pr.Model]) -> None:
     whole, parted = both
     assert len(parted.parts) == -(-len(splats_of(whole.tree, whole.radii).radii) // 16_384) > 3
     assert set.union(*(leaves(part) for part in parted.parts)) == leaves(whole)
@@ -66,7 +66,7 @@ def test_the_trees_of_the_parts_are_the_tree_of_the_whole(both: tuple[pr.Model, 
 
 
 @pytest.mark.parametrize("placed", [False, True])
-def test_rays_meet_in_parts_what_they_meet_in_the_whole(both: tuple[pr.Model, pr.Model], placed: bool) -> None:
+def test_rays_hit_the_same_in_parts_and_in_the_whole(both: tuple[pr.Model, pr.Model], placed: bool) -> None:
     whole, parted = both
     row_of = splats_of(whole.tree, whole.radii).rows
     transform = pr.transform(rotate=40, scale=2.5, translate=(3, -2, 1)) if placed else None
@@ -90,7 +90,7 @@ def test_rays_meet_in_parts_what_they_meet_in_the_whole(both: tuple[pr.Model, pr
     t, normals, colors, points = (np.concatenate(column) for column in zip(*hits, strict=True))
     t2, normals2, colors2, points2 = (np.concatenate(column) for column in zip(*others, strict=True))
     assert seen > 10_000
-    assert (t != t2).sum() <= 2  # on a cut; so are all those below
+    assert (t != t2).sum() <= 2  # on a cut, as all those below
     assert (normals != normals2).any(axis=1).mean() < 5e-4
     assert np.abs(normals - normals2).max() < 1e-4
     assert (colors != colors2).any(axis=1).mean() < 5e-4
@@ -110,7 +110,7 @@ def test_what_a_ray_meets_in_parts_does_not_depend_on_other_rays(
             np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name)[order], name)
 
 
-def test_pictures_of_parts_are_those_of_the_whole(both: tuple[pr.Model, pr.Model]) -> None:
+def test_pictures_of_parts_equal_those_of_the_whole(both: tuple[pr.Model, pr.Model]) -> None:
     pictures = []
     for model in both:
         scene = pr.Scene()
@@ -122,7 +122,7 @@ def test_pictures_of_parts_are_those_of_the_whole(both: tuple[pr.Model, pr.Model
         assert np.isclose(one, other, atol=1e-4).all(axis=2).mean() > 0.999
 
 
-def test_points_and_radii_stay(both: tuple[pr.Model, pr.Model]) -> None:
+def test_points_and_radii_are_kept(both: tuple[pr.Model, pr.Model]) -> None:
     whole, parted = both
     rows = splats_of(whole.tree, whole.radii).rows
     assert np.array_equal(parted.points.positions, whole.points.positions[rows])
@@ -134,7 +134,7 @@ def test_points_and_radii_stay(both: tuple[pr.Model, pr.Model]) -> None:
     assert sum(len(some) for some in listed) < 1.35 * len(rows)  # parts this small have many neighbours
 
 
-def test_what_needs_the_whole_is_refused(both: tuple[pr.Model, pr.Model], tmp_path: Path) -> None:
+def test_operations_that_need_the_whole_model_are_refused(both: tuple[pr.Model, pr.Model], tmp_path: Path) -> None:
     parted = both[1]
     for work in (
         lambda: parted.save(tmp_path / "a.pointray"),
@@ -184,13 +184,13 @@ def damaged(folder: Path, **changes: object) -> None:
 
 
 def damaged_part(folder: Path, **changes: object) -> None:
-    """Change what the index says of the first part."""
+    """Change the first part's entry in the index."""
     parts = json.loads((folder / INDEX).read_text())["parts"]
     damaged(folder, parts=[parts[0] | changes, *parts[1:]])
 
 
 def described(name: str, spacing: float) -> dict[str, object]:
-    """What the index says of a level of detail."""
+    """Return the index entry of a level of detail."""
     return LevelFile(f"{name}.pointray", 1, spacing, 16, 1, "")._asdict()
 
 
@@ -227,7 +227,7 @@ def test_damaged_folders_are_refused(folder: Path, change: object, words: str) -
         pr.Model.load(folder)
 
 
-def test_the_index_tells_what_a_part_is_without_its_file(both: tuple[pr.Model, pr.Model], tmp_path: Path) -> None:
+def test_the_index_describes_parts_without_opening_their_files(both: tuple[pr.Model, pr.Model], tmp_path: Path) -> None:
     for part in both[1].parts:
         told = write_part(tmp_path, "0", 0, 5, part.bounds, part.tree)
         assert PartFile.of(json.loads(json.dumps(told.facts))) == told
@@ -238,7 +238,7 @@ def test_the_index_tells_what_a_part_is_without_its_file(both: tuple[pr.Model, p
         assert told.spacing == pytest.approx(np.median(part.radii[part.tree.order[part.tree.order >= 0]]), rel=1e-6)
 
 
-def test_levels_of_detail_are_saved_models_that_name_their_folder(tmp_path: Path) -> None:
+def test_levels_of_detail_are_saved_models_with_the_id_of_their_folder(tmp_path: Path) -> None:
     model = pr.Model(pr.procedural("sphere", 5000))
     model.make_levels()
     level = model.levels[0]
@@ -273,7 +273,7 @@ def test_the_command_line_prepares_and_shows_parts(tmp_path: Path, capsys: pytes
         exact = "--size", "80x60", "--light", "headlight", "--no-levels"
         assert run("render", model, "-o", model.with_suffix(".png"), *exact) == 0
     one, other = (Image.open(model.with_suffix(".png")) for model in (parted, ready))
-    # Levels of detail tell where the camera stands of what is in parts: it stands a little elsewhere.
+    # The automatic camera of a model in parts is chosen from levels of detail, so it differs slightly.
     assert np.abs(np.asarray(one, np.int16) - np.asarray(other)).mean() < 1
     capsys.readouterr()
     assert run("info", parted, "--json") == 0
@@ -295,7 +295,7 @@ def test_the_command_line_bakes_light_for_parts(
     assert "not one in parts" in capsys.readouterr().err
 
 
-def test_light_is_baked_into_parts_as_into_the_whole(both: tuple[pr.Model, pr.Model]) -> None:
+def test_light_baked_into_parts_equals_that_of_the_whole(both: tuple[pr.Model, pr.Model]) -> None:
     pictures = []
     for model in both:
         scene = pr.Scene()
@@ -305,7 +305,7 @@ def test_light_is_baked_into_parts_as_into_the_whole(both: tuple[pr.Model, pr.Mo
         camera = pr.Camera.frame(model.bounds, SIDES[0], size=(80, 60))
         pictures.append(pr.render(scene, camera, pr.Settings(integrator="baked"))[..., :3])
     one, other = pictures
-    assert np.abs(one - other).mean() < 0.06 * one.mean()  # other patches: noise; without a part's light it is 0.5
+    assert np.abs(one - other).mean() < 0.06 * one.mean()  # noise of other patches; 0.5 if a part has no light
 
 
 @pytest.mark.parametrize(
@@ -334,7 +334,7 @@ def test_wrong_folders_are_refused(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_nothing_is_left_where_writing_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_write_leaves_no_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*arguments: object) -> None:
         raise OSError(28, "No space left on device")
 

@@ -1,4 +1,4 @@
-"""Parts and levels of detail that are opened when they are needed, and let go again."""
+"""Parts and levels of detail are opened when needed and released when over budget."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ DOWN = np.array([0.0, 0, -1])
 
 
 def terrain() -> pr.Points:
-    """Eight units long, one wide."""
+    """Return a terrain, eight units long and one wide."""
     random = np.random.default_rng(3)
     x, y = random.uniform(0, 8, COUNT), random.uniform(0, 1, COUNT)
     z = 0.1 * np.sin(3 * x) * np.cos(5 * y)
@@ -51,7 +51,7 @@ def terrain() -> pr.Points:
 
 
 def give_levels(folder: Path, patch: pytest.MonkeyPatch) -> None:
-    """Give each large part levels of detail, made of its own points."""
+    """Give each large part levels of detail, built from its own points."""
     patch.setattr("pointray.model.levels_of_detail.LEAST_POINTS", 100)
     index, whole = read_folder(folder)
     parts, start = [], 0
@@ -81,7 +81,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def whole() -> pr.Model:
-    """The same in one piece, without levels of detail."""
+    """The same model in one piece, without levels of detail."""
     return pr.Model(terrain())
 
 
@@ -96,7 +96,7 @@ def folder(made: Path, tmp_path: Path) -> Path:
 
 
 def spoil(path: Path) -> None:
-    """Replace the contents of a file by garbage of the same size."""
+    """Replace the contents of a file with garbage of the same size."""
     path.write_bytes(np.random.default_rng(0).bytes(path.stat().st_size))
 
 
@@ -118,7 +118,7 @@ def key_of(number: int, level: int = 0) -> Key:
 
 
 def along(model: pr.Model) -> list[int]:
-    """The numbers of the parts that have levels of detail, from x = 0 to x = 8."""
+    """Return the numbers of the parts with levels of detail, from x = 0 to x = 8."""
     return [number for number in np.argsort([part.bounds[0, 0] for part in model.parts]).tolist() if number < 6]
 
 
@@ -149,7 +149,7 @@ def test_a_model_is_opened_without_its_parts(folder: Path) -> None:
         _ = model.parts[3].nonsense
 
 
-def test_pictures_open_what_they_show(made: Path) -> None:
+def test_pictures_open_only_the_levels_they_show(made: Path) -> None:
     model = pr.Model.load(made)
     order = along(model)
     pr.render(scene_of(model), FAR)
@@ -164,7 +164,7 @@ def test_pictures_open_what_they_show(made: Path) -> None:
     assert model.resident_bytes == sum(model._cache.file(key).nbytes for key in found)
 
 
-def test_garbage_matters_where_it_is_needed(folder: Path) -> None:
+def test_damaged_files_are_reported_when_they_are_needed(folder: Path) -> None:
     first, *_, last = along(pr.Model.load(folder))
     wanted = pr.render(scene_of(pr.Model.load(folder)), NEAR)
     spoil(folder / f"part-{last:04d}.pointray")
@@ -198,29 +198,29 @@ def test_the_command_line_names_a_damaged_level(folder: Path, capsys: pytest.Cap
         (lambda f: (f / "part-0001-2.pointray").rename(f / "part-0001.pointray"), "part-0001"),
     ],
 )
-def test_sizes_are_compared_when_a_model_is_opened(folder: Path, change: Callable[[Path], None], words: str) -> None:
+def test_file_sizes_are_checked_on_opening(folder: Path, change: Callable[[Path], None], words: str) -> None:
     change(folder)
     with pytest.raises((ValueError, OSError), match=words):
         pr.Model.load(folder)
 
 
-def told_otherwise(folder: Path, **changes: Any) -> None:
-    """Change what the index says of the finest level of the first part."""
+def change_index(folder: Path, **changes: Any) -> None:
+    """Change the index entry of the finest level of the first part."""
     index = json.loads((folder / INDEX).read_text())
     index["parts"][0]["levels"][0] |= changes
     (folder / INDEX).write_text(json.dumps(index))
 
 
-def test_levels_are_not_trusted(folder: Path) -> None:
+def test_levels_are_validated_when_opened(folder: Path) -> None:
     index, whole = read_folder(folder)
     level = pr.Model.load(folder).parts[0].levels[0]
     file = index.parts[0].levels[0]
 
     def written(of: pr.Model, id: str = index.id, part: int = 0, number: int = 1) -> str:
-        """The message that an opened level gives, after it has been written like that."""
+        """Return the error from opening a level that was written with these values."""
         told = write_level(folder.parent, id, part, number, of.data.to_stored())
         (folder.parent / told.name).rename(folder / file.name)
-        told_otherwise(folder, points=told.points, longest=told.longest, nbytes=told.nbytes)
+        change_index(folder, points=told.points, longest=told.longest, nbytes=told.nbytes)
         try:
             _ = pr.Model.load(folder).parts[0].levels[0].tree
         except ValueError as error:
@@ -243,15 +243,15 @@ def test_levels_are_not_trusted(folder: Path) -> None:
     damaged = PrebuiltModel(level.data._replace(tree=tree))
     assert "a reference is not a block" in written(damaged)
     assert written(level) == ""
-    told_otherwise(folder, longest=16 * 1000)
+    change_index(folder, longest=16 * 1000)
     with pytest.raises(ValueError, match="longest leaf"):
         _ = pr.Model.load(folder).parts[0].levels[0].tree
-    told_otherwise(folder, longest=file.longest, points=file.points + 1)
+    change_index(folder, longest=file.longest, points=file.points + 1)
     with pytest.raises(ValueError, match="points without levels of detail, got"):
         _ = pr.Model.load(folder).parts[0].levels[0].tree
 
 
-def test_a_sound_file_is_checked_once_unless_it_changes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_valid_file_is_checked_once_unless_it_changes(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     checked = []
 
     def check(tree: Any, points: int) -> None:
@@ -271,7 +271,7 @@ def test_a_sound_file_is_checked_once_unless_it_changes(folder: Path, monkeypatc
 # ----------------------------------------------------------------------------------------------------------- the budget
 
 
-def test_the_least_recently_used_go_first(made: Path) -> None:
+def test_the_least_recently_used_parts_are_released_first(made: Path) -> None:
     size = max(file.nbytes for file in read_folder(made)[0].parts)
     model = pr.Model.load(made, memory=3 * size)
 
@@ -284,7 +284,7 @@ def test_the_least_recently_used_go_first(made: Path) -> None:
     assert opened(3) == {0, 2, 3}
     assert opened(1) == {0, 1, 3}
     assert model.resident_bytes <= 3 * size
-    tree = model.parts[0].tree  # one that is read is let go too, and stays what it was
+    tree = model.parts[0].tree  # a tree in use is released as well, and keeps its contents
     before = [array.copy() for array in tree]
     for number in (4, 5, 6):
         opened(number)
@@ -292,7 +292,7 @@ def test_the_least_recently_used_go_first(made: Path) -> None:
     assert all(np.array_equal(one, other, equal_nan=True) for one, other in zip(tree, before, strict=True))
 
 
-def test_the_coarsest_levels_stay(made: Path) -> None:
+def test_the_coarsest_levels_stay_open(made: Path) -> None:
     model = pr.Model.load(made, memory=1)
     for part in model.parts:
         for level in (part, *part.levels):
@@ -308,7 +308,7 @@ def test_few_files_are_open_at_once(made: Path, monkeypatch: pytest.MonkeyPatch)
     assert len(open_files(model)) == 2
 
 
-def test_pages_that_are_dropped_come_back(made: Path) -> None:
+def test_dropped_pages_are_read_again(made: Path) -> None:
     index, whole = read_folder(made)
     tree = read_part(made, index, (1, 0), whole).tree
     before = [array.copy() for array in tree]
@@ -335,7 +335,7 @@ def test_pictures_are_the_same_with_any_budget(made: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["warmth", "class", "z"])
-def test_colours_of_attributes_are_those_of_the_whole(made: Path, whole: pr.Model, name: str) -> None:
+def test_colours_of_attributes_equal_those_of_the_whole(made: Path, whole: pr.Model, name: str) -> None:
     pictures = []
     for model in (whole, pr.Model.load(made, memory=1)):
         scene = scene_of(model, color=pr.Attribute(name, range=None if name == "class" else (0, 8)))
@@ -344,7 +344,7 @@ def test_colours_of_attributes_are_those_of_the_whole(made: Path, whole: pr.Mode
     assert len(np.unique(pictures[0][..., :3].reshape(-1, 3), axis=0)) > 1
 
 
-def test_found_ranges_are_nearly_those_of_the_whole(made: Path, whole: pr.Model) -> None:
+def test_automatic_ranges_are_close_to_those_of_the_whole(made: Path, whole: pr.Model) -> None:
     models = whole, pr.Model.load(made)
     shown = [scene_of(model, color=pr.Attribute("warmth")).shown_attributes[0].range for model in models]
     assert np.allclose(*shown, atol=0.05)
@@ -375,7 +375,7 @@ def test_resident_memory_stays_within_the_budget(tmp_path: Path) -> None:
     total, one = sum(file.nbytes for file in copies), copies[0].nbytes
 
     def grown(budget: int) -> int:
-        """By how much the memory of a process that looks at all of them grows."""
+        """Return the growth of memory of a process that views all of them."""
         command = [sys.executable, "-c", RSS, str(folder), str(budget)]
         return int(subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout)
 
@@ -402,7 +402,7 @@ def test_rays_open_what_they_reach_first(made: Path) -> None:
     assert scene.occluded((4, 0.5, -5), DOWN, -np.inf, 0)
     model = pr.Model.load(made)
     scene = scene_of(model)
-    # Along the whole terrain, below its peaks: what it meets first hides the rest.
+    # Along the whole terrain, below its peaks: the first hit hides the rest.
     ray = (-1.0, 0.05, 0.05), (1.0, 0, 0)
     pieces = scene.intersect(*ray)
     assert pieces.instance == 0
@@ -436,7 +436,7 @@ def full_hits(scene: pr.Scene, rays: tuple[Any, ...]) -> pr.Hits:
         reached.MOST = most
 
 
-def test_placed_parts_are_reached_too(made: Path) -> None:
+def test_rays_open_parts_of_transformed_instances(made: Path) -> None:
     model = pr.Model.load(made, memory=1)
     scene = pr.Scene()
     transform = pr.transform(rotate=30, axis=(1, 2, 3), scale=2.0, translate=(1, 5, -3))
@@ -448,7 +448,7 @@ def test_placed_parts_are_reached_too(made: Path) -> None:
     assert np.array_equal(one.t, other.t) and np.array_equal(one.instance, other.instance)
 
 
-def test_boxes_beside_the_picture_are_not_seen() -> None:
+def test_boxes_outside_the_picture_are_not_visible() -> None:
     random = np.random.default_rng(1)
     low = random.uniform(-4, 4, (300, 3))
     boxes = np.concatenate([low, low + random.uniform(0.01, 1, (300, 3))], axis=1)
@@ -466,7 +466,7 @@ def test_boxes_beside_the_picture_are_not_seen() -> None:
 # --------------------------------------------------------------------------------------------------- copies, other uses
 
 
-def test_pickles_hold_all_of_it(made: Path) -> None:
+def test_pickles_contain_the_whole_model(made: Path) -> None:
     model = pr.Model.load(made)
     twin = pickle.loads(pickle.dumps(model))
     assert [part.source for part in twin.parts] == [None] * len(model.parts)
@@ -479,7 +479,7 @@ def test_pickles_hold_all_of_it(made: Path) -> None:
     assert shared.place == model.place
 
 
-def test_bytes_are_those_of_files_and_points(made: Path) -> None:
+def test_nbytes_counts_files_and_points(made: Path) -> None:
     model = pr.Model.load(made)
     index, whole = read_folder(made)
     files = sum(file.nbytes for file in index.files)
@@ -530,7 +530,7 @@ def test_a_budget_is_for_models_in_parts(
 
 
 class Page:
-    """Takes the pictures and the errors of a painter."""
+    """Collects the pictures and errors of a painter."""
 
     def __init__(self, scene: pr.Scene, samples: int = 1) -> None:
         self.frames: list[Frame] = []
@@ -567,7 +567,7 @@ def pages() -> Iterator[list[Page]]:
 
 
 def held_back(monkeypatch: pytest.MonkeyPatch, reader: str) -> threading.Event:
-    """Hold back the reading of parts, or of levels, until the event is set."""
+    """Block the reading of parts, or of levels, until the event is set."""
     event, read = threading.Event(), getattr(residence, reader)
 
     def wait(*args: Any) -> Any:
@@ -588,7 +588,7 @@ def test_the_viewer_shows_coarser_levels_until_finer_ones_are_there(
     page.look(NEAR)
     page.wait(lambda: len(page.frames) > 0)
     assert {level > 0 for _, level in open_files(model)} == {True}
-    page.look(FAR)  # the painter goes on while a file is read
+    page.look(FAR)  # the painter continues while a file is read
     page.wait(lambda: page.frames[-1].request.camera == FAR)
     page.look(NEAR)
     page.wait(lambda: page.frames[-1].request.camera == NEAR)
@@ -625,7 +625,7 @@ def test_the_viewer_reports_a_damaged_part_and_shows_the_rest(folder: Path, page
     assert any(number == first and level > 0 for number, level in open_files(model))
 
 
-def test_the_viewer_keeps_to_its_budget_and_comes_to_rest(made: Path, pages: list[Page]) -> None:
+def test_the_viewer_stays_within_its_budget_and_becomes_idle(made: Path, pages: list[Page]) -> None:
     index, _ = read_folder(made)
     coarsest = sum(part.levels[-1].nbytes for part in index.parts[:6])
     budget = coarsest + 2 * max(part.nbytes for part in index.parts)
@@ -664,7 +664,7 @@ def test_a_folder_is_viewed_with_direct_light_and_a_budget(made: Path, monkeypat
     assert shared.scan("front").camera().size
 
 
-def test_an_ended_viewer_opens_nothing(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_closed_viewer_opens_nothing(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     event = held_back(monkeypatch, "read_part")
     page = Page(scene_of(pr.Model.load(made)))
     page.look(NEAR)

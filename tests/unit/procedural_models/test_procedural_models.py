@@ -120,7 +120,7 @@ def test_distance_is_euclidean_near_the_surface(name, rng):
         nearest = tree.query(x)[0]
         keep = nearest > 4 * spread
         assert keep.sum() > 100
-        # the nearest sample is further than the nearest point of the surface, by at most gap^2 / (2 distance)
+        # the nearest sample is farther than the nearest point of the surface, by at most gap^2 / (2 distance)
         slack = spread**2 / nearest[keep] + 0.01 * nearest[keep]
         found = np.abs(procedural_distance(name, x[keep]))
         assert np.mean(np.abs(found - nearest[keep]) > slack) < 0.05  # 0.003 at the statue
@@ -191,7 +191,7 @@ def test_points_are_handed_over():
 
 @kernel
 def _feet(a: Array, b: Array, d: Array, out: Array) -> None:
-    """The parameters of the nearest points of curves A + 2 a t + b t^2, d = A - x."""
+    """Compute the parameters of the nearest points of curves A + 2 a t + b t^2, d = A - x."""
     for i in range(len(out)):
         out[i] = _foot(
             a[i, 0] * a[i, 0] + a[i, 1] * a[i, 1] + a[i, 2] * a[i, 2],
@@ -219,8 +219,8 @@ def test_the_nearest_point_of_a_bent_tube(bend, rng):
 
 
 @pytest.mark.parametrize("name", [long("statue"), "sphere", "torus", "lattice"])
-def test_no_part_of_space_with_surface_is_passed_over(name):
-    """The mesh is closed: what was left out would be a hole, or a wall between the two signs."""
+def test_no_part_of_space_with_surface_is_skipped(name):
+    """The mesh is closed: a skipped part would be a hole, or a wall between the two signs."""
     vertices, faces = mesh(name)
     ends, sides = edges_of(faces, len(vertices))
     assert (np.bincount(sides.ravel()) % 2 == 0).all()

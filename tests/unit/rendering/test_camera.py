@@ -12,12 +12,12 @@ PROJECTIONS = ("perspective", "orthographic", "panorama")
 
 
 def basis(camera):
-    """Eye, forward, right, up."""
+    """Return eye, forward, right and up."""
     return camera.record()[:12].reshape(4, 3)
 
 
 def project(camera, points):
-    """Positions of world points in the picture (column, row, as fractions of it), and their depths."""
+    """Return the picture positions of world points (column, row, as fractions) and their depths."""
     eye, forward, right, up = basis(camera)
     right, up = right / np.linalg.norm(right), up / np.linalg.norm(up)
     x, y, depth = ((points - eye) @ axis for axis in (right, up, forward))
@@ -43,7 +43,7 @@ def test_the_middle_ray_goes_to_the_target():
     np.testing.assert_allclose(np.linalg.norm(directions, axis=2), 1)
 
 
-def test_pixel_centres_row_0_on_top_and_the_right_to_the_right():
+def test_rays_go_through_pixel_centres_and_row_0_is_on_top():
     _, directions = Camera.look_at((0, -1, 0), (0, 0, 0), fov=90, size=(4, 2)).rays()
     np.testing.assert_allclose(directions[0, 0] / directions[0, 0, 1], [-1.5, 1, 0.5])
     np.testing.assert_allclose(directions[1, 3] / directions[1, 3, 1], [1.5, 1, -0.5])
@@ -55,7 +55,7 @@ def test_the_fov_is_vertical():
     assert np.degrees(np.arctan2(top[2], np.hypot(top[0], top[1]))) == pytest.approx(20, abs=0.02)
 
 
-def test_the_basis_is_that_of_the_rays():
+def test_the_basis_matches_the_rays():
     camera = Camera.look_at((5, 3, 2), (0, 0, 1), up=(0.1, 0, 1), fov=55, size=(7, 4))
     _, forward, right, up = basis(camera)
     _, directions = camera.rays()
@@ -68,7 +68,7 @@ def test_the_basis_is_that_of_the_rays():
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
-def test_what_a_ray_meets_is_seen_in_its_pixel(projection):
+def test_hits_of_a_ray_project_to_its_pixel(projection):
     camera = Camera.look_at((5, 3, 2), (-1, 0, 1), up=(0.1, 0.2, 1), fov=55, size=(70, 40), projection=projection)
     origins, directions = camera.rays()
     np.testing.assert_allclose(np.linalg.norm(directions, axis=2), 1, rtol=1e-14)
@@ -78,8 +78,8 @@ def test_what_a_ray_meets_is_seen_in_its_pixel(projection):
     np.testing.assert_allclose(row * 40 - 0.5, np.tile(np.arange(40), (70, 1)).T, atol=1e-9)
 
 
-def test_an_orthographic_picture_is_as_high_as_a_perspective_one_at_the_target():
-    """Rays of the same pixel meet in the plane through the target; orthographic ones begin in the eye's plane."""
+def test_projections_have_the_same_height_at_the_target():
+    """Rays of a pixel intersect in the plane through the target; orthographic ones start in the eye's plane."""
     eye, target = np.array([1.0, -4, 2]), np.array([0.5, 1, 1])
     forward = (target - eye) / np.linalg.norm(target - eye)
     meet = []
@@ -92,7 +92,7 @@ def test_an_orthographic_picture_is_as_high_as_a_perspective_one_at_the_target()
     np.testing.assert_allclose((origins - eye) @ forward, 0, atol=1e-12)
 
 
-def test_a_panorama_goes_around_and_from_pole_to_pole():
+def test_a_panorama_covers_all_directions():
     camera = Camera.look_at((1, 2, 3), (1, 5, 3), size=(400, 200), projection="panorama")
     origins, directions = camera.rays()
     assert (origins == [1, 2, 3]).all()
@@ -106,7 +106,7 @@ def test_a_panorama_goes_around_and_from_pole_to_pole():
 
 @pytest.mark.parametrize("view", [(0, 0, -1), (0, 0, 1), (0, 1e-9, -1), (1, 2, 3)])
 @pytest.mark.parametrize("length", [1e-200, 1, 1e200])
-def test_an_up_along_the_view_is_replaced(view, length):
+def test_an_up_vector_along_the_view_is_replaced(view, length):
     camera = Camera.look_at((0, 0, 0), np.multiply(view, length), up=np.multiply(view, -3.0))
     _, forward, right, up = basis(camera)
     assert np.isfinite(basis(camera)).all()
@@ -114,7 +114,7 @@ def test_an_up_along_the_view_is_replaced(view, length):
     np.testing.assert_allclose([forward @ right, forward @ up], 0, atol=1e-12)
 
 
-def test_from_above_the_top_of_the_picture_is_y():
+def test_y_is_on_top_of_pictures_from_above():
     _, _, right, up = basis(Camera.look_at((0, 0, 9), (0, 0, 0)))
     assert up[1] > 0
     assert right[0] > 0
@@ -140,7 +140,7 @@ def test_a_framed_box_fits_with_a_margin(size, fov, direction):
 @pytest.mark.parametrize("size", [(640, 480), (200, 900), (1000, 50)])
 @pytest.mark.parametrize("fov", [5, 40, 150])
 @pytest.mark.parametrize("direction", [THREE_QUARTER, (0, 0, 1), (-1, 3, -2)])
-def test_a_box_framed_orthographically_fills_the_picture_but_for_the_margin(size, fov, direction):
+def test_a_box_framed_orthographically_fills_the_picture_up_to_the_margin(size, fov, direction):
     camera = Camera.frame(BOX + 1e6, direction, fov, size, projection="orthographic")
     column, row, depth = project(camera, corners(BOX + 1e6))
     assert (depth > 0).all()
@@ -151,7 +151,7 @@ def test_a_box_framed_orthographically_fills_the_picture_but_for_the_margin(size
 
 
 @pytest.mark.parametrize("direction", [None, (0, -1, 5), (0, 0, -1)])
-def test_a_panorama_is_framed_from_the_middle_and_level(direction):
+def test_a_panorama_is_level_and_in_the_middle_of_the_box(direction):
     camera = Camera.frame(BOX, direction, projection="panorama", size=(20, 10))
     _, forward, _, up = basis(camera)
     np.testing.assert_allclose(camera.eye, BOX.mean(axis=0))
@@ -160,7 +160,7 @@ def test_a_panorama_is_framed_from_the_middle_and_level(direction):
 
 
 @pytest.mark.parametrize("up", [(0, 0, 2), (0, 1, 0), (0, 0, -1), (1, 0, 0), (-3, 2, 1), (1e-9, 0, -1), (0, -1e-3, -1)])
-def test_the_default_view_is_from_the_front_and_above_whichever_way_is_up(up):
+def test_the_default_view_is_from_the_front_and_above(up):
     camera = Camera.frame(BOX, up=up)
     towards, up = np.subtract(camera.eye, camera.target), np.array(up) / np.linalg.norm(up)
     towards /= np.linalg.norm(towards)
@@ -168,7 +168,7 @@ def test_the_default_view_is_from_the_front_and_above_whichever_way_is_up(up):
     assert basis(camera)[3] @ up > 0
 
 
-def test_where_y_is_up_the_default_view_is_from_plus_z():
+def test_the_default_view_with_y_up_is_from_plus_z():
     camera = Camera.frame(BOX, up=(0, 1, 0))
     towards = np.subtract(camera.eye, camera.target)
     np.testing.assert_allclose(
@@ -186,7 +186,7 @@ def test_boxes_without_thickness_are_framed():
             assert Camera.frame(box, direction, projection="panorama").projection == "panorama"
 
 
-def test_cameras_are_values():
+def test_cameras_are_immutable_values():
     camera = Camera.look_at([1, 2, 3], np.zeros(3), size=np.array([10, 20]))
     assert camera == Camera((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), size=(10, 20))
     assert hash(camera) == hash(dataclasses.replace(camera))
@@ -221,18 +221,18 @@ def test_cameras_are_values():
         ({"focus": np.nan}, "focus"),
     ],
 )
-def test_what_is_no_camera(change, words):
+def test_invalid_cameras_are_refused(change, words):
     with pytest.raises(ValueError, match=words):
         Camera.look_at(**{"eye": (1, 1, 1), "target": (0, 0, 0), **change})
 
 
 @pytest.mark.parametrize("change", [{"projection": "fisheye"}, {"up": (0, 0, 0)}, {"direction": (0, 0, 0)}, {"fov": 0}])
-def test_what_cannot_frame(change):
+def test_invalid_frames_are_refused(change):
     with pytest.raises(ValueError, match="fisheye|zero|fov"):
         Camera.frame(BOX, **change)
 
 
 @pytest.mark.parametrize("bounds", [BOX[::-1], BOX[:1], BOX * np.nan])
-def test_what_is_no_box(bounds):
+def test_invalid_boxes_are_refused(bounds):
     with pytest.raises(ValueError, match="bounds"):
         Camera.frame(bounds)

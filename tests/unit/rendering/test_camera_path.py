@@ -1,4 +1,4 @@
-"""The camera's path in a film: on a turntable and along keys."""
+"""Camera paths of films: turntables and keyframes."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ def degrees_between(a, b):
 # ------------------------------------------------------------------------------------------------ the turntable
 
 
-def test_a_turn_goes_round_the_target_counter_clockwise():
+def test_a_turntable_goes_counter_clockwise():
     first = pr.Camera.look_at((3, -4, 2), (1, 1, 0), fov=33, size=(8, 6))
     cameras = pr.turntable(first, 8)
     assert len(cameras) == 8 and cameras[0] == first
@@ -28,13 +28,13 @@ def test_a_turn_goes_round_the_target_counter_clockwise():
     assert {(camera.target, camera.fov, camera.size) for camera in cameras} == {(first.target, 33.0, (8, 6))}
 
 
-def test_turns_backwards_and_in_part():
+def test_turns_may_be_negative_or_fractional():
     first = pr.Camera.look_at((0, -1, 0), (0, 0, 0))
     np.testing.assert_allclose(pr.turntable(first, 4, turns=-1)[1].eye, [-1, 0, 0], atol=1e-12)
     np.testing.assert_allclose(pr.turntable(first, 2, turns=0.5)[1].eye, [1, 0, 0], atol=1e-12)
 
 
-def test_a_turntable_seen_from_above_turns_too():
+def test_a_turntable_seen_from_above_rotates_the_picture():
     tops = np.array([camera.record()[9:12] for camera in pr.turntable(pr.Camera.look_at((0, 0, 5), (0, 0, 0)), 4)])
     tops /= np.linalg.norm(tops, axis=1, keepdims=True)
     np.testing.assert_allclose(tops[0] + tops[2], 0, atol=1e-12)
@@ -42,7 +42,7 @@ def test_a_turntable_seen_from_above_turns_too():
 
 
 @pytest.mark.parametrize(("frames", "turns"), [(0, 1), (2.0, 1), (10**9, 1), (3, np.nan)])
-def test_what_is_no_turntable(frames, turns):
+def test_invalid_turntables_are_refused(frames, turns):
     with pytest.raises(ValueError, match="frames|turns"):
         pr.turntable(pr.Camera.look_at((0, -1, 0), (0, 0, 0)), frames, turns)
 
@@ -57,7 +57,7 @@ KEYS = [
 ]
 
 
-def test_a_film_goes_through_its_keys():
+def test_a_path_goes_through_its_keys():
     cameras = pr.fly(KEYS, 24)
     assert len(cameras) == 73 and {camera.size for camera in cameras} == {(8, 6)}
     for time, key in KEYS:
@@ -65,8 +65,8 @@ def test_a_film_goes_through_its_keys():
         assert (found.eye, found.target, found.up, found.fov) == (key.eye, key.target, key.up, key.fov)
 
 
-def test_frames_around_a_key_lead_to_it():
-    """The curve passes through the keys, so that the frames at keys do not jump."""
+def test_the_path_is_continuous_at_keys():
+    """The curve passes through the keys, so frames at keys do not jump."""
     steps = np.diff([camera.eye for camera in pr.fly(KEYS, 200)], axis=0)
     speeds = np.linalg.norm(steps, axis=1)
     assert np.abs(np.diff(speeds)).max() < 0.02 * speeds.max()
@@ -77,7 +77,7 @@ def test_frames_around_a_key_lead_to_it():
 
 
 def test_a_view_that_turns_round_does_not_collapse():
-    """The target goes to the eye's other side: level, half a turn at an even rate, never through the eye."""
+    """The target moves to the eye's other side: half a turn, level, at an even rate, never through the eye."""
     keys = [(0, pr.Camera.look_at((0, 0, 0), (0, 2, 0))), (1, pr.Camera.look_at((0, 0, 0), (0, -4, 0)))]
     cameras = pr.fly(keys, 36)
     assert all(camera.eye == (0, 0, 0) for camera in cameras)
@@ -88,7 +88,7 @@ def test_a_view_that_turns_round_does_not_collapse():
 
 
 @pytest.mark.parametrize("other", [(4, 0, 0), (0, 4, 0)])  # a quarter and half a turn
-def test_between_keys_of_one_target_the_eye_goes_around_it(other):
+def test_the_eye_orbits_a_common_target_of_two_keys(other):
     keys = [(0, pr.Camera.look_at((0, -4, 0), (0, 0, 0))), (1, pr.Camera.look_at(other, (0, 0, 0)))]
     cameras = pr.fly(keys, 36)
     np.testing.assert_allclose([camera.target for camera in cameras], 0, atol=1e-9)
@@ -96,7 +96,7 @@ def test_between_keys_of_one_target_the_eye_goes_around_it(other):
     np.testing.assert_allclose([camera.eye[2] for camera in cameras], 0, atol=1e-9)
 
 
-def test_a_pause_is_still():
+def test_the_camera_is_still_between_equal_keys():
     still = pr.Camera.look_at((4, -3, 2), (0, 0, 1))
     keys = [(0, KEYS[0][1]), (1, still), (2, still), (3, KEYS[3][1])]
     cameras = pr.fly(keys, 20)[20:41]
@@ -118,6 +118,6 @@ def test_a_last_key_between_two_frames():
         ([0, 1e9], 24, "100000 frames"),
     ],
 )
-def test_what_are_no_keys(times, fps, words):
+def test_invalid_keys_are_refused(times, fps, words):
     with pytest.raises(ValueError, match=words):
         pr.fly([(time, KEYS[0][1]) for time in times], fps)

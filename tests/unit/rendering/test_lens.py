@@ -1,4 +1,4 @@
-"""Camera rays from kernels: projections, the lens, and the pixel filters that samples follow."""
+"""Camera rays from kernels: projections, the lens, and pixel filters."""
 
 import dataclasses
 from functools import cache
@@ -49,7 +49,7 @@ def camera_with(projection, **more):
 
 
 def rays(camera, spp, shape="box", seed=0):
-    """Origins and directions, (h, w, spp, 3)."""
+    """Return origins and directions, (h, w, spp, 3)."""
     width, height = camera.size
     out = np.empty((2, height, width, spp, 3))
     _camera_rays(camera.record(), (seed, spp, number_of(FILTERS, shape)), out[0], out[1])
@@ -57,7 +57,7 @@ def rays(camera, spp, shape="box", seed=0):
 
 
 def at_depth(origins, directions, depth):
-    """Points of rays at a depth along the view from the eye."""
+    """Return points on rays at a depth along the view."""
     t = (depth - (origins - EYE) @ FORWARD) / (directions @ FORWARD)
     return origins + t[..., None] * directions
 
@@ -67,7 +67,7 @@ def at_depth(origins, directions, depth):
 
 @pytest.mark.parametrize("shape", FILTERS)
 @pytest.mark.parametrize("projection", ["perspective", "orthographic", "panorama"])
-def test_a_single_sample_goes_through_the_middles(projection, shape):
+def test_a_single_sample_goes_through_the_pixel_centres(projection, shape):
     aperture = 0.0 if projection == "panorama" else 2.0
     camera = camera_with(projection, aperture=aperture)
     origins, directions = rays(camera, 1, shape, seed=5)
@@ -75,7 +75,7 @@ def test_a_single_sample_goes_through_the_middles(projection, shape):
     np.testing.assert_allclose(directions[:, :, 0], camera.rays()[1], atol=1e-15)
 
 
-def test_a_perspective_ray_is_forward_and_aside():
+def test_perspective_rays_are_forward_plus_an_offset():
     """The direction is forward + u right + v up, with the middle of the picture at distance one."""
     right = np.cross(FORWARD, (0.1, 0.2, 1))
     right /= np.linalg.norm(right)
@@ -106,8 +106,8 @@ def scene():
 
 @pytest.mark.parametrize("view", [(0, -3, 0), (1.5, -2, 2)])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic", "panorama"])
-def test_a_picture_of_depths_is_what_its_rays_meet(scene, projection, view):
-    """Depths are along the view, but from the eye in a panorama; also if all rays are parallel to two axes."""
+def test_a_depth_picture_equals_the_hits_of_its_rays(scene, projection, view):
+    """Depths are along the view, in a panorama from the eye; all rays may be parallel to two axes."""
     camera = pr.Camera.look_at(view, (0, 0, 0), size=(40, 40), projection=projection)
     depth = pr.render(scene, camera, pr.Settings("depth"))
     origins, directions = camera.rays()
@@ -125,9 +125,9 @@ def test_a_picture_of_depths_is_what_its_rays_meet(scene, projection, view):
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("focus", [None, 3.0, np.inf])
-def test_what_is_in_the_plane_of_focus_is_sharp(projection, focus):
-    """There a ray meets the one through the lens's middle, wherever it passes the lens; elsewhere it is off by
-    that place times |z - focus| / focus: together a disc, the circle of confusion."""
+def test_the_plane_of_focus_is_sharp(projection, focus):
+    """Rays through all lens positions intersect there; at depth z they are off by
+    the lens position times |z - focus| / focus, which gives the circle of confusion."""
     camera = camera_with(projection, aperture=0.6, focus=focus)
     through_lens, sharp = rays(camera, 64, seed=3), rays(dataclasses.replace(camera, aperture=0), 64, seed=3)
     focus = focus or np.linalg.norm(TARGET - EYE)
@@ -142,7 +142,7 @@ def test_what_is_in_the_plane_of_focus_is_sharp(projection, focus):
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-def test_the_lens_is_a_disc_evenly_covered(projection):
+def test_the_lens_is_a_uniformly_sampled_disc(projection):
     camera = camera_with(projection, aperture=0.6)
     away = (rays(camera, 64)[0] - rays(dataclasses.replace(camera, aperture=0), 64)[0]).reshape(-1, 3)
     np.testing.assert_allclose(away @ FORWARD, 0, atol=1e-14)
@@ -155,7 +155,7 @@ def test_the_lens_is_a_disc_evenly_covered(projection):
 
 
 def edge(size, aperture=0.0, shape="box"):
-    """Coverage along a row of pixels, 0.1 wide at distance 4, of a plate that ends in the middle; focus at 2."""
+    """Return the coverage of a row of pixels, 0.1 wide at distance 4, by a half plane; focus at 2."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.Points([[-100, 0, 0]], [[0, -1, 0]]), [100.0], surface="disc"))
     fov = np.degrees(2 * np.arctan(0.05 / 4))
@@ -164,7 +164,7 @@ def edge(size, aperture=0.0, shape="box"):
 
 
 def test_a_lens_blurs_an_edge_over_the_circle_of_confusion():
-    """The circle has diameter 2: aperture 2, at twice the focus distance. Coverage is the covered part of the disc."""
+    """At twice the focus distance its diameter is the aperture, 2. Coverage is the covered part of the circle."""
     x = 0.1 * (np.arange(30) - 14.5)
     s = np.clip(-x, -1, 1)
     np.testing.assert_allclose(edge(30, 2.0), 0.5 + (s * np.sqrt(1 - s * s) + np.arcsin(s)) / np.pi, atol=0.01)
@@ -176,7 +176,7 @@ X = np.linspace(-1.5, 1.5, 3001)  # pixels
 
 
 def filter_of(shape):
-    """The filter over X by its definition, summed over the other axis."""
+    """Return the filter over X by its definition, integrated over the other axis."""
     if shape == "box":
         return np.where(np.abs(X) < 0.5, 1.0, 0.0)
     if shape == "tent":
@@ -189,18 +189,18 @@ def filter_of(shape):
 
 @cache
 def shares(shape):
-    """The share of the filter to the left of each value of X."""
+    """Return the integral of the filter left of each value of X."""
     f = filter_of(shape)
     return (np.cumsum(f) - f / 2) / f.sum()
 
 
 def farthest(positions, shape):
-    """The greatest difference between the distribution of positions and the filter's (Kolmogorov and Smirnov)."""
+    """Return the greatest difference between the distributions of positions and filter (Kolmogorov-Smirnov)."""
     return np.abs(np.searchsorted(np.sort(positions), X) / len(positions) - shares(shape)).max()
 
 
 @pytest.mark.parametrize("shape", FILTERS)
-def test_places_are_spread_like_the_filter_and_like_no_other(shape):
+def test_sample_positions_are_distributed_like_the_filter(shape):
     out = np.empty((64, 1024, 2))
     _pixel_positions((1, 1024, number_of(FILTERS, shape)), out)
     for positions in np.moveaxis(out.reshape(-1, 2), 1, 0):
@@ -213,16 +213,16 @@ def test_places_are_spread_like_the_filter_and_like_no_other(shape):
     assert 0.8 * end < away.max() <= end
     x, y = out.reshape(-1, 2).T
     assert abs(np.corrcoef(x, y)[0, 1]) < 0.01
-    assert abs(np.corrcoef(x * x, y * y)[0, 1]) < (0.05 if shape == "gaussian" else 0.01)  # which ends on a circle
+    assert abs(np.corrcoef(x * x, y * y)[0, 1]) < (0.05 if shape == "gaussian" else 0.01)  # whose support is a circle
 
 
 @pytest.mark.parametrize("shape", FILTERS)
-def test_an_edge_shows_the_filter(shape):
+def test_the_coverage_at_an_edge_is_the_integral_of_the_filter(shape):
     """A pixel's coverage is the part of its filter beyond the edge; pixels do not share samples."""
     want = np.interp(2.5 - np.arange(6), X, shares(shape), left=0, right=1)
     np.testing.assert_allclose(edge(6, shape=shape), want, atol=0.004)
 
 
-def test_a_filter_that_is_not_known():
+def test_an_unknown_filter_is_refused():
     with pytest.raises(ValueError, match="'sinc': one of box, tent, gaussian, blackman-harris"):
         pr.Settings(filter="sinc")

@@ -1,4 +1,4 @@
-"""Kernels that are compiled in another process before they are needed, and the messages about it."""
+"""Compilation of kernels in another process before they are needed, and the messages about it."""
 
 import json
 import os
@@ -33,8 +33,8 @@ def clock(monkeypatch):
     return Clock(monkeypatch)
 
 
-def test_the_backlog_tells_which_kernel_and_how_long(clock):
-    """Two queues run at once: the time left is that of the longer one, at the speed seen so far."""
+def test_the_backlog_reports_the_kernel_and_the_time_left(clock):
+    """Two queues run at once: the time left is that of the longer one, at the speed measured so far."""
     work = Backlog()
     assert work.state is None
     work.expect({"a": 4.0, "b": 6.0})
@@ -49,7 +49,7 @@ def test_the_backlog_tells_which_kernel_and_how_long(clock):
     number, total, _, seconds = work.state
     assert (number, total) == (2, 3) and seconds == pytest.approx(2 * 20 - 8)
     work.end("c", in_second_process=True)
-    assert work.state is None  # nothing is compiled at this moment
+    assert work.state is None  # nothing is being compiled
     work.begin("b")
     work.begin("unknown")
     assert work.state.total == 4
@@ -59,7 +59,7 @@ def test_the_backlog_tells_which_kernel_and_how_long(clock):
     assert work.state is None
 
 
-def test_a_kernel_that_nobody_expected_is_counted(clock):
+def test_an_unexpected_kernel_is_counted(clock):
     work = Backlog()
     work.begin("a")
     assert work.state == (1, 1, 0.0, backlog.UNKNOWN)
@@ -68,11 +68,11 @@ def test_a_kernel_that_nobody_expected_is_counted(clock):
     assert (work.state.number, work.state.total) == (2, 2)
 
 
-def test_time_left_is_that_of_a_stage(clock):
+def test_time_left_is_estimated_per_stage(clock):
     left = TimeLeft()
     assert left("radii", 0.0) is None
     clock.now += 0.5
-    assert left("radii", 0.1) is None  # too early to tell
+    assert left("radii", 0.1) is None  # too early for an estimate
     clock.now += 1.5
     assert left("radii", 0.2) == pytest.approx(8.0)
     assert left("tree", 0.5) is None
@@ -83,8 +83,8 @@ def test_time_left_is_that_of_a_stage(clock):
 
 @pytest.mark.long
 @pytest.mark.parametrize("start", ["first_start", "other_start"])
-def test_the_record_has_what_a_first_start_uses(start):
-    """Compare the stages; after a change of what building, pictures or baking use, run `record_kernels`."""
+def test_the_record_contains_the_kernels_of_a_first_start(start):
+    """If this fails after a change of building, pictures or baking, run `record_kernels`."""
     command = [sys.executable, ROOT / "bench" / "maintenance" / "record_kernels.py", start]
     rows = json.loads(subprocess.run(command, capture_output=True, check=True).stdout)
     record = {stage: {f"pointray.{name}" for name in kernels} for stage, kernels in stages().items()}
@@ -96,11 +96,11 @@ def test_the_record_has_what_a_first_start_uses(start):
 
 
 def stages():
-    """Kernels of each stage, with the seconds that they take."""
+    """Return the kernels of each stage, with their compile times in seconds."""
     return {stage: kernels for stage, kernels in warmup.RECORD.items() if stage != "shared"}
 
 
-def test_the_record_names_kernels():
+def test_the_record_names_existing_kernels():
     for kernels in stages().values():
         assert kernels
         for name, seconds in kernels.items():
@@ -150,8 +150,8 @@ def run(program, cache):
 
 
 @pytest.mark.long
-def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path):
-    """Some kernels are missing in the cache, one of which a second process compiles; on the next start none is."""
+def test_all_kernels_compiled_on_a_first_start_were_expected(tmp_path):
+    """Some kernels are not cached, and a second process compiles one of them; on the next start all are cached."""
     cache = linked_cache(tmp_path / "cache")
     run(COLD + PICTURE, cache)
     missing = [*CHEAP, "surface.trace.cast"]
@@ -166,13 +166,13 @@ def test_on_a_first_start_all_that_is_compiled_was_expected(tmp_path):
 
 @pytest.fixture
 def uncompiled(monkeypatch):
-    """A kernel that counts as not compiled."""
+    """A kernel that is treated as not compiled."""
     monkeypatch.setattr(jit.Kernel, "is_compiled", False)
     return "pointray.surface.trace.cast._closest"
 
 
 @pytest.mark.parametrize("program", ["raise SystemExit(3)", "print('pointray.no.such')", "print('\\xff' * 9)"])
-def test_where_the_process_beside_fails_nobody_waits(tmp_path, monkeypatch, uncompiled, program):
+def test_processes_do_not_wait_if_the_compiler_process_fails(tmp_path, monkeypatch, uncompiled, program):
     (tmp_path / "sad_module.py").write_text(program)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     scene = pr.Scene()
@@ -182,7 +182,7 @@ def test_where_the_process_beside_fails_nobody_waits(tmp_path, monkeypatch, unco
     assert uncompiled not in beside._pending and jit.BACKLOG.state is None
 
 
-def test_waiting_processes_are_notified_and_may_give_up(tmp_path, monkeypatch, uncompiled):
+def test_waiting_threads_are_notified_and_may_give_up(tmp_path, monkeypatch, uncompiled):
     may_end = tmp_path / "may end"
     (tmp_path / "slow_module.py").write_text(
         "import os, time\n"
@@ -203,8 +203,8 @@ def test_waiting_processes_are_notified_and_may_give_up(tmp_path, monkeypatch, u
 
 
 @pytest.mark.long
-def test_the_process_beside_ends_with_the_one_that_started_it(tmp_path):
-    """Its starter is killed, and no process goes on compiling."""
+def test_the_compiler_process_ends_with_its_parent(tmp_path):
+    """If its parent is killed, no process continues to compile."""
     script = (
         "import os, time; from pointray.engine.jit import Kernel; Kernel.is_compiled = False; "
         "from pointray.rendering import warmup; import subprocess; real = subprocess.Popen\n"

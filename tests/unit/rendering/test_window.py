@@ -1,4 +1,4 @@
-"""Tiles in which no model can be seen are not traced, and pictures are the same as if they were."""
+"""Tiles without a visible model are not traced, which does not change pictures."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def scene_of(model):
 
 
 def both(scene, camera, settings, monkeypatch):
-    """The picture, and the picture with all tiles traced."""
+    """Return the picture, and the picture with all tiles traced."""
     image = pr.render(scene, camera, settings)
     with monkeypatch.context() as patch:
         patch.setattr(plan, "window_of", lambda camera, top: EVERYWHERE)
@@ -32,7 +32,7 @@ def both(scene, camera, settings, monkeypatch):
 
 @pytest.mark.parametrize("background", [None, (0.2, 0.4, 0.7)])
 @pytest.mark.parametrize("integrator", ["phong", "ao", "path", "normal", "depth", "color", "cost"])
-def test_pictures_are_the_same(model, integrator, background, monkeypatch):
+def test_skipping_tiles_does_not_change_pictures(model, integrator, background, monkeypatch):
     scene = scene_of(model)
     scene.background = background
     for projection, change in (("perspective", {}), ("orthographic", {}), ("perspective", {"eye": (0.2, 0.1, 0.1)})):
@@ -42,8 +42,8 @@ def test_pictures_are_the_same(model, integrator, background, monkeypatch):
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-def test_it_lies_close_around_what_is_seen(model, projection):
-    """The window is within a tile's edge of the model, so that much is saved."""
+def test_the_window_fits_the_model_tightly(model, projection):
+    """The window exceeds the model by at most a tile."""
     scene, camera = scene_of(model), pr.Camera.look_at(**CAMERA, projection=projection, fov=35)
     left, top, right, bottom = window_of(camera, scene.snapshot().world.top)
     rows, columns = np.nonzero(np.isfinite(scene.intersect(*camera.rays()).t))
@@ -52,15 +52,15 @@ def test_it_lies_close_around_what_is_seen(model, projection):
     assert rows.min() - top < 30 and bottom - rows.max() < 30
 
 
-def test_nothing_is_spared_where_something_may_be_seen(model):
+def test_no_tile_is_skipped_where_a_model_may_be_visible(model):
     top = scene_of(model).snapshot().world.top
     assert window_of(pr.Camera.look_at(**CAMERA, projection="panorama"), top) == EVERYWHERE
     assert window_of(pr.Camera.look_at(**CAMERA, aperture=0.3), top) == EVERYWHERE
     assert window_of(pr.Camera.look_at((0.2, 0.1, 0.1), (1, 0, 0)), top) == EVERYWHERE
 
 
-def test_what_is_no_model_is_seen_beside_it(model, monkeypatch):
-    """Planes, lights that paths meet, and the sky are seen; an empty scene is background."""
+def test_other_objects_are_visible_outside_the_window(model, monkeypatch):
+    """Planes, lights that paths hit, and the sky are visible; an empty scene is background."""
     camera = pr.Camera.look_at(**CAMERA)
     plane, lamp, sky = scene_of(model), scene_of(model), scene_of(model)
     plane.add(pr.Plane((0, 0, -0.5), (0, 0, 1)))

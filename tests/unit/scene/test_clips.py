@@ -37,7 +37,7 @@ def scene(torus, sphere) -> pr.Scene:
 
 
 def interval(clips, origins, directions, t_min, t_max):
-    """The part of each ray that no plane cuts away; low > high if nothing is left."""
+    """Return the part of each ray that no plane clips; low > high if nothing is left."""
     low, high = np.broadcast_to(t_min, origins.shape[:-1]).copy(), np.broadcast_to(t_max, origins.shape[:-1]).copy()
     for point, normal in clips:
         height, rise = (origins - point) @ normal, directions @ normal
@@ -81,7 +81,7 @@ def test_the_same_as_rays_with_intervals(rng, scene, name, rays, limits):
     # A ray may be traced in a group or singly: t may differ by a step of float32.
     same = (found.instance == expected.instance) & np.isclose(found.t, expected.t, rtol=2.4e-7, atol=0)
     assert np.array_equal(cut.occluded(origins, directions, *limits), found.instance >= 0)
-    # An interval may begin on a surface, a cut may not: these few rays begin in splats close to it, on average 0.9 of
+    # An interval may start on a surface, a clipped ray may not: few rays start in splats close to it, on average 0.9 of
     # 10,000 random rays (Poisson). A plane that is ignored changes hundreds to thousands.
     assert (~same).sum() <= (10 if rays is all_ways else 5)
     around = scene.intersect(origins[~same], directions[~same], low[~same] - 0.05, low[~same] + 0.05)
@@ -92,7 +92,7 @@ def test_the_same_as_rays_with_intervals(rng, scene, name, rays, limits):
 
 
 def rim_rays(rng, shape, inwards, off):
-    """Rays through the plane z = 0.3 at points `off` inside the unit sphere, across its surface; and these points."""
+    """Return rays across the unit sphere through points `off` inside it in the plane z = 0.3, and the points"""
     turn = rng.uniform(0, 2 * np.pi, 600) if len(shape) == 1 else np.linspace(0, 0.1, 600)
     out = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
     through = out * (np.sqrt(1 - 0.3**2) - off) + 0.3 * UP
@@ -121,7 +121,7 @@ def test_a_ray_that_is_cut_beside_the_surface_does_not_start_on_it(rng, sphere, 
     assert (distance > 0.5).all() if off > 0 else (distance < 1e-3).all()
 
 
-def test_rays_along_a_plane(sphere):
+def test_rays_parallel_to_a_clip_plane_are_kept_or_cut(sphere):
     scene = pr.Scene()
     scene.add(sphere)
     scene.add(pr.Plane((0, 3, 0), (0, 1, 0)))
@@ -152,7 +152,7 @@ def luminance(image):
 
 
 @pytest.mark.parametrize("integrator", ["phong", "path"])
-def test_one_sees_the_inside(sphere, integrator):
+def test_clipping_shows_the_inside(sphere, integrator):
     scene = pr.Scene()
     scene.add(sphere, material=pr.Diffuse(0.5))
     scene.add_light(pr.PointLight((0, 0, 5), 20))
@@ -170,7 +170,7 @@ def test_one_sees_the_inside(sphere, integrator):
 
 
 @pytest.mark.parametrize("integrator", ["phong", "path"])
-def test_the_shadow_of_what_is_cut_away_is_gone(sphere, integrator):
+def test_clipped_parts_cast_no_shadow(sphere, integrator):
     scene = pr.Scene()
     scene.add(sphere)
     ground = scene.add(pr.Plane((0, 0, -1.5), (0, 0, 1)))
@@ -188,7 +188,7 @@ def test_the_shadow_of_what_is_cut_away_is_gone(sphere, integrator):
     assert (light[shadowed] < 1e-6).all() and np.allclose(light[lit], 0.5 / np.pi, rtol=1e-4)
 
 
-def test_occlusion_by_the_sky(sphere):
+def test_clipping_affects_ambient_occlusion(sphere):
     scene = pr.Scene()
     scene.add(sphere)
     scene.add(pr.Plane((0, 0, -1), (0, 0, 1), color=1))
@@ -213,7 +213,7 @@ def test_a_picture_under_way_keeps_its_planes(scene):
 # ---------------------------------------------------------------------------------------------- arguments and errors
 
 
-def test_planes_as_they_are_given():
+def test_clip_planes_are_stored_as_given():
     scene = pr.Scene()
     assert scene.clips.shape == (0, 2, 3)
     pairs = [((1, 2, 3), (0, 0, 2)), ([4, 5, 6], np.array([0, 1, 0]))]

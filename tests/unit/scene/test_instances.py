@@ -36,7 +36,7 @@ def random_rays(rng, count, spread):
 
 @pytest.mark.parametrize("shift", [long(0), 4e6])
 def test_many_are_as_the_nearest_of_each(rng, models, shift):
-    """Rays of a picture and random rays, in tiles and a few at a time, also far from the origin."""
+    """Rays of a picture and random rays, in tiles and in small batches, near and far from the origin."""
     transforms = [random_transform(rng, 5) for _ in range(60)]
     for transform in transforms:
         transform[:3, 3] += shift
@@ -111,7 +111,7 @@ def test_any_number_of_instances_is_hit(models, count):
     assert hits.instance.tolist() == [-1, *range(count), -1]
 
 
-def test_moving_one_of_many(models):
+def test_one_of_many_instances_can_be_moved(models):
     scene = scene_of(models[:1] * 2, [np.eye(4)] * 10)
     away = np.eye(4)
     for number in range(10):
@@ -137,7 +137,7 @@ def test_a_picture_under_way_keeps_its_scene(rng, models):
 
 
 def leaves_of(boxes, children, node, low, high, seen, depth=0):
-    """Walk down and check that each child's box holds what is below it; returns the depth."""
+    """Check recursively that each child's box contains its descendants, and return the depth."""
     deepest = depth
     for half in range(2):
         at = node * TOP_NODE + half * 6
@@ -175,7 +175,7 @@ def test_the_tree_over_instances(rng, name):
     assert (held[:, :3] <= given[:, :3]).all() and (held[:, 3:] >= given[:, 3:]).all()
 
 
-def test_memory_of_an_instance(models):
+def test_an_instance_takes_at_most_300_bytes(models):
     """The target is at most 300 bytes an instance of one model, including what kernels read."""
     scene, transform = pr.Scene(), np.eye(4)
     count = 512
@@ -189,7 +189,7 @@ def test_memory_of_an_instance(models):
     assert world.table.size == ROW and world.materials.size == MATERIAL_SIZE
 
 
-def test_materials_that_look_the_same_are_kept_once_and_only_while_they_are_used(models):
+def test_equal_materials_are_stored_once_and_only_while_used(models):
     scene = pr.Scene()
     for _ in range(3):
         scene.add(models[0], material=pr.Diffuse(0.25))

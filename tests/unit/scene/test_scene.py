@@ -52,7 +52,7 @@ def test_transforms_and_their_normals(model, name):
     assert (normal * hits.normal[hit]).sum(axis=1).min() > 0.999
 
 
-def test_moving_and_removing(model):
+def test_instances_can_be_moved_and_removed(model):
     scene = pr.Scene()
     a, b = scene.add(model), scene.add(model, matrix(np.eye(3), (5, 0, 0)))
     rays = [[0, -9, 0], [5, -9, 0]], [0, 1, 0]
@@ -92,7 +92,7 @@ def test_a_picture_of_rays_hits_what_a_row_of_them_hits(scene, shape):
     assert blocked.shape == shape and np.array_equal(blocked.reshape(-1), hit)
 
 
-def test_the_interval_counts_and_broadcasts(scene):
+def test_t_min_and_t_max_limit_hits_and_broadcast(scene):
     t_max = np.array([2.0, 2.99, 3.01, 9.0])
     assert scene.occluded([0, -4, 0], [0, 1, 0], t_max=t_max).tolist() == [False, False, True, True]
     hits = scene.intersect([0, -4, 0], [0, 2, 0], t_min=[0.0, 2.0])
@@ -171,14 +171,14 @@ def test_one_ray_and_one_name_of_an_attribute():
     hit = scene.intersect(*ray, attributes=["intensity", "place"])
     assert hit.attributes["intensity"].shape == () and hit.attributes["place"].shape == (3,)
     assert abs(hit.attributes["intensity"] - 0.5) < 0.02 and np.abs(hit.attributes["place"] - hit.position).max() < 0.03
-    # A single name stands for itself, not for its letters.
+    # A single name is not split into letters.
     assert scene.intersect(*ray, attributes="intensity").attributes == {"intensity": hit.attributes["intensity"]}
     assert np.isnan(scene.intersect([0, -4, 9], [0, 1, 0], attributes="intensity").attributes["intensity"])
     with pytest.raises(ValueError, match="no model has an attribute 'width'"):
         scene.intersect(*ray, attributes="width")
 
 
-def test_unlit_colors_come_back_within_one_level(tmp_path):
+def test_unlit_colors_are_exact_to_one_level(tmp_path):
     points = pr.procedural("sphere", 5000)
     color = np.tile(np.array([[200, 3, 77]], np.uint8), (5000, 1))
     scene = pr.Scene()
@@ -352,7 +352,7 @@ def test_discs_of_another_sheet_cast_shadows():
     assert lit.sum() > 500 and not shadow[lit].any()
 
 
-def test_nbytes_counts_what_is_held(model):
+def test_nbytes_counts_all_arrays(model):
     assert 50 < model.nbytes / 20_000 < 300
 
 
@@ -374,7 +374,7 @@ def test_occluded_is_where_intersect_hits(scene, rng):
     assert np.abs(where - hits.position)[hit].max() < 1e-6  # t is float32
 
 
-def test_the_interval_walks_from_hit_to_hit(scene):
+def test_t_min_behind_a_hit_finds_the_next_one(scene):
     """A ray from behind the first hit finds the sphere's second hit, and then nothing."""
     origins, directions = pr.Camera.look_at((0, -4, 1), (0, 0, 0), fov=24, size=(60, 60)).rays()
     b = (origins * directions).sum(-1)
@@ -483,7 +483,7 @@ def test_shapes_and_models_are_identified_by_number() -> None:
     assert scene.models == [other, model]
 
 
-def test_exchange_puts_models_in_the_place_of_others() -> None:
+def test_exchange_replaces_models() -> None:
     points = pr.procedural("sphere", 2_000)
     model, discs = pr.Model(points), pr.Model(points, surface="disc")
     scene = pr.Scene()
@@ -501,7 +501,7 @@ def test_exchange_puts_models_in_the_place_of_others() -> None:
     assert not np.array_equal(other.intersect(origins, directions).t, scene.intersect(origins, directions).t)
 
 
-def test_a_plane_reflects_no_more_than_there_is():
-    """Otherwise light that bounces without end would overflow."""
+def test_a_plane_reflects_at_most_all_light():
+    """Otherwise repeatedly reflected light would overflow."""
     with pytest.raises(ValueError, match="color must be a reflectance from 0 to 1"):
         pr.Plane((0, 0, 0), (0, 0, 1), color=(0.5, 1.5, 0.5))

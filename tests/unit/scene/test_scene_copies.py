@@ -55,7 +55,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("built", [False, True])
 @pytest.mark.parametrize("change", CHANGES)
-def test_a_copy_and_its_original_change_by_themselves(scene, change, built):
+def test_a_copy_and_its_original_change_independently(scene, change, built):
     scene.update(2, material=pr.Diffuse(pr.Attribute("z", "viridis")))
     scene.add_light(pr.SunLight((1, 1, -1)))
     camera = pr.Camera.frame(scene.bounds, size=(40, 30))
@@ -74,7 +74,7 @@ def test_a_copy_and_its_original_change_by_themselves(scene, change, built):
     assert equal(state(scene, camera), state(twin, camera))  # both have had the same changes
 
 
-def test_a_copy_counts_on_by_itself(sphere):
+def test_a_copy_counts_its_own_changes(sphere):
     scene = pr.Scene()
     numbers = [scene.add(sphere, turned(0, 1, (3 * k, 0, 0))) for k in range(9)]
     scene.remove(numbers[4])
@@ -86,7 +86,7 @@ def test_a_copy_counts_on_by_itself(sphere):
     assert twin._instances.shapes[0] is sphere
 
 
-def test_materials_of_a_copy_are_let_go(sphere):
+def test_materials_of_a_copy_are_released(sphere):
     scene = pr.Scene()
     scene.add(sphere, material=pr.Diffuse(0.25))
     twin = scene.copy()

@@ -1,4 +1,4 @@
-"""Scenes that are used by several threads, copied, or sent to other processes, and what keeps memory alive."""
+"""Scenes used by several threads, copied, or sent to other processes; and the lifetime of their memory."""
 
 import _thread
 import copy
@@ -24,7 +24,7 @@ def ball(n: int = 2000, seed: int = 0) -> pr.Model:
 
 
 def one_ball() -> pr.Scene:
-    """A scene with a model that nothing else holds."""
+    """Return a scene that holds the only reference to its model."""
     scene = pr.Scene()
     scene.add(ball(), material=pr.Diffuse(pr.Attribute("z", "viridis")))
     scene.add_light(pr.SunLight((1, 1, -1)))
@@ -37,7 +37,7 @@ def seen(scene: pr.Scene) -> np.ndarray:
 
 @pytest.fixture
 def quick_gc():
-    """Let the collector pass over what was there before: compiled kernels have many objects."""
+    """Exclude existing objects from garbage collection: compiled kernels have many."""
     gc.freeze()
     yield
     gc.unfreeze()
@@ -45,7 +45,7 @@ def quick_gc():
 
 @pytest.mark.usefixtures("quick_gc")
 @pytest.mark.parametrize("holder", ["table", "snapshot", "picture"])
-def test_what_holds_addresses_holds_what_lies_there(holder):
+def test_objects_with_addresses_keep_the_arrays_alive(holder):
     scene = one_ball()
     blocks = weakref.ref(scene.models[0].tree.blocks)
     if holder == "table":
@@ -82,7 +82,7 @@ COPIES = {
 
 @pytest.mark.parametrize("built", [False, True])
 @pytest.mark.parametrize("method", COPIES)
-def test_copies_show_the_same_and_change_by_themselves(method, built):
+def test_copies_show_the_same_and_change_independently(method, built):
     scene = one_ball()
     floor = scene.add(pr.Plane((0, 0, -1), (0, 0, 1), checker=0.5))
     scene.background, scene.clips = (0.1, 0.2, 0.3), [((0, 0, 0.5), (0, 0, 1))]
@@ -124,7 +124,7 @@ def test_models_are_pickled_with_their_levels(tmp_path):
 
 
 @pytest.mark.long
-def test_a_scene_travels_to_another_process():
+def test_a_scene_can_be_sent_to_another_process():
     scene = one_ball()
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         np.testing.assert_array_equal(pool.apply(seen, (scene,)), seen(scene))
@@ -143,8 +143,8 @@ def test_all_that_a_scene_holds_can_be_pickled(rng):
 
 
 @pytest.mark.long
-def test_each_call_sees_the_scene_of_one_moment():
-    """A ball jumps to and fro, and no call may see it twice or not at all, while others come and go beside it."""
+def test_each_call_sees_one_consistent_state_of_the_scene():
+    """A ball moves back and forth while others are added and removed; each call must see it exactly once."""
     scene = pr.Scene()
     jumper = scene.add(ball(), material=pr.Diffuse(pr.Attribute("z", "viridis")))
     transforms = [pr.transform(translate=(x, 0, 0)) for x in (-1.5, 1.5)]

@@ -1,4 +1,4 @@
-"""The line of a key in a scene file, compared with a twin that asks tomllib about each line."""
+"""Line numbers of keys in scene files, compared with a reference that runs tomllib up to each line."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ o = [1,
 
 
 def naive_line_of(text: str, key: tuple[str | int, ...]) -> int:
-    """The first line after which the text, cut there or at the next line where it may be cut, has the key."""
+    """Return the first line after which the text, truncated at the next valid place, contains the key."""
     while key and not holds(tomllib.loads(text), key):
         key = key[:-1]
     count = text.count("\n") + 1
@@ -77,7 +77,7 @@ def holds(data: Any, key: tuple[str | int, ...]) -> bool:
 
 @cache
 def parsed(text: str, end: int) -> Any:
-    """The data in the first lines of a text; None if it may not be cut there."""
+    """Return the data of the first lines of a text; None if it cannot be truncated there."""
     text = "\n".join(text.split("\n")[:end])
     for closing in ("", "]", "]]", "]]]"):
         with suppress(ValueError):
@@ -91,7 +91,7 @@ def all_keys(data: Any, key: tuple[str | int, ...] = ()) -> list[tuple[str | int
     return [key, *(inner for part in parts for inner in all_keys(data[part], (*key, part)))]
 
 
-def test_lines_are_those_at_which_a_text_that_ends_there_has_the_key() -> None:
+def test_lines_equal_those_of_the_reference() -> None:
     keys = all_keys(tomllib.loads(LINES))
     assert len(keys) > 40
     for key in keys:
@@ -103,7 +103,7 @@ EXAMPLES = ROOT / "examples"
 
 
 @pytest.mark.parametrize("name", ["01_statue.toml", "03_area_lights.toml"])
-def test_lines_in_examples(name: str) -> None:
+def test_lines_of_keys_in_examples_are_found(name: str) -> None:
     text = (EXAMPLES / name).read_text()
     for key in all_keys(tomllib.loads(text)):
         assert line_of(text, key) == naive_line_of(text, key), key

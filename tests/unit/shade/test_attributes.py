@@ -42,7 +42,7 @@ def constant(value):
 
 
 def seen(model, attribute, transform=None):
-    """Hits on a model that is coloured by an attribute, which rays hit, and their colours as sRGB levels."""
+    """Return hits on a model coloured by an attribute, which rays hit, and their colours as sRGB levels."""
     scene = pr.Scene()
     scene.add(model, transform, pr.Diffuse(attribute))
     hits = scene.intersect(*CAMERA.rays(), attributes=list(model.points.attributes))
@@ -61,7 +61,7 @@ def color_at(name, share):
 
 
 @pytest.mark.parametrize("name", COLORMAPS)
-def test_maps_are_matplotlibs(name):
+def test_color_maps_equal_those_of_matplotlib(name):
     pytest.importorskip("matplotlib")
     for each in (name, name + "_r"):
         found, want = colormap(each).astype(int), map_of_matplotlib(each).astype(int)
@@ -84,7 +84,7 @@ def test_other_maps_come_from_matplotlib(monkeypatch):
 
 
 @pytest.mark.parametrize("value", [0.0, *map(long, (95 / 256, 0.3, 0.5, 1.0, -7.0)), 171 / 256, 9.0])
-def test_a_constant_comes_back_within_one_level(value, tmp_path):
+def test_a_constant_value_has_its_color_to_one_level(value, tmp_path):
     from PIL import Image
 
     for name in ("viridis", "turbo", "RdBu"):
@@ -128,13 +128,13 @@ def test_classes_are_not_blended(model):
         assert (shown == colormap(name).astype(int)[of_point]).all()
 
 
-def test_classes_begin_again_after_the_last_and_where_the_range_does():
+def test_class_colors_repeat_and_start_at_the_range():
     for value, given, color in ((13, None, 3), (25, (20, 29), 5), (-4, (0, 9), 0), (70, (0, 9), 9), (5.4, None, 5)):
         shown = seen(constant(value), pr.Attribute("value", "tab10", given))[2]
         assert (shown == colormap("tab10").astype(int)[color]).all()
 
 
-def test_what_has_no_value_is_grey(model):
+def test_points_without_a_value_are_grey(model):
     hits, hit, shown = seen(model, pr.Attribute("half", "viridis", (0, 1)))
     x = hits.position[hit][:, 0]
     assert (shown[x > 0.1] == 128).all() and (shown[x < -0.1] == color_at("viridis", 0.25)).all()
@@ -191,7 +191,7 @@ def test_coordinates_of_maps():
     assert hit.any() and np.abs(shown - 255 * (hits.position[hit][:, 1] - 5.4e6 + 1) / 2).max() < 1.5
 
 
-def test_of_two_sheets_each_shows_its_own():
+def test_each_of_two_sheets_shows_its_own_values():
     x, y = np.meshgrid(np.linspace(-1, 1, 60), np.linspace(-1, 1, 60))
     flat = np.stack([x.ravel(), y.ravel(), np.zeros(3600)], axis=1)
     up = np.tile([0.0, 0, 1], (3600, 1))
@@ -211,7 +211,7 @@ def test_of_two_sheets_each_shows_its_own():
 # --------------------------------------------------------------------------------------------------- the range
 
 
-def test_a_range_is_found(model):
+def test_the_range_is_chosen_from_percentiles(model):
     """The range is the 2nd to the 98th percentile; models that share a colour use their least and greatest."""
     height = model.points.attributes["height"]
     low, high = np.percentile(height, [2, 98])
@@ -283,7 +283,7 @@ def test_each_instance_has_its_own_colors(model):
     assert np.allclose(scene.intersect(origins + (3, 0, 0), directions).color, found[3], atol=1e-5)
 
 
-def test_memory_only_where_it_is_used(model):
+def test_memory_is_allocated_only_for_used_attributes(model):
     scene = pr.Scene()
     scene.add(model)
     number = scene.add(model, material=pr.Diffuse(pr.Attribute("z")))
@@ -322,7 +322,7 @@ def test_every_integrator_and_material(name, integrator):
     np.testing.assert_allclose(pictures[0], pictures[1], atol=1e-5)
 
 
-def test_layers_know_the_color():
+def test_the_albedo_layer_contains_attribute_colors():
     scene = pr.Scene()
     scene.add(constant(0.7), material=pr.Diffuse(pr.Attribute("value", "plasma", (0, 1))))
     layers = pr.render_layers(scene, CAMERA)

@@ -1,4 +1,4 @@
-"""Muted back faces, beside a twin in NumPy; and where they are not muted."""
+"""Muted back faces, compared with NumPy; and where they are not muted."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ BOTH = pytest.mark.parametrize("integrator", ["phong", "baked"])
 
 @pytest.fixture(scope="module")
 def bowl():
-    """The lower half of a sphere, which is seen from above: mostly its inner side, and its normals point outwards."""
+    """Return the lower half of a sphere with outward normals; from above mostly its inner side is visible."""
     points = pr.procedural("sphere", 6_000)
     return pr.Model(points.select(points.positions[:, 2] < 0.1))
 
@@ -40,7 +40,7 @@ def pictures(scene, integrator):
 
 
 def backs_of(scene):
-    """Hits of the rays through the pixels' middles, which of them are on back faces, and their cosines."""
+    """Return hits of rays through pixel centres, which are on back faces, and their cosines."""
     origins, directions = CAMERA.rays()
     hits = scene.intersect(origins, directions)
     cosine = (hits.normal * directions).sum(axis=-1)
@@ -54,7 +54,7 @@ def toned(light):
 
 
 @BOTH
-def test_muted_back_faces_have_the_light_of_the_sky_alone(bowl, integrator):
+def test_muted_back_faces_are_lit_by_the_sky_only(bowl, integrator):
     sky = pr.EnvironmentLight(0.8, horizon=0.5, ground=0.2)
     scene = scene_of(bowl, [pr.SunLight((0.3, 0.2, -1)), sky])
     same, muted = pictures(scene, integrator)
@@ -80,12 +80,12 @@ def test_without_lights_the_headlight_lights_them(bowl):
 @pytest.mark.parametrize(
     ("lights", "material"),
     [
-        ([pr.PointLight((0, 0, 3), 10.0)], None),  # nothing tells how bright even light is
+        ([pr.PointLight((0, 0, 3), 10.0)], None),  # the level of even light is undefined
         ([pr.EnvironmentLight()], pr.Dielectric()),
         ([pr.EnvironmentLight()], pr.Mirror()),
     ],
 )
-def test_what_is_not_muted(bowl, lights, material):
+def test_some_back_faces_are_not_muted(bowl, lights, material):
     np.testing.assert_array_equal(*pictures(scene_of(bowl, lights, material), "phong"))
 
 
@@ -102,7 +102,7 @@ def test_planes_are_not_muted(bowl):
     np.testing.assert_array_equal(*(pr.render(scene, below, s) for s in (pr.Settings(), settings)))
 
 
-def test_a_view_of_backs_is_noticed(bowl):
+def test_views_of_many_back_faces_are_detected(bowl):
     scene = scene_of(bowl, [])
     assert shows_backs(scene, CAMERA)
     assert not shows_backs(scene, pr.frame(scene, up="z", elevation=-30, azimuth=0))
@@ -124,8 +124,8 @@ def test_unknown_backfaces_are_refused(value):
         (["--elevation", "60", "--backfaces", "muted"], "muted"),
     ],
 )
-def test_commands_mute_them_unless_many_would_be_muted(bowl, tmp_path, monkeypatch, options, shown):
-    """From below the bowl shows its fronts, from above its backs. What is asked for stays."""
+def test_commands_mute_back_faces_unless_there_are_many(bowl, tmp_path, monkeypatch, options, shown):
+    """The bowl shows its front from below, its back from above. Explicit options are kept."""
     asked, real = [], picture.render
 
     def render(scene, camera, settings, *more):

@@ -15,7 +15,7 @@ def ball():
 
 @pytest.fixture(scope="module")
 def roof():
-    """A flat square from -2 to 2 with so many points that its edges are sharp."""
+    """Return a flat square from -2 to 2 with enough points for sharp edges."""
     x, y = np.meshgrid(*[np.linspace(-2, 2, 201)] * 2)
     rows = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
     return pr.Model(pr.Points(rows, np.tile([0.0, 0, 1], (len(rows), 1))))
@@ -59,7 +59,7 @@ ALL = {
 
 @pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("integrator", ["phong", "path"])
-def test_where_nothing_is_in_the_way_nothing_is_shown(name, integrator):
+def test_an_unshadowed_catcher_is_transparent(name, integrator):
     image = pr.render(caught(ALL[name]), ABOVE, pr.Settings(integrator, spp=4))
     lamps = (image[..., :3] > 0).any(axis=2)  # the lights hang above the plane; none shines at the camera
     assert not lamps.any() and np.abs(image[..., 3]).max() < 1e-6
@@ -97,7 +97,7 @@ def test_colored_light_counts_by_its_luminance(ball):
         assert alpha_at(scene, 0, 0, integrator) == pytest.approx(0.2126 / (0.2126 + 0.7152), rel=0.02)
 
 
-def test_half_of_a_rectangle(roof):
+def test_half_a_rectangle_light_is_hidden(roof):
     """A roof hides all of a light beyond x = 0; the rest is found by integrating over the light."""
     half = caught(pr.RectLight((0, 0, 4), (3, 0, 0), (0, -1, 0), 5), model=roof, transform=lifted(2, 2.0))
     u, v = np.meshgrid(np.linspace(-3, 3, 601), np.linspace(-1, 1, 201))
@@ -143,7 +143,7 @@ def test_lights_hide_the_sky(roof):
     assert alpha_at(both, 1.5, 0, spp=1024) == pytest.approx(alpha_at(alone, 1.5, 0, spp=1024), rel=0.02)
 
 
-def test_passes_make_the_same_picture(ball):
+def test_passes_and_threads_do_not_change_the_picture(ball):
     """The picture depends neither on the number of threads nor on ending by noise."""
     scene = caught(pr.SunLight((0.3, 0, -1), 3, angle=10), model=ball, transform=lifted(2))
     one, two = (pr.render(scene, ABOVE, pr.Settings("path", spp=8, threads=n)) for n in (1, 2))
@@ -179,7 +179,7 @@ def test_backgrounds_show_through(ball):
     assert image[20, 20, :3] == pytest.approx(np.array([1, 2, 3]) * 24 / 25, rel=0.01)
 
 
-def test_only_the_camera_sees_it_so(ball):
+def test_a_catcher_is_an_ordinary_plane_in_reflections(ball):
     """In mirrors and for reflected light, the catcher is a plane in its own colour."""
     pictures = []
     for catcher in (False, True):
@@ -197,14 +197,14 @@ def test_only_the_camera_sees_it_so(ball):
         assert (plain[..., 3] == 1)[~on_ball & (plain[..., 3] > 0)].all() and (shown[..., 3] < 1)[~on_ball].any()
 
 
-def test_debugging_pictures_and_rays_see_the_plane():
+def test_debug_integrators_and_ray_queries_hit_the_plane():
     scene = caught(ALL["sun"])
     for integrator in ("normal", "depth", "color", "cost"):
         assert (pr.render(scene, ABOVE, pr.Settings(integrator))[..., 3] == 1).all()
     assert (scene.intersect(*ABOVE.rays()).instance == 0).all()
 
 
-def test_lights_in_front_of_it_are_seen():
+def test_lights_in_front_of_a_catcher_are_visible():
     scene = caught(pr.DiskLight((0, 0, 2), (0, 0, 1), 1, 5))
     image = pr.render(scene, ABOVE, pr.Settings("path"))
     assert image[20, 20] == pytest.approx([5, 5, 5, 1]) and image[0, 0, 3] == 0

@@ -1,4 +1,4 @@
-"""Many lights: sampling follows its table, rays meet what a walk over all lights meets, and the mean stays right."""
+"""Many lights: sampling follows its table, rays hit what a loop over all lights hits, and the mean is exact."""
 
 import math
 
@@ -16,7 +16,7 @@ from pointray.shade.emitters import intersect_light, sun_in
 
 @kernel
 def _choose(world, numbers, out):
-    """The light that each number chooses, and its probability by both functions."""
+    """Store the light that each number chooses, and its probability by both functions."""
     world = borrow(world)
     for i in range(len(numbers)):
         which, chance = choose_light(world, numbers[i])
@@ -25,8 +25,8 @@ def _choose(world, numbers, out):
 
 
 @kernel
-def _meet(world, o, d, out):
-    """t and number of the lamp that each ray meets, by the tree and by a walk; the pdf of suns, by both."""
+def _intersect_lamps(world, o, d, out):
+    """Store t and index of the lamp that each ray hits, by the tree and by a loop; and the pdf of suns by both."""
     world = borrow(world)
     for i in range(len(o)):
         x, direction = (o[i, 0], o[i, 1], o[i, 2]), (d[i, 0], d[i, 1], d[i, 2])
@@ -120,14 +120,14 @@ def test_few_lights_are_chosen_evenly():
     assert not world_of([pr.PointLight((0, 0, 1), 0), pr.SphereLight((0, 0, 3), 1, 0)]).light_shares.size
 
 
-def test_no_power_is_too_large_for_the_table():
+def test_lights_of_huge_power_do_not_overflow():
     world = world_of([pr.SphereLight((k, 0, 0), 1e200 if k == 0 else 1, 1e308 if k < 3 else 1) for k in range(20)])
     share = np.diff(world.light_shares)
     assert np.isfinite(share).all() and (share > 0.4 / 20).all() and share.sum() == pytest.approx(1)
 
 
 @pytest.mark.parametrize("count", [1, 4, 20, 25, 60, long(1000)])
-def test_rays_meet_the_lights_that_a_walk_over_all_meets(count):
+def test_rays_hit_the_same_lights_as_a_loop_over_all(count):
     rng = np.random.default_rng(count)
     lights = lights_of(count, rng)
     if count == 25:  # all at one position
@@ -144,7 +144,7 @@ def test_rays_meet_the_lights_that_a_walk_over_all_meets(count):
     if len(boxes):  # rays in the planes of their faces, too
         o[:2000, 0], o[2000:3000, 0] = rng.choice(boxes[:, 0], 2000), rng.choice(boxes[:, 3], 1000)
     out = np.empty((len(o), 6))
-    _meet(world, o, d, out)
+    _intersect_lamps(world, o, d, out)
     np.testing.assert_allclose(out[:, 0], out[:, 2], rtol=1e-9)
     np.testing.assert_array_equal(out[:, 1], out[:, 3])
     np.testing.assert_allclose(out[:, 4], out[:, 5], rtol=1e-12)
@@ -169,7 +169,7 @@ def means(ball, lights, seeds, **settings):
 
 @pytest.mark.long
 def test_the_mean_is_the_sum_over_all_lights():
-    """Unlike lights, some hidden by the ball, the floor and each other, are also met by reflected rays.
+    """Different lights, some hidden by the ball, the floor and each other, are also hit by reflected rays.
 
     The sum is over pictures with one light each. The others are black: they still hide things, and are never chosen.
     """

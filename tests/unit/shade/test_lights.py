@@ -1,4 +1,4 @@
-"""Lights compared with their formulas: what arrives, where they are sampled, where rays meet them; and the sky."""
+"""Lights compared with their formulas: irradiance, sampling, intersection with rays; and the sky."""
 
 import math
 
@@ -39,8 +39,8 @@ def _middle(world, x, out):
 
 
 @kernel
-def _meet(world, o, d, out):
-    """t of rays with light 0, and the pdf of sampling them."""
+def _intersect_light(world, o, d, out):
+    """Store t of rays with light 0, and the pdf of sampling them."""
     world = borrow(world)
     for i in range(len(out)):
         ray = (o[0], o[1], o[2]), (d[i, 0], d[i, 1], d[i, 2])
@@ -132,7 +132,7 @@ def test_samples_sum_to_the_irradiance(name):
 
 
 @pytest.mark.parametrize("name", LIGHTS)
-def test_a_ray_to_a_sample_meets_the_light_there(name):
+def test_a_ray_to_a_sample_hits_the_light_there(name):
     out = samples(LIGHTS[name], (0.1, -0.2, 0.3))
     if name != "sun":
         assert out[:, 8] == pytest.approx(out[:, 3], rel=1e-9)
@@ -142,32 +142,32 @@ def test_a_ray_to_a_sample_meets_the_light_there(name):
 
 @pytest.mark.parametrize("name", [name for name in LIGHTS if name != "sun"])
 def test_pdfs_sum_to_one(name):
-    """The pdf integrates to one over all directions in which rays meet the light."""
+    """The pdf integrates to one over all directions in which rays hit the light."""
     d = even_directions(400_000)
     out = np.empty((len(d), 2))
-    _meet(world_of(LIGHTS[name]), np.array([0.1, -0.2, 0.3]), d, out)
+    _intersect_light(world_of(LIGHTS[name]), np.array([0.1, -0.2, 0.3]), d, out)
     assert 4 * np.pi * out[:, 1].mean() == pytest.approx(1, rel=1e-2)
     assert (out[:, 0] < np.inf).mean() > 0.005
 
 
-def test_lights_show_no_back():
+def test_backs_of_lights_are_invisible():
     for name, x in {"rectangle": (0, 0, 5), "disk": (0, 0, 5), "sphere": (1.1, 0.3, 3)}.items():
         out = samples(LIGHTS[name], x, 64)
         assert not out[:, 4:7].any(), name
         met = np.empty((1000, 2))
-        _meet(world_of(LIGHTS[name]), np.array(x, float), even_directions(1000), met)
+        _intersect_light(world_of(LIGHTS[name]), np.array(x, float), even_directions(1000), met)
         assert np.isinf(met[:, 0]).all(), name
 
 
 @pytest.mark.parametrize("name", ["rectangle", "disk", "sphere", "sun"])
-def test_from_afar_the_middle_stands_for_all(name):
+def test_a_distant_light_equals_a_point_light(name):
     light, x = LIGHTS[name], np.array([3.0, 1, -60])
     out = np.empty(7)
     _middle(world_of(light), x, out)
     assert out[3:6] * out[2] == pytest.approx(exact_irradiance(light, x), rel=0.02)
 
 
-def test_a_point_light_falls_with_the_square():
+def test_a_point_light_falls_off_with_the_square():
     out = np.empty(7)
     _middle(world_of(pr.PointLight((0, 0, 5), (4, 8, 12))), np.array([0, 0, 3.0]), out)
     assert out.tolist() == [0, 0, 1, 1, 2, 3, 2]
@@ -218,7 +218,7 @@ def test_irradiance_of_the_sky(up):
             assert got[0, 4:] == pytest.approx(want, rel=0.02, abs=0.02)
 
 
-def test_where_a_picture_lies():
+def test_environment_pictures_are_oriented():
     """The picture's middle is ahead, its right side to the right, its row 0 up; a gradient's zenith is up."""
     height, width = 16, 32
     image = np.zeros((height, width, 3))
@@ -298,7 +298,7 @@ def test_the_sky_behind_is_the_same_in_every_integrator(integrator):
 
 
 class Counted(pr.PointLight):
-    """A light that counts how often it is asked for its record."""
+    """A light that counts calls of `record`."""
 
     asked = 0
 
@@ -308,7 +308,7 @@ class Counted(pr.PointLight):
 
 
 @pytest.mark.parametrize("count", [10, 1000])
-def test_a_light_more_is_no_more_work_after_many(monkeypatch, count):
+def test_adding_a_light_takes_constant_work(monkeypatch, count):
     """Each light is checked when it is added, and read once when something is rendered."""
     monkeypatch.setattr(Counted, "asked", 0)
     scene = pr.Scene()
@@ -319,7 +319,7 @@ def test_a_light_more_is_no_more_work_after_many(monkeypatch, count):
     assert Counted.asked == 2 * count and len(scene.lights) == count
 
 
-def test_lights_are_not_copied_when_one_more_comes():
+def test_adding_a_light_does_not_copy_the_others():
     """Memory grows in proportion to the number of lights."""
     scene, light, held = pr.Scene(), pr.PointLight((0, 0, 1), 1), []
     for _ in range(5000):
@@ -329,7 +329,7 @@ def test_lights_are_not_copied_when_one_more_comes():
     assert [len(lights) for lights in held] == list(range(1, 5001))
 
 
-def test_copies_grow_by_themselves():
+def test_copies_of_light_lists_grow_independently():
     a, b, c, d = (pr.PointLight((k, 0, 1), 1) for k in range(4))
     scene = pr.Scene()
     scene.add_light(a)

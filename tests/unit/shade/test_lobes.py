@@ -1,4 +1,4 @@
-"""What is kept of where baked light comes from, and what glossy lobes reflect of it, against sums over directions."""
+"""Directional moments of baked light, and their reflection by glossy lobes, compared with sums over directions."""
 
 import numpy as np
 import pytest
@@ -57,14 +57,14 @@ R = mirrored()
 
 
 def phong(exponent, r, light):
-    """The sum over directions: what Phong's lobes of weight 1 reflect, (k, 3)."""
+    """Return the sum over directions of light reflected by Phong lobes of weight 1, (k, 3)."""
     along = np.maximum(W @ r.T, 0.0)
     lobe = (exponent + 2) / (2 * np.pi) * (along**exponent if exponent > 0 else 1.0 * (along > 0)) * FLUX[:, None]
     return lobe.T @ light
 
 
 def facets(exponent, r, light):
-    """The same of GGX, of a lobe that reflects all even light."""
+    """Return the same for a GGX lobe that reflects all even light."""
     out = []
     for one in r:
         tangent = one - (one @ NORMAL) * NORMAL
@@ -76,7 +76,7 @@ def facets(exponent, r, light):
 
 
 def reflect(light, kind, exponent):
-    """What pointray reflects of radiance (n, 3) from the directions W, (k, 3)."""
+    """Return pointray's reflection of radiance (n, 3) from the directions W, (k, 3)."""
     records = pack_values(values_of(light, W, FLUX, NORMAL)[None])
     return reflected(records, (float(kind), float(exponent)), NORMAL[None], R[None])[0]
 
@@ -93,7 +93,7 @@ def wall():
 
 
 @pytest.mark.parametrize("exponent", [0, 0.3, 1, 2, 3.3, WIDE])
-def test_even_light_is_reflected_as_it_is(exponent):
+def test_even_light_is_reflected_unchanged(exponent):
     light = np.broadcast_to([0.5, 1.0, 2.0], W.shape)
     assert reflect(light, PHONG, exponent) == pytest.approx(phong(exponent, R, light), rel=0.015, abs=3e-3)
     assert reflect(light, PRINCIPLED, exponent) == pytest.approx(np.broadcast_to(light[0], R.shape), abs=3e-3)
@@ -112,7 +112,7 @@ def test_lobes_are_close_to_sums_over_directions(light, exponent, most):
     assert 100 * np.sqrt(np.mean((found - true) ** 2)) / true.mean() < most
 
 
-def test_black_light_and_light_of_one_colour():
+def test_black_and_monochromatic_light_are_reflected():
     assert (reflect(np.zeros_like(W), PHONG, 4) == 0).all()
     red = gradient() * [1, 0, 0]
     found = reflect(red, PHONG, 2)
@@ -122,7 +122,7 @@ def test_black_light_and_light_of_one_colour():
 
 @pytest.mark.parametrize("height", [0.02, 0.5, 1.0])
 def test_light_from_one_direction_is_reflected_in_bounds(height):
-    """The moments are out of reach: lobes get wider and fainter than they are, not black nor brighter."""
+    """The moments cannot represent it: lobes get wider and fainter, not black or brighter."""
     tangent = np.cross(NORMAL, [0.6, 0, 0.8])
     light = np.where(W @ _unit(height * NORMAL + np.sqrt(1 - height**2) * _unit(tangent)) > 0.995, 1.0, 0.0)
     light = np.repeat(light[:, None], 3, axis=1)
@@ -157,12 +157,12 @@ def steps_in(records):
 
 
 def share_of(steps):
-    """What so many steps mean, (..., 14)."""
+    """Return the values of numbers of steps, (..., 14)."""
     x = steps / STEPS
     return REACHES * x * (LINEAR + (1 - LINEAR) * np.abs(x))
 
 
-def test_moments_are_kept_within_half_a_step():
+def test_moments_are_quantized_to_half_a_step():
     rng = np.random.default_rng(1)
     n = 1001
     values = np.zeros((n, PER_PATCH))
@@ -195,7 +195,7 @@ def sky(up=1.0, horizon=0.0, ground=0.0):
 
 
 @pytest.mark.long
-def test_moments_are_those_of_the_sky_and_add_up(ball):
+def test_moments_equal_those_of_the_sky_and_are_additive(ball):
     """A plane under a sky has the moments of the sky's gradient; those of two skies add up to those of their sum."""
     scene = pr.Scene()
     scene.add(ball, pr.transform(translate=(0, 0, 1)), material=pr.Diffuse(0.0))
@@ -220,7 +220,7 @@ def test_moments_are_those_of_the_sky_and_add_up(ball):
     assert np.median(facts[2][rows], axis=0) == pytest.approx(want, abs=0.02)
 
 
-def test_moments_are_those_of_a_bright_spot_of_the_sky(ball):
+def test_moments_equal_those_of_a_bright_spot_of_the_sky(ball):
     """Its light is not found by links. Its direction follows from the irradiance, cosine by cosine."""
     image = np.zeros((64, 128, 3))
     image[20, 40] = 3000.0, 1000.0, 300.0
@@ -239,7 +239,7 @@ def test_moments_are_those_of_a_bright_spot_of_the_sky(ball):
     assert facts[lit] == pytest.approx(want, abs=0.03 * np.abs(want).max())
 
 
-def test_planes_have_whole_fours_of_cells(ball):
+def test_plane_cells_are_padded_to_multiples_of_four(ball):
     """Records are read four at a time."""
     scene = pr.Scene()
     scene.add(ball)
@@ -261,7 +261,7 @@ def shares(material, cosine):
 @pytest.mark.parametrize(
     "material", [long(pr.Phong(0.0, 1.0, 4.0)), long(pr.Principled(1.0, 0.8, 1.0)), pr.Principled(1.0, 0.5, 1.0)]
 )
-def test_a_glossy_ball_under_an_even_sky(ball, material):
+def test_a_glossy_ball_under_an_even_sky_is_even(ball, material):
     """Blended over splats whose normals differ, even light is still even. The last lobe is narrow: it sends rays."""
     scene = pr.Scene()
     scene.add(ball, material=material)
@@ -278,7 +278,7 @@ def test_a_glossy_ball_under_an_even_sky(ball, material):
 
 @pytest.mark.long
 @pytest.mark.parametrize("material", [pr.Phong((0.6, 0.5, 0.4), 0.5, 3.0), pr.Principled((0.6, 0.5, 0.4), 0.8, 1.0)])
-def test_glossy_pictures_are_those_of_path_tracing(material):
+def test_glossy_pictures_equal_path_traced_ones(material):
     model = pr.Model(pr.procedural("statue", 30_000))
     scene = pr.Scene()
     scene.add(model, material=material)
@@ -292,7 +292,7 @@ def test_glossy_pictures_are_those_of_path_tracing(material):
     assert np.sqrt(np.mean((baked - path) ** 2)) / path.mean() < 0.05
 
 
-def test_the_harmonics_of_the_bench_are_those_of_the_kernels():
+def test_harmonics_of_the_benchmark_equal_those_of_the_kernels():
     from pointray.engine.jit import uncompiled
     from pointray.shade import harmonics as own
 

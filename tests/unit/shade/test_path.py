@@ -32,7 +32,7 @@ def path(scene, camera, spp, **options):
 
 
 @pytest.mark.long
-def test_a_closed_sphere_that_emits_and_reflects(sphere):
+def test_radiance_in_a_closed_emitting_sphere_is_the_series(sphere):
     """Radiance 1 + 0.5 + 0.25 + ... = 2 in every pixel."""
     scene = pr.Scene()
     scene.add(sphere, material=pr.Emissive(1.0, color=0.5))
@@ -111,7 +111,7 @@ def pieces(light):
 
 
 @pytest.mark.parametrize("name", SIZED)
-def test_lights_with_a_size(name):
+def test_area_lights_equal_the_sum_of_their_pieces(name):
     """The plane below is lit by either way of finding a light. The light itself is seen from its front only."""
     light = SIZED[name]
     scene, _ = floor_scene(0.5)
@@ -151,7 +151,7 @@ def test_the_penumbra_of_a_sphere_light():
     assert end - begin == pytest.approx(want, rel=0.05)
 
 
-def test_a_mirror_reflects_what_is_around(sphere):
+def test_a_mirror_reflects_its_surroundings(sphere):
     """The sphere's pixels show the gradient in the mirrored direction."""
     scene = pr.Scene()
     scene.add(sphere, material=pr.Mirror((0.9, 0.8, 0.7)))
@@ -223,7 +223,7 @@ def test_the_sky_behind_is_the_same_for_direct_light(sphere):
     np.testing.assert_allclose(direct, path(scene, camera, 1), rtol=1e-6)
 
 
-def test_what_mirrors_send_on_is_theirs_alone(sphere):
+def test_mirrors_do_not_change_objects_beside_them(sphere):
     """Objects beside a mirror, before the same sky, look as if the mirror were black."""
     scene = pr.Scene()
     scene.add(sphere, material=pr.Mirror())
@@ -236,7 +236,7 @@ def test_what_mirrors_send_on_is_theirs_alone(sphere):
     np.testing.assert_array_equal(pr.render(scene, camera)[beside], black[beside])
 
 
-def test_glass_loses_nothing(sphere):
+def test_glass_in_even_light_is_invisible(sphere):
     """A body of glass cannot be seen in even light from all around."""
     scene = pr.Scene()
     scene.add(sphere, material=pr.Dielectric(1.5))
@@ -247,7 +247,7 @@ def test_glass_loses_nothing(sphere):
 
 
 @pytest.mark.parametrize("color", [1.0, 0.5])
-def test_a_white_furnace(sphere, color):
+def test_a_white_furnace_has_the_radiance_of_the_colour(sphere, color):
     """In even light a convex diffuse body has the radiance of its colour, and so has a white plane."""
     scene = pr.Scene()
     scene.add(sphere, material=pr.Diffuse(color))
@@ -307,7 +307,7 @@ def test_lights_add_up(sphere):
     assert np.abs(together - sum(each)).mean() < 0.06 * together.mean()  # noise
 
 
-def test_lights_hide_what_is_behind_them():
+def test_lights_block_light_from_behind():
     """Light from above the back of a wide panel does not arrive at the floor by either way of finding lights."""
     camera = pr.Camera.look_at((0, -0.5, 0.3), (0, 0, 0), fov=10, size=(12, 12))
     pictures = []
@@ -346,7 +346,7 @@ def test_passes_make_the_same_picture(sphere):
 
 
 @pytest.mark.long
-def test_noise_and_time_end_the_work(sphere):
+def test_noise_and_time_limits_stop_sampling(sphere):
     scene = pr.Scene()
     scene.add(sphere)
     scene.add(pr.Plane((0, 0, -1), (0, 0, 1)))

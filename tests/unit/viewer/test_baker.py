@@ -1,4 +1,4 @@
-"""The viewer's baked light: rough at first, then fine; it follows the lights, and never belongs to another scene."""
+"""The viewer's baked light is rough first, then fine; it follows the lights and never belongs to another scene."""
 
 import gc
 import threading
@@ -21,7 +21,7 @@ class Listener:
         self.ready, self.stages = 0, []
         self._changed = threading.Condition()
 
-    def hear(self):
+    def receive(self):
         with self._changed:
             self.ready += 1
             self._changed.notify_all()
@@ -36,7 +36,7 @@ class Listener:
 
 @pytest.fixture
 def uncollected():
-    """Python's garbage collector is off: what is freed is in no cycle."""
+    """Python's garbage collector is off: objects are freed only if they are in no reference cycle."""
     gc.collect()
     gc.disable()
     yield
@@ -66,7 +66,7 @@ def ball():
 
 def test_light_is_rough_then_fine_then_follows_the_lights(scene):
     heard = Listener()
-    baker = Baker(heard.hear, heard.say)
+    baker = Baker(heard.receive, heard.say)
     assert baker.light_for(scene) is None
     heard.wait(2)
     fine = baker.light_for(scene)
@@ -83,9 +83,9 @@ def test_light_is_rough_then_fine_then_follows_the_lights(scene):
 
 
 @pytest.mark.long
-def test_another_model_is_baked_anew(scene):
+def test_another_model_is_baked_again(scene):
     heard = Listener()
-    baker = Baker(heard.hear, heard.say)
+    baker = Baker(heard.receive, heard.say)
     baker.light_for(scene)
     heard.wait(2)
     other = scene.copy()
@@ -97,9 +97,9 @@ def test_another_model_is_baked_anew(scene):
     baker.close()
 
 
-def test_a_closed_baker_bakes_no_more(scene):
+def test_a_closed_baker_stops_baking(scene):
     heard = Listener()
-    baker = Baker(heard.hear, heard.say)
+    baker = Baker(heard.receive, heard.say)
     baker.close()
     assert baker.light_for(scene) is None
     assert baker._thread is None and heard.ready == 0
@@ -111,7 +111,7 @@ def test_pictures_have_direct_light_until_light_is_baked(scene):
     def deliver(frame):
         frames.append((frame, painter.apply(frame.request).baked))
         painter.seen(frame.number)
-        heard.hear()
+        heard.receive()
 
     painter = Painter(deliver, pytest.fail, heard.say)
     camera = pr.frame(scene, size=(32, 32))
@@ -125,7 +125,7 @@ def test_pictures_have_direct_light_until_light_is_baked(scene):
     painter.close()
 
 
-def test_a_closed_painter_keeps_no_light(uncollected):
+def test_a_closed_painter_releases_the_light(uncollected):
     heard, fine, there, scene = Listener(), [], threading.Event(), ball()
 
     def deliver(frame):
@@ -145,7 +145,7 @@ def test_a_closed_painter_keeps_no_light(uncollected):
     assert fine[0]() is None
 
 
-def test_a_bake_that_is_stopped_keeps_no_scene(uncollected):
+def test_a_stopped_bake_releases_the_scene(uncollected):
     scene, told = ball(), threading.Event()
 
     def say(stage, share, seconds):

@@ -1,4 +1,4 @@
-"""Who may use the viewer, and how much one page or client may take."""
+"""Access control of the viewer, and limits on what a page or client may use."""
 
 import json
 import re
@@ -32,7 +32,7 @@ from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.view_settings import ViewSettings
 from pointray.viewer.viewer import Viewer
 
-BOUND = 16 << 20  # bytes that one client may have the server hold
+BOUND = 16 << 20  # bytes that the server may buffer for one client
 HELLO = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
 KEY = "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
 
@@ -72,7 +72,7 @@ def wait(condition):
 
 
 def ask(viewer, target, *headers, host=None):
-    """The answer to a GET over HTTP: its status, and all of it as text."""
+    """Return the response to an HTTP GET: its status, and all of it as text."""
     host = f"Host: {host or f'127.0.0.1:{viewer.port}'}"
     request = "\r\n".join((f"GET {target} HTTP/1.1", host, *headers, "", ""))
     with socket.create_connection(("127.0.0.1", viewer.port)) as stream:
@@ -86,7 +86,7 @@ def ask(viewer, target, *headers, host=None):
 
 
 def path_of(viewer):
-    """The path of the address, which holds the token."""
+    """Return the path of the address, which contains the token."""
     return f"/{viewer.url.rstrip('/').rpartition('/')[2]}/"
 
 
@@ -99,7 +99,7 @@ def test_only_files_of_the_page_are_served(viewer):
         status, text = ask(viewer, path + name)
         assert status == 200 and "Content-Security-Policy" in text and "Referrer-Policy: no-referrer" in text, name
     status, text = ask(viewer, path.rstrip("/"))
-    assert status == 308 and f"Location: {path.strip('/')}/\r\n" in text  # relative, because there may be a prefix
+    assert status == 308 and f"Location: {path.strip('/')}/\r\n" in text  # relative, as there may be a prefix
 
 
 HUB, PUBLIC = "/user/x/", "hub.example.org"
@@ -114,7 +114,7 @@ class Proxy:
         self._viewer = viewer
 
     def get(self, target, *headers):
-        """Get an address as the browser requests it."""
+        """Request an address like the browser."""
         assert target.startswith(f"{self.prefix}/"), target
         return ask(self._viewer, target.removeprefix(self.prefix), *self.headers, *headers, host=PUBLIC)
 
@@ -134,7 +134,7 @@ def plain_viewer(monkeypatch):
 
 
 def test_the_page_works_behind_the_proxy_of_a_hub(hub_viewer):
-    """The frame's address and all that it names are below the prefix."""
+    """The frame's address and all addresses in it are below the prefix."""
     proxy = Proxy(hub_viewer)
     html = hub_viewer._repr_html_()
     page = re.search(r'src="([^"]+)"', html)[1]
@@ -152,7 +152,7 @@ def test_the_page_works_behind_the_proxy_of_a_hub(hub_viewer):
             assert proxy.get(urljoin(urljoin(page, name), module))[0] == 200, module
     status, text = proxy.get(page.rstrip("/"))
     assert urljoin(page.rstrip("/"), re.search(r"Location: (\S+)", text)[1]) == page
-    # The script opens the socket beside the page.
+    # The script opens the socket next to the page.
     assert 'new URL("socket", location.href' in proxy.get(urljoin(page, "main.js"))[1]
     hello = f"{HELLO}{KEY}".split("\r\n")
     for origin, answer in ((f"https://{PUBLIC}", 101), ("https://evil.example", 403), ("null", 403)):
@@ -161,15 +161,15 @@ def test_the_page_works_behind_the_proxy_of_a_hub(hub_viewer):
 
 
 def first_line(viewer, target, *headers):
-    """The words of an answer's first line; its connection may stay open."""
+    """Return the words of the first line of a response; its connection may stay open."""
     with socket.create_connection(("127.0.0.1", viewer.port)) as stream:
         stream.settimeout(SECONDS)
         stream.sendall("\r\n".join((f"GET {target} HTTP/1.1", f"Host: {PUBLIC}", *headers, "", "")).encode())
         return stream.recv(1000).decode().split("\r\n")[0].split()
 
 
-def test_other_names_are_refused_but_for_the_hubs_own_proxy(hub_viewer, plain_viewer):
-    """Other names are refused without the proxy's header, with another prefix, or without a hub."""
+def test_other_host_names_are_refused_except_for_the_hubs_proxy(hub_viewer, plain_viewer):
+    """Other host names are refused without the proxy's header, with another prefix, or without a hub."""
     path, known = path_of(hub_viewer), Proxy(hub_viewer).headers
     assert ask(hub_viewer, path, *known, host=PUBLIC)[0] == 200
     assert ask(hub_viewer, path, host=PUBLIC)[0] == 403
@@ -178,7 +178,7 @@ def test_other_names_are_refused_but_for_the_hubs_own_proxy(hub_viewer, plain_vi
     assert ask(plain_viewer, path_of(plain_viewer), *Proxy(plain_viewer).headers, host=PUBLIC)[0] == 403
 
 
-def test_a_browser_behind_the_proxy_is_not_on_this_machine(hub_viewer):
+def test_a_browser_behind_the_proxy_is_remote(hub_viewer):
     seen = []
     hub_viewer._server._make_handler = lambda link: seen.append(link.is_local) or Idle()
     for count, headers in enumerate(({}, dict(header.split(": ") for header in Proxy(hub_viewer).headers)), 1):
@@ -197,13 +197,13 @@ class Idle:
         pass
 
 
-def test_the_cell_says_what_to_do_on_a_remote_machine(plain_viewer):
+def test_the_notebook_cell_explains_remote_access(plain_viewer):
     html, port = plain_viewer._repr_html_(), plain_viewer.port
     assert f'src="{plain_viewer.url}"' in html and f"ssh -L {port}:127.0.0.1:{port}" in html
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "0.0.0.0"])
-def test_who_does_not_know_the_token_is_refused(scene, host):
+def test_requests_without_the_token_are_refused(scene, host):
     with closing(Viewer(SharedScene("x", scene), host)) as viewer, closing(Viewer(SharedScene("y", scene))) as other:
         token = path_of(viewer).strip("/")
         assert re.fullmatch(r"[\w-]{22}", token) and token != path_of(other).strip("/")
@@ -219,7 +219,7 @@ def test_who_does_not_know_the_token_is_refused(scene, host):
                 pass
 
 
-def test_requests_that_make_no_sense_are_the_clients_fault(viewer):
+def test_malformed_requests_get_client_errors(viewer):
     path, here = path_of(viewer), f"127.0.0.1:{viewer.port}"
     hello = f"{HELLO}{KEY}".split("\r\n")
     requests = [
@@ -245,7 +245,7 @@ def test_requests_that_make_no_sense_are_the_clients_fault(viewer):
 
 
 class Visitor:
-    """The server's side of a browser, which here does nothing."""
+    """A session that does nothing."""
 
     def receive(self, text):
         pass
@@ -256,7 +256,7 @@ class Visitor:
 
 @contextmanager
 def linked():
-    """A client of a server, and the server's `Link` to it."""
+    """Yield a client of a server, and the server's `Link` to it."""
     links = []
     server = Server(lambda link: (links.append(link), Visitor())[1], "127.0.0.1", 0)
     with closing(server), connect(socket_of(server.url), max_size=None, compression=None, max_queue=1) as client:
@@ -275,7 +275,7 @@ def linked():
         long(str, 30),
     ],
 )
-def test_a_client_that_does_not_read_is_let_go(kind, size):
+def test_a_client_that_does_not_read_is_disconnected(kind, size):
     with linked() as (_, link):
         tracemalloc.start()
         begun, sent, held = tracemalloc.get_traced_memory()[0], 0, 0
@@ -284,7 +284,7 @@ def test_a_client_that_does_not_read_is_let_go(kind, size):
             sent += max(size, 50)
             held = max(held, tracemalloc.get_traced_memory()[0] - begun)
         assert not link.open and held < BOUND, f"{held:,}"
-        wait(lambda: tracemalloc.get_traced_memory()[0] - begun < 1 << 20)  # nothing remains of it
+        wait(lambda: tracemalloc.get_traced_memory()[0] - begun < 1 << 20)  # its memory is freed
         tracemalloc.stop()
 
 
@@ -293,8 +293,8 @@ def test_a_client_that_does_not_read_is_let_go(kind, size):
     [[0x89, 0x80, 0, 0, 0, 0], [0x8A, 0x80, 0, 0, 0, 0], [0x00, 0x80, 0, 0, 0, 0]],
     ids=["pings", "pongs", "empty pieces"],
 )
-def test_a_client_that_sends_no_messages_is_let_go(frame):
-    """Pings want answers, which it does not read, and the fragments of a message do not end."""
+def test_a_client_that_sends_only_pings_or_fragments_is_disconnected(frame):
+    """It does not read the answers to its pings, and the fragments of its message do not end."""
     server = Server(lambda link: Visitor(), "127.0.0.1", 0)
     hello = f"GET /{server.token}/socket HTTP/1.1\r\nHost: 127.0.0.1\r\n{HELLO}{KEY}\r\n\r\n"
     first = [0x01, 0x80, 0, 0, 0, 0] if frame[0] == 0 else []
@@ -305,8 +305,8 @@ def test_a_client_that_sends_no_messages_is_let_go(frame):
         deaf.sendall(bytes(first))
         tracemalloc.start()
         with pytest.raises(ConnectionError):
-            server._loop.call_soon_threadsafe(time.sleep, 0.2)  # then all that came is read at once
-            for _ in range(1_000):  # more than the system holds before the server reads
+            server._loop.call_soon_threadsafe(time.sleep, 0.2)  # then all pending data is read at once
+            for _ in range(1_000):  # more than the system buffers before the server reads
                 deaf.sendall(bytes(frame) * 50_000)
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
@@ -328,7 +328,7 @@ def test_a_file_of_any_size_goes_to_a_client_that_reads(tmp_path, rng):
 
 
 @pytest.mark.parametrize("sent", [0, 2])
-def test_a_file_for_a_client_that_goes_is_left(tmp_path, sent):
+def test_sending_a_file_stops_when_the_client_disconnects(tmp_path, sent):
     (tmp_path / "big.exr").write_bytes(bytes(3 * BOUND))
     with linked() as (client, link):
         for _ in range(sent):
@@ -344,7 +344,7 @@ def test_a_file_for_a_client_that_goes_is_left(tmp_path, sent):
         client.close_socket()
         sending.join(SECONDS)
         assert not sending.is_alive() and not link.open
-        link.send_file(b"", tmp_path / "big.exr")  # nobody is there, so it ends at once
+        link.send_file(b"", tmp_path / "big.exr")  # no client is left, so it returns at once
         with pytest.raises(OSError):
             link.send_file(b"", tmp_path / "none.exr")
 
@@ -371,7 +371,7 @@ class Deaf:
 
 
 @pytest.mark.parametrize(("is_local", "source"), [(True, "'/home/me/my scans/ball.ply'"), (False, "ball.ply")])
-def test_pages_elsewhere_receive_no_path(scene, is_local, source):
+def test_remote_pages_receive_no_paths(scene, is_local, source):
     link, shared = Deaf(is_local), SharedScene("ball.ply", scene, source="/home/me/my scans/ball.ply")
     page = session.Session(link, shared, lambda _: None)
     page.receive(json.dumps({"type": "size", "width": 64, "height": 48}))
@@ -396,25 +396,25 @@ def test_pages_elsewhere_receive_no_path(scene, is_local, source):
         ("nothing / here: 3 / 4", "nothing / here: 3 / 4"),
     ],
 )
-def test_folders_in_texts(text, told):
+def test_folders_are_removed_from_texts(text, told):
     assert outbox.FOLDERS.sub("", text) == told
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.3.2.1", "::1", "::ffff:127.0.0.1"])
-def test_what_is_this_machine(host):
+def test_local_addresses_are_recognised(host):
     assert is_loopback(host)
     assert not any(map(is_loopback, ("0.0.0.0", "192.0.2.1", "::", "::ffff:192.0.2.1", "fe80::1%eth0", "a.example")))
 
 
 @pytest.mark.long
-def test_too_many_lights_are_refused_in_a_word(browser, viewer, scene):
+def test_too_many_lights_are_refused_with_a_message(browser, viewer, scene):
     other = Browser(viewer.url, SIZE)
     camera = other.arrive()
     browser.arrive()
     begun = time.monotonic()
     for _ in range(1_000):
         browser.say(type="press", name="lamps.add.sun")
-    # Meanwhile another page is served.
+    # Another page is served meanwhile.
     for k in range(5):
         count = len(other.frames)
         other.go(camera, fov=30.0 + k, time=2.0 + k)
@@ -426,16 +426,16 @@ def test_too_many_lights_are_refused_in_a_word(browser, viewer, scene):
     said = [m["text"] for m in browser.told if m["type"] == "toast"]
     assert f"there are {MAX_LIGHTS} lights: remove one to add another" in said
     assert "too many requests at once: some were ignored" in said
-    assert len(said) <= 2 * (1 + (time.monotonic() - begun) / outbox.REPEAT_INTERVAL)  # each is repeated now and then
+    assert len(said) <= 2 * (1 + (time.monotonic() - begun) / outbox.REPEAT_INTERVAL)  # each is repeated at intervals
     assert sum(m["type"] == "panel" for m in browser.told) <= MAX_LIGHTS + 2
-    browser.rest(1.5 / COSTLY_RATE)  # from then on it may ask for something again
+    browser.rest(1.5 / COSTLY_RATE)  # from then on requests are accepted again
     browser.set("lamps.0.on", False)
     browser.say(type="press", name="lamps.1.remove")
     browser.listen(lambda: f"lamps.{MAX_LIGHTS - 1}.on" not in browser.controls())
     other.close()
 
 
-def test_control_drag_adds_no_light_beyond_the_limit(browser, scene):
+def test_ctrl_drag_adds_no_light_beyond_the_limit(browser, scene):
     scene.lights = [pr.PointLight([9, 9, 9], 1)] * MAX_LIGHTS
     browser.arrive()
     browser.listen(lambda: f"lamps.{MAX_LIGHTS - 1}.on" in browser.controls())
@@ -443,7 +443,7 @@ def test_control_drag_adds_no_light_beyond_the_limit(browser, scene):
     assert "remove one to add another" in browser.listen(lambda: browser.last("toast"))["text"]
 
 
-def test_a_scene_of_many_lights_has_a_panel_all_the_same(browser, scene):
+def test_a_scene_of_many_lights_has_a_panel(browser, scene):
     scene.lights = [pr.PointLight([9, 9, k], 1) for k in range(MAX_LIGHTS + 5)]
     browser.arrive()
     browser.listen(lambda: "more_lamps" in browser.controls())
@@ -451,8 +451,8 @@ def test_a_scene_of_many_lights_has_a_panel_all_the_same(browser, scene):
     assert f"lamps.{MAX_LIGHTS}.on" not in browser.controls()
 
 
-def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkeypatch):
-    """This holds however long the work takes, here until the other page has its pictures."""
+def test_work_for_one_page_does_not_block_another(browser, viewer, scene, monkeypatch):
+    """The work takes any time, here until the other page has its pictures."""
     busy, go, whole = threading.Event(), threading.Event(), ViewSettings.with_lamp
 
     def slow(self, *arguments):
@@ -465,7 +465,7 @@ def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkey
     browser.say(type="press", name="lamps.add.sun")
     assert busy.wait(SECONDS)
     try:
-        with closing(Browser(viewer.url, SIZE)) as other:  # a request that comes meanwhile
+        with closing(Browser(viewer.url, SIZE)) as other:  # a request during the work
             camera = other.arrive()
             other.go(camera, fov=30.0, time=2.0)
             other.listen(lambda: any(header["time"] == 2.0 for header, _ in other.frames))
@@ -477,8 +477,8 @@ def test_the_work_of_one_page_never_stops_another(browser, viewer, scene, monkey
     browser.listen(lambda: "no_lamps" in browser.controls())
 
 
-def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
-    """The server reads the page's messages while one is drawn, and draws none of those in between."""
+def test_of_many_requested_legends_the_newest_is_drawn(browser, monkeypatch):
+    """The server reads messages while a legend is drawn, and skips all but the newest."""
     busy, go, drawn = threading.Event(), threading.Event(), []
     whole = lookups.legend_of
 
@@ -495,14 +495,14 @@ def test_of_many_legends_the_newest_is_drawn(browser, monkeypatch):
     for name in ("plasma", "magma") * 10:
         browser.set("colormap", name)
     before = browser.last("camera")
-    browser.say(type="view", name="front")  # its answer comes after all of them were read
+    browser.say(type="view", name="front")  # answered after all of them are read
     browser.listen(lambda: browser.last("camera") is not before)
     go.set()
     browser.listen(lambda: (m := browser.last("legend")) and m["image"])
     assert drawn[:2] == ["viridis", "magma"] and len(drawn) <= 3  # and once more for the range that was found
 
 
-def test_many_choices_of_a_surface_need_two_threads(scene):
+def test_many_surface_changes_need_two_threads(scene):
     shared = SharedScene("x", scene)
     with shared._builds:  # pretends that one is being built
         threads = {shared.rebuild(radius_scale=1.0 + k / 1_000) for k in range(1, 500)}
@@ -512,7 +512,7 @@ def test_many_choices_of_a_surface_need_two_threads(scene):
     assert shared.build.radius_scale == 1.499
 
 
-def test_how_much_a_page_may_ask_for():
+def test_the_rate_of_requests_is_limited():
     now = [0.0]
     allowance = RateLimiter(COSTLY_RATE, 2 * COSTLY_RATE, lambda: now[0])
     assert sum(allowance.take() for _ in range(2_000)) == 2 * COSTLY_RATE

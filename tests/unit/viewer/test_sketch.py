@@ -1,4 +1,4 @@
-"""The sketch of a scan before its pictures can be traced: dots, drawn by NumPy."""
+"""The sketch of a scan before kernels are ready: dots drawn by NumPy."""
 
 import threading
 
@@ -56,12 +56,12 @@ def test_what_is_near_hides_what_is_behind(rng):
     behind = Sketch([cloud]).draw(pr.Camera.look_at((0.5, 3, 0.5), (0.5, 0, 0.5), size=(200, 200)))
     inner = behind[behind.shape[0] // 3 : -behind.shape[0] // 3, behind.shape[1] // 3 : -behind.shape[1] // 3]
     assert (inner[..., 1] > 0.3).mean() > 0.9
-    facing = 0.47 / np.linalg.norm((0.7, 0.72, 0.47))  # the key light, beside the sky's 0.21
+    facing = 0.47 / np.linalg.norm((0.7, 0.72, 0.47))  # the key light, in addition to the sky's 0.21
     assert inner[..., 1].max() == pytest.approx(0.5029 * (0.21 + 1.0 * facing), rel=0.01)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_few_points_and_none_before_the_camera(count):
+def test_few_points_or_none_in_view_are_drawn(count):
     cloud = pr.Points(np.eye(3)[[0, 1, 2, 0, 1]][:count] + 1e6)
     sketch = Sketch([cloud])
     camera = pr.Camera.look_at((1e6, 1e6 - 5, 1e6), (1e6, 1e6, 1e6), size=(64, 48))
@@ -70,7 +70,7 @@ def test_few_points_and_none_before_the_camera(count):
     assert not sketch.draw(away).any()
 
 
-def test_some_of_many_points_and_of_several_clouds(monkeypatch):
+def test_sketches_of_large_and_several_clouds_are_subsampled(monkeypatch):
     most = 4_000
     monkeypatch.setattr(sketch_of, "MAX_POINTS", most)
     far = pr.procedural("sphere", 2 * most)
@@ -85,7 +85,7 @@ def test_some_of_many_points_and_of_several_clouds(monkeypatch):
 
 @pytest.fixture
 def cold(monkeypatch):
-    """The state of the kernels of pictures, which seem not to be compiled until `release` is set."""
+    """Pretend that kernels of pictures are not compiled until `release` is set."""
     ready = {"warm": False, "waits": []}
 
     def wait(settings):
@@ -101,7 +101,7 @@ def cold(monkeypatch):
 
 @pytest.fixture
 def opened(tmp_path, cold):
-    """A loader of a ball that stands upright along some axis, its scene, and a browser that waits for it."""
+    """A loader of a ball with an up direction, its scene, and a browser that waits for it."""
     path = tmp_path / "ball.ply"
     pr.write(path, sphere(8_000))
     shared = SharedScene("ball.ply")
@@ -113,7 +113,7 @@ def opened(tmp_path, cold):
     viewer.close()
 
 
-def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(opened, cold):
+def test_a_sketch_is_shown_and_rotates_until_pictures_can_be_traced(opened, cold):
     load, shared, browser = opened
     thread = load((0.0, 0.0, 1.0))
     camera = browser.arrive()
@@ -137,7 +137,7 @@ def test_a_sketch_is_seen_and_turned_until_pictures_can_be_traced(opened, cold):
     browser.listen(lambda: "million" in " ".join(browser.last("status")["lines"]))
 
 
-def test_a_view_that_nobody_moved_is_framed_anew_with_the_scene(opened, cold):
+def test_an_unmoved_view_is_framed_again_when_the_scene_arrives(opened, cold):
     load, _, browser = opened
     load((1.0, 0.0, 0.0))
     first = browser.listen(lambda: browser.last("camera"))
@@ -147,7 +147,7 @@ def test_a_view_that_nobody_moved_is_framed_anew_with_the_scene(opened, cold):
     assert first["up"] == [0, 0, 1] and second["up"] == [1, 0, 0]
 
 
-def test_where_all_is_compiled_there_is_no_sketch(tmp_path, monkeypatch):
+def test_no_sketch_is_drawn_if_all_kernels_are_compiled(tmp_path, monkeypatch):
     path = tmp_path / "ball.ply"
     pr.write(path, sphere(3_000))
     seen, shared = [], SharedScene("ball.ply")

@@ -1,4 +1,4 @@
-"""The viewer without a page: what the server sends, draws and refuses."""
+"""The viewer's server without a browser page: what it sends, draws and refuses."""
 
 import json
 import threading
@@ -28,7 +28,7 @@ from pointray.viewer.shared_scene import Build, SharedScene
 from pointray.viewer.view_settings import ViewSettings
 from pointray.viewer.viewer import Viewer
 
-SAMPLES = 4  # of finished pictures; the viewer's own number is 64
+SAMPLES = 4  # per pixel of finished pictures; the viewer's default is 64
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def viewer(scene):
 
 
 def visit(viewer, size=SIZE):
-    """A browser whose finished pictures have few samples."""
+    """Return a browser whose finished pictures have few samples."""
     browser = Browser(viewer.url, size)
     browser.set("samples", SAMPLES)
     return browser
@@ -67,7 +67,7 @@ def browser(viewer):
     browser.close()
 
 
-def test_the_picture_is_that_of_render(viewer, scene):
+def test_pictures_equal_those_of_render(viewer, scene):
     browser = Browser(viewer.url, SIZE)
     camera = browser.arrive()
     header, _ = frame = browser.refined(64)
@@ -77,7 +77,7 @@ def test_the_picture_is_that_of_render(viewer, scene):
     browser.close()
 
 
-def test_a_still_picture_is_drawn_whole_before_it_is_refined(browser):
+def test_a_still_picture_is_complete_before_it_is_refined(browser):
     browser.arrive()
     browser.refined(SAMPLES)
     stages = [(f[0]["stage"], f[0]["samples"]) for f in browser.frames]
@@ -86,7 +86,7 @@ def test_a_still_picture_is_drawn_whole_before_it_is_refined(browser):
     assert samples == sorted(samples)
 
 
-def test_the_model_fits_into_the_view_whatever_its_shape(viewer, scene):
+def test_the_model_fits_into_views_of_any_shape(viewer, scene):
     points = scene.models[0].points.positions
     for size in ((300, 60), (60, 300)):
         browser = visit(viewer, size)
@@ -99,7 +99,7 @@ def test_the_model_fits_into_the_view_whatever_its_shape(viewer, scene):
         browser.close()
 
 
-def test_the_same_camera_again_changes_nothing(browser):
+def test_sending_the_same_camera_again_changes_nothing(browser):
     camera = browser.arrive()
     browser.refined(SAMPLES)
     count = len(browser.frames)
@@ -112,7 +112,7 @@ def test_the_same_camera_again_changes_nothing(browser):
     assert {header["time"] for header, _ in browser.frames[count:]} == {6.0}
 
 
-def test_another_camera_is_another_picture(browser, scene):
+def test_another_camera_gives_another_picture(browser, scene):
     camera = browser.arrive()
     browser.refined(SAMPLES)
     eye, target = np.array(camera["eye"]), np.array(camera["target"])
@@ -147,7 +147,7 @@ def test_panel_changes_the_picture(browser, scene):
         assert browser.shows(SAMPLES, expected(scene, camera, SAMPLES, **settings)), name
 
 
-def test_lights_come_and_go(browser, scene):
+def test_lights_are_added_and_removed(browser, scene):
     browser.arrive()
     lit = levels_in(browser.refined(SAMPLES)[1])
     browser.set("lamps.0.on", False)
@@ -163,7 +163,7 @@ def test_lights_come_and_go(browser, scene):
 
 
 @pytest.mark.long
-def test_lights_that_hold_arrays_can_go(browser, scene):
+def test_lights_with_arrays_can_be_removed(browser, scene):
     edges = np.array([0.0, 0, 1]), np.array([1.0, 0, 0])
     scene.lights = [pr.RectLight(np.array([0.0, -3, k]), *edges, np.array([k, 1.0, 1])) for k in (2.0, 3.0)]
     browser.arrive()
@@ -174,12 +174,12 @@ def test_lights_that_hold_arrays_can_go(browser, scene):
     assert np.abs(levels_in(browser.refined(SAMPLES)[1]) - both).mean() > CLOSE
 
 
-def test_dragging_the_sun_tells_the_panel(browser):
+def test_dragging_the_sun_updates_the_panel(browser):
     browser.arrive()
     browser.refined(SAMPLES)
     before = browser.controls()["lamps.0.azimuth"]["value"]
     browser.say(type="sun", dx=0.1, dy=0.0)
-    values = browser.listen(lambda: browser.last("values"))["values"]  # sent for nothing else
+    values = browser.listen(lambda: browser.last("values"))["values"]  # sent for no other reason
     assert values["lamps.0.azimuth"] == pytest.approx(before + 18.0)
 
 
@@ -196,7 +196,7 @@ def test_attributes_colour_with_a_legend(browser, scene, model):
     assert "colormap" in browser.controls()
 
 
-def test_cuts_open_the_model(browser, scene):
+def test_clipping_opens_the_model(browser, scene):
     camera = browser.arrive()
     browser.refined(SAMPLES)
     browser.set("cuts.2.on", True)
@@ -205,7 +205,7 @@ def test_cuts_open_the_model(browser, scene):
     assert browser.shows(SAMPLES, expected(cut, camera, SAMPLES))
 
 
-def test_click_tells_coordinates_and_attributes(browser, scene, model):
+def test_a_click_shows_coordinates_and_attributes(browser, scene, model):
     camera = browser.arrive()
     view = pr.Camera.look_at(camera["eye"], camera["target"], camera["up"], camera["fov"], SIZE)
     hits = scene.intersect(*view.rays(), attributes=())
@@ -229,8 +229,8 @@ def test_click_tells_coordinates_and_attributes(browser, scene, model):
     assert browser.listen(lambda: browser.last("target"))["position"] == picked["position"]
 
 
-def test_what_a_click_needs_is_loaded_after_the_first_picture(viewer, monkeypatch):
-    """No click waits seconds for its kernel while pictures refine."""
+def test_the_kernel_of_clicks_is_loaded_after_the_first_picture(viewer, monkeypatch):
+    """Clicks must not wait seconds for their kernel while pictures refine."""
     prepared = []
     monkeypatch.setattr(lookups, "prepare", prepared.append)
     with closing(visit(viewer)) as browser:
@@ -240,8 +240,8 @@ def test_what_a_click_needs_is_loaded_after_the_first_picture(viewer, monkeypatc
     assert len(prepared) == 1
 
 
-def test_of_clicks_while_one_is_looked_at_the_last_counts(browser, monkeypatch):
-    """A slow machine drops only the clicks in between."""
+def test_of_clicks_during_another_only_the_last_is_answered(browser, monkeypatch):
+    """On a slow machine only the clicks in between are dropped."""
     busy, go, asked = threading.Event(), threading.Event(), []
 
     def slow(scene, camera, x, y):
@@ -257,15 +257,15 @@ def test_of_clicks_while_one_is_looked_at_the_last_counts(browser, monkeypatch):
     for x in (0.1, 0.2, 0.51):
         browser.say(type="pick", purpose="query", extend=True, x=x, y=0.5)
     before = browser.last("camera")
-    browser.say(type="view", name="front")  # its answer comes after those to the clicks
+    browser.say(type="view", name="front")  # answered after the clicks
     browser.listen(lambda: browser.last("camera") is not before)
     go.set()
     assert float(browser.listen(lambda: len(asked) > 2 and browser.last("measured"))["text"]) > 0
-    assert asked == [0.5, 0.2, 0.51]  # the distance is that from the click before
+    assert asked == [0.5, 0.2, 0.51]  # the distance is from the previous click
 
 
-def test_a_distance_is_measured_from_a_click_that_still_waits():
-    """Two quick clicks while another thing keeps the thread busy: the second does not replace the first."""
+def test_a_distance_is_measured_from_a_pending_click():
+    """Of two quick clicks while the thread is busy, the second does not replace the first."""
     go, found = threading.Event(), []
     with ThreadPoolExecutor(1) as jobs:
         jobs.submit(go.wait, SECONDS)
@@ -276,7 +276,7 @@ def test_a_distance_is_measured_from_a_click_that_still_waits():
     assert found == [2, 3]
 
 
-def test_a_surface_for_all_browsers(browser, viewer):
+def test_a_rebuilt_surface_is_shown_in_all_browsers(browser, viewer):
     browser.arrive()
     browser.refined(SAMPLES)
     browser.set("build.surface", "disc")
@@ -290,7 +290,7 @@ def test_a_surface_for_all_browsers(browser, viewer):
 
 
 @pytest.mark.long
-def test_a_rebuilt_model_goes_on_following_its_scene(browser, scene, model):
+def test_a_rebuilt_model_still_follows_its_scene(browser, scene, model):
     camera = browser.arrive()
     browser.refined(SAMPLES)
     browser.set("build.surface", "disc")
@@ -304,7 +304,7 @@ def test_a_rebuilt_model_goes_on_following_its_scene(browser, scene, model):
     assert browser.shows(SAMPLES, expected(other, camera, SAMPLES))
 
 
-def test_of_many_choices_of_a_surface_the_newest_counts(scene, monkeypatch):
+def test_of_many_surface_changes_the_newest_is_built(scene, monkeypatch):
     built = []
     whole = pr.Model.rebuild
     monkeypatch.setattr(pr.Model, "rebuild", lambda self, *a, **k: (built.append(k), whole(self, *a, **k))[1])
@@ -317,7 +317,7 @@ def test_of_many_choices_of_a_surface_the_newest_counts(scene, monkeypatch):
     assert shared.scene.models[0].surface == "imls" and scene.models[0].surface == "apss"
 
 
-def test_noise_that_the_owner_gave_is_kept_until_another_is_chosen():
+def test_a_given_noise_is_kept_until_another_is_chosen():
     scene = pr.Scene()
     scene.add(pr.Model(pr.procedural("torus", 500), smooth=0.02))
     shared = SharedScene("x", scene)
@@ -345,14 +345,14 @@ def test_the_panel_shows_the_noise_that_was_measured(rng):
     assert build.noise == pytest.approx(0.3, abs=0.08)
 
 
-def test_what_the_owner_changes_is_seen(browser, scene):
+def test_changes_of_the_scene_by_its_owner_are_shown(browser, scene):
     camera = browser.arrive()
     browser.refined(SAMPLES)
     scene.add(pr.Plane([0, 0, 0], [0, 0, 1]))
     assert browser.shows(SAMPLES, expected(scene, camera, SAMPLES))
 
 
-def test_a_saved_picture_is_that_of_render(browser, scene):
+def test_a_saved_picture_equals_that_of_render(browser, scene):
     camera = browser.arrive()
     for name, value in (("width", 90), ("height", 70), ("samples", 4)):
         browser.set(f"output.{name}", value)
@@ -375,7 +375,7 @@ def test_a_recorded_turntable_is_a_film(browser):
     assert payload[4:8] == b"ftyp"
 
 
-def test_the_camera_as_a_command_and_as_python(browser, scene):
+def test_the_camera_is_copied_as_a_command_and_as_python(browser, scene):
     camera = browser.arrive()
     browser.say(type="press", name="copy.command")
     text = browser.listen(lambda: browser.last("copy"))["text"]
@@ -430,7 +430,7 @@ NONSENSE = (
 )
 
 
-def test_nonsense_is_ignored(browser, scene, caplog):
+def test_invalid_messages_are_ignored(browser, scene, caplog):
     camera = browser.arrive()
     browser.refined(SAMPLES)
     for text in NONSENSE:
@@ -442,7 +442,7 @@ def test_nonsense_is_ignored(browser, scene, caplog):
     assert len(said) == MAX_LOGGED and all(text.startswith("ignored a message of the page: ") for text in said)
 
 
-def test_pages_of_others_are_refused(viewer):
+def test_pages_of_other_origins_are_refused(viewer):
     for origin in ("http://evil.example", "http://evil.example:8080", "null"):
         with pytest.raises(InvalidStatus, match="403"):
             Browser(viewer.url, origin=origin)
@@ -457,7 +457,7 @@ def test_the_next_free_port_is_taken(scene):
     two.close()
 
 
-def test_an_address_that_is_not_ours(scene):
+def test_an_address_of_another_machine_is_refused(scene):
     with pytest.raises(OSError):
         Viewer(SharedScene("x", scene), host="203.0.113.7")
 
@@ -480,7 +480,7 @@ def test_closing_ends_all_threads(scene):
     assert not set(threads()) - before
 
 
-def test_a_scene_that_fails_to_come_says_why():
+def test_an_error_of_the_loader_is_reported():
     def loader(shared):
         shared.report("reading", 0.5)
         raise ValueError("bad.ply: it is truncated")
@@ -518,7 +518,7 @@ def test_controls_refuse_bad_values(kind, options, good, bad):
             control.check(value)
 
 
-def test_messages():
+def test_messages_are_parsed_and_validated():
     with pytest.raises(ValueError):
         parse("[]")
     assert size_of({"width": 100.7, "height": 50}) == (100, 50)
@@ -534,7 +534,7 @@ def test_messages():
 
 
 @pytest.mark.parametrize("up", [(0, 0, 1), (0, 1, 0), (0, 0, -1), (0.3, -0.2, 0.9)])
-def test_lamps_give_back_the_lights_they_are_made_of(up):
+def test_lamps_reproduce_the_lights_they_are_made_of(up):
     axes = axes_of(up)
     assert np.allclose(axes @ axes.T, np.eye(3)) and np.allclose(axes[2], np.array(up) / np.linalg.norm(up))
     scene = pr.Scene()
@@ -551,7 +551,7 @@ def test_lamps_give_back_the_lights_they_are_made_of(up):
     assert LightControl(SUN, azimuth=0, elevation=90).make(up).direction == pytest.approx(-axes[2])
 
 
-def test_pace_holds_the_frame_rate():
+def test_pace_keeps_the_frame_rate():
     for whole in (0.01, 0.05, 0.2, 1.0, 10.0):
         pace = Pace()
         for _ in range(40):
@@ -564,7 +564,7 @@ def test_pace_holds_the_frame_rate():
     assert next_pass(8, 0.01) == 16
 
 
-def test_a_viewer_of_a_scene(scene, capsys):
+def test_view_accepts_a_scene(scene, capsys):
     viewer = pr.view(scene, open_browser=False, block=False)
     assert viewer.url in capsys.readouterr().out
     browser = visit(viewer)
@@ -591,7 +591,7 @@ def test_a_scene_without_models_waits_for_one(model):
     viewer.close()
 
 
-def test_clip_planes_of_the_scene_stay(browser, scene):
+def test_clip_planes_of_the_scene_are_kept(browser, scene):
     scene.clips = [(scene.bounds.mean(axis=0), (0, 0, 1))]
     camera = browser.arrive()
     browser.set("cuts.0.on", True)
@@ -601,7 +601,7 @@ def test_clip_planes_of_the_scene_stay(browser, scene):
     assert browser.shows(SAMPLES, wanted)
 
 
-def test_what_the_user_did_to_the_lights_outlives_the_coarse_version(model, scene):
+def test_changes_of_lights_are_kept_when_the_full_scan_replaces_the_coarse_one(model, scene):
     shared = SharedScene("x", scene)
     viewer = Viewer(shared)
     browser = visit(viewer)
@@ -615,14 +615,14 @@ def test_what_the_user_did_to_the_lights_outlives_the_coarse_version(model, scen
     shared.show(whole)
     browser.listen(lambda: any(m["type"] == "place" for m in browser.told[told:]))
     told = len(browser.told)
-    browser.say(type="view", name="front")  # its answer comes after the panel of the new scene
+    browser.say(type="view", name="front")  # answered after the panel of the new scene
     browser.listen(lambda: any(m["type"] == "camera" for m in browser.told[told:]))
     assert "lamps.1.position" in browser.controls()
     browser.close()
     viewer.close()
 
 
-def test_a_surface_that_cannot_be_built_is_reported_and_forgotten(browser, monkeypatch):
+def test_a_surface_that_cannot_be_built_is_reported_and_discarded(browser, monkeypatch):
     whole = pr.Model.rebuild
 
     def refuse(self, *arguments, **options):
@@ -643,7 +643,7 @@ def test_a_surface_that_cannot_be_built_is_reported_and_forgotten(browser, monke
     assert browser.controls()["build.surface"]["value"] == "apss"
 
 
-def test_the_range_that_was_found_can_be_changed(browser, scene, model):
+def test_the_automatic_range_can_be_changed(browser, scene, model):
     camera = browser.arrive()
     browser.set("color_by", "height")
     browser.listen(lambda: "low" in browser.controls())
@@ -658,7 +658,7 @@ def test_the_range_that_was_found_can_be_changed(browser, scene, model):
 
 
 class Deaf:
-    """A `link.Link` to nobody."""
+    """A `link.Link` without a client."""
 
     is_local = True
 
@@ -666,7 +666,7 @@ class Deaf:
         pass
 
 
-def test_a_browser_that_leaves_while_it_receives_a_change(scene, caplog):
+def test_a_browser_may_leave_while_it_receives_a_change(scene, caplog):
     shared, sessions = SharedScene("x", scene), []
     shared.subscribe(lambda: sessions[0].leave() if sessions else None)  # this message comes before the session exists
     sessions.append(session.Session(Deaf(), shared, sessions.append))
@@ -678,7 +678,7 @@ def test_a_browser_that_leaves_while_it_receives_a_change(scene, caplog):
 
 
 def test_the_exposure_does_not_flicker_while_the_camera_moves():
-    """It is chosen anew if settings change, or if a still picture needs much more or less."""
+    """It is chosen again if settings change, or if a still picture needs much more or less."""
     painter = Painter(lambda frame: None, lambda text: None, lambda stage, share, seconds: None)
     camera = pr.Camera.look_at((0, -3, 0), (0, 0, 0), size=(8, 8))
 

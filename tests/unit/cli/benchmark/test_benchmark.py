@@ -1,4 +1,4 @@
-"""`pointray bench`: the paper's table beside this machine's figures."""
+"""`pointray bench`: the paper's table with figures of this machine."""
 
 import importlib.util
 import json
@@ -20,7 +20,7 @@ def rows():
 
 
 @pytest.mark.long
-def test_the_views_are_what_they_say():
+def test_the_views_fill_the_intended_part_of_the_picture():
     """The far view's silhouette spans 90% of the height; in the near view 95% of the pixels hit."""
     scene, points = pr.Scene(), pr.procedural("statue", 20_000)
     model = pr.Model(points)
@@ -44,7 +44,7 @@ def test_each_cloud_is_measured_from_far_and_near(rows):
 
 
 @pytest.mark.long
-def test_the_paper_has_figures_for_its_own_cases(monkeypatch):
+def test_cases_of_the_paper_have_its_figures(monkeypatch):
     """The stress test is a case of its own with a light and shadows, run here at a small size."""
     monkeypatch.setattr(frames, "STRESS", 4000)
     monkeypatch.setattr(frames, "PAPER", {(4000, "far"): 2.1})
@@ -54,7 +54,7 @@ def test_the_paper_has_figures_for_its_own_cases(monkeypatch):
 
 
 @pytest.mark.long
-def test_the_table_as_text_and_as_json(rows, capsys):
+def test_the_table_is_printed_as_text_and_as_json(rows, capsys):
     show_rows([replace(rows[0], paper_frames_per_second=8.7), rows[1]], 2, False)
     text = capsys.readouterr().out
     assert "3,000" in text and "8.7" in text and "near" in text and "Opteron" in text
@@ -90,7 +90,7 @@ def test_bad_input_is_reported_before_the_work(arguments, word, tmp_path, monkey
     assert word in capsys.readouterr().err and not list(tmp_path.iterdir())
 
 
-def test_without_matplotlib_it_says_what_to_install(monkeypatch, capsys):
+def test_without_matplotlib_the_error_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert execute(["bench", "--plot", "bench.png"]) == 2
     assert "pip install 'pointray[plot]'" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Noisy points are moved onto their surface; clean ones, edges and what belongs to the points stay."""
+"""Noisy points are moved onto their surface; clean points, edges and attributes do not change."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from pointray.cloud.kd_ordering import compute_kd_ordering
 
 
 def torus_points(rng, n):
-    """Random points of a torus, their normals, and the root of the area per point."""
+    """Return random points of a torus, their normals, and the square root of the area per point."""
     u, v = rng.uniform(0, 2 * np.pi, (2, 3 * n))
     kept = rng.uniform(0, 1.4, 3 * n) < 1 + 0.4 * np.cos(v)
     u, v = u[kept][:n], v[kept][:n]
@@ -19,13 +19,13 @@ def torus_points(rng, n):
 
 
 def torus_distance(rows):
-    """Signed distance from the torus, (n,)."""
+    """Return the signed distance from the torus, (n,)."""
     x, y, z = rows.astype(float).T
     return np.hypot(np.hypot(x, y) - 1, z) - 0.4
 
 
 def noisy(rng, share, n=20_000):
-    """A torus with noise in all directions, the exact normals, and the spacing."""
+    """Return a torus with noise in all directions, the exact normals, and the spacing."""
     rows, normals, h = torus_points(rng, n)
     return rows + rng.normal(size=rows.shape) * share * h, normals, h
 
@@ -33,7 +33,7 @@ def noisy(rng, share, n=20_000):
 @pytest.mark.parametrize(("share", "most"), [long(0.1, 0.038), (0.3, 0.095), long(0.5, 0.15), (1.0, 0.31)])
 @pytest.mark.parametrize("known", [False, True])
 def test_points_come_close_to_the_surface(share, most, known, rng):
-    """At 1 spacing 0.22 are left after fits to 128 neighbours, and 0.28 after fits to 64, if less noise is found."""
+    """At 1 spacing of noise 0.22 remains after fits to 128 neighbours, and 0.28 after fits to 64."""
     rows, normals, h = noisy(rng, share)
     moved = pr.smooth(pr.Points(rows, normals if known else None))
     off = torus_distance(moved.positions) / h
@@ -50,7 +50,7 @@ def test_normals_are_those_of_the_surface_and_face_as_before(rng):
 
 @pytest.mark.parametrize("name", ["torus", long("statue"), long("lattice")])
 @pytest.mark.parametrize("count", [10_000, long(50_000)])
-def test_clean_points_stay_to_the_bit(name, count):
+def test_clean_points_do_not_change_by_a_bit(name, count):
     points = pr.procedural(name, count)
     assert pr.smooth(points) is points
     if (name, count) != ("statue", 10_000):  # its detail is finer than its points
@@ -71,7 +71,7 @@ def test_noise_is_measured(share, known, rng):
 def test_no_stretch_of_a_loud_cloud_passes_for_detail(rng):
     rows, _, h = noisy(rng, 1.0, 50_000)
     path, _, _ = compute_kd_ordering(pr.Points(rows))
-    # At most 2% of the points are in quieter stretches (150 clouds), 19 to 35% if each stretch stands for itself.
+    # At most 2% of the points are in less noisy ranges (150 clouds); 19 to 35% if each range is judged alone.
     assert np.quantile(estimate_noise(path)[0], 0.1) / h > 0.6
 
 
@@ -81,12 +81,12 @@ def test_only_the_noisy_part_moves(rng):
     rows[far] += rng.normal(size=(far.sum(), 3)) * 0.3 * h
     moved = pr.smooth(pr.Points(rows, normals))
     stayed = (moved.positions == rows.astype(np.float32)).all(axis=1)
-    assert stayed[rows[:, 0] < -0.3].mean() > 0.97  # where a stretch of the kd order is half noisy
+    assert stayed[rows[:, 0] < -0.3].mean() > 0.97  # where a range of the kd order is half noisy
     assert stayed[rows[:, 0] > 0.3].mean() < 0.01
 
 
 def test_edges_stay(rng):
-    """A cube's: points near them move no farther than those of the faces."""
+    """Points near a cube's edges move no farther than those on its faces."""
     n = 30_000
     face, rows = rng.integers(0, 6, n), rng.uniform(-1, 1, (n, 3))
     rows[np.arange(n), face // 2] = face % 2 * 2 - 1
@@ -123,7 +123,7 @@ def test_rows_attributes_and_holes_are_kept(rng):
     np.testing.assert_array_equal(moved.attributes["a"], points.attributes["a"])
 
 
-def test_a_given_deviation_moves_all_and_none():
+def test_a_given_deviation_may_be_tiny_or_huge():
     points = pr.procedural("torus", 5000)
     assert pr.smooth(points, 0) is points
     assert not np.array_equal(pr.smooth(points, 0.01).positions, points.positions)

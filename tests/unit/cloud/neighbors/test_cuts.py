@@ -1,4 +1,4 @@
-"""The kd order of clouds that do not fit into memory: their parts are those of the order in memory."""
+"""The kd order of clouds larger than memory has the same parts as the kd order in memory."""
 
 from functools import cache
 
@@ -31,13 +31,13 @@ CLOUDS = {
 
 @cache
 def cloud(name):
-    """Points, writeable: a read-only array is another type to a kernel."""
+    """Return writeable points: read-only arrays have another type in Numba."""
     return CLOUDS[name]().astype(np.float32)
 
 
 @pytest.mark.parametrize("name", CLOUDS)
 @pytest.mark.parametrize("size", [1024, 16384])
-def test_parts_are_stretches_of_the_order_in_memory(name, size):
+def test_parts_are_ranges_of_the_order_in_memory(name, size):
     points = cloud(name)
     order, parts = kd_order(points), parts_of(points, size)
     for k, start in enumerate(range(0, len(points), size)):
@@ -46,7 +46,7 @@ def test_parts_are_stretches_of_the_order_in_memory(name, size):
 
 @pytest.mark.parametrize("kind", ["grid", "plane", "one place", "signs of zero"])
 def test_ties_are_cut_by_rows(rng, kind):
-    """Parts are full, and on one side of each cut; of points on it the first side has the lower rows."""
+    """Parts are full and on one side of each cut; of points on the cut the first side gets the lower rows."""
     n, size = 20_000, 2048
     points = {
         "grid": rng.integers(0, 4, (n, 3)),

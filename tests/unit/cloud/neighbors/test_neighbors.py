@@ -1,4 +1,4 @@
-"""Nearest neighbours compared with brute force, of hostile clouds too."""
+"""Nearest neighbours compared with brute force, degenerate clouds included."""
 
 import os
 import subprocess
@@ -41,7 +41,7 @@ CLOUDS = {name: np.asarray(cloud, np.float32) for name, cloud in CLOUDS.items()}
 
 
 def brute_force(positions, k, queries):
-    """The k nearest by their distances in float64, equally far ones by their rows."""
+    """Return the k nearest neighbours by float64 distance, ties ordered by row."""
     d = queries[:, None].astype(float) - positions[None].astype(float)
     squares = d[..., 0] ** 2 + d[..., 1] ** 2 + d[..., 2] ** 2
     near = np.argsort(squares, axis=1, kind="stable")[:, :k]
@@ -50,10 +50,10 @@ def brute_force(positions, k, queries):
 
 @pytest.mark.parametrize("every", [7, long(1)])
 @pytest.mark.parametrize("name", CLOUDS)
-def test_they_are_those_of_brute_force(name, every):
-    """Also where points are equally far: but for thousands at one place, which come first is defined.
+def test_neighbors_equal_those_of_brute_force(name, every):
+    """Ties included: except for thousands of points at one place, their order is defined.
 
-    Brute force, which sorts all points for each query, is for each seventh query: all places in blocks of 16 occur.
+    Brute force sorts all points for each query, so only each seventh is checked: all lanes of 16 occur.
     """
     positions = CLOUDS[name]
     queries = np.concatenate([positions[::3], positions[:7] * np.float32(0.9)])
@@ -90,7 +90,7 @@ def test_positions_in_order_are_neighbors_too():
     np.testing.assert_array_equal(np.concatenate([found for _, found in neighbor_chunks(positions, 9)]), rows)
 
 
-def test_an_order_that_is_none_costs_only_time():
+def test_points_that_are_not_in_kd_order_get_the_right_neighbors():
     rows = brute_force(SPHERE, 9, SPHERE[::7])[1]
     np.testing.assert_array_equal(NeighborTree(SPHERE, in_order=True).rows(9)[::7], rows)
 
@@ -109,7 +109,7 @@ def test_more_points_than_are_collected(rng):
 
 
 @pytest.mark.parametrize("count", [*range(1, 40), 255, 256, 257, 3000])
-def test_aligned_stretches_of_the_order_are_boxes_of_a_kd_tree(count):
+def test_aligned_ranges_of_the_order_are_boxes_of_a_kd_tree(count):
     order = kd_order(SPHERE[:count])
     assert np.sort(order).tolist() == list(range(count))
     path, size = SPHERE[order], LEAF
@@ -121,7 +121,7 @@ def test_aligned_stretches_of_the_order_are_boxes_of_a_kd_tree(count):
 
 
 def test_many_points_have_an_order_too(rng):
-    """Threads cut the first spans."""
+    """The first splits are done by several threads."""
     positions = rng.random((40_000, 3), np.float32)
     order = kd_order(positions)
     assert np.array_equal(np.sort(order), np.arange(40_000))
@@ -131,8 +131,8 @@ def test_many_points_have_an_order_too(rng):
 
 @pytest.mark.long
 @pytest.mark.parametrize("features", ["", None])
-def test_other_processors_find_the_same(features, tmp_path):
-    """Without AVX-512, and with every access to an array checked."""
+def test_other_processors_find_the_same_neighbors(features, tmp_path):
+    """Checked without AVX-512, and with bounds checks of all array accesses."""
     code = (
         "import numpy as np; from pointray.cloud.neighbors import neighbors, kd_order;"
         "p = np.random.default_rng(0).random((700, 3), np.float32); p = np.concatenate([p, p[:50]]);"

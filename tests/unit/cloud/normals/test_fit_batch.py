@@ -1,4 +1,4 @@
-"""Fits to neighbours, sixteen points at once, against twins that take one point at a time in float64."""
+"""Fits to neighbours of sixteen points at once, compared with float64 references for one point at a time."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ PLACES = {"here": (1.0, 0.0), "tiny": (1e-12, 0.0), "huge": (1e12, 0.0), "far of
 
 
 def saddle(noise, count=COUNT, seed=1):
-    """Points of a wavy surface with noise in spacings, and a table of neighbours, nearest first."""
+    """Return points of a wavy surface with noise (in spacings), and a table of neighbours, nearest first."""
     rng = np.random.default_rng(seed)
     x, y = rng.uniform(-1, 1, (2, count))
     points = np.stack([x, y, 0.4 * x * y + 0.1 * np.sin(3 * x)], axis=1)
@@ -28,23 +28,23 @@ def table(points, k):
 
 
 def degrees(a, b):
-    """Angles between lines."""
+    """Return angles between lines."""
     a, b = np.asarray(a, float), np.asarray(b, float)
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), abs((a * b).sum(1))))
 
 
 def alike(values, truth, share, some=0.99):
-    """Whether nearly all values differ from the truth by a share at most; choices between equals may differ."""
+    """Return whether nearly all values differ from the truth by at most a share; ties may be broken differently."""
     return (abs(values - truth) <= share * abs(truth) + 1e-30).mean() >= some
 
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize(("noise", "sizes"), [(0.0, [10, 16]), (0.3, [10, 16, 32, 64])])
-def test_normals_are_those_of_the_twin(noise, sizes, place):
+def test_normals_equal_those_of_the_reference(noise, sizes, place):
     scale, shift = PLACES[place]
     points = (saddle(noise) * scale + shift).astype(np.float32)
     near = table(points, sizes[-1])
-    rows = np.arange(COUNT)[3:-4]  # no whole number of sixteens
+    rows = np.arange(COUNT)[3:-4]  # not a multiple of sixteen
     out, residuals = _fit_rows(points, rows, near[3:-4], sizes, noise)
     wide = points.astype(np.float64)
     truth = [naive_fits.normal_and_plane(wide[near[i]] - wide[i], sizes, noise) for i in rows]
@@ -59,13 +59,13 @@ def test_normals_are_those_of_the_twin(noise, sizes, place):
 
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("known", [False, True])
-def test_the_surface_is_that_of_the_twin(known, place):
+def test_fitted_surfaces_equal_those_of_the_reference(known, place):
     scale, shift = PLACES[place]
     points = (saddle(0.3) * scale + shift).astype(np.float32)
-    points[1::2] = points[::2] + np.float32(0.03 * scale)  # a second layer, which looks to the other side if known
+    points[1::2] = points[::2] + np.float32(0.03 * scale)  # a second layer, which faces the other way if known
     normals = np.zeros((COUNT, 3), np.float32)
     normals[::2, 2], normals[1::2, 2] = 1, -1
-    normals[5] = np.nan  # it has no side, so nobody is on it
+    normals[5] = np.nan  # it has no side, so no neighbour is on it
     rows, near, sizes = np.arange(COUNT), table(points, 64), [16, 32, 64]
     noise = np.linspace(0.001, 0.05, COUNT).astype(np.float32) * np.float32(scale)
     found = fit_surface(points, rows, near, normals if known else None, noise)
@@ -84,7 +84,7 @@ def test_the_surface_is_that_of_the_twin(known, place):
     assert np.quantile(abs(found[3][sound, 0] - errors[sound, 0]), 0.99) < 1e-3 * errors[sound, 0].max()
 
 
-def test_planes_are_those_of_the_twin():
+def test_planes_equal_those_of_the_reference():
     points = saddle(0.4).astype(np.float32)
     near = table(points, 64)
     layers = Layers(points)
@@ -99,8 +99,8 @@ def test_planes_are_those_of_the_twin():
 
 
 @pytest.mark.parametrize("k", [16, long(63), 64, long(128)])
-def test_creases_are_those_of_the_twin(k):
-    """Points of a cube near its edges and corners. (Through two of few neighbours any plane is right.)"""
+def test_creases_equal_those_of_the_reference(k):
+    """Checked at points of a cube near its edges and corners. (With two neighbours any plane fits.)"""
     rng = np.random.default_rng(7)
     n, face = 4000, rng.integers(0, 3, 4000)
     points = rng.uniform(0, 1, (n, 3))
@@ -123,8 +123,8 @@ def test_creases_are_those_of_the_twin(k):
         assert np.quantile(off, 0.95) < 1e-3
 
 
-def test_a_point_s_fit_is_its_own():
-    """The other points of its sixteen do not change it by a bit."""
+def test_fits_do_not_depend_on_the_batch():
+    """The other points of the sixteen do not change a point's fit by a bit."""
     count = 900
     points = saddle(0.3, count).astype(np.float32)
     near, rows = table(points, 64), np.arange(count)
@@ -143,7 +143,7 @@ def test_a_point_s_fit_is_its_own():
 
 @pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0.6, 0, 0.8), (1, 2, 3)])
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
-def test_points_on_a_line_have_a_normal_across_it(axis, scale):
+def test_points_on_a_line_have_a_normal_perpendicular_to_it(axis, scale):
     t = np.random.default_rng(3).uniform(-1, 1, 50)
     line = np.array(axis) / np.linalg.norm(axis)
     points = (t[:, None] * line * scale).astype(np.float32)
@@ -168,7 +168,7 @@ def test_points_in_a_plane_have_its_normal(k):
     assert k < 8 or np.nanmax(residuals) < 1e-5
 
 
-def test_points_in_one_place_have_some_normal():
+def test_coincident_points_have_a_unit_normal():
     points = np.zeros((40, 3), np.float32)
     near = np.tile(np.arange(20, dtype=np.int32), (40, 1))
     out, residuals = _fit_rows(points, np.arange(40), near, [10, 16], 0.0)
@@ -179,7 +179,7 @@ def test_points_in_one_place_have_some_normal():
     assert (fit_creases(points, np.arange(40), near, np.full((40, 2), 0.1, np.float32)) == 0).all()
 
 
-def test_two_scales_far_apart():
+def test_neighbours_at_two_very_different_scales():
     """Ten neighbours within a millionth of the distance of the others."""
     points = saddle(0.0)
     points = np.concatenate([points, points[:300] * 1e-6]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Normals of noisy and layered scans agree with each other and face their viewpoint."""
+"""Normals of noisy and layered scans agree with each other and face the viewpoint."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ TOWER = (-3, -30, 0)
 
 
 def layered_wall(n=12_000, gap=2.5, step=0.15):
-    """A wall of two noisy layers, the front one with a tenth of the points, and a step in its middle; the spacing."""
+    """Return a wall of two noisy layers (a tenth of the points in front) with a step in its middle; and the spacing."""
     rng = np.random.default_rng(6)
     spacing = 1 / np.sqrt(n)
     x, z = rng.random((2, n))
@@ -25,21 +25,21 @@ def layered_wall(n=12_000, gap=2.5, step=0.15):
 
 
 def away(normals, positions, eye):
-    """Share of normals that face away, and of those that also do not graze the view."""
+    """Return the share of normals that face away, and the share that do so at no grazing angle."""
     view = eye - positions
     cosine = np.sum(normals * view, axis=1) / np.linalg.norm(view, axis=1)
     return (cosine < 0).mean(), (cosine < -0.2).mean()
 
 
-def test_two_layers_agree():
-    """Measured: 0.1%; with edges between single points 5.4%."""
+def test_normals_of_two_layers_agree():
+    """Measured: 0.1%; 5.4% with edges between single points."""
     positions = layered_wall()
     found = pr.estimate_normals(Points(positions)).normals
     wall = len(positions) - len(positions) // 11
     assert min((found[:wall, 1] < 0).mean(), (found[:wall, 1] > 0).mean()) < 0.005
 
 
-def test_only_noisy_points_are_laid_into_planes():
+def test_only_noisy_points_are_projected_onto_planes():
     torus = pr.procedural("torus", 8000)
     spacing = np.sqrt(4 * np.pi**2 * 0.4 / 8000)
     noise = np.random.default_rng(0).normal(size=(8000, 3)) * spacing
@@ -61,8 +61,8 @@ def test_a_noisy_torus_faces_outward(noise, flipped):
 
 @pytest.mark.scans
 @pytest.mark.long
-def test_the_wall_of_a_tower():
-    """A sparse second layer in front of it; some of its ledges truly face away. Measured: 0.28%, 4.1% and 1.2%."""
+def test_normals_of_the_wall_of_a_tower_face_the_viewpoint():
+    """It has a sparse second layer in front, and some ledges face away. Measured: 0.28%, 4.1% and 1.2%."""
     points = read_wall()
     seen = pr.estimate_normals(points, viewpoint=TOWER).normals
     assert away(seen, points.positions, TOWER)[0] < 0.003
@@ -80,7 +80,7 @@ def read_wall():
 
 @pytest.mark.scans
 @pytest.mark.parametrize("name", [long("stanford_dragon_stand_rangescans"), long("stanford_bunny_rangescans")])
-def test_range_scans_agree(name):
+def test_normals_of_range_scans_face_the_viewpoint(name):
     points = pr.read(shared_model(f"points/{name}.ply"))
     found = pr.estimate_normals(points).normals
     assert (np.sum(found * points.normals, axis=1) < 0).mean() < 0.004

@@ -40,7 +40,7 @@ def test_normals_of_a_wavy_ground_point_up_and_follow_it(rng):
     assert degrees(estimate_normals(points).normals, truth).max() < 30
 
 
-def test_each_part_is_turned_by_itself():
+def test_each_connected_part_is_oriented_separately():
     parts = [SPHERE * size + np.float32(shift) for size, shift in ((1, 0), (0.5, 9), (2, -20))]
     normals = estimate_normals(Points(np.vstack(parts))).normals
     assert degrees(normals, np.vstack([SPHERE] * 3)).max() < 15
@@ -56,7 +56,7 @@ def test_signs_are_set_right_wherever_they_start(rng):
 
 
 def torus(rng, n):
-    """Random points of the torus of `procedural`, and their normals."""
+    """Return random points of the procedural torus, and their normals."""
     u, v = rng.uniform(0, 2 * np.pi, (2, 3 * n))
     kept = rng.uniform(0, 1.4, 3 * n) < 1 + 0.4 * np.cos(v)
     u, v = u[kept][:n], v[kept][:n]
@@ -135,7 +135,7 @@ def test_a_thin_closed_shell_has_two_sides(rng):
 @pytest.mark.parametrize("residual", [1, np.nan])
 @pytest.mark.parametrize("gap", [0.2, 0.4])
 def test_a_cavity_and_a_plate_thinner_than_the_spacing(rng, gap, residual):
-    """Half of one sheet is flipped at first. Winding numbers turn it back, even if fits are to lines."""
+    """Half of one sheet is flipped at first. Winding numbers flip it back, even where fits degenerate to lines."""
     wall = 56 * sphere_points(40_000)  # the spacing is about one
     x = rng.uniform(-8, 8, (2 * 256, 2))
     z = np.repeat([gap / 2, -gap / 2], 256)
@@ -168,7 +168,7 @@ def test_open_ground_looks_up(rng, n):
         assert (estimate_normals(Points(ground * [1, 1, sign])).normals[:, 2] > 0).all()
 
 
-def test_far_clusters_are_oriented_each():
+def test_distant_clusters_are_oriented_separately():
     positions = np.vstack([SPHERE, SPHERE + [1e6, 0, 0]])
     normals = estimate_normals(Points(positions, origin=(0, 0, 0))).normals
     assert degrees(normals[:3000], SPHERE).max() < 1
@@ -180,7 +180,7 @@ def test_a_plane_has_its_normal(rng):
     np.testing.assert_allclose(estimate_normals(Points(positions)).normals, [[0, 0, 1]] * 5000, atol=1e-5)
 
 
-def test_normals_turn_to_the_viewpoint():
+def test_normals_face_the_viewpoint():
     origin = np.array([1e6, 0, 0])
     inside = estimate_normals(Points(SPHERE + origin), viewpoint=origin).normals
     assert degrees(inside, -SPHERE).max() < 10
@@ -212,7 +212,7 @@ def test_points_on_a_line_and_few_points_get_unit_normals():
         (SPHERE, {"viewpoint": (0, 0, np.nan)}, "viewpoint"),
     ],
 )
-def test_what_cannot_be_estimated(positions, others, words):
+def test_invalid_arguments_of_estimates_are_refused(positions, others, words):
     with pytest.raises(ValueError, match=words):
         estimate_normals(Points(positions), **others)
 
@@ -236,14 +236,14 @@ def test_estimates_agree_with_the_normals_of_real_scans(name, viewpoint, flipped
 
 
 def two_sided(points):
-    """Rows of equal position and opposite normals, which cannot be told apart (0.6% of the dragon's)."""
+    """Return rows of equal position and opposite normals, whose signs are ambiguous (0.6% of the dragon's rows)."""
     rows, groups = distinct(points.positions)
     opposite = np.sum(points.normals[rows][groups] * points.normals, axis=1) < 0
     return np.isin(groups, groups[opposite])
 
 
 def scan_pipes(rng, step, noise):
-    """Positions and exact normals of two pipes, scanned from the origin in steps of azimuth and elevation."""
+    """Return positions and exact normals of two pipes, scanned from the origin in steps of azimuth and elevation."""
     turn, rise = (a.ravel() for a in np.meshgrid(np.arange(-0.3, 0.3, step[0]), np.arange(-0.4, 0.4, step[1])))
     ray = np.stack([np.cos(rise) * np.cos(turn), np.cos(rise) * np.sin(turn), np.sin(rise)], axis=1)
     nearest, normals = np.full(len(ray), np.inf), np.zeros_like(ray)
@@ -273,7 +273,7 @@ def test_scan_lines(rng, step, noise, rms):
 @pytest.mark.scans
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["autzen_stadium_crop_rgb", "outcrop_qcompass_rgb"])
-def test_real_ground_looks_up(name):
+def test_normals_of_real_ground_point_up(name):
     points = read(shared_model(f"points/{name}.ply"))
     assert (np.sum(estimate_normals(points).normals * points.normals, axis=1) > 0).mean() > 0.95
 
@@ -299,7 +299,7 @@ def test_missing_normals_come_from_their_neighbors():
     np.testing.assert_allclose(np.linalg.norm(points.normals, axis=1), 1, atol=1e-5)
 
 
-def test_opposite_normals_around_a_missing_one():
+def test_a_missing_normal_between_opposite_normals_is_filled():
     normals = np.tile([[0, 0, 1], [0, 0, -1]], (4, 1)).astype(float)
     positions = np.vstack([sphere_points(8), [[0, 0, 0]]])
     points, _ = repair_normals(Points(positions, np.vstack([normals, [[0, 0, 0]]])))
@@ -321,7 +321,7 @@ def test_rows_without_position_need_no_normal():
     assert points.normals[4].tolist() == [0, 0, 0]
 
 
-def test_flipped_normals_are_noticed_and_used():
+def test_flipped_normals_are_reported_and_used():
     points, message = repair_normals(Points(SPHERE, -SPHERE))
     assert "point inward" in message and "-points.normals" in message and "\n" not in message
     np.testing.assert_allclose(points.normals, -SPHERE, atol=1e-6)
@@ -335,7 +335,7 @@ def test_normals_without_signs_are_oriented(rng, share):
     np.testing.assert_allclose(points.normals, np.vstack([SPHERE, SPHERE[:9]]), atol=1e-6)
 
 
-def test_a_few_odd_lengths_are_mentioned():
+def test_normals_of_other_lengths_are_reported():
     normals = SPHERE.copy()
     normals[:7] *= 3
     points, message = repair_normals(Points(SPHERE, normals))
@@ -351,7 +351,7 @@ OPEN = ["potree_lion_takanawa_rgb", "outcrop_qcompass_rgb", "autzen_stadium_crop
 
 @pytest.mark.scans
 @pytest.mark.parametrize("name", [*CLOSED, *OPEN, "tls_pumpA_rgb"])
-def test_good_normals_of_scans_cause_no_words_and_flipped_ones_do(name):
+def test_only_flipped_normals_of_scans_cause_a_warning(name):
     points = read(shared_model(f"points/{name}.ply"))
     assert agreement_share(points.positions, points.normals) < 0.01
     assert not looks_inward(points.positions, points.normals)
@@ -362,7 +362,7 @@ def test_good_normals_of_scans_cause_no_words_and_flipped_ones_do(name):
     ("name", "n"),
     [("sphere", 10_000), ("torus", 20_000), long("sphere", 20_000), long("lattice", 20_000), long("statue", 20_000)],
 )
-def test_exact_normals_cause_no_words(name, n):
+def test_exact_normals_cause_no_warning(name, n):
     points = procedural(name, n)
     assert repair_normals(points)[1] is None
     assert "point inward" in repair_normals(points.with_normals(-points.normals))[1]

@@ -1,4 +1,4 @@
-"""Scanners' stations turn normals: of one, of several, of points whose station is unknown."""
+"""Normals are oriented towards scanner stations: one, several, or unknown for some points."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from pointray.cloud.normals.stations import eyes_of
 
 
 def wall(n=4000, thickness=0.002, origin=(0, 0, 0)):
-    """A thin wall, both sides of which are scanned: positions, exact normals, and the station of each point."""
+    """Return a thin wall, scanned from both sides: positions, exact normals, and the station of each point."""
     rng = np.random.default_rng(5)
     scan = rng.integers(0, 2, n)
     x = np.where(scan == 0, -thickness, thickness) / 2
@@ -21,11 +21,11 @@ def wall(n=4000, thickness=0.002, origin=(0, 0, 0)):
 
 
 def wrong(normals, exact):
-    """The share of normals that face the wrong side."""
+    """Return the share of normals that face the wrong side."""
     return float((np.einsum("ij,ij->i", normals, exact) < 0).mean())
 
 
-def test_a_thin_wall_seen_from_both_sides():
+def test_stations_orient_both_sides_of_a_thin_wall():
     positions, exact, scan = wall()
     told = Points(positions, attributes={SCAN: scan.astype(np.int32)}, georeference=BOTH)
     assert wrong(estimate_normals(told).normals, exact) == 0
@@ -33,7 +33,7 @@ def test_a_thin_wall_seen_from_both_sides():
     assert wrong(pr.estimate_normals(Points(positions), viewpoint=WEST).normals, exact) > 0.2
 
 
-def test_the_stations_of_a_scan_far_away():
+def test_stations_of_a_scan_far_from_zero_are_exact():
     far = np.array([512_345.678, 5_400_000.123, 321.5])
     positions, exact, scan = wall(origin=far)
     georeference = Georeference(stations=tuple(tuple(far + station) for station in BOTH.stations))
@@ -43,7 +43,7 @@ def test_the_stations_of_a_scan_far_away():
     )
 
 
-def test_one_station_saw_all_points_unless_they_say_otherwise():
+def test_a_single_station_applies_to_points_without_a_station_column():
     positions, exact, scan = wall()
     one = Georeference(stations=(WEST,))
     assert (estimate_normals(Points(positions, georeference=one)).normals[:, 0] < 0).all()
@@ -52,7 +52,7 @@ def test_one_station_saw_all_points_unless_they_say_otherwise():
     assert np.isnan(eyes_of(unsaid)[scan == 1]).all() and (eyes_of(unsaid)[scan == 0] == WEST).all()
 
 
-def test_a_viewpoint_for_each_point():
+def test_each_point_may_have_its_own_viewpoint():
     positions, exact, scan = wall()
     eyes = np.array(BOTH.stations)[scan]
     assert wrong(estimate_normals(Points(positions), viewpoint=eyes).normals, exact) == 0
@@ -63,7 +63,7 @@ def test_a_viewpoint_for_each_point():
 
 @pytest.mark.filterwarnings("ignore:.*belong to scans such as")
 @pytest.mark.parametrize("scans", [[7, -1], [np.nan, 0.5]])
-def test_all_unknown_is_as_without_stations(scans):
+def test_unknown_stations_change_nothing(scans):
     positions, _, scan = wall(800)
     without = estimate_normals(Points(positions)).normals
     unknown = Points(positions, attributes={SCAN: np.array(scans)[scan]}, georeference=BOTH)
@@ -76,7 +76,7 @@ def test_all_unknown_is_as_without_stations(scans):
 
 @pytest.mark.parametrize("outward", [1, -1])
 def test_points_of_an_unknown_station_agree_with_the_others(outward):
-    """Inside out: were the unknown ones not to follow the known ones, half of them would face outward."""
+    """The scan is inside out: if unknown ones did not follow the known ones, half of them would face outward."""
     torus, scan, _ = seen_torus()
     lost = np.random.default_rng(2).random(len(torus)) < 0.5
     eyes = torus.positions + outward * torus.normals
@@ -121,7 +121,7 @@ def test_models_use_the_stations():
     assert hits.normal[:, 0] == pytest.approx([-1, 1], abs=0.05)
 
 
-def test_given_normals_stay_and_missing_ones_are_estimated():
+def test_given_normals_are_kept_and_missing_ones_estimated():
     positions, exact, scan = wall(thickness=0.2)
     fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
     given, said = repair_normals(Points(positions, -exact, **fields))
@@ -130,7 +130,7 @@ def test_given_normals_stay_and_missing_ones_are_estimated():
     assert wrong(repaired.normals, exact) == 0 and "estimated" in said
 
 
-def test_normals_that_disagree_turn_to_their_stations():
+def test_inconsistent_normals_are_turned_to_their_stations():
     positions, exact, scan = wall(thickness=0.2)
     signs = np.where(np.random.default_rng(3).random(len(exact)) < 0.5, -1, 1)[:, None]
     fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
@@ -138,7 +138,7 @@ def test_normals_that_disagree_turn_to_their_stations():
     assert wrong(repaired.normals, exact) == 0 and "signs recomputed" in said and "viewpoint=" not in said
 
 
-def test_right_normals_of_a_thin_wall_are_not_touched():
+def test_correct_normals_of_a_thin_wall_are_kept():
     positions, exact, scan = wall()
     fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
     repaired, said = repair_normals(Points(positions, exact, **fields))
@@ -146,7 +146,7 @@ def test_right_normals_of_a_thin_wall_are_not_touched():
     assert said is None
 
 
-def test_a_torus_seen_from_two_stations():
+def test_two_stations_orient_a_torus():
     torus, scan, cosine = seen_torus()
     told = Points(torus.positions, attributes={SCAN: scan.astype(np.uint8)}, georeference=BOTH)
     assert wrong(estimate_normals(told).normals[cosine > 0.1], torus.normals[cosine > 0.1]) == 0
@@ -157,4 +157,4 @@ def test_fitted_normals_in_place_of_wrong_ones_face_the_stations():
 
     positions, exact, scan = wall(thickness=0.2)
     points = Points(positions, -exact, attributes={SCAN: scan}, georeference=BOTH)
-    assert wrong(refit_normals(points).normals, exact) == 0  # the file's, which all face away, do not turn them
+    assert wrong(refit_normals(points).normals, exact) == 0  # the file's normals, which all face away, do not flip them

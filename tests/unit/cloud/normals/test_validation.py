@@ -1,4 +1,4 @@
-"""Normals of a file that are not those of its surface are noticed, told, and replaced by fitted ones."""
+"""Normals of a file that deviate from its surface are detected, reported, and replaced by fitted ones."""
 
 import json
 import warnings
@@ -33,7 +33,7 @@ def unit(rows: np.ndarray) -> np.ndarray:
 
 
 def tilted(normals: np.ndarray, degrees: float, direction: np.ndarray) -> np.ndarray:
-    """Normals, each turned by some degrees towards a direction."""
+    """Return the normals, each tilted by some degrees towards a direction."""
     normals = unit(np.asarray(normals, np.float64))
     across = unit(direction - np.sum(direction * normals, axis=1, keepdims=True) * normals)
     return normals * np.cos(np.radians(degrees)) + across * np.sin(np.radians(degrees))
@@ -64,7 +64,7 @@ def bare(tmp_path: Path) -> Path:
 
 @pytest.mark.scans
 @pytest.mark.parametrize("name", [SCANS[0], *map(long, SCANS[1:])])
-def test_normals_of_scans_are_right_and_tilted_ones_wrong(name):
+def test_normals_of_scans_are_valid_and_tilted_ones_invalid(name):
     points = pr.read(shared_model(f"points/{name}.ply"))
     found = pr.check_normals(points)
     assert found.angle < 5 and not found.wrong
@@ -73,7 +73,7 @@ def test_normals_of_scans_are_right_and_tilted_ones_wrong(name):
 
 
 @pytest.mark.parametrize("amount", [0, long(0.1), long(0.3), 0.5, long(1.0)])
-def test_noise_speaks_against_no_normals(amount):
+def test_noise_does_not_invalidate_normals(amount):
     torus = pr.procedural("torus", N)
     spacing = np.sqrt(4 * np.pi**2 * 0.4 / N)
     offsets = np.random.default_rng(1).normal(0, amount * spacing, (N, 3))
@@ -90,13 +90,13 @@ def test_noise_speaks_against_no_normals(amount):
         *(long(name, (1, 2, 11, 12, 100, 500, 2_000, 20_000)) for name in ("sphere", "torus", "lattice", "statue")),
     ],
 )
-def test_detail_finer_than_the_points_speaks_against_no_normals(name, counts):
+def test_detail_finer_than_the_points_does_not_invalidate_normals(name, counts):
     """Planes through the statue's 2,000 points are 21 degrees off its normals, and those of the lattice 45."""
     for count in counts:
         assert not pr.check_normals(pr.procedural(name, count)).wrong, f"{count} points"
 
 
-def test_what_is_wrong_with_a_body():
+def test_invalid_normals_of_a_closed_body_are_detected():
     points = pr.procedural("torus", N)
     random = np.random.default_rng(2)
     wrong = {
@@ -109,7 +109,7 @@ def test_what_is_wrong_with_a_body():
         assert pr.check_normals(points.with_normals(normals)).wrong, name
 
 
-def test_signs_lengths_and_missing_ones_do_not_count():
+def test_signs_lengths_and_missing_normals_are_ignored():
     points = pr.procedural("torus", N)
     random, usual = np.random.default_rng(2), pr.check_normals(points)
     assert usual.angle < 1
@@ -121,7 +121,7 @@ def test_signs_lengths_and_missing_ones_do_not_count():
     assert pr.check_normals(points.with_normals(lost)).angle < 1
 
 
-def test_normals_that_scatter_about_the_right_ones_are_right():
+def test_normals_that_scatter_about_the_true_ones_are_valid():
     """The surface averages normals, and so does the comparison."""
     points = pr.procedural("torus", N)
     scattered = tilted(points.normals, 21, np.random.default_rng(3).normal(size=(N, 3)))
@@ -129,13 +129,13 @@ def test_normals_that_scatter_about_the_right_ones_are_right():
 
 
 @pytest.mark.parametrize("normals", [None, np.zeros((5_000, 3)), np.full((5_000, 3), np.nan)])
-def test_where_there_are_no_normals_nothing_is_wrong(normals):
+def test_missing_normals_are_not_invalid(normals):
     assert pr.check_normals(pr.Points(sphere_points(5_000), normals)) == (None, False)
 
 
 @pytest.mark.parametrize("step", [0.5, long(1), long(2), long(3), 5])
-def test_rounded_coordinates_speak_against_no_normals(step):
-    """If all neighbours lie on one step of rounding, the plane through them is that step, and does not count."""
+def test_rounded_coordinates_do_not_invalidate_normals(step):
+    """If all neighbours lie on one step of rounding, the plane through them is that step, and is ignored."""
     points = ripple(n=40_000)
     positions = points.positions.astype(np.float64)
     size = step * 14 / 200
@@ -144,7 +144,7 @@ def test_rounded_coordinates_speak_against_no_normals(step):
     assert not pr.check_normals(pr.Points(moved, points.normals)).wrong
 
 
-def test_the_median_decides():
+def test_the_median_deviation_decides():
     points = ripple()
     found = [pr.check_normals(points.with_normals(tilted(points.normals, d, np.float64([1, 0, 0])))) for d in (13, 17)]
     assert [one.wrong for one in found] == [False, True]
@@ -152,8 +152,8 @@ def test_the_median_decides():
 
 
 @pytest.mark.long
-def test_of_many_points_only_those_around_a_sample_are_looked_through(monkeypatch):
-    """The result is nearly the same, because neighbours are searched among all points."""
+def test_only_a_sample_of_many_points_is_compared(monkeypatch):
+    """The result is nearly the same, because neighbours are searched in the whole cloud."""
     points = pr.procedural("torus", 60_000)
     usual = pr.check_normals(points.with_normals(tilted(points.normals, 30, np.float64([0, 0, 1]))))
     asked, ask = [], nearby.neighbors
@@ -185,7 +185,7 @@ def test_wrong_normals_are_replaced_and_keep_their_side():
         assert np.median(cosines) > 0.999 and (cosines > 0).mean() > 0.99
 
 
-def test_right_ones_are_kept_and_wrong_ones_where_that_is_chosen():
+def test_valid_normals_are_kept_and_invalid_ones_on_request():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         right, wrong = ripple(), ripple(2.2)
@@ -195,15 +195,15 @@ def test_right_ones_are_kept_and_wrong_ones_where_that_is_chosen():
         assert select_normals(right.with_normals(None)).normals is None
 
 
-def test_a_model_keeps_what_points_have():
+def test_a_model_keeps_the_attributes_of_points():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        warnings.filterwarnings("ignore", ".* isolated points?")  # some lie at the corners
+        warnings.filterwarnings("ignore", ".* isolated points?")  # some lie in the corners
         assert pr.check_normals(pr.Model(ripple(2.2, 3_000)).points).wrong
 
 
 @pytest.mark.long
-def test_render_says_so_and_how_to_keep_them(file, tmp_path, capsys):
+def test_render_reports_replaced_normals_and_how_to_keep_them(file, tmp_path, capsys):
     picture = tmp_path / "a.png"
     assert execute(["render", str(file), "-o", str(picture), *SMALL]) == 0
     assert (
@@ -252,7 +252,7 @@ def test_prepare_writes_the_normals_that_are_used(file, bare, tmp_path, capsys):
     assert "exclude each other" in capsys.readouterr().err
 
 
-def test_info_says_the_same(file, bare, capsys):
+def test_info_reports_the_same(file, bare, capsys):
     assert execute(["info", str(file), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["normals"] is True and facts["normals_wrong"] is True
@@ -270,7 +270,7 @@ def test_info_says_the_same(file, bare, capsys):
 
 
 def off_at_a_slope(scene: pr.Scene) -> float:
-    """Degrees between the true normal and that of a ray's hit, from above, on a slope of the ripple."""
+    """Return degrees between the true normal and that of a hit from above on a slope of the ripple."""
     x, y = 1.5, 1.0
     r = np.hypot(x, y)
     truth = unit(np.float64([[-x * np.cos(r) / r, -y * np.cos(r) / r, 1]]))[0]
@@ -279,7 +279,7 @@ def off_at_a_slope(scene: pr.Scene) -> float:
 
 
 @pytest.mark.parametrize("choice", ["auto", "file", "fit"])
-def test_a_scene_file_says_whose(choice, file, tmp_path, recwarn):
+def test_a_scene_file_chooses_the_normals(choice, file, tmp_path, recwarn):
     scene = tmp_path / "scene.toml"
     line = "" if choice == "auto" else f'normals = "{choice}"\n'
     scene.write_text(f'[models.a]\nfile = "ripple.ply"\n{line}[[instances]]\nmodel = "a"\n')
@@ -289,7 +289,7 @@ def test_a_scene_file_says_whose(choice, file, tmp_path, recwarn):
     assert (off_at_a_slope(made) > 8) == (choice == "file")
 
 
-def test_what_a_scene_file_says_wrong(file, bare, tmp_path, capsys):
+def test_invalid_choices_of_normals_in_scene_files_are_reported(file, bare, tmp_path, capsys):
     scene, saved = tmp_path / "scene.toml", tmp_path / "m.pointray"
     pr.Model(ripple(1, 1_000)).save(saved)
     wrong = {
@@ -306,8 +306,8 @@ def test_what_a_scene_file_says_wrong(file, bare, tmp_path, capsys):
 
 @pytest.mark.long
 @pytest.mark.parametrize("coarse", [False, True])
-def test_the_viewer_shows_fitted_ones(coarse, file, monkeypatch, recwarn):
-    """The coarse version of a large scan has fitted normals, too."""
+def test_the_viewer_shows_fitted_normals(coarse, file, monkeypatch, recwarn):
+    """The coarse version of a large scan has fitted normals as well."""
     if coarse:
         monkeypatch.setattr("pointray.viewer.loading.COARSE", 4_000)
         monkeypatch.setattr("pointray.viewer.loading.LARGE_FROM", 8_000)

@@ -1,4 +1,4 @@
-"""Stations that are believed, as their points can have been seen from there, and those that are not."""
+"""Stations are used only if most of their points are visible from them."""
 
 import re
 
@@ -20,7 +20,7 @@ NOTE = "not (a )?scanner positions?: ignored for normals"
 
 
 def first_hits(directions, balls, boxes, floor):
-    """Distances from EYE to balls (centre, radius), boxes (low, high) from outside, and a floor; inf where nothing."""
+    """Return distances from EYE to balls (centre, radius), boxes (low, high) and a floor; inf for a miss."""
     found = np.full(len(directions), np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
         if floor:
@@ -38,7 +38,7 @@ def first_hits(directions, balls, boxes, floor):
 
 
 def shapes_of(kind, rng):
-    """Balls, boxes, and whether there is a floor."""
+    """Return balls, boxes, and whether there is a floor."""
     if kind == "object":
         return [(np.array([4, 0, 1]) + rng.normal(size=3) * 0.4, 0.3) for _ in range(12)], [], False
     if kind == "tree":
@@ -50,7 +50,7 @@ def shapes_of(kind, rng):
 
 
 def scanned(kind, rng, rows=100):
-    """A scan from EYE with noise, of which a fifth is lost."""
+    """Return a scan from EYE with noise, a fifth of it missing."""
     elevation, azimuth = np.meshgrid(np.linspace(-1.2, 1.2, rows), np.linspace(-np.pi, np.pi, 2 * rows, endpoint=False))
     if kind in ("object", "tree"):
         elevation, azimuth = elevation / 4 + (0.2 if kind == "tree" else -0.1), azimuth / 7
@@ -62,13 +62,13 @@ def scanned(kind, rng, rows=100):
 
 
 def moved(points, station, **more):
-    """The same points with another station."""
+    """Return the same points with another station."""
     return Points(points.world, points.normals, georeference=Georeference(stations=(tuple(station),)), **more)
 
 
 @pytest.mark.parametrize("kind", ["object", "street", "poles", "tree"])
 @pytest.mark.parametrize("seed", range(10))
-def test_scanners_are_believed(kind, seed):
+def test_true_stations_are_accepted(kind, seed):
     points = scanned(kind, np.random.default_rng(seed))
     assert hidden_share(points.positions, EYE) < 0.7 * HIDDEN
     assert not ignored_stations(points) and (eyes_of(points) == EYE).all()
@@ -81,7 +81,7 @@ def test_a_body_seen_from_all_sides_has_no_station(name, station):
     assert ignored_stations(moved(points, station)) == (0,)
 
 
-def test_a_merged_cloud_is_oriented_as_without_a_station():
+def test_a_merged_cloud_is_oriented_without_its_station():
     torus = pr.procedural("torus", 6000)
     merged = Points(torus.world, georeference=Georeference(stations=((5.0, 2.0, 1.5),)))
     with pytest.warns(UserWarning, match=NOTE):

@@ -1,4 +1,4 @@
-"""Winding numbers of a cloud, some of whose tiles are at hand, are those of the whole, and close to plain sums."""
+"""Winding numbers of a cloud loaded in tiles equal those of the whole, and are close to direct sums."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def winding(splats, read):
     return Winding(top_of(np.concatenate(roots)), tiles, read)
 
 
-def test_tiles_are_read_as_they_are_needed(splats):
+def test_only_tiles_that_are_needed_are_read(splats):
     rows, read = np.arange(3 * TILE, 4 * TILE, 7), []
 
     def note(tiles):
@@ -47,7 +47,7 @@ def test_tiles_are_read_as_they_are_needed(splats):
     assert parts.around(rows[:0], 1.5).shape == (0, 2)
 
 
-def test_numbers_are_those_of_plain_sums(splats):
+def test_winding_numbers_equal_direct_sums(splats):
     rows = np.arange(0, len(splats.positions), 997)
     found = winding(splats, lambda tiles: some(splats, tiles)).around(rows, 1.0)
     x, n, a = (array.astype(np.float64) for array in splats)
@@ -60,7 +60,7 @@ def test_numbers_are_those_of_plain_sums(splats):
 
 
 @pytest.mark.parametrize("n", [1, 17, TILE, TILE + 1])
-def test_a_few_points_have_numbers(n):
+def test_small_clouds_have_winding_numbers(n):
     dice = np.random.default_rng(n)
     normals = dice.normal(size=(n, 3)).astype(np.float32)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Strays are found by kind, and surfaces keep their points."""
+"""Strays of each kind are found, and surfaces keep their points."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ H = np.sqrt(4 / N)  # the spacing on the wall
 
 
 def wall(n, seed=0, noise=0.1):
-    """Points of a curved wall and its normals."""
+    """Return points of a curved wall and its normals."""
     draw = np.random.default_rng(seed)
     u, v = draw.uniform(-1, 1, (2, n))
     normals = np.stack([-0.3 * np.cos(2 * u) * np.cos(1.5 * v), np.ones(n), 0.225 * np.sin(2 * u) * np.sin(1.5 * v)], 1)
@@ -30,7 +30,7 @@ def layered(off, share=0.1):
 
 
 def veiled(step=0.0045):
-    """A pole before a wall, seen from the origin: at each edge of the pole a row has a mixed return."""
+    """Return a pole before a wall, seen from the origin; each row has a mixed return at each edge of the pole."""
     a, e = np.meshgrid(np.arange(-0.35, 0.35, step), np.arange(-0.35, 0.35, step))
     rays = np.stack([np.sin(a) * np.cos(e), np.cos(a) * np.cos(e), np.sin(e)], axis=2)
     flat, ahead = np.hypot(rays[..., 0], rays[..., 1]), rays[..., 1]
@@ -66,7 +66,7 @@ def test_layers_are_merged_with_the_surface():
     assert pr.merge_layers(clean) is clean
 
 
-def test_lone_points_are_found():
+def test_isolated_points_are_found():
     rows, _ = wall(N)
     strays = np.random.default_rng(5).uniform(rows.min(axis=0), rows.max(axis=0), (N // 100, 3))
     off = np.abs(strays[:, 1] - 0.15 * np.sin(2 * strays[:, 0]) * np.cos(1.5 * strays[:, 2])) > H
@@ -74,7 +74,7 @@ def test_lone_points_are_found():
     assert found[N:][off].mean() > 0.95 and found[:N].mean() < 0.002
 
 
-def test_veils_are_found_from_the_scanner():
+def test_mixed_returns_are_found_from_the_scanner():
     rows, edge = veiled()
     points = pr.Points(rows)
     strays = pr.find_strays(points, (0, 0, 0))
@@ -89,7 +89,7 @@ def test_veils_are_found_from_the_scanner():
 
 @pytest.mark.parametrize(("model", "count"), [("torus", 8_000), long("statue", 30_000)])
 @pytest.mark.parametrize("place", ["outside", "middle", "at a point"])
-def test_a_body_seen_from_one_place_has_no_veils(place, model, count):
+def test_a_body_seen_from_one_place_has_no_mixed_returns(place, model, count):
     points = pr.procedural(model, count)
     low, high = points.bounds
     eye = {"outside": low - 3 * (high - low), "middle": (low + high) / 2, "at a point": points.world[7]}[place]
@@ -140,11 +140,11 @@ def test_a_mesh_keeps_its_points():
     ],
     ids=["few", "equal", "line", "grid"],
 )
-def test_odd_clouds_have_none(rows):
+def test_degenerate_clouds_have_no_strays(rows):
     assert not pr.find_strays(pr.Points(rows)).any.any()
 
 
-def test_a_cloud_of_strays_is_left_as_it_is():
+def test_a_cloud_of_strays_only_is_not_changed():
     assert pr.find_strays(pr.Points(np.random.default_rng(0).uniform(-1, 1, (3000, 3)))).any.mean() < 0.01
 
 
@@ -167,7 +167,7 @@ def test_a_wrong_viewpoint_is_refused():
     assert len(pr.find_strays(points, points.positions[0]).any) == len(points)  # at a point
 
 
-def test_kinds_are_described_in_words():
+def test_each_kind_of_stray_is_described():
     points, _ = layered(2)
     with pytest.warns(UserWarning, match=r"^scan: 1,0\d\d strays \(.* in second layers, .*\) removed$"):
         left = without_strays(points, "scan")
@@ -175,7 +175,7 @@ def test_kinds_are_described_in_words():
 
 
 @pytest.mark.long
-def test_commands_leave_them_out(tmp_path, capsys):
+def test_commands_remove_strays(tmp_path, capsys):
     scan, small = tmp_path / "a.ply", tmp_path / "b.ply"
     points, _ = layered(2)
     pr.write(scan, points)

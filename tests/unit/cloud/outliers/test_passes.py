@@ -1,4 +1,4 @@
-"""Models merge second layers and passes that do not fit, and leave every other surface as it is."""
+"""Models merge second layers and misaligned passes, and do not change other surfaces."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ STATIONS = ((-1, 0, 10), (2, 1, 10))
 
 
 def sheet(n, seed, height=0.0, tilt=0.0, noise=0.1):
-    """A gently curved wall over x, y from -1 to 1, seen from +z."""
+    """Return a gently curved wall over x, y from -1 to 1, seen from +z."""
     draw = np.random.default_rng(seed)
     x, y = draw.uniform(-1, 1, (2, n))
     z = 0.1 * np.sin(2 * x) * np.cos(1.5 * y) + height * H + np.radians(tilt) * x
@@ -24,7 +24,7 @@ def sheet(n, seed, height=0.0, tilt=0.0, noise=0.1):
 
 
 def off(positions):
-    """Distance from the wall, in spacings."""
+    """Return the distance from the wall, in spacings."""
     x, y, z = np.asarray(positions, np.float64).T
     return (z - 0.1 * np.sin(2 * x) * np.cos(1.5 * y)) / H
 
@@ -34,7 +34,7 @@ def layered(height):
 
 
 def scans(gap, tilt=0.0, seed=0):
-    """Two scans of the wall that are about as dense as each other, and which scan each point is of."""
+    """Return two scans of the wall of about equal density, and the scan of each point."""
     rows = np.vstack([sheet(N // 2, seed, -gap / 2, -tilt / 2), sheet(N // 2, seed + 1, gap / 2, tilt / 2)])
     return rows, np.arange(N) // (N // 2)
 
@@ -55,7 +55,7 @@ def test_a_model_has_no_second_layer(height):
 
 
 @pytest.mark.long
-def test_layers_stay_without_smoothing_and_with_given_radii():
+def test_layers_are_kept_without_smoothing_and_with_given_radii():
     rows = layered(2)
     for model in (pr.Model(rows, smooth=0), pr.Model(rows, np.full(len(rows), 2 * H, np.float32))):
         splats, of = model.splats
@@ -75,7 +75,7 @@ def test_layers_are_merged_where_normals_are_given():
 
 @pytest.mark.parametrize("name", [long("statue"), long("lattice"), "torus"])
 @pytest.mark.parametrize("noise", [0, 0.3])
-def test_surfaces_without_layers_stay(name, noise):
+def test_surfaces_without_layers_are_not_changed(name, noise):
     points = pr.procedural(name, 20_000)
     spacing = np.median(cKDTree(points.positions).query(points.positions[:500], 2)[0][:, 1]) * 2
     moved = points.positions + np.random.default_rng(0).normal(size=(20_000, 3)) * noise * spacing
@@ -103,7 +103,7 @@ def test_thin_plates_keep_their_sheets(thickness):
     ],
     ids=["equal", "few", "strays"],
 )
-def test_odd_clouds_stay(rows):
+def test_degenerate_clouds_are_not_changed(rows):
     points = pr.Points(
         rows, attributes={"scan": np.arange(len(rows)) % 2}, georeference=pr.Georeference(stations=STATIONS)
     )
@@ -129,11 +129,11 @@ def stays(rows, scan, stations=STATIONS):
     return merge_passes(points) is points
 
 
-def test_two_sheets_stay_two():
+def test_two_sheets_are_not_merged():
     rows, scan = scans(2)
     assert stays(rows, scan, ((0, 0, 10), (0, 0, -10)))  # seen from opposite sides
     assert stays(rows, np.arange(N) % 2)  # each scan sees both
-    assert stays(rows, scan, ())  # nobody knows from where
+    assert stays(rows, scan, ())  # the stations are unknown
     assert stays(*scans(0)) and stays(scans(0)[0], np.arange(N) % 5)
 
 
@@ -147,7 +147,7 @@ def test_scans_that_do_not_exist_are_ignored(wrong):
     assert not moved[::50].any() and moved.any(axis=1).mean() > 0.9
 
 
-def test_groups_tell_the_neighbours_of_each_point():
+def test_groups_list_the_neighbours_of_each_point():
     rows = layered(3).astype(np.float32)
     fits = LocalSurfaceFits(rows)
     fits.examine(np.arange(0, len(fits.known), 2))

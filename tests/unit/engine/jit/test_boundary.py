@@ -15,8 +15,8 @@ RECORDS = {"home:Pair": ["f4[1C]", "i8"], "home:Outer": ["home:Pair", ["b1", "f8
 Pair = namedtuple("Pair", "values count")  # noqa: PYI024
 
 
-def words(*kinds):
-    """Slots of arguments of some types, as a function of the arguments."""
+def packed_slots(*kinds):
+    """Return a function that packs arguments of these types into 64-bit slots."""
     pack = packer(kinds, RECORDS)
     return lambda *arguments: struct.unpack(f"<{len(pack(*arguments)) // 8}q", pack(*arguments))
 
@@ -44,24 +44,24 @@ def test_numbers_that_do_not_fit_are_refused(kind, value):
 
 def test_arrays_are_an_address_and_a_shape():
     flat, table = np.arange(5, dtype="f4"), np.zeros((3, 4), "i8")
-    assert words("f4[1C]", "i8[2C]")(flat, table) == (flat.ctypes.data, 5, table.ctypes.data, 3, 4)
+    assert packed_slots("f4[1C]", "i8[2C]")(flat, table) == (flat.ctypes.data, 5, table.ctypes.data, 3, 4)
     across = table[:, ::2]
-    assert words("i8[2A]")(across) == (across.ctypes.data, 3, 2, 32, 16)
-    assert words("i8[2F]")(table.T) == (table.ctypes.data, 4, 3)
+    assert packed_slots("i8[2A]")(across) == (across.ctypes.data, 3, 2, 32, 16)
+    assert packed_slots("i8[2F]")(table.T) == (table.ctypes.data, 4, 3)
     table.flags.writeable = False
-    assert words("const i8[2C]")(table) == (table.ctypes.data, 3, 4)
+    assert packed_slots("const i8[2C]")(table) == (table.ctypes.data, 3, 4)
     empty = np.zeros(0, "f4")
-    assert words("f4[1C]")(empty) == (empty.ctypes.data, 0)
+    assert packed_slots("f4[1C]")(empty) == (empty.ctypes.data, 0)
 
 
-def test_tuples_are_taken_apart():
+def test_tuples_are_flattened():
     values = np.ones(3, "f4")
-    slots = words("home:Outer", ["i8", "i8"], [])((Pair(values, 4), (True, 0.5)), (1, 2), ())
+    slots = packed_slots("home:Outer", ["i8", "i8"], [])((Pair(values, 4), (True, 0.5)), (1, 2), ())
     assert slots == (values.ctypes.data, 3, 4, 1, struct.unpack("<q", struct.pack("<d", 0.5))[0], 1, 2)
     with pytest.raises(ValueError, match="unpack"):
-        words("home:Pair")((values,))
+        packed_slots("home:Pair")((values,))
     with pytest.raises(TypeError, match="unpack"):
-        words("home:Pair")(values[0])
+        packed_slots("home:Pair")(values[0])
 
 
 def unaligned() -> np.ndarray:
@@ -111,15 +111,15 @@ class Disguise:
 )
 def test_other_arrays_are_refused(array):
     with pytest.raises(TypeError, match=r"f4\[1C\]"):
-        words("f4[1C]")(array)
+        packed_slots("f4[1C]")(array)
 
 
 def test_arrays_of_derived_classes_and_other_dtype_objects_are_arrays(tmp_path):
     array = np.memmap(tmp_path / "a", "f4", "w+", shape=4)
-    assert words("f4[1C]")(array) == (array.ctypes.data, 4)
+    assert packed_slots("f4[1C]")(array) == (array.ctypes.data, 4)
     dtype = np.dtype("f4").newbyteorder("=")
     array = np.zeros(4, dtype)
-    assert words("f4[1C]")(array) == (array.ctypes.data, 4)
+    assert packed_slots("f4[1C]")(array) == (array.ctypes.data, 4)
 
 
 def test_results_are_read():
@@ -137,7 +137,7 @@ def test_results_are_read():
     assert Results("none", {}, freed.append).read(out) is None
 
 
-def test_errors_are_those_that_the_text_names():
+def test_error_texts_become_exceptions():
     for text, kind in (
         (b"ValueError: a: b", ValueError),
         (b"MemoryError: full", MemoryError),

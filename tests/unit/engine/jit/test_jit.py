@@ -30,7 +30,7 @@ def _count(work, out):
 
 
 @pytest.mark.parametrize("threads", [1, 2, 7])
-def test_each_tile_is_taken_once(threads):
+def test_each_tile_is_processed_once(threads):
     out = np.zeros(10_000)
     run(_count, len(out), out, threads=threads)
     assert (out == 1).all()
@@ -57,7 +57,7 @@ def _sum_borrowed(outer):
     return total
 
 
-def test_a_record_is_borrowed_with_all_that_is_in_it():
+def test_a_record_is_borrowed_with_all_its_fields():
     outer = Outer(Inner(np.arange(4.0), 3), np.ones(5, np.int64), (1, 2))
     assert _sum_borrowed(outer) == 3 * 6 + 5 + 2 + 21
     assert sys.getrefcount(outer.more) == sys.getrefcount(outer.inner.values)
@@ -165,7 +165,7 @@ def elsewhere(tmp_path_factory):
 
 
 @pytest.mark.long
-def test_the_cache_serves_the_second_process_and_never_runs_stale_code(tmp_path):
+def test_a_second_process_uses_the_cache_and_never_stale_code(tmp_path):
     copy, cache = copied(tmp_path / "copy"), tmp_path / "cache"
     assert use(copy, cache) == ["5.0", "1"]
     assert use(copy, cache) == ["5.0", "0"]
@@ -175,8 +175,8 @@ def test_the_cache_serves_the_second_process_and_never_runs_stale_code(tmp_path)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
-def test_of_processes_that_need_the_same_kernel_one_compiles_it(elsewhere, tmp_path):
-    """They begin together with an empty cache: the others wait for the first one, and load its kernel."""
+def test_only_one_of_several_processes_compiles_a_kernel(elsewhere, tmp_path):
+    """They start together with an empty cache: the others wait for the first one and load its kernel."""
     said = use(elsewhere, tmp_path / "cache", TOGETHER, "4")
     assert said[::2] == ["6.0"] * 4
     assert sum(map(int, said[1::2])) == 1
@@ -202,14 +202,14 @@ def test_an_edit_of_a_kernels_own_file_compiles_only_that_and_is_reported(tmp_pa
         assert use(copy, cache, SCREEN) == [str(known), str(int(not known))]
 
 
-def test_a_cache_folder_that_cannot_be_written_is_none(tmp_path, monkeypatch):
+def test_a_cache_folder_that_is_not_writable_is_not_used(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("in the way")
     monkeypatch.setenv("POINTRAY_CACHE", str(tmp_path / "file" / "cache"))
     assert disk.cache_folder.__wrapped__() is None
 
 
 @pytest.mark.long
-def test_a_cache_folder_that_cannot_be_written_is_no_error(elsewhere, tmp_path):
+def test_a_cache_folder_that_is_not_writable_is_no_error(elsewhere, tmp_path):
     file = tmp_path / "file"
     file.write_text("in the way")
     assert use(elsewhere, file / "cache") == ["5.0", "1"]
@@ -235,14 +235,14 @@ print(sum("far_away" in line for line in defined), sum("both" in line for line i
 
 
 @pytest.mark.long
-def test_a_routine_is_compiled_once_and_an_inline_not_by_itself(elsewhere, tmp_path):
+def test_a_routine_is_compiled_once_and_an_inline_function_never(elsewhere, tmp_path):
     """The routine is called with and without constants, and from an inline, whose options Numba passes on."""
     assert use(elsewhere, tmp_path / "cache", CALLS) == [str(2.0 - 12.0 + 2.0 - 6.0), "1", "1", "1", "0"]
 
 
 @pytest.mark.long
 def test_a_damaged_index_of_the_cache_is_no_error(elsewhere, tmp_path):
-    """Neither is a damaged kernel: what is compiled again serves the next process."""
+    """A damaged kernel is compiled again, and the next process uses the result."""
     assert use(elsewhere, tmp_path) == ["5.0", "1"]
     for ending in ("nbi", "nbc"):
         for file in tmp_path.rglob(f"*.{ending}"):
@@ -264,14 +264,14 @@ print(use(3.0), jit.compilations())
 
 
 @pytest.mark.long
-def test_an_edited_piece_of_a_kernel_outside_of_the_package_is_seen(elsewhere, tmp_path):
-    """The twins in tests/helpers/naive.py are such kernels: a stale one would be an outdated reference."""
+def test_an_edit_of_a_kernel_outside_the_package_is_noticed(elsewhere, tmp_path):
+    """References in tests/helpers/naive.py are such kernels: a stale one would be outdated."""
     assert use(elsewhere, tmp_path, PIECE) == ["6.0", "1"]
     assert use(elsewhere, tmp_path, PIECE.replace("2.0", "7.0")) == ["21.0", "1"]
 
 
-def test_only_folders_that_are_marked_are_pruned(tmp_path):
-    """Folders with similar names or another mark stay, and so do the newest."""
+def test_only_marked_folders_are_pruned(tmp_path):
+    """Folders with similar names or another mark are kept, and so are the newest."""
     foreign = [tmp_path / "kernels-of-my-own", tmp_path / "kernels-0000000000000000", tmp_path / "kernels-x"]
     ours = [tmp_path / f"kernels-{k:016x}" for k in range(1, 8)]
     for age, folder in enumerate([*foreign, *ours]):

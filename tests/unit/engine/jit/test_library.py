@@ -1,4 +1,4 @@
-"""The library of compiled kernels: which one is used, and what happens where there is none that fits."""
+"""The library of compiled kernels: which one is used, and what happens if none is suitable."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from helpers.native_library import PACKAGE, needs_library
 from pointray.cli import BAD_INPUT, execute
 from pointray.engine.jit import library
 
-# A model and a picture of it, and how many kernels came from where.
+# A model and a picture of it, and how many kernels came from each source.
 PICTURE = """
 import hashlib, sys
 {before}
@@ -35,7 +35,7 @@ WITHOUT_NUMBA = "sys.modules.update(numba=None, llvmlite=None)"
 
 
 def run(code: str, status: int = 0, **variables: str) -> tuple[str, str]:
-    """Run a program; returns what it prints, and what it says of errors."""
+    """Run a program and return its output and errors."""
     environment = {**os.environ, **variables}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.returncode == status, done.stderr
@@ -51,7 +51,7 @@ def test_a_picture_needs_no_numba():
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of the libraries, which is the one that is looked at."""
+    """A copy of the libraries, which is the folder that is searched."""
     copy = tmp_path / "native"
     shutil.copytree(library.FOLDER, copy)
     monkeypatch.setattr(library, "FOLDER", copy)
@@ -61,7 +61,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def chosen() -> tuple[library.Library | None, str]:
-    """What is chosen now."""
+    """Return the current choice."""
     return library.choice.__wrapped__()
 
 
@@ -142,7 +142,7 @@ def test_an_invalid_manifest_is_reported(tmp_path, monkeypatch, text):
 
 
 @needs_library
-def test_a_level_that_this_processor_lacks_is_passed_over(folder):
+def test_a_level_that_this_processor_does_not_support_is_skipped(folder):
     manifest = json.loads((folder / library.MANIFEST).read_text())
     (best, about), *_ = manifest["libraries"].items()
     manifest["libraries"] = {"x86-64-v9": about, best: about}
@@ -171,7 +171,7 @@ def test_a_kernel_of_other_sources_is_not_used(folder):
 
 
 @needs_library
-def test_a_library_that_is_replaced_while_it_is_used_stays(folder, monkeypatch):
+def test_a_library_may_be_replaced_while_it_is_used(folder, monkeypatch):
     import numpy as np
 
     found, _ = chosen()
@@ -189,8 +189,8 @@ def test_a_library_that_is_replaced_while_it_is_used_stays(folder, monkeypatch):
 
 
 @pytest.mark.parametrize("choice", [long("compiled"), "nonsense"])
-def test_kernels_that_are_wanted_and_not_there_are_bad_input(tmp_path, choice):
-    """One line, before work starts."""
+def test_requested_but_missing_kernels_are_reported(tmp_path, choice):
+    """The error is one line, before work starts."""
     scan = tmp_path / "a.xyz"
     scan.write_text("0 0 0\n1 0 0\n0 1 0\n" * 10)
     code = f"""

@@ -1,4 +1,4 @@
-"""Sample positions: each pair of dimensions is a net, pairs are independent, and keys give other positions."""
+"""Sample positions: each pair of dimensions is a (0, m, 2)-net; pairs and keys are independent."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def sample_pairs(count, pair, many=64, seed=0):
     return out
 
 
-def test_the_second_dimension_is_sobols():
+def test_the_second_dimension_is_that_of_sobol():
     """The direction numbers of x + 1, added one by one, are compared with the product of masked shifts."""
 
     def sobol(i):

@@ -57,7 +57,7 @@ def _packed(words, a, out):
     store(out, 112, third_quarter(load16(a, 0)))
 
 
-def test_words_are_taken_apart():
+def test_words_are_unpacked():
     rng = np.random.default_rng(3)
     words, out = rng.integers(-(2**31), 2**31, 16, dtype=np.int64).astype(np.int32), np.zeros(128, np.float32)
     a = rng.integers(-126, 128, 64).astype(np.float32)
@@ -115,7 +115,7 @@ def _vectors(a, numbers, out):
     return word, lane(x, 3), count_trailing_zeros(word), count_bits(word), pack(mask, numbers, 0, found, 0), found
 
 
-def test_vectors_are_numpy():
+def test_vector_operations_equal_numpy():
     a, out, numbers = np.arange(32, dtype=np.float32), np.zeros(160, np.float32), np.arange(100, 116, dtype=np.int32)
     word, third, first, set_bits, count, found = _vectors(a, numbers, out)
     q = np.repeat([1, 2, 3, 4], 4).astype(np.float32)
@@ -164,7 +164,7 @@ def _looked_up(a, indices, out):
     return 0
 
 
-def test_numbers_are_looked_up_by_their_places():
+def test_numbers_are_looked_up_by_index():
     rng = np.random.default_rng(6)
     a, out = rng.normal(size=24).astype(np.float32), np.zeros(32, np.float32)
     indices = rng.integers(16, size=16).astype(np.float32)
@@ -189,6 +189,6 @@ def test_packing_appends_and_writes_16_lanes_at_most(share):
 
 
 @pytest.mark.skipif(not jit.CHECK, reason="needs POINTRAY_CHECK=1")
-def test_a_load_beyond_the_end_is_noticed():
+def test_a_load_beyond_the_end_is_detected():
     with pytest.raises(IndexError):
         _vectors(np.zeros(15, np.float32), np.zeros(16, np.int32), np.zeros(160, np.float32))

@@ -14,7 +14,7 @@ from pointray.io.formats import colmap
 
 @pytest.mark.parametrize("name", WRITTEN)
 @pytest.mark.parametrize("chunk", [1 << 18, 7])
-def test_all_that_is_in_a_file(tmp_path, monkeypatch, name, chunk):
+def test_all_columns_are_read(tmp_path, monkeypatch, name, chunk):
     monkeypatch.setattr(colmap, "CHUNK", chunk)
     (tmp_path / name).write_bytes(WRITTEN[name]())
     points = read(tmp_path / name)
@@ -25,7 +25,7 @@ def test_all_that_is_in_a_file(tmp_path, monkeypatch, name, chunk):
     np.testing.assert_array_equal(points.attributes["point_id"], IDS)
 
 
-def test_a_text_of_any_name_is_known_by_its_title(tmp_path):
+def test_text_files_are_recognised_by_their_title(tmp_path):
     (tmp_path / "cloud.xyz").write_bytes(text())
     assert len(read(tmp_path / "cloud.xyz")) == N
 
@@ -45,7 +45,7 @@ ONE = "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK\n"
         ("", "contains no points"),
     ],
 )
-def test_texts_that_are_wrong(tmp_path, line, message):
+def test_invalid_text_files_are_refused(tmp_path, line, message):
     (tmp_path / "points3D.txt").write_text(ONE + line + "\n")
     with pytest.raises(ValueError, match=message):
         read(tmp_path / "points3D.txt")
@@ -62,13 +62,13 @@ def test_texts_that_are_wrong(tmp_path, line, message):
         (bytes(8), "contains no points"),
     ],
 )
-def test_binary_files_that_are_wrong(tmp_path, content, message):
+def test_invalid_binary_files_are_refused(tmp_path, content, message):
     (tmp_path / "points3D.bin").write_bytes(content)
     with pytest.raises(ValueError, match=message):
         read(tmp_path / "points3D.bin", strict=True)
 
 
-def test_a_track_that_is_too_long_asks_for_no_memory(tmp_path):
+def test_a_track_that_is_too_long_allocates_no_memory(tmp_path):
     content = bytearray(binary())
     content[8 + 43 : 8 + 51] = struct.pack("<Q", (1 << 32) - 1)
     (tmp_path / "points3D.bin").write_bytes(content)

@@ -1,4 +1,4 @@
-"""Files that hold fewer or more rows than they announce: what is there is read, with one warning, or refused."""
+"""Files with fewer or more rows than announced are read with one warning, or refused in strict mode."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ def pcd(count: int, body: str | bytes, kind: str, width: int | None = None) -> b
 
 
 def lzf(count: int) -> bytes:
-    """A packed PCD file of all points, with this count."""
+    """Return a compressed PCD file of all points, with this count."""
     plain = XYZ.T.tobytes()
     stored = b"".join(bytes([len(plain[k : k + 32]) - 1]) + plain[k : k + 32] for k in range(0, len(plain), 32))
     return pcd(count, struct.pack("<II", len(stored), len(plain)) + stored, "binary_compressed")
 
 
 def ptx(columns: int, rows: int, start: int, end: int) -> str:
-    """A scan of PTX with some of the points."""
+    """Return a PTX scan with some of the points."""
     points = "".join(f"{line.strip()} 0.5\n" for line in LINES[start:end])
     return f"{columns}\n{rows}\n{UNMOVED.replace('1 0 0' + chr(10), '0 0 0' + chr(10), 4)}{points}"
 
@@ -75,7 +75,7 @@ def las(count: int, rows: int = N) -> bytes:
 
 
 def laz(count: int, version: str) -> bytes:
-    """A LAZ file with this count of points: 1.2 of chunks that do not state their rows, 1.4 of chunks that do."""
+    """Return a LAZ file with this count of points; chunks state their row count in 1.4, not in 1.2."""
     header = laspy.LasHeader(version=version, point_format=0 if version == "1.2" else 6)
     header.scales = (0.001,) * 3
     file = laspy.LasData(header)
@@ -91,7 +91,7 @@ def laz(count: int, version: str) -> bytes:
 
 
 def npy(count: int, rows: int = N) -> bytes:
-    """An array of NumPy that announces a count of rows."""
+    """Return an .npy file that announces this count of rows."""
     facts = f"{{'descr': '<f4', 'fortran_order': False, 'shape': ({count}, 3), }}".ljust(117) + "\n"
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", 118) + facts.encode() + XYZ[:rows].tobytes()
 
@@ -103,7 +103,7 @@ def colmap(count: int) -> bytes:
 
 
 def sweep() -> bytes:
-    """A sweep of KITTI about its scanner."""
+    """Return a KITTI sweep around its scanner."""
     return np.column_stack([XYZ - 5, np.full(N, 0.5)]).astype("<f4").tobytes()
 
 
@@ -300,7 +300,7 @@ CASES = {
 
 
 def warned(path: Path, **options: object) -> tuple[pr.Points, list[str]]:
-    """What is read of a file, and the texts of all warnings."""
+    """Return the points of a file, and the texts of all warnings."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         points = pr.read(path, **options)
@@ -308,7 +308,7 @@ def warned(path: Path, **options: object) -> tuple[pr.Points, list[str]]:
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_what_is_there_is_read_or_refused(tmp_path, case):
+def test_rows_present_are_read_with_a_warning_or_refused(tmp_path, case):
     name, content, count, words, refusal = CASES[case]
     if name.endswith((".off", ".obj")):
         pytest.importorskip("trimesh")
@@ -327,7 +327,7 @@ def test_what_is_there_is_read_or_refused(tmp_path, case):
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case != "off, fewer"])
-def test_scans_larger_than_memory_agree(tmp_path, case):
+def test_spooled_scans_give_the_same_warnings(tmp_path, case):
     name, content, count, _, refusal = CASES[case]
     path = tmp_path / name
     path.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -367,7 +367,7 @@ def test_files_without_a_point_are_refused(tmp_path, name, content):
 
 
 @pytest.mark.parametrize("kind", ["trained", "compressed", "splat"])
-def test_splats_that_are_cut_off(tmp_path, kind):
+def test_cut_off_splat_files_are_read_or_refused(tmp_path, kind):
     from helpers import gaussian_files, spz_files
 
     path = tmp_path / ("a.splat" if kind == "splat" else "a.ply")
@@ -387,7 +387,7 @@ def test_splats_that_are_cut_off(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["stl", "ascii.stl"])
-def test_triangles_that_are_cut_off(tmp_path, kind):
+def test_cut_off_triangle_files_are_read_or_refused(tmp_path, kind):
     trimesh = pytest.importorskip("trimesh")
     data = trimesh.creation.icosphere(3).export(file_type="stl_ascii" if kind == "ascii.stl" else "stl")
     data = data.encode() if isinstance(data, str) else data
@@ -402,7 +402,7 @@ def test_triangles_that_are_cut_off(tmp_path, kind):
         pr.read(path)
 
 
-def test_several_scans_of_e57(tmp_path):
+def test_missing_rows_of_an_e57_scan_are_reported(tmp_path):
     own = pytest.importorskip("test_e57")
     path = own.save(tmp_path / "a.e57", (own.xyz_columns(), {}))
     own.with_xml(path, 'recordCount="500"', 'recordCount="987"')
@@ -412,7 +412,7 @@ def test_several_scans_of_e57(tmp_path):
     ]
 
 
-def test_the_command_line(tmp_path, capsys, monkeypatch):
+def test_commands_report_missing_rows(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("a.pts").write_text(f"50\n{TEXT}")
     assert execute(["info", "a.pts", "--json"]) == 0
@@ -431,8 +431,8 @@ def test_the_command_line(tmp_path, capsys, monkeypatch):
     assert len(pr.read("a.ply", strict=True)) == N
 
 
-def test_at_most_so_many_points(tmp_path):
-    """Points are chosen evenly among those that are there."""
+def test_max_points_selects_from_the_rows_present(tmp_path):
+    """Points are chosen evenly from those that the file contains."""
     (tmp_path / "a.ply").write_bytes(ply(80, XYZ.tobytes()))
     points, _ = warned(tmp_path / "a.ply", max_points=20)
     np.testing.assert_allclose(points.world, XYZ[1::2])

@@ -1,4 +1,4 @@
-"""Depth images: PNG of 16 bits and arrays."""
+"""Depth images: 16-bit PNG and arrays."""
 
 import zlib
 
@@ -13,7 +13,7 @@ CAMERA = (50.0, 55.0, 40.25, 30.5)
 
 
 def expected(picture, steps):
-    """Points of a picture, one after the other."""
+    """Return the points of a picture, computed one by one."""
     fx, fy, cx, cy = CAMERA
     points = []
     for v, row in enumerate(picture.astype(np.float64) / steps):
@@ -41,18 +41,18 @@ def test_pixels_become_points(tmp_path, name, picture, steps, monkeypatch):
     assert points.georeference.stations == ((0, 0, 0),)
 
 
-def test_the_unit_of_depths_can_be_said(tmp_path):
+def test_the_unit_of_depths_can_be_given(tmp_path):
     path = save(tmp_path / "a.png", STEPS)
     np.testing.assert_allclose(read(path, intrinsics=(*CAMERA, 5000)).world, expected(STEPS, 5000), rtol=1e-6)
 
 
-def test_a_camera_is_asked_for(tmp_path):
+def test_a_missing_camera_is_reported(tmp_path):
     path = save(tmp_path / "a.png", STEPS)
     with pytest.raises(ValueError, match=r"a.png: is a depth image: pass the camera as --intrinsics fx,fy,cx,cy"):
         read(path)
 
 
-def test_few_columns_are_no_picture():
+def test_narrow_arrays_are_not_recognised_as_depth_images():
     for shape, sure in [((17, 17), True), ((16, 40), False), ((900, 16), False), ((20, 20, 3), False)]:
         assert (depth.recognise(header(np.zeros(shape)), None) > 0) == sure
     assert depth.recognise(header(np.zeros((40, 40), complex)), None) == 0

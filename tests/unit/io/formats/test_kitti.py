@@ -7,7 +7,7 @@ from pointray.io.formats import kitti
 
 
 @pytest.mark.parametrize("rows", [1 << 20, 7])
-def test_kitti_has_points_and_reflectance(tmp_path, monkeypatch, rows):
+def test_kitti_sweeps_have_points_and_reflectance(tmp_path, monkeypatch, rows):
     monkeypatch.setattr(kitti, "CHUNK", rows)
     points = read(save(tmp_path / "000001.bin", XYZ, REFLECTANCE))
     np.testing.assert_array_equal(points.positions, XYZ)
@@ -19,7 +19,7 @@ def test_kitti_has_points_and_reflectance(tmp_path, monkeypatch, rows):
 
 @pytest.mark.parametrize("name", ["a.pcd.bin", "a.bin", "A.PCD.BIN"])
 @pytest.mark.parametrize("n", [N, N - 1])
-def test_nuscenes_has_intensity_and_rings(tmp_path, name, n):
+def test_nuscenes_sweeps_have_intensity_and_rings(tmp_path, name, n):
     points = read(save(tmp_path / name, XYZ[:n], REFLECTANCE[:n] * 255, RINGS[:n]))
     np.testing.assert_array_equal(points.positions, XYZ[:n])
     np.testing.assert_array_equal(points.attributes["intensity"], REFLECTANCE[:n, 0] * 255)
@@ -36,7 +36,7 @@ def test_colours_behind_the_coordinates(rng, tmp_path, most, n):
     np.testing.assert_array_equal(points.colors, colors)
 
 
-def test_other_rows_need_columns(tmp_path):
+def test_unknown_row_layouts_need_columns(tmp_path):
     save(tmp_path / "xyz.bin", XYZ)
     with pytest.raises(ValueError, match="fit no known lidar sweep; name each float32 of a row with --columns x,y,z"):
         read(tmp_path / "xyz.bin")
@@ -55,7 +55,7 @@ def test_other_rows_need_columns(tmp_path):
             read(tmp_path / "long.bin", columns=columns)
 
 
-def test_a_sweep_that_was_cut_off_is_not_taken_for_another(tmp_path):
+def test_a_cut_off_sweep_is_not_recognised_as_another_layout(tmp_path):
     data = save(tmp_path / "a.bin", XYZ, REFLECTANCE).read_bytes()
     for left in (24 * 31, 20 * 31, 12 * 31):  # rows of six, five and three numbers
         (tmp_path / "a.bin").write_bytes(data[:left])

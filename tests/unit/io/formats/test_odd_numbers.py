@@ -1,4 +1,4 @@
-"""Numbers and names as some programs spell them, and what they put around the points."""
+"""Unusual spellings of numbers and names, and unusual bytes around the points."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SPELLED = {"-nan(ind)": NAN, "nan(snan)": NAN, "1.#QNAN": NAN, "-1.#IND00": NAN,
 
 
 @pytest.mark.parametrize(("word", "value"), SPELLED.items())
-def test_what_microsofts_library_writes(word, value):
+def test_nan_and_inf_as_written_by_microsoft_are_read(word, value):
     np.testing.assert_equal(odd_number(word), value)
     np.testing.assert_equal(odd_number(word.lower()), value)
     (line,) = plain_lines([f"1 {word}\t2 {word}\n"])
@@ -36,13 +36,13 @@ def test_what_microsofts_library_writes(word, value):
 
 
 @pytest.mark.parametrize("word", ["nan", "inf", "1.5", "1.#", "nan(", "1.#QNANx", "x1.#IND", "1.#INF(", ""])
-def test_other_words_stay(word):
+def test_other_words_are_not_numbers(word):
     assert odd_number(word) is None
     assert list(plain_lines([word])) == [word]
 
 
 @pytest.mark.parametrize(("word", "value"), SPELLED.items())
-def test_files_with_such_numbers(tmp_path, word, value):
+def test_files_with_microsoft_numbers_are_read(tmp_path, word, value):
     rows = [f"{word} 0 1", "2 3 4", "5 6 7"]
     (tmp_path / "a.ply").write_text(
         "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
@@ -60,7 +60,7 @@ def test_files_with_such_numbers(tmp_path, word, value):
 
 @pytest.mark.parametrize("element", ["vertex", "Vertex", "vertices", "point", "points"])
 @pytest.mark.parametrize("spelled", [str.lower, str.upper, str.title])
-def test_names_of_ply_files(tmp_path, element, spelled):
+def test_ply_names_may_have_any_case(tmp_path, element, spelled):
     text = HEADER.format(*map(spelled, NAMES), element=element, count=2) + ROWS
     (tmp_path / "a.ply").write_text(text)
     points = read(tmp_path / "a.ply")
@@ -69,7 +69,7 @@ def test_names_of_ply_files(tmp_path, element, spelled):
     assert points.attributes == {}
 
 
-def test_names_in_lower_case_come_first_and_vertices_before_points(tmp_path):
+def test_lower_case_names_and_vertex_elements_are_preferred(tmp_path):
     text = HEADER.format("X", "y", "z", "x", "Y", "blue", element="points", count=1) + ROWS.splitlines()[0] + "\n"
     (tmp_path / "a.ply").write_text(text)
     points = read(tmp_path / "a.ply")
@@ -82,7 +82,7 @@ def test_names_in_lower_case_come_first_and_vertices_before_points(tmp_path):
     assert read(tmp_path / "b.ply").positions.tolist() == [[7, 8, 9]]
 
 
-def test_a_ply_file_without_positions_tells_its_names(tmp_path):
+def test_the_error_of_a_ply_file_without_positions_lists_its_names(tmp_path):
     (tmp_path / "a.ply").write_text(HEADER.format("u", "y", "z", *NAMES[3:], element="vertex", count=2) + ROWS)
     with pytest.raises(
         ValueError, match="properties x, y, z of the vertices not found; available: u, y, z, red, green, blue"
@@ -94,7 +94,7 @@ def test_a_ply_file_without_positions_tells_its_names(tmp_path):
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])
-def test_fields_of_a_pcd_file_that_have_no_values(tmp_path, encoding):
+def test_pcd_fields_without_values_are_ignored(tmp_path, encoding):
     fields = "FIELDS x _ y z _ label\nSIZE 4 1 4 4 1 2\nTYPE F U F F U U\nCOUNT 1 0 1 1 0 1\n"
     head = f"VERSION .7\n{fields}WIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA {encoding}\n".encode()
     rows = np.array([(0, 1, 2, 7), (3, 4, 5, 8)], [(name, "<f4") for name in "xyz"] + [("label", "<u2")])
@@ -106,7 +106,7 @@ def test_fields_of_a_pcd_file_that_have_no_values(tmp_path, encoding):
 
 
 @pytest.mark.parametrize("end", ["\x1a", "\n\x1a", "\r\n\x1a\r\n", "\n\x1a\x1a\x1a"])
-def test_the_last_character_of_old_text_files(tmp_path, end):
+def test_a_trailing_ctrl_z_is_ignored(tmp_path, end):
     (tmp_path / "a.xyz").write_bytes(("0 1 2\n3 4 5" + end).encode())
     assert read(tmp_path / "a.xyz").positions.tolist() == [[0, 1, 2], [3, 4, 5]]
 
@@ -123,5 +123,5 @@ def test_the_last_character_of_old_text_files(tmp_path, end):
         "xyz_trailing_junk.xyz": 4100,
     }.items(),
 )
-def test_small_files_after_real_ones(name, count):
+def test_small_copies_of_real_files_are_read(name, count):
     assert len(read(CASES / name)) == count

@@ -1,4 +1,4 @@
-"""Spooled clouds have the values of clouds in memory, to the last bit, and take little memory themselves."""
+"""Spooled clouds equal clouds in memory to the last bit, and need little memory."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def small_chunks(request, monkeypatch):
 
 @pytest.fixture
 def large_chunks():
-    """Chunks stay as large as they are."""
+    """Chunks have their normal size."""
 
 
 @pytest.fixture
@@ -63,7 +63,7 @@ def columns(tmp_path):
 
 @contextmanager
 def noted():
-    """The texts of all warnings."""
+    """Collect the texts of all warnings."""
     texts = []
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
@@ -72,7 +72,7 @@ def noted():
 
 
 def points_of(columns: Columns) -> pr.Points:
-    """A spooled cloud as points, checked against what is known of it."""
+    """Return a spooled cloud as points, checked against its metadata."""
     known = spooled_in(columns)
     names = ["positions", *["normals"] * known.normals, *["colors"] * known.colors]
     numbered = [f"attribute.{k}" for k in range(len(known.attributes))]
@@ -85,7 +85,7 @@ def points_of(columns: Columns) -> pr.Points:
 
 
 def check_same(found: pr.Points, points: pr.Points) -> None:
-    """All that two clouds hold is the same, to the last bit."""
+    """Check that two clouds are equal to the last bit."""
     assert found.georeference == points.georeference and list(found.attributes) == list(points.attributes)
     one, other = ({**vars_of(cloud), **cloud.attributes} for cloud in (found, points))
     for name, values in other.items():
@@ -97,12 +97,12 @@ def check_same(found: pr.Points, points: pr.Points) -> None:
 
 
 def vars_of(points: pr.Points) -> dict[str, np.ndarray | None]:
-    """What points hold besides attributes, by names that no attribute has."""
+    """Return the columns of points other than attributes, by names that no attribute has."""
     return {name.upper(): getattr(points, name) for name in ("origin", "positions", "normals", "colors")}
 
 
 def check(files, columns: Columns, **options) -> Spooled:
-    """Spooling files is reading them but for rows that are not finite; so are errors."""
+    """Check that spooling gives the same points (except rows that are not finite) and errors as reading."""
     choices = {name: options.pop(name) for name in list(options) if name in ("every", "bounds", "keep", "drop")}
     for name in columns.names:
         columns.drop(name)
@@ -125,7 +125,7 @@ def check(files, columns: Columns, **options) -> Spooled:
 
 
 def check_chunks(columns: Columns, *sources, selection=None) -> Spooled:
-    """The same for sources in memory: (chunk, georeference, size of chunks, whether their number is known)."""
+    """Check the same for sources in memory: (chunk, chunk size, whether the row count is known, georeference)."""
     openers = [Opener(f"{k}.abc", lambda source=source: Rows(*source)) for k, source in enumerate(sources)]
     with noted() as expected:
         points = gather(openers, selection or Selection(), None)
@@ -151,13 +151,13 @@ def _checked(points, spooled, expected, said, columns):
 # --------------------------------------------------------------------------------------------------- the same values
 
 
-def test_files_of_every_format(tmp_path, columns):
-    with noted():  # of what formats cannot hold
+def test_files_of_every_format_are_spooled(tmp_path, columns):
+    with noted():  # about what formats cannot store
         kinds = small_scans(tmp_path / "scans")
     assert len(kinds) > 9
     for kind, files in kinds.items():
         for file in files:
-            known = not file.name.startswith("1.spz.")  # it is packed twice
+            known = not file.name.startswith("1.spz.")  # compressed twice
             assert (check([file], columns, **OPTIONS) is not None) == known, (kind, file)
     some = [kinds[kind][0] for kind in ("ply", "npz", "pcd", "text", "ptx", "kitti", "splat")]
     assert set(check(some, columns, **OPTIONS).attributes) >= {"intensity", "classification", SCAN}
@@ -184,8 +184,8 @@ def test_chosen_rows(tmp_path, columns, choices, rng):
 
 
 @pytest.mark.parametrize("every", [1, 2])
-def test_text_that_widens_late(tmp_path, columns, every):
-    """Properties are whole numbers until row 900; colours too."""
+def test_late_rows_of_text_may_widen_a_column(tmp_path, columns, every):
+    """Attributes and colours are integers until row 900."""
     lines = ["ply", "format ascii 1.0", "element vertex 1000", *(f"property float {axis}" for axis in "xyz")]
     lines += [
         *(f"property uchar {name}" for name in ("red", "green", "blue", "class")),
@@ -205,8 +205,8 @@ def test_text_that_widens_late(tmp_path, columns, every):
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_chunks_of_other_types(columns, known):
-    """As many dtypes as there are, in one file and in several; no rows are finite at first."""
+def test_chunks_may_have_different_types(columns, known):
+    """All dtypes occur, in one file and in several; the first rows are not finite."""
     xyz = XYZ.copy()
     xyz[:100] = np.nan
     kinds = [
@@ -246,7 +246,7 @@ def test_chunks_of_other_types(columns, known):
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_files_that_lack_columns(columns, known):
+def test_files_may_lack_columns(columns, known):
     first = Chunk(XYZ, XYZ.astype(np.float32), RGB.astype(np.uint8), {"a": np.arange(1000), "b": XYZ[:, :2]})
     second = Chunk(XYZ, attributes={"a": np.arange(1000) + 0.5, "c": np.arange(1000) % 2 == 0})
     third = Chunk(XYZ.astype(np.float32), colors=RGB * 257, attributes={"d": XYZ[:, 0].astype(np.float16)})
@@ -255,8 +255,8 @@ def test_files_that_lack_columns(columns, known):
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_colours_of_several_widths(columns, known):
-    """8 bits, 16 bits, 8 bits in 16, 8 bits moved up, floats, alpha, NaN, zeros: the range is that of each file."""
+def test_colours_of_different_ranges_are_scaled(columns, known):
+    """8 bits, 16 bits, 8 bits in 16, 8 bits shifted, floats, alpha, NaN, zeros: each file has its own range."""
     alpha = np.column_stack([RGB, RGB[:, 0]])
     wide, dark = (RGB * 257).astype(np.uint16), RGB.astype(np.uint16)
     for files in (
@@ -292,10 +292,10 @@ def test_rows_that_are_not_finite(columns, rng):
 
 @pytest.mark.parametrize("far", [0.0, 1e13])
 def test_whole_numbers_of_a_file(columns, far, rng):
-    """What float32 loses of them is kept, beside rows that are left out; a file may have such an attribute."""
+    """What float32 loses is stored, also if rows are dropped; a file may contain this attribute itself."""
     georeference = Georeference(scale=(1e-3, 1e-3, 1e-4), offset=(500_000.0, 5_500_000.0, 0.0))
     numbers = rng.integers(0, 10**9, (1000, 3))
-    numbers[:200] = [-500_000_000, -5_500_000_000, 0] + np.arange(200)[:, None]  # beside the origin nothing is lost
+    numbers[:200] = [-500_000_000, -5_500_000_000, 0] + np.arange(200)[:, None]  # near the origin nothing is lost
     world = numbers * georeference.scale + np.array(georeference.offset)
     world[500:600] += far
     known, unknown = (Chunk(world), 100, True, georeference), (Chunk(world), 100, False, georeference)
@@ -306,7 +306,7 @@ def test_whole_numbers_of_a_file(columns, far, rng):
     assert check_chunks(columns, (named, 50, True, Georeference())).attributes == [RESIDUAL, "a"]
 
 
-def test_clouds_in_the_whole_numbers_of_las(tmp_path, columns):
+def test_integer_coordinates_of_las_are_spooled(tmp_path, columns):
     pytest.importorskip("laspy")
     points = full_points()
     for k, name in enumerate("ab"):
@@ -331,7 +331,7 @@ def test_stations_of_all_files_are_kept(columns):
     assert columns["attribute.1"][:].tolist() == [0] * 1000 + [1] * 500 + [2] * 500
 
 
-def test_files_that_hold_nothing(columns):
+def test_empty_files_are_spooled_or_refused(columns):
     nothing, some = (Chunk(XYZ[:0], colors=RGB[:0]), 100, False), (Chunk(XYZ),)
     for sources in ([nothing, some], [some, nothing], [nothing, some, nothing]):
         check_chunks(columns, *sources)
@@ -341,7 +341,7 @@ def test_files_that_hold_nothing(columns):
 
 @pytest.mark.parametrize("shift", [0.0, long(3e6), -2e9])
 def test_the_origin_is_chosen_from_all_rows(columns, monkeypatch, shift):
-    """The sample is of all rows: two files whose rows are no multiple of its step."""
+    """The sample includes all files: the row count of two files is not a multiple of its step."""
     samples = []
 
     def choose(sample, total):
@@ -362,8 +362,8 @@ def test_the_origin_is_chosen_from_all_rows(columns, monkeypatch, shift):
 # ----------------------------------------------------------------------------------------------------------- errors
 
 
-def test_an_error_leaves_nothing(columns):
-    """Neither of what was spooled then nor of an earlier cloud; other columns stay."""
+def test_an_error_removes_the_spooled_columns(columns):
+    """Those of the failed run and of an earlier one are removed; other columns are kept."""
 
     class Damaged(Rows):
         def chunks(self):
@@ -380,7 +380,7 @@ def test_an_error_leaves_nothing(columns):
     assert os.listdir(columns.folder) == ["parts.i4x0"]
 
 
-def test_what_is_refused_before_files_are_read(columns, monkeypatch):
+def test_some_errors_are_found_before_files_are_read(columns, monkeypatch):
     def opener(name="a", count=1000, georeference=None):
         class Unread(Rows):
             def __init__(self):
@@ -425,7 +425,7 @@ def test_a_file_that_is_being_written_is_reported(tmp_path, columns):
         path.write_bytes(path.read_bytes() + bytes(10))
 
 
-def test_facts_that_are_damaged(columns):
+def test_damaged_metadata_is_refused(columns):
     check_chunks(columns, (Chunk(XYZ),))
     facts = columns.get("spooled")
     for changes in ({"survey": {"a": 1}}, {"origin": "a"}, {"more": 1}):
@@ -437,7 +437,7 @@ def test_facts_that_are_damaged(columns):
         spooled_in(columns)
 
 
-# Spools as the command line does, onto a disk with limited room.
+# Spools like the command line, to a disk with limited space.
 COMMAND = """
 import resource, signal, sys
 from pathlib import Path
@@ -462,7 +462,7 @@ for limit in sys.argv[3:]:
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of POSIX")
-def test_a_full_disk_is_reported_and_cleared(tmp_path):
+def test_a_full_disk_is_reported_and_files_are_removed(tmp_path):
     pr.write(tmp_path / "a.ply", pr.Points(XYZ, XYZ, attributes={"a": XYZ[:, 0]}))
     folder = tmp_path / "columns"
     limits = ["0", "1000", "11999"]
@@ -485,7 +485,7 @@ def test_progress_grows_to_one(tmp_path, columns):
         spool(files, Selection(), columns, shares.append)
     assert shares == sorted(shares)
     assert shares[0] < 0.1 and 0.95 < shares[-1] <= 1
-    assert np.diff(shares).max() < 0.15  # a column that stays as it is takes no time
+    assert np.diff(shares).max() < 0.15  # a column that is not converted takes no time
 
 
 @pytest.mark.parametrize(("n", "chunk", "most"), [(1 << 19, 1 << 14, 10e6), long(1 << 22, CHUNK, 60e6)])

@@ -1,4 +1,4 @@
-"""Levels of detail of models in parts are those of the whole, and go on over the cuts."""
+"""Levels of detail of models in parts equal those of the whole, and continue across cuts."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SIZE = 1 << 14
 
 
 def statue(count: int = 6 * SIZE) -> pr.Points:
-    """With colours, and attributes of all kinds."""
+    """Return a cloud with colours and attributes of all kinds."""
     points = pr.procedural("statue", count)
     x, y, z = points.positions.T
     kinds = {
@@ -48,14 +48,14 @@ def statue(count: int = 6 * SIZE) -> pr.Points:
 
 
 def noisy(rng: np.random.Generator) -> pr.Points:
-    """Open, of several densities, with noise that is smoothed away."""
+    """Return an open cloud of several densities, with noise that smoothing removes."""
     x, z = rng.uniform(0, 1, (2, 5 * SIZE)) ** [[1.5], [1.0]]
     positions = np.column_stack([x, 0.05 * np.sin(9 * x) + rng.normal(0, 0.002, len(x)), z])
     return pr.Points(positions.astype(np.float32), attributes={"height": z})
 
 
 def plate(rng: np.random.Generator) -> pr.Points:
-    """Thin, so that all splats are of close sheets; a few points lie far away."""
+    """Return a plate so thin that all splats have an opposite sheet nearby; a few points lie far away."""
     x, z = rng.uniform(0, 1, (2, 3 * SIZE))
     side = rng.choice([-1.0, 1.0], len(x))
     positions = np.column_stack([x, 5e-3 * side, z])
@@ -79,7 +79,7 @@ def large(points: pr.Points, folder: Path) -> None:
     prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto", ALL_SURFACE), SIZE)
 
 
-FORMS = [  # a cloud, and how its model in parts is made
+FORMS = [  # a cloud, and how its model in parts is built
     pytest.param((name, way), id=f"{name}-{way}", marks=pytest.mark.long)
     for name in CLOUDS
     for way in ("split", "large")
@@ -111,14 +111,14 @@ def parts_of(folder: Path) -> list[dict[str, Any]]:
 
 
 def rows_of(points: pr.Points) -> np.ndarray:
-    """All that is known of each point, in the order of their positions."""
+    """Return all columns of each point, sorted by position."""
     columns = [points.positions, points.normals, *([] if points.colors is None else [points.colors])]
     columns += [np.nan_to_num(values.reshape(len(points), -1), nan=-99.0) for values in points.attributes.values()]
     return np.concatenate(columns, axis=1, dtype=np.float64)
 
 
 def levels_of(whole: pr.Model, folder: Path) -> list[list[pr.Model]]:
-    """For each level of the whole the levels of parts that hold its points: of all parts, or none."""
+    """Return for each level of the whole the levels of parts with its points: of all parts, or none."""
     files = [pr.Model.load(folder / told["name"]) for part in parts_of(folder) for told in part["levels"]]
     known = [set(map(bytes, rows_of(level.points))) for level in whole.levels]
     found: list[list[pr.Model]] = [[] for _ in known]
@@ -133,7 +133,7 @@ def levels_of(whole: pr.Model, folder: Path) -> list[list[pr.Model]]:
     return complete
 
 
-def test_levels_of_parts_are_those_of_the_whole(both: tuple[pr.Model, Path]) -> None:
+def test_levels_of_parts_equal_those_of_the_whole(both: tuple[pr.Model, Path]) -> None:
     whole, folder = both
     assert len(parts_of(folder)) >= 3
     for models, level in zip(levels_of(whole, folder), whole.levels, strict=True):
@@ -150,7 +150,7 @@ def test_levels_of_parts_are_those_of_the_whole(both: tuple[pr.Model, Path]) -> 
             wanted = np.array([radii[bytes(row)] for row in rows_of(model.points)])
             assert (np.abs(model.radii / wanted - 1) > 1e-4).mean() < 2e-3
         assert sum(len(model.points) for model in models) < 1.5 * len(level.points)
-        # The lattices of all begin at one place, and have steps of one kind.
+        # All lattices have the same origin and the same steps.
         assert {model.tree.head[:6].tobytes() for model in models} == {level.tree.head[:6].tobytes()}
 
 
@@ -170,7 +170,7 @@ def test_the_index_describes_levels(both: tuple[pr.Model, Path]) -> None:
         assert spacings == sorted(spacings)
 
 
-def test_rays_meet_in_levels_of_parts_what_they_meet_in_those_of_the_whole(both: tuple[pr.Model, Path]) -> None:
+def test_rays_hit_the_same_in_levels_of_parts_and_of_the_whole(both: tuple[pr.Model, Path]) -> None:
     whole, folder = both
     for models, level in zip(levels_of(whole, folder), whole.levels, strict=True):
         if not models:
@@ -198,7 +198,7 @@ def test_rays_meet_in_levels_of_parts_what_they_meet_in_those_of_the_whole(both:
 
 
 def test_no_part_is_shown_twice(both: tuple[pr.Model, Path]) -> None:
-    """What rays can hit of the levels of two parts does not overlap but for rounding."""
+    """The surfaces that rays can hit in levels of two parts overlap only by rounding."""
     boxes = [model.surface_bounds for model in levels_of(*both)[0]]
     for k, one in enumerate(boxes):
         for other in boxes[:k]:
@@ -207,7 +207,7 @@ def test_no_part_is_shown_twice(both: tuple[pr.Model, Path]) -> None:
 
 
 def brightness(models: list[pr.Model], bounds: np.ndarray) -> np.ndarray:
-    """How bright each pixel is in the light of a sun."""
+    """Return the brightness of each pixel in the light of a sun."""
     scene = pr.Scene()
     for model in models:
         scene.add(model, material=pr.Diffuse(0.8))
@@ -218,7 +218,7 @@ def brightness(models: list[pr.Model], bounds: np.ndarray) -> np.ndarray:
 
 @pytest.mark.long
 def test_no_shadows_lie_along_cuts_between_two_levels(tmp_path: Path) -> None:
-    """The surfaces of two levels do not meet: rays that begin on the lower one must not be blocked by the step."""
+    """The surfaces of two levels differ in height: the step must not block rays from the lower one."""
     model = pr.Model(pr.procedural("statue", 8 * SIZE))
     split(model, tmp_path / "a.pointray", SIZE)
     finer, coarser = (
@@ -237,8 +237,8 @@ def test_no_shadows_lie_along_cuts_between_two_levels(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_a_run_that_is_interrupted_again_and_again_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Levels are made once, wherever the work was cut off."""
+def test_a_repeatedly_interrupted_run_can_be_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Levels are built once, wherever the work was interrupted."""
     points, calls = pr.procedural("torus", 80_000), []
     for name in ("show_part", "coarsen_part", "support_part", "tree_part"):
         work = getattr(levels, name)
@@ -273,7 +273,7 @@ def test_a_run_that_is_interrupted_again_and_again_goes_on(tmp_path: Path, monke
 
 @pytest.mark.long
 def test_memory_is_bounded_by_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No stage of the levels reads more rows at once than a part has, with its margin."""
+    """No stage of the levels reads more rows at once than a part with its margin has."""
     read, most, inside = Column.__getitem__, [0], [False]
 
     def counted(self: Column, rows: Any) -> Any:
@@ -304,7 +304,7 @@ def test_memory_is_bounded_by_a_part(tmp_path: Path, monkeypatch: pytest.MonkeyP
 def test_parts_of_other_densities_have_the_levels_that_make_them_smaller(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
-    """Where points are sparse, fine cells hold one each: such a part begins with a coarser level."""
+    """In sparse parts fine cells contain one point each: the first level of such a part is coarser."""
     x, z = rng.uniform(0, 1, (2, 90_000))
     scale = np.where(np.arange(len(x)) < 60_000, 0.05, 1.0)
     positions = np.column_stack([scale * x, scale * z, 0.0 * x])
@@ -315,12 +315,12 @@ def test_parts_of_other_densities_have_the_levels_that_make_them_smaller(
     )
     finest = [part["levels"][0]["points"] / part["points"] for part in parts_of(tmp_path / "a.pointray")[:-1]]
     spacing = [part["levels"][0]["spacing"] for part in parts_of(tmp_path / "a.pointray")[:-1]]
-    # 2 / 3 and the margin: 0.69 to 0.71 for 50 clouds. A level that gains nothing has 1.05, with its margin.
+    # 2 / 3 plus the margin: 0.69 to 0.71 for 50 clouds. A level that saves nothing has 1.05, with its margin.
     assert max(finest) < 0.8
     assert max(spacing) > 4 * min(spacing)
 
 
-def test_parts_without_levels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_parts_may_have_no_levels(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scan, folder = tmp_path / "a.ply", tmp_path / "a.pointray"
     pr.write(scan, pr.procedural("sphere", 20_000))
     words = ["prepare", str(scan), "-o", f"{folder}/", "--part-points", "20000", "--no-levels"]
@@ -329,7 +329,7 @@ def test_parts_without_levels(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert not list(folder.glob("part-*-*"))
 
 
-def test_a_smaller_part_than_a_level_needs_has_none(tmp_path: Path) -> None:
+def test_a_part_that_is_too_small_has_no_levels(tmp_path: Path) -> None:
     split(pr.Model(pr.procedural("sphere", SIZE + 100)), tmp_path / "a.pointray", SIZE)
     first, last = parts_of(tmp_path / "a.pointray")
     assert first["levels"] and not last["levels"] and last["points"] == 100 < LEAST_POINTS
@@ -353,7 +353,7 @@ BOXES = [
     np.array([-0.5, -2, -2, 0.3, 2, 2]),
     np.array([-2, -2, 0.9, 2, 2, 3.0]),
     np.array([-9.0] * 3 + [9.0] * 3),
-    np.array([5.0, 5, 5, 6, 6, 6]),  # there is nothing
+    np.array([5.0, 5, 5, 6, 6, 6]),  # nothing inside
 ]
 
 
@@ -364,7 +364,7 @@ def sphere() -> pr.Model:
 
 @pytest.mark.parametrize("box", BOXES, ids=range(4))
 def test_a_tree_within_a_box_has_the_surface_in_it_and_no_other(box: np.ndarray, sphere: pr.Model) -> None:
-    """Also where whole stretches of the splats lie outside."""
+    """This holds if whole ranges of splats lie outside."""
     points, model = sphere.points, sphere
     splats = splats_of(model.tree, model.radii)
     splats = splats._replace(rows=np.arange(len(splats.radii), dtype=np.int32))

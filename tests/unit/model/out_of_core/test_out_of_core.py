@@ -1,4 +1,4 @@
-"""Clouds that do not fit into memory: models made part by part are those that are made at once."""
+"""Clouds larger than memory: models built part by part equal those built at once."""
 
 import json
 import re
@@ -28,19 +28,19 @@ SHARE = re.compile(r"^\d+(?=% of neighbouring normals)")
 
 
 def noisy(rng, points, share):
-    """Points with noise, in shares of their spacing, about."""
+    """Return points with noise, given in approximate spacings."""
     h = float(np.linalg.norm(np.ptp(points.positions, axis=0))) / len(points) ** 0.5
     moved = points.positions + rng.normal(size=points.positions.shape) * share * h
     return points.changed(positions=moved.astype(np.float32))
 
 
 def some_signs(rng, points):
-    """Points whose normals face either side, by chance."""
+    """Return points with normals of random sign."""
     return points.with_normals(points.normals * rng.choice([-1, 1], (len(points), 1)).astype(np.float32))
 
 
 def sheets(rng):
-    """Two separate spheres, and a wavy ground that ends."""
+    """Return two separate spheres and a wavy ground with borders."""
     rows = rng.normal(size=(40_000, 3))
     rows /= np.linalg.norm(rows, axis=1, keepdims=True)
     rows[:20_000, 0] += 3
@@ -50,14 +50,14 @@ def sheets(rng):
 
 
 def box(rng):
-    """A cube, whose noisy edges become round."""
+    """Return a noisy cube, whose edges become round."""
     rows = rng.random((60_000, 3)) * 2 - 1
     rows[np.arange(len(rows)), np.arange(len(rows)) % 3] = np.sign(rows[:, 0])
     return pr.Points(rows.astype(np.float32))
 
 
 def plates(rng):
-    """A closed body, and small ones around it that are thinner than their points are apart."""
+    """Return a closed body and small ones around it that are thinner than their spacing."""
     body = pr.procedural("statue", 80_000).positions
     low, high = body.min(axis=0), body.max(axis=0)
     h = 0.1 / np.sqrt(75)  # spacing of a plate
@@ -71,7 +71,7 @@ def plates(rng):
 
 
 def bands(rng):
-    """Ground, and bands of a second layer on it, so narrow that few of the places that are looked at first show one."""
+    """Return ground with bands of a second layer, so narrow that few of the positions sampled first show one."""
     n = 100_000
     h = 2 / np.sqrt(n)
     ground = rng.uniform(-1, 1, (n, 2))
@@ -88,7 +88,7 @@ def statue(count=100_000):
 
 
 def lost_normals(rng):
-    """Normals of length 2, of which one in a hundred is zero."""
+    """Return normals of length 2, one in a hundred zero."""
     points = statue()
     return points.with_normals(np.where(rng.random((len(points), 1)) < 0.01, 0, 2 * points.normals))
 
@@ -138,7 +138,7 @@ def check_parts(points, tmp_path):
     ]:
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6)
         assert not (one != other).any(), (one != other).sum()
-    for name, values in points.attributes.items():  # what a file says is kept
+    for name, values in points.attributes.items():  # attributes of a file are kept
         np.testing.assert_array_equal(parts.points.attributes[name], values[rows])
     if "number" in points.attributes:
         for name in ("normals", "colors"):
@@ -150,7 +150,7 @@ def check_parts(points, tmp_path):
 
 @pytest.mark.long
 def test_parts_that_are_made_again_later_do_no_harm(tmp_path, monkeypatch, rng):
-    """As by a slow worker, whose twin was faster: passes that follow have begun, or ended."""
+    """A slow worker may repeat a part after another one has finished it and later passes have started or ended."""
     work_all, earlier = Work.all, []
 
     def again(self, do, *rest):
@@ -175,22 +175,22 @@ def test_corrections_are_reported_as_for_the_whole(scramble, tmp_path, rng):
         prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
     with pytest.warns(UserWarning, match="normals") as expected:
         pr.Model(points, scatter="surface")
-    (of_parts, share), (of_whole, wanted) = map(repaired, (found, expected))
+    (of_parts, share), (of_whole, wanted) = map(mended, (found, expected))
     assert of_parts == of_whole and any("are zero or not finite" in text for text in of_whole)
     # Where normals are lost, parts count other neighbours than the whole: for 50 clouds shares differed by 0.27 (rms).
     assert len(wanted) == scramble
     np.testing.assert_allclose(share, wanted, rtol=0, atol=2)
 
 
-def repaired(warned):
-    """What warnings say without the share of opposite normals, and that share in percent, if there is one."""
+def mended(warned):
+    """Return the warnings without the share of opposite normals, and that share in percent, if any."""
     texts = {text.split(" (pass")[0] for one in warned for text in str(one.message).split("; ")}
     shares = [int(share) for text in texts for share in SHARE.findall(text)]
     return {SHARE.sub("", text) for text in texts}, shares
 
 
 def row_of_each(positions, of):
-    """The rows at which positions, all different, stand in another order."""
+    """Return the rows of distinct positions in another order."""
     order, other = np.lexsort(of.T), np.lexsort(positions.T)
     rows = np.empty(len(of), np.int64)
     rows[other] = order
@@ -199,7 +199,7 @@ def row_of_each(positions, of):
 
 
 def own(part, k, parts):
-    """Positions and normals of a part's own splats, in the order of their rows."""
+    """Return positions and normals of a part's own splats, in row order."""
     splats = stored_splats(part.tree)
     mine = splats.rows // SIZE == k
     assert mine.sum() == min(SIZE, len(parts.points) - k * SIZE)
@@ -208,15 +208,15 @@ def own(part, k, parts):
 
 @pytest.fixture(scope="module")
 def at_once(tmp_path_factory):
-    """A scan, and what a run makes of it that nobody interrupts."""
+    """A scan, and the result of an uninterrupted run."""
     folder, rng = tmp_path_factory.mktemp("at-once"), np.random.default_rng(0)
     pr.write(folder / "a.ply", noisy(rng, sheets(rng), 0.1))
     return folder / "a.ply", prepared(folder / "a.ply", folder / "whole.pointray")
 
 
 @pytest.mark.long
-def test_a_run_that_is_interrupted_at_every_stage_goes_on(at_once, tmp_path, monkeypatch):
-    """What was done is not done again, and the files are the same but for the folder's id."""
+def test_a_run_that_is_interrupted_at_every_stage_can_be_resumed(at_once, tmp_path, monkeypatch):
+    """Finished work is not repeated, and the files are the same except for the folder's id."""
     scan, whole = at_once
     for stage in ("_arrange", "_merge", "_noise_ranges", "_place", "_support", "_write"):
         work = getattr(OutOfCoreBuilder, stage)
@@ -275,7 +275,7 @@ def begun(tmp_path, monkeypatch):
     return tmp_path / "a.pointray"
 
 
-def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
+def test_unfinished_work_of_another_run_is_refused(tmp_path, monkeypatch):
     folder = begun(tmp_path, monkeypatch)
     with pytest.raises(ValueError, match="contains unfinished work with different size"):
         prepared(tmp_path / "a.ply", folder, 2 * SIZE)
@@ -289,7 +289,7 @@ def test_unfinished_work_of_others_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
-def test_two_writers_do_not_meet(tmp_path, monkeypatch):
+def test_a_second_writer_is_refused(tmp_path, monkeypatch):
     folder = begun(tmp_path, monkeypatch)
     with (
         prepare_module.exclusive_lock(folder / "unfinished"),
@@ -302,14 +302,14 @@ def test_two_writers_do_not_meet(tmp_path, monkeypatch):
             prepared(tmp_path / "a.ply", folder)
 
 
-def test_a_file_that_is_no_scan_leaves_no_folder(tmp_path):
+def test_an_invalid_file_leaves_no_folder(tmp_path):
     (tmp_path / "a.ply").write_bytes(b"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nend_header\n1\n")
     with pytest.raises(ValueError, match=r"a\.ply"):
         prepared(tmp_path / "a.ply", tmp_path / "a.pointray")
     assert not (tmp_path / "a.pointray").exists()
 
 
-def test_the_command_goes_by_parts_when_memory_is_little(tmp_path, capsys, monkeypatch):
+def test_the_command_builds_parts_if_memory_is_short(tmp_path, capsys, monkeypatch):
     pr.write(tmp_path / "a.ply", statue(20_000))
     monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
     out = tmp_path / "a.pointray"
@@ -338,15 +338,15 @@ def test_invalid_options_are_reported(words, text, tmp_path, capsys, monkeypatch
     assert not (tmp_path / "a.pointray").exists()
 
 
-def test_memory_tells_the_size_of_parts():
+def test_memory_decides_the_size_of_parts():
     assert part_points_within(2 << 30) == 1 << 21
     assert part_points_within(4 << 30) == 1 << 22
     with pytest.raises(ValueError, match="are needed"):
         part_points_within(1 << 30)
 
 
-def test_a_margin_holds_the_neighbours(tmp_path):
-    """All that lies within a good number of spacings of a part's points."""
+def test_a_margin_contains_the_neighbours(tmp_path):
+    """A margin contains all points within several spacings of the part's points."""
     columns, points = Columns(tmp_path), pr.procedural("torus", 1 << 17)
     order = kd_order(points.positions)
     positions = points.positions[order]
@@ -354,7 +354,7 @@ def test_a_margin_holds_the_neighbours(tmp_path):
     columns.make("tiles", np.float32, 6).append(boxes_of(positions))
     local = local_of(columns, np.arange(8, 12), len(positions))
     np.testing.assert_array_equal(local.rows[local.own], np.arange(8 * 4096, 12 * 4096))
-    near = NeighborTree(positions, in_order=True).rows(500, slice(8 * 4096, 12 * 4096))  # some 12 spacings around
+    near = NeighborTree(positions, in_order=True).rows(500, slice(8 * 4096, 12 * 4096))  # about 12 spacings around
     assert REACH > 1 and np.isin(near, local.rows).all()
     assert len(local.rows) < len(positions) * 0.8
 
@@ -362,7 +362,7 @@ def test_a_margin_holds_the_neighbours(tmp_path):
 @pytest.mark.scans
 @pytest.mark.long
 def test_real_scans_by_parts(tmp_path, rng):
-    """LAS without normals, with a coordinate system and whole numbers that float32 cannot hold."""
+    """LAS without normals, with a coordinate system and integers that float32 cannot represent."""
     file = shared_model("raw/autzen_trim_rgb.laz")
     whole, parts = pr.Model(pr.read(file), scatter="surface"), prepared(file, tmp_path / "a.pointray", 1 << 16)
     assert parts.points.georeference == whole.points.georeference and set(parts.points.attributes) == set(
@@ -392,7 +392,7 @@ def test_facts_of_parts_are_json(tmp_path, monkeypatch):
 @pytest.mark.parametrize("has_normals", [long(True), False])
 @pytest.mark.filterwarnings("ignore:.*normals")
 def test_points_at_one_place(has_normals, tmp_path):
-    """What is usual is asked of places, each once."""
+    """Statistics of the cloud count each position once."""
     points = pr.procedural("sphere", 18_000)
     points = points.select(np.concatenate([np.arange(18_000), np.arange(0, 18_000, 7)]))
     pr.write(tmp_path / "a.ply", points if has_normals else pr.Points(points.world))

@@ -1,4 +1,4 @@
-"""Spheres and discs in models in parts: as in the whole, whether it is split or prepared part by part."""
+"""Spheres and discs in models in parts equal those of the whole, split from a model or built part by part."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SIZE = 1 << 14
 
 
 def wood(rng: np.random.Generator, count: int = 30_000, crowns: int = 12) -> pr.Points:
-    """A ground with crowns on it, with colours and attributes; the last half of the points is scattered."""
+    """Return ground with crowns, colours and attributes; the last half of the points is scattered."""
     ground = rng.uniform(-2, 2, (count // 2, 2))
     ground = np.column_stack([ground, 0.1 * np.sin(3 * ground[:, 0])])
     middles = np.column_stack([rng.uniform(-1.7, 1.7, (crowns, 2)), np.full(crowns, 0.7)])
@@ -42,7 +42,7 @@ def wood(rng: np.random.Generator, count: int = 30_000, crowns: int = 12) -> pr.
 
 
 def model_of(points: pr.Points, scatter: str = "spheres", share: float = 0.5, **options: Any) -> pr.Model:
-    """A model whose last points are scattered."""
+    """Return a model whose last points are scattered."""
     mask = np.arange(len(points)) >= (1 - share) * len(points)
     return pr.Model(points, scatter=scatter, _scattered=mask, **options)
 
@@ -78,7 +78,7 @@ def rays_at(rng: np.random.Generator, count: int = 20_000) -> tuple[np.ndarray, 
 
 
 def check_rays(one: pr.Scene, other: pr.Scene, rays: Any, names: list[str]) -> Any:
-    """Both scenes give the same hits; returns those of the first."""
+    """Check that both scenes give the same hits, and return those of the first."""
     a, b = (scene.intersect(*rays, attributes=names) for scene in (one, other))
     hit = np.isfinite(a.t)
     assert hit.mean() > 0.1 and np.array_equal(hit, np.isfinite(b.t))
@@ -118,7 +118,7 @@ def test_instances_and_clip_planes(both: tuple[pr.Model, pr.Model, Path], rng: n
     check_rays(*scenes, (origins, directions), ["height"])
 
 
-def test_what_is_known_of_points_stays(both: tuple[pr.Model, pr.Model, Path]) -> None:
+def test_columns_of_points_are_kept(both: tuple[pr.Model, pr.Model, Path]) -> None:
     whole, parted, folder = both
     rows = np.argsort(whole.points.attributes["number"])[parted.points.attributes["number"]]
     assert np.array_equal(parted.scattered, whole.scattered[rows])
@@ -139,7 +139,7 @@ def test_what_is_known_of_points_stays(both: tuple[pr.Model, pr.Model, Path]) ->
             assert not parted.scattered[slots].any()
 
 
-def test_pictures_are_those_of_the_whole(both: tuple[pr.Model, pr.Model, Path]) -> None:
+def test_pictures_equal_those_of_the_whole(both: tuple[pr.Model, pr.Model, Path]) -> None:
     pictures = []
     for scene in scenes_of(*both[:2]):
         scene.add_light(pr.SunLight((0.5, 0.7, -1)))
@@ -200,7 +200,7 @@ def test_levels_are_those_of_the_whole_and_hide_as_much(
 def prepared(
     file: Path, folder: Path, scatter: str | None = "spheres", size: float = 1.0, levels: bool = True
 ) -> pr.Model:
-    """The model in parts of a file, made part by part."""
+    """Return the model of a file, built part by part."""
     reading = request_of(), Selection(1, None, None, None, None)
     drawing = None if scatter is None else Drawing(scatter, size)
     prepare([file], reading, folder, (check_settings("apss", 4, 1, "auto"), "auto", drawing), SIZE, levels=levels)
@@ -208,7 +208,7 @@ def prepared(
 
 
 def check_alike(one: pr.Scene, other: pr.Scene, rays: Any) -> None:
-    """Both scenes give about the same hits."""
+    """Check that both scenes give about the same hits."""
     a, b = (scene.intersect(*rays, attributes=["height"]) for scene in (one, other))
     hit = np.isfinite(a.t) & np.isfinite(b.t)
     assert hit.mean() > 0.1 and (np.isfinite(a.t) != np.isfinite(b.t)).mean() < 5e-4
@@ -218,9 +218,9 @@ def check_alike(one: pr.Scene, other: pr.Scene, rays: Any) -> None:
 
 
 def check_prepared(points: pr.Points, tmp_path: Path, **options: Any) -> pr.Model:
-    """Points of a model made part by part are those of the whole, radii and hits about so; returns it.
+    """Check that points built part by part equal those of the whole, and radii and hits nearly; return the model.
 
-    A whole fits normals to all points at once, where their neighbours have another order: last bits differ.
+    The whole fits normals with neighbours in another order: last bits differ.
     """
     pr.write(tmp_path / "a.ply", points)
     points = pr.read(tmp_path / "a.ply")
@@ -249,7 +249,7 @@ def test_more_clouds_part_by_part(name: str, tmp_path: Path, rng: np.random.Gene
     points, options = wood(rng), {"scatter": name} if name in ("discs", "none", "surface") else {}
     if name == "many":
         points = wood(rng, 120_000, 40)
-    if name == "rounded":  # many points lie on the cuts of the order; no two at one place
+    if name == "rounded":  # many points lie on the cuts of the order; no two coincide
         rounded = (np.rint(points.positions * 512) / 512).astype(np.float32)
         points = points.changed(positions=rounded).select(np.unique(rounded, axis=0, return_index=True)[1])
         numbers = np.random.default_rng(1).permutation(len(points)).astype(np.int32)
@@ -279,7 +279,7 @@ def test_more_clouds_part_by_part(name: str, tmp_path: Path, rng: np.random.Gene
 @pytest.mark.long
 @pytest.mark.parametrize("file", ["raw/Megaplot.laz", "raw/pcl_samp11_utm.pcd", "raw/small_gicp_target.ply"])
 def test_real_scans_part_by_part(file: str, tmp_path: Path) -> None:
-    """Also where coordinates are rounded, and where points share their places."""
+    """Some have rounded coordinates or coincident points."""
     path = shared_model(file)
     points = pr.read(path)
     mask = pr.Model(points).scattered
@@ -291,7 +291,7 @@ def test_real_scans_part_by_part(file: str, tmp_path: Path) -> None:
 
 
 def test_a_stretch_of_the_order_gives_what_the_whole_does(rng: np.random.Generator) -> None:
-    """Two woods far apart, in which a fourth of the points share their places."""
+    """Tested with two woods far apart, in which a fourth of the points coincide."""
     one = wood(rng, 3 * SIZE // 4).positions
     one += rng.normal(scale=0.05, size=one.shape).astype(np.float32)  # so that coarse scales decide
     one = np.concatenate([one, one[rng.integers(len(one), size=SIZE // 4)]])
@@ -306,7 +306,7 @@ def test_a_stretch_of_the_order_gives_what_the_whole_does(rng: np.random.Generat
 
 def test_nothing_is_left_of_scattered_points(tmp_path: Path, rng: np.random.Generator) -> None:
     pr.write(tmp_path / "a.ply", pr.Points(rng.uniform(-1, 1, (20_000, 3)).astype(np.float32)))
-    # Some neighbourhoods of a random cloud are flat by chance: none are left of a smaller one.
+    # Some neighbourhoods of a random cloud are flat by chance; a smaller one has none.
     pr.write(tmp_path / "b.ply", pr.Points(rng.uniform(-1, 1, (16, 3)).astype(np.float32)))
     with pytest.raises(ValueError, match="scatter: none of the points is left"):
         prepared(tmp_path / "b.ply", tmp_path / "b.pointray", "none")

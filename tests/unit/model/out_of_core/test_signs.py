@@ -1,4 +1,4 @@
-"""Signs of normals that are made part by part are those of the whole, to the bit."""
+"""Signs of normals computed part by part equal those of the whole, to the bit."""
 
 import tracemalloc
 from functools import lru_cache
@@ -23,11 +23,11 @@ from pointray.model.out_of_core import disk_votes as ballots
 from pointray.model.out_of_core.disk_votes import OnDiskVotes, drop_all, keep, name_of
 from pointray.model.out_of_core.signs import GROUP, PIECE, POINTS, SIGN, SIGNED, Local, Signs, firsts_of
 
-STRETCH = 2048  # points that a margin consists of
+STRETCH = 2048  # points of one range of a margin
 
 
 class Cloud:
-    """Points in kd order with what signs are asked for: places and normals, which may be moved, and neighbours."""
+    """Points in kd order with the input of signs: positions and normals, which may be moved, and neighbours."""
 
     def __init__(self, path, positions, normals, near, size):
         self.path, self.positions, self.normals, self.near, self.size = path, positions, normals, near, size
@@ -40,7 +40,7 @@ class Cloud:
         return slice(part * self.size, min((part + 1) * self.size, len(self.path)))
 
     def load(self, part):
-        """A part with all stretches that its points' neighbours may be in."""
+        """Return a part with all ranges that may contain neighbours of its points."""
         core = self.core(part)
         own = self.path[core]
         reach = 1.0001 * np.linalg.norm(self.path[self.near[core, -1]] - own, axis=1).max()
@@ -56,7 +56,7 @@ class Cloud:
         return Local(rows, place, self.positions[rows], self.normals[rows], near)
 
     def passes(self, folder):
-        """The passes, with columns that begin with nonsense."""
+        """Return the passes, with columns initialised to garbage."""
         columns = Columns(folder)
         for name, dtype in ((PIECE, np.int32), (SIGN, np.int8), (SIGNED, np.int8)):
             columns.make(name, dtype).append(np.full(len(self.path), 77, dtype))
@@ -64,7 +64,7 @@ class Cloud:
 
 
 def cloud_of(positions, size, scramble=True):
-    """The cloud of some points with fitted normals of random signs."""
+    """Return the cloud of points with fitted normals of random signs."""
     positions = np.asarray(positions, np.float32)
     path = positions[distinct(positions)[0]]
     path = path[kd_order(path)]
@@ -74,14 +74,14 @@ def cloud_of(positions, size, scramble=True):
 
 
 def crossing():
-    """Two sheets through each other, one of them open ground."""
+    """Return two intersecting sheets, one of them open ground."""
     x, y = np.random.default_rng(1).uniform(-1, 1, (2, 40_000))
     z = np.where(np.arange(40_000) % 2, 0.3 * x, 0.1 * np.sin(5 * x) - 0.2 * y)
     return np.column_stack([x, y, z])
 
 
 def bubbles():
-    """Spheres of 100 to 5,000 points, small ones inside larger ones, many of which lie in two parts."""
+    """Return nested spheres of 100 to 5,000 points, many of which lie in two parts."""
     dice, spheres = np.random.default_rng(2), []
     for k in range(24):
         size = dice.uniform(0.2, 1)
@@ -104,7 +104,7 @@ def made(name):
 
 
 def signs_of(cloud, folder, order=lambda parts: parts):
-    """The signs; order : of the parts, in each pass"""
+    """Return the signs; order : order of the parts in each pass"""
     (signs, out), load, parts = cloud.passes(folder), cloud.load, range(cloud.parts)
 
     def each(task):
@@ -128,8 +128,8 @@ def test_parts_have_the_signs_of_the_whole(name, tmp_path, monkeypatch):
     assert 0.3 < (signs == 1).mean() < 0.7  # as normals were flipped by chance
 
 
-def test_groups_of_all_kinds_are_asked(tmp_path):
-    """The clouds above have groups that lie in one part and in several, small, large, and larger than a sample."""
+def test_groups_of_all_kinds_occur(tmp_path):
+    """The clouds above have groups in one part and in several, small, large, and larger than a sample."""
     cloud = made("bubbles")
     signs_of(cloud, tmp_path)
     columns, kinds = Columns(tmp_path), set()
@@ -150,8 +150,8 @@ def test_groups_of_all_kinds_are_asked(tmp_path):
     assert np.bincount(agree(terrain.positions, terrain.normals, terrain.near)[1]).max() > SAMPLE
 
 
-def test_samples_of_parts_are_those_of_the_whole():
-    """Each n-th point of a group is taken as it is counted over all parts."""
+def test_samples_of_parts_equal_those_of_the_whole():
+    """Each n-th point of a group is sampled, counted over all parts."""
     cloud = made("terrain")
     groups = np.random.default_rng(4).choice(3, len(cloud.path), p=(0.9, 0.08, 0.02)).astype(np.int32)
     signs, sizes = np.ones(len(groups), np.int8), np.bincount(groups)
@@ -167,7 +167,7 @@ def test_samples_of_parts_are_those_of_the_whole():
 
 
 def test_a_noisy_torus_follows_its_planes(tmp_path):
-    """Planes through 64 points get signs, with points moved onto them, and normals follow those around them."""
+    """Planes through 64 points get signs, with points projected onto them, and normals follow nearby planes."""
     torus = pr.procedural("torus", 40_000)
     noise = 0.7 * np.sqrt(4 * np.pi**2 * 0.4 / 40_000) * np.random.default_rng(0).normal(size=(40_000, 3))
     path = np.float32(torus.positions + noise)
@@ -186,15 +186,15 @@ def test_a_noisy_torus_follows_its_planes(tmp_path):
         np.testing.assert_array_equal(signs_facing(found.normals[core], planes, local.near), expected[core])
 
 
-def test_passes_go_in_any_order_and_again(tmp_path):
-    """As several machines take them, some of which die."""
+def test_passes_may_run_in_any_order_and_repeatedly(tmp_path):
+    """As with several workers, some of which are lost."""
     cloud, dice = made("bubbles"), np.random.default_rng(5)
     signs = signs_of(cloud, tmp_path, lambda parts: [*dice.permutation(parts), *dice.permutation(parts)[:3]])
     np.testing.assert_array_equal(signs, orient(cloud.positions, cloud.normals, cloud.near))
     assert not [name for name in Columns(tmp_path).names if "votes" in name]
 
 
-def test_one_part_is_the_whole(tmp_path):
+def test_a_single_part_equals_the_whole(tmp_path):
     ball = sphere_points(3000)
     cloud = cloud_of(ball, 1 << 13)
     signs = signs_of(cloud, tmp_path)
@@ -209,14 +209,14 @@ def test_a_part_begins_with_a_tile(tmp_path):
 
 
 def votes_of(rows):
-    """Votes (one, other, sum, mass), in full ones."""
+    """Return votes (one, other, sum, mass) in fixed point."""
     table = np.array(sorted(rows), np.float64).reshape(-1, 4)
     sums, masses = (np.rint(table[:, c] * STEPS).astype(np.int64) for c in (2, 3))
     return Votes(table[:, 0].astype(np.int64) << 32 | table[:, 1].astype(np.int64), sums, masses)
 
 
 def test_joins_follow_the_clearest_votes():
-    """Piece 2 has a large vote for 0, much of which is contradicted, and a clearer one for 1; 5 has none."""
+    """Piece 2 has a large but contradicted vote for 0 and a clearer one for 1; piece 5 has none."""
     votes = [(0, 1, -3, 3), (0, 2, 5, 20), (1, 2, 4, 4), (3, 4, -0.5, 0.5)]
     for shared in ([votes], [votes[:2], votes[2:]], [votes[::2], [], votes[1::2]]):
         group, turn = join(6, InMemoryVotes([votes_of(rows) for rows in shared]))
@@ -225,8 +225,8 @@ def test_joins_follow_the_clearest_votes():
         assert turn[3] == -turn[4]
 
 
-def test_votes_of_one_pair_are_added_whatever_their_order():
-    """Sums of float64 would be 0 or what the small one says, by their order."""
+def test_the_sum_of_votes_does_not_depend_on_their_order():
+    """Sums of float64 would be 0 or the small vote, depending on the order."""
     big, less, small = (0, 1, 2.0**30, 2.0**30), (0, 1, -(2.0**30), 2.0**30), (0, 1, -1 / STEPS, 1 / STEPS)
     for rows in ([big, small, less], [small, big, less], [big, less, small]):
         _, turn = join(2, InMemoryVotes([votes_of([row]) for row in rows]))
@@ -234,7 +234,7 @@ def test_votes_of_one_pair_are_added_whatever_their_order():
 
 
 def dice_votes(seed):
-    """How many pieces there are, and votes of parts on them, many of which are equally clear."""
+    """Return the number of pieces and votes of parts on them, many of them equally clear."""
     dice = np.random.default_rng(seed)
     pieces = int(dice.integers(2, 400))
     some = dice.integers(pieces, size=(int(dice.integers(1, 4 * pieces)), 2))
@@ -247,7 +247,7 @@ def dice_votes(seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_tables_on_disk_join_like_one_in_memory(seed, tmp_path, monkeypatch):
-    """Whatever their size; what each round leaves is gone."""
+    """This holds for tables of any size; temporary files are removed."""
     pieces, votes = dice_votes(seed)
     expected = join(pieces, InMemoryVotes(votes))
     for size in (9, 50, 1000):
@@ -262,7 +262,7 @@ def test_tables_on_disk_join_like_one_in_memory(seed, tmp_path, monkeypatch):
 
 
 def test_tables_have_the_expected_number_of_pieces(tmp_path, monkeypatch):
-    """Each pair comes once, in order, however many columns tell of it."""
+    """Each pair occurs once, in order, however many columns contain it."""
     pieces, votes = dice_votes(1)
     monkeypatch.setattr(ballots, "PIECES", 20)
     columns = Columns(tmp_path)
@@ -277,7 +277,7 @@ def test_tables_have_the_expected_number_of_pieces(tmp_path, monkeypatch):
 
 @pytest.mark.long
 def test_joins_take_little_memory(tmp_path, monkeypatch):
-    """40 bytes a piece at most, beside a few tables."""
+    """At most 40 bytes a piece, in addition to a few tables."""
     monkeypatch.setattr(ballots, "PIECES", 1 << 12)
     side = 512
     number, dice = np.arange(side * side).reshape(side, side), np.random.default_rng(6)

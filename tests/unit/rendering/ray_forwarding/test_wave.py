@@ -1,4 +1,4 @@
-"""Pictures whose rays travel to those who hold the models: the same to the last bit as with all models at hand."""
+"""Pictures whose rays are forwarded to the holders of models are bit-identical to those with all models local."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from pointray.surface.trace.world import occlude_tile, trace_tile
 
 
 def by_waves(scene: pr.Scene, camera: pr.Camera, settings: pr.Settings, holders: int) -> tuple[Any, list[int]]:
-    """A picture of models that so many hold, all in this process; and how many rays each was asked."""
+    """Return a picture of models split over holders in this process, and the number of rays sent to each."""
     now = scene.snapshot().for_camera(camera.record())
     world, job = plan(now, camera, settings, held=NOTHING)
     names = [str(k) for k in range(holders)]
@@ -74,7 +74,7 @@ SETTINGS = [
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=lambda settings: f"{settings.integrator}-{settings.spp}")
-def test_a_picture_by_waves_is_the_same(parted: pr.Model, settings: pr.Settings) -> None:
+def test_a_picture_of_forwarded_rays_is_the_same(parted: pr.Model, settings: pr.Settings) -> None:
     scene = scene_of(ball())
     scene.add(parted, pr.transform(translate=(0.6, -1.2, 0), scale=0.8))
     scene.add(parted, pr.transform(translate=(-1, -1, 0), scale=0.5, rotate=70), pr.Phong(pr.Attribute("height")))
@@ -88,7 +88,7 @@ def test_a_picture_by_waves_is_the_same(parted: pr.Model, settings: pr.Settings)
 
 @pytest.mark.long
 def test_noise_clips_levels_and_lenses_are_the_same(parted: pr.Model) -> None:
-    """What comes with a hit, and what decides where rays begin and end."""
+    """Checks data of hits, and options that decide where rays start and end."""
     rng = np.random.default_rng(3)
     rows = sphere_points(20_000)
     noisy = pr.Model(pr.Points(rows + rng.normal(0, 0.01, rows.shape), rows))
@@ -112,7 +112,7 @@ def test_noise_clips_levels_and_lenses_are_the_same(parted: pr.Model) -> None:
             assert min(asked) > 100
 
 
-def test_a_ray_is_sent_where_it_may_meet_something() -> None:
+def test_rays_are_sent_only_where_they_may_hit_something() -> None:
     rng = np.random.default_rng(4)
     boxes = rng.uniform(-1, 1, (40, 3))
     boxes = np.concatenate([boxes, boxes + rng.uniform(0, 0.4, (40, 3))], axis=1)
@@ -128,10 +128,10 @@ def test_a_ray_is_sent_where_it_may_meet_something() -> None:
         inside = [((places >= a) & (places <= b)).all(axis=2).any(axis=0) for a, b in zip(low, high, strict=True)]
         sampled = np.logical_or.reduce(inside)
         assert not (sampled & ~found[:, k]).any()
-        assert (found[:, k] & ~sampled).mean() < 0.02  # the places have gaps between them
+        assert (found[:, k] & ~sampled).mean() < 0.02  # there are gaps between the sampled positions
 
 
-def test_what_a_lost_holder_held_goes_to_others(parted: pr.Model) -> None:
+def test_models_of_a_lost_holder_are_taken_over_by_others(parted: pr.Model) -> None:
     scene = pr.Scene()
     scene.add(parted)
     scene.add(ball())
@@ -145,8 +145,8 @@ def test_what_a_lost_holder_held_goes_to_others(parted: pr.Model) -> None:
     assert shares.pass_on(["d"]) and len(shares.of("d")) == 5
 
 
-def test_nothing_that_asks_traces_models() -> None:
-    """All functions that trace rays are replaced, whoever calls them."""
+def test_a_worker_without_models_traces_no_rays() -> None:
+    """All functions that trace rays are replaced."""
     waiting: list[Any] = [recalled_quick, recalled_sampled]
     reached: dict[Any, str] = {}
     while waiting:

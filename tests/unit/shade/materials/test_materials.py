@@ -89,7 +89,7 @@ def test_phongs_highlight_is_normalised(exponent):
 
 
 def facets(wo, wi, alpha, color, metallic):
-    """D F G2 / (4 c c') as the papers have it: Walter et al. 2007 (33), Heitz 2014 (72, 99), Schlick 1994."""
+    """Return D F G2 / (4 c c') of Walter et al. 2007 (33), Heitz 2014 (72, 99), Schlick 1994."""
     half = wo + wi
     half /= np.linalg.norm(half, axis=1, keepdims=True)
     tan2 = lambda v: (v[:, 0] ** 2 + v[:, 1] ** 2) / v[:, 2] ** 2  # noqa: E731
@@ -118,7 +118,7 @@ def test_principled_is_what_the_papers_say(rng, roughness, metallic):
 
 
 @pytest.mark.parametrize("steps", [4, long(20)])
-def test_what_white_furnaces_lose(steps):
+def test_the_energy_loss_in_white_furnaces_is_bounded(steps):
     """Light is lost between facets, by the figures in Principled's docstring."""
     for roughness, reflected in ((0.1, 0.999), (0.5, 0.92), (1, 0.31)):
         albedo = integrals(Surface(pr.Principled(1, roughness, 1)), wo_at(0))[0]
@@ -190,7 +190,7 @@ def test_glass_reflects_by_the_equations_of_fresnel():
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_glass_keeps_all_light(rng, side):
-    """A path always goes on with weight 1, is reflected as often as the share says, and knows its side."""
+    """A path continues with weight 1, is reflected with the Fresnel probability, and tracks its side."""
     glass, wo, count = Surface(pr.Dielectric(1.5)), wo_at(40, side), 100_000
     reflected, refracted, share = glass.glass(wo[None])
     direction, weight, pdf, left = glass.sample(wo, rng.random((count, 3)))
@@ -205,7 +205,7 @@ def test_glass_keeps_all_light(rng, side):
 
 
 @pytest.mark.parametrize("name", [*OPAQUE, *CLEAR])
-def test_extremes_are_finite(name):
+def test_extreme_arguments_give_finite_results(name):
     """Eyes graze the surface or are behind it; random numbers are the least and the greatest."""
     surface = Surface((OPAQUE | CLEAR)[name])
     ends = [0.0, 2.0**-32, 0.5, 1 - 2.0**-32, 1 - 2.0**-53]
@@ -222,7 +222,7 @@ def test_extremes_are_finite(name):
     assert not below[0].any() and not below[1].any()
 
 
-def test_only_emissive_materials_shine():
+def test_only_emissive_materials_emit():
     shines, specular = Surface(pr.Emissive((1, 2, 3), 0.5)).own_light()
     assert shines.tolist() == [1, 2, 3] and not specular
     for material in (pr.Diffuse(), pr.Phong(), pr.Principled(), pr.Mirror(), pr.Dielectric()):
@@ -230,7 +230,7 @@ def test_only_emissive_materials_shine():
         assert not shines.any() and specular == isinstance(material, pr.Mirror | pr.Dielectric)
 
 
-def test_a_color_or_the_points_own():
+def test_materials_have_a_color_or_that_of_the_points():
     own, wi = (0.2, 0.4, 0.8), np.array([[0.0, 0, 1]])
     for material, color in ((pr.Diffuse(), own), (pr.Diffuse(0.5), (0.5,) * 3), (pr.Emissive(1), (0, 0, 0))):
         rgb, _ = Surface(material, own).eval_bsdf(wo_at(10), wi)
@@ -246,7 +246,7 @@ def test_a_color_or_the_points_own():
         (pr.Mirror(), (0, 0, 0)),  # direct light only
     ],
 )
-def test_pictures_under_the_headlight(material, radiance):
+def test_materials_under_the_headlight_have_known_radiance(material, radiance):
     scene = pr.Scene()
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1)), material=material)
     for eye in ((0, 0, 5), (0, 0, -5)):

@@ -1,4 +1,4 @@
-"""The part of a ray in which a voxel's columns can hold the surface, compared with a search in small steps."""
+"""`narrow` returns the part of a ray in which a voxel's columns can hold the surface; compared with small steps."""
 
 from typing import NamedTuple
 
@@ -83,14 +83,14 @@ def _narrow_one_by_one(tree, rows, out):
 
 
 def narrowed(leaf, rows, function=_narrow):
-    """The parts of 16 rays, rows for `_narrow`, that can meet the surface."""
+    """Return the parts of 16 rays (rows for `_narrow`) that can hit the surface."""
     out = np.zeros(32, np.float32)
     function(leaf.tree, rows, out)
     return out[:16], out[16:]
 
 
 def through(leaf, rng):
-    """16 rays (origins, directions) through a leaf's voxel, some along an axis, and their t of entering and leaving."""
+    """Return 16 rays (origins, directions) through a leaf's voxel, some along an axis, with their entry and exit t."""
     low, high = leaf.cell[:3].astype(float), leaf.cell[3:].astype(float)
     d = rng.normal(size=(16, 3))
     d[:4] = np.eye(3)[rng.integers(3, size=4)] * rng.choice([-1, 1], (4, 1)) + 1e-20
@@ -103,7 +103,7 @@ def through(leaf, rng):
 
 @pytest.mark.parametrize("seed", [0, 1, 2, *map(long, range(3, 12))])
 def test_rays_are_narrowed_to_the_slabs_of_their_columns(seed):
-    """By either function: of 16 rays at a time, and of one."""
+    """Both functions agree: the one for 16 rays and the one for a single ray."""
     rng = np.random.default_rng(seed)
     leaf, met = Leaf(rng, limited=seed > 0), 0
     for _ in range(10):
@@ -123,8 +123,8 @@ def test_rays_are_narrowed_to_the_slabs_of_their_columns(seed):
     assert met > 20
 
 
-def test_a_leaf_without_numbers_ends():
-    """A damaged file may have such leaves. The result does not matter, but the walk through the columns must end."""
+def test_a_leaf_of_nan_does_not_hang():
+    """A damaged file may contain such leaves. The result does not matter, but the loop over columns must end."""
     leaf = Leaf(np.random.default_rng(0))
     o, d, enter, leave = through(leaf, np.random.default_rng(1))
     rows = np.concatenate([o.T.ravel(), d.T.ravel(), (1 / d).T.ravel(), enter, leave]).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Corners of small exact grids have no holes: a cube, a rod, stairs and an L with right normals."""
+"""Corners of small exact grids have no holes: a cube, a rod, stairs and an L, all with correct normals."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from pointray.cloud.neighbors import distinct
 
 
 def sides(cells):
-    """The outer squares (origin, two axes, normal) of a solid of unit cells."""
+    """Return the outer squares (origin, two axes, normal) of a solid of unit cells."""
     solid = set(cells)
     for cell in sorted(solid):
         for axis in range(3):
@@ -26,7 +26,7 @@ def sides(cells):
 
 
 def cloud(cells, k):
-    """Each square as k x k points, rim included, so that at an edge every face has its own points."""
+    """Sample each square with k x k points, rim included, so that at an edge each face has its own points."""
     s, t = (a.reshape(-1, 1) for a in np.meshgrid(*[np.linspace(0, 1, k)] * 2))
     found = [(o + s * u + t * v, np.repeat(n[None], k * k, axis=0)) for o, u, v, n in sides(cells)]
     positions, normals = (np.concatenate(part).astype(np.float32) for part in zip(*found, strict=True))
@@ -49,7 +49,7 @@ def rays_from(cells, count, seed=0):
 
 
 @pytest.mark.parametrize("k", [3, 4, 5, 6, 9])
-def test_corners_of_a_grid_reach_as_far_as_its_faces(k):
+def test_corners_of_a_grid_have_the_radii_of_its_faces(k):
     """Three faces unfolded into a plane leave a quarter empty, which once gave corners 2.2 times the others' radius."""
     positions, normals = cloud([(0, 0, 0)], k)
     rows = distinct(positions)[0]
@@ -58,7 +58,7 @@ def test_corners_of_a_grid_reach_as_far_as_its_faces(k):
 
 
 @pytest.mark.parametrize("k", [3, 4, 5, 6, 8, 12])
-def test_faces_of_small_cubes_are_whole(k):
+def test_faces_of_small_cubes_have_no_holes(k):
     scene = scene_of(*cloud([(0, 0, 0)], k))
     grid = (np.arange(60) + 0.5) / 60
     u, v = (a.ravel() for a in np.meshgrid(grid, grid))
@@ -79,6 +79,6 @@ SOLIDS = {
 
 @pytest.mark.parametrize("k", [4, long(5), long(6)])
 @pytest.mark.parametrize("name", SOLIDS)
-def test_no_ray_leaves_a_small_solid(name, k):
+def test_no_ray_escapes_from_a_small_solid(name, k):
     hits = scene_of(*cloud(SOLIDS[name], k)).intersect(*rays_from(SOLIDS[name], 20_000))
     assert not np.isinf(hits.t).any()

@@ -1,4 +1,4 @@
-"""The splats listed near rays include all that are over a ray, however different their sizes."""
+"""The splats listed near rays include all whose support a ray crosses, even if their sizes differ greatly."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def _near(tree, leaf, ray, longest, out):
 
 
 def over(model, leaf, ray):
-    """Slots of a leaf's blocks whose support meets a part of a ray, in float64; and all slots."""
+    """Return the slots of a leaf's blocks whose support overlaps a part of a ray (in float64), and all slots."""
     first, count = model.tree.spans[2 * leaf : 2 * leaf + 2]
     used = model.tree.spheres.reshape(-1, 4, 16)[first : first + count, 3] >= 0
     blocks = model.tree.refs.reshape(-1, 16)[first : first + count][used].astype(np.int64)
@@ -41,7 +41,7 @@ def over(model, leaf, ray):
 
 
 @pytest.mark.parametrize("ratio", [1, 30, 3000])
-def test_every_splat_over_a_ray_is_listed(ratio):
+def test_every_splat_that_a_ray_crosses_is_listed(ratio):
     """A coarse plane has a small area of fine points: the voxel is hundreds of their radii wide."""
     rng = np.random.default_rng(8)
     coarse, fine = rng.uniform(-1, 1, (800, 3)), rng.uniform(-0.2, 0.2, (400, 3))

@@ -1,4 +1,4 @@
-"""t_min and t_max only select among hits: a shorter ray hits what the whole one does, or nothing."""
+"""t_min and t_max only select hits: a shortened ray hits what the full ray hits, or nothing."""
 
 from functools import cache
 
@@ -42,7 +42,7 @@ def scene_of(name):
 
 
 def cast(scene, kind, n):
-    """n x n rays: of a picture (tiles), of four pictures in turn (groups), or random ones (alone)."""
+    """Return n x n rays: of a picture (tiles), of four pictures interleaved (groups), or random ones (alone)."""
     rng, bounds = np.random.default_rng(7), scene.bounds
     middle, size = bounds.mean(axis=0), np.linalg.norm(bounds[1] - bounds[0])
     if kind == "alone":
@@ -58,12 +58,12 @@ def cast(scene, kind, n):
 
 
 def slack_of(model):
-    """How far apart roots may be: they depend on the first leaf searched; without refinement f is taken as a line."""
+    """Return the tolerance of t: roots depend on the first leaf searched; without refinement f is linearised."""
     return model.spacing * (1e-3 if model.settings.refine else 0.03)
 
 
 def check(scene, rays, limits, t, slack):
-    """Check that rays hit at t (inf for a miss) and that `occluded` agrees. Returns the numbers of rays that do not."""
+    """Return the numbers of rays that do not hit at t (inf for a miss), and of those where `occluded` differs."""
     found = scene.intersect(*rays, *limits)
     hit = np.isfinite(found.t)
     blocked = scene.occluded(*rays, *limits)
@@ -73,11 +73,11 @@ def check(scene, rays, limits, t, slack):
 
 
 def on_surface(model, x, d):
-    """Whether f is so small at x, for a ray of direction d, that the start rule applies there."""
+    """Return whether f at x is so small, for a ray of direction d, that the start rule applies."""
     splats, x = splats_of(model), x - model.points.origin
     near = splats[np.linalg.norm(splats[:, :3] - x, axis=1) < splats[:, 6]]
     share = float(START if model.settings.refine else START_UNREFINED)
-    for sought_side in (-1, 1):  # of two sheets close together a ray sees one at a time
+    for sought_side in (-1, 1):  # two nearby sheets are tested one side at a time
         seen = near[sought_side * (near[:, 10:] @ d) <= 0]
         f, _, radius, _, _ = field.py_func(seen, np.arange(len(seen)), len(seen), x, KINDS[model.surface])
         if abs(f) < 1.1 * share * radius:
@@ -88,7 +88,7 @@ def on_surface(model, x, d):
 @pytest.mark.parametrize("kind", ["tiles", "groups", "alone"])
 @pytest.mark.parametrize(("name", "n"), CLOUDS)
 def test_a_shorter_ray_hits_the_same_or_nothing(name, n, kind):
-    """Rays end anywhere, and just before and just behind the hit."""
+    """Rays end at random places, and just before and just behind the hit."""
     (scene, model), rng = scene_of(name), np.random.default_rng(3)
     rays, slack = cast(scene, kind, n), slack_of(model)
     t = scene.intersect(*rays).t.astype(float)
@@ -103,8 +103,8 @@ def test_a_shorter_ray_hits_the_same_or_nothing(name, n, kind):
 
 @pytest.mark.parametrize("kind", ["tiles", "groups", "alone"])
 @pytest.mark.parametrize(("name", "n"), CLOUDS)
-def test_a_ray_that_begins_later_hits_the_same(name, n, kind):
-    """Rays begin behind or before their origin. Those that begin on the surface are excluded."""
+def test_a_ray_that_starts_later_hits_the_same(name, n, kind):
+    """Rays start behind or before their origin. Those that start on the surface are excluded."""
     (scene, model), rng = scene_of(name), np.random.default_rng(4)
     rays, slack = cast(scene, kind, n), slack_of(model)
     size = np.linalg.norm(scene.bounds[1] - scene.bounds[0])
@@ -127,8 +127,8 @@ def test_a_ray_that_begins_later_hits_the_same(name, n, kind):
 
 
 @pytest.mark.parametrize("order", ["tiles", "alone"])
-def test_the_rest_of_a_step_behind_a_cut_is_looked_into(order):
-    """Near a sphere's rim one step of samples passes both sides, and a plane cuts away the first."""
+def test_the_rest_of_a_sample_step_behind_a_clip_plane_is_searched(order):
+    """Near a sphere's rim one sample step crosses both sides, and a plane clips the first."""
     rng, n = np.random.default_rng(1), 32
     positions = sphere_points(3000)
     model = pr.Model(pr.Points(positions, positions))
@@ -149,7 +149,7 @@ def test_the_rest_of_a_step_behind_a_cut_is_looked_into(order):
     assert np.isfinite(cut.t[seen]).mean() > 0.99
 
 
-def test_a_plane_is_hit_wherever_a_ray_begins_and_ends():
+def test_planes_are_hit_for_any_start_and_end_of_a_ray():
     scene, rng = pr.Scene(), np.random.default_rng(5)
     scene.add(pr.Plane((0.1, 0.2, -0.3), (0.2, 0.3, 1)))
     origins, directions = rng.normal(size=(2, 4000, 3))

@@ -1,4 +1,4 @@
-"""Rays agree with the brute-force twin: the same hits and misses, t within 2% of the local radius."""
+"""Rays agree with the brute-force reference: the same hits and misses, t within 2% of the local radius."""
 
 from functools import cache
 
@@ -50,15 +50,15 @@ def compare(points, side, up, surface, size):
 
 
 @pytest.mark.parametrize(("name", "surface"), [marks.scan("bunny", "apss"), ("torus", "imls"), ("torus", "paper")])
-def test_rays_agree_with_the_twin(name, surface):
+def test_rays_agree_with_the_reference(name, surface):
     compare(*cloud(name, 20_000), surface, 40)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", CLOUDS)
-def test_many_rays_agree_with_the_twin(name):
+def test_many_rays_agree_with_the_reference(name):
     # Rays graze the lattice's many rims; their share falls with the radius.
     seen = cloud(name, 500_000 if name == "lattice" else 100_000)
-    size = 40 if name in ("dragon", "lattice") else 64  # the twin looks at all splats for each ray
+    size = 40 if name in ("dragon", "lattice") else 64  # the reference evaluates all splats for each ray
     for surface in SURFACES:
         compare(*seen, surface, size)

@@ -1,4 +1,4 @@
-"""Values that stand for several points, compared with a slow twin that takes group after group."""
+"""Averages of attributes over groups of points, compared with a slow loop over groups."""
 
 from collections import Counter
 from fractions import Fraction
@@ -15,7 +15,7 @@ DTYPES = ["u1", "i1", "u2", "i2", "u4", "i4", "u8", "i8", "f4", "f8"]
 
 
 def slow_average(name, values, rows, least):
-    """The value of one group: exact sums, one number at a time."""
+    """Return the value of one group from exact sums."""
     if values.ndim == 2:
         return [slow_average(name, column, rows, least) for column in values.T]
     group = values[rows].tolist()
@@ -41,7 +41,7 @@ def slow_averages(attributes, order, starts, least):
 
 @pytest.fixture
 def groups(rng):
-    """Rows in random order, some twice and some never, and the starts of groups of 1 to some 50 rows."""
+    """Rows in random order, some repeated and some missing, and the starts of groups of 1 to about 50 rows."""
     starts = np.sort(rng.choice(np.arange(1, N), GROUPS - 1, replace=False))
     return rng.integers(0, N, N), np.array([0, *starts])
 
@@ -100,13 +100,13 @@ def test_labels_are_never_averaged_however_many(rng, groups, name):
     assert np.isin(found, attributes[name]).all()
 
 
-def test_bools_of_several_columns_take_the_majority():
+def test_bools_of_several_columns_become_the_majority():
     values = np.array([[1, 0], [1, 0], [0, 1], [1, 1]], np.bool_)
     found = attribute_averages({"flags": values}, np.arange(4), np.array([0, 3]))["flags"]
     assert found.dtype == np.bool_ and found.tolist() == [[True, False], [True, True]]
 
 
-def test_of_equally_common_ones_the_least():
+def test_among_equally_common_categories_the_least_wins():
     rows, starts = np.array([5, 2, 2, 5, 9, 7]), np.array([0, 4, 5])
     assert commonest(rows, starts).tolist() == [2, 9, 7]
 

@@ -1,4 +1,4 @@
-"""Cells, gaps and medians of 16 points at a time, compared with those of one point and with NumPy."""
+"""Cells, gaps and medians computed for 16 points at once, compared with those of single points and with NumPy."""
 
 from functools import cache
 
@@ -38,7 +38,7 @@ def cube(n):
 
 
 def clusters(n):
-    """Points of a plane, a third of them with two others very near."""
+    """Return points of a plane; a third of them have two others very close."""
     rng, x = np.random.default_rng(0), square(n)
     size = 1e-4 / np.sqrt(n) * np.float32([1, 1, 0])
     second = x[::3] + size * rng.normal(size=x[::3].shape)
@@ -53,7 +53,7 @@ def noisy_sphere(n, noise):
 
 
 def some_flipped(n):
-    """Points of a plane, one in 20 of which faces the other way, and has few neighbours of its own sheet."""
+    """Return points of a plane; one in 20 faces the other way and has few neighbours on its own sheet."""
     return square(n), up(n) * np.where(np.arange(n) % 20 == 0, -1, 1)[:, None].astype(np.float32)
 
 
@@ -84,7 +84,7 @@ CLOUDS = {
 
 @cache
 def cloud(name):
-    """Points and normals, writeable: a read-only array is another type to a kernel."""
+    """Return points and normals, writeable: read-only arrays have another type in Numba."""
     return CLOUDS[name]()
 
 
@@ -99,7 +99,7 @@ def table_and_neighborhood(name, count=NEIGHBORS + 1):
 
 @pytest.mark.parametrize("name", CLOUDS)
 @pytest.mark.parametrize("count", [9, 21, 41])
-def test_closed_cells_are_those_measured_one_by_one(name, count):
+def test_closed_cells_equal_those_of_single_points(name, count):
     x, n, neighborhood, found = table_and_neighborhood(name, min(count, len(cloud(name)[0])))
     reach, sure = measure_cells(x, n, neighborhood)
     closed = found.state == CLOSED
@@ -112,7 +112,7 @@ def test_closed_cells_are_those_measured_one_by_one(name, count):
 
 
 @pytest.mark.parametrize("name", ["random", "clusters"])
-def test_closed_cells_are_those_of_a_diagram(name):
+def test_closed_cells_equal_those_of_a_voronoi_diagram(name):
     x, _, _, found = table_and_neighborhood(name)
     flat = x[:, :2].astype(np.float64)
     diagram = Voronoi(flat)
@@ -122,7 +122,7 @@ def test_closed_cells_are_those_of_a_diagram(name):
     np.testing.assert_allclose(found.reach[rows], farthest, rtol=2e-5)
 
 
-def test_few_cells_are_left_to_the_slow_way():
+def test_few_cells_need_the_slow_path():
     most_of = {"random": 0.002, "sphere": 0.002, "grid": 0.0, "wall": 0.01, "cube": 0.06, "noise": 0.25}
     for name, most in most_of.items():
         assert (table_and_neighborhood(name)[3].state == UNSURE).mean() <= most, name
@@ -137,12 +137,12 @@ def test_no_gap_is_overlooked(name):
     assert found.gap[gaps].all()
 
 
-def test_gaps_are_looked_for_at_few_points():
+def test_few_points_of_a_sphere_may_have_gaps():
     assert table_and_neighborhood("sphere")[3].gap.mean() < 0.1
 
 
 @pytest.mark.parametrize("name", CLOUDS)
-def test_sheets_of_the_neighbours(name):
+def test_neighbours_are_assigned_to_the_right_sheet(name):
     _, n, neighborhood, found = table_and_neighborhood(name)
     cosines = np.einsum("ijk,ik->ij", n[neighborhood.near], n)
     one_sheet, facing = (cosines[:, :9] > OTHER_SHEET).all(axis=1), (cosines < OPPOSED).any(axis=1)
@@ -151,7 +151,7 @@ def test_sheets_of_the_neighbours(name):
     assert (found.facing & ~facing).mean() < 0.04
 
 
-def test_a_few_points_are_left_to_the_slow_way():
+def test_small_clouds_take_the_slow_path():
     x = square(15)
     found = measure_closed(pack_table(x, up(15)), Neighborhood(np.arange(15, dtype=np.int32), neighbors(x, 15).indices))
     assert (found.state == UNSURE).all() and found.gap.all() and found.facing.all() and not found.one_sheet.any()
@@ -161,7 +161,7 @@ def test_a_few_points_are_left_to_the_slow_way():
 
 
 def naive_gap(x, n, i, near):
-    """The widest angle without a neighbour in the tangent plane of a point, and the direction of its middle."""
+    """Return the widest angle without a neighbour in a point's tangent plane, and the direction of its middle."""
     sign = 1.0 if n[i, 2] >= 0 else -1.0
     a = -1.0 / (sign + n[i, 2])
     b = n[i, 0] * n[i, 1] * a
@@ -180,7 +180,7 @@ def naive_gap(x, n, i, near):
 
 
 @pytest.mark.parametrize("name", ["random", "noise", "cube", "clusters", "few"])
-def test_gaps_are_those_of_sorted_angles(name):
+def test_gaps_equal_those_of_sorted_angles(name):
     x, n = cloud(name)
     near = neighbors(x, NEIGHBORS + 1)[1]
     rows = np.arange(0, len(x), 1 + len(x) // 300)
@@ -191,8 +191,8 @@ def test_gaps_are_those_of_sorted_angles(name):
             np.testing.assert_allclose(direction, middle if gap > GAP else 0, atol=1e-3)
 
 
-def test_one_direction_and_none_are_gaps():
-    """Neighbours that all lie in one direction leave the opposite one open; neighbours above a point leave all open."""
+def test_neighbours_in_one_direction_or_none_leave_gaps():
+    """Neighbours in a single direction leave the opposite one open; neighbours above a point leave all open."""
     x = np.float32([[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 0, 1]])
     found = find_gaps(x, up(4), np.arange(1), np.int32([[0, 1, 2]]))
     np.testing.assert_allclose(found, [[-1, 0, 0]], atol=1e-6)
@@ -228,7 +228,7 @@ def test_quantiles_are_exact(rng, n, share):
 
 @pytest.mark.parametrize("name", ["wall", "rough", "random"])
 @pytest.mark.parametrize("known", [False, True])
-def test_sheets_are_those_of_a_slow_search(name, known):
+def test_sheets_equal_those_of_a_slow_search(name, known):
     x, n, neighborhood, found = table_and_neighborhood(name)
     radii = 1.5 * distances(x, neighborhood, 4)
     facing = np.flatnonzero(found.facing) if known else np.arange(len(x))
@@ -261,16 +261,16 @@ def test_the_order_of_the_points_does_not_matter(rng):
 
 
 @pytest.mark.parametrize("name", ["random", long("cube"), long("wall"), "clusters"])
-def test_parts_change_nothing(name, monkeypatch):
+def test_processing_in_parts_gives_the_same_result(name, monkeypatch):
     x, n = cloud(name)
     whole = choose_radii(x, n)
     np.testing.assert_array_equal(whole.near, neighbors(x, 9).indices)
-    monkeypatch.setattr(cells, "PART", 320)  # the last part is not of whole lanes
+    monkeypatch.setattr(cells, "PART", 320)  # the last part is not a multiple of 16
     for one, other in zip(choose_radii(x, n), whole, strict=True):
         np.testing.assert_array_equal(one, other)
 
 
-def test_points_in_cells_are_those_of_the_whole_grid():
+def test_points_in_cells_equal_those_of_the_whole_grid():
     x = square(20_000)
     for cell in (0.0002, 0.002, 0.2):
         rows, members = _in_cells(x, neighbors(x, 2).distances[:, 1], cell)

@@ -1,4 +1,4 @@
-"""Frayed borders of noisy scans are trimmed; closed bodies and clean ones stay."""
+"""Frayed borders of noisy scans are trimmed; closed bodies and clean borders are not changed."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ NOISE = np.float32(1e-3)
 
 
 def cap(lowest):
-    """A sphere above a height, and 40 points beside its rim that face across it; and which those are."""
+    """Return a sphere above a height with 40 points beside its rim that face across it, and which those are."""
     ball = np.asarray(pr.procedural("sphere", 8000).positions)
     ball = ball[ball[:, 2] > lowest]
     angle = np.linspace(0, 2 * np.pi, 40, endpoint=False)
@@ -28,7 +28,7 @@ def support(x, normals, noise):
     return find_support(x, normals, None, 1.0, borders=True, sheets=True, noise=noise)
 
 
-def test_points_that_stand_out_of_a_noisy_border_become_small():
+def test_points_beyond_a_noisy_border_become_small():
     x, normals, out = cap(0.2)
     found, before = support(x, normals, NOISE), support(x, normals, None)
     usual = np.median(before.radii[~out])
@@ -40,7 +40,7 @@ def test_points_that_stand_out_of_a_noisy_border_become_small():
     np.testing.assert_array_equal(found.borders[inner], before.borders[inner])
 
 
-def test_what_is_not_noisy_stays():
+def test_clean_borders_are_not_trimmed():
     x, normals, _ = cap(0.2)
     found, before = support(x, normals, 0.0), support(x, normals, None)
     np.testing.assert_array_equal(found.radii, before.radii)
@@ -48,7 +48,7 @@ def test_what_is_not_noisy_stays():
 
 
 @pytest.mark.parametrize("noise", [NOISE, 0.1])
-def test_a_closed_body_stays(noise):
+def test_a_closed_body_is_not_trimmed(noise):
     x, normals, _ = cap(-2.0)
     found, before = support(x, normals, noise), support(x, normals, None)
     np.testing.assert_array_equal(found.radii, before.radii)
@@ -56,7 +56,7 @@ def test_a_closed_body_stays(noise):
 
 
 def test_discs_on_a_noisy_rim_are_no_wider_than_those_around():
-    """Every fifth point beside the rim is missing, so that those left reach out."""
+    """Every fifth point beside the rim is missing, so that the others extend beyond it."""
     rng = np.random.default_rng(5)
     x = np.c_[rng.uniform(size=(6000, 2)), np.zeros(6000)]
     gone = (x[:, 0] > 0.95) & (rng.uniform(size=6000) < 0.7)

@@ -1,4 +1,4 @@
-"""Discs bridge no gap wider than three spacings of the whole cloud, unless its rims agree, and none fills a picture."""
+"""Discs bridge gaps wider than three spacings only if both rims agree, and no disc fills a picture."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def rng():
 
 
 def reaches(x, normals, others=None):
-    """How far the cells of points reach, in their order."""
+    """Return the extents of the points' cells, in the points' order."""
     x, normals = np.asarray(x, np.float32), np.asarray(normals, np.float32)
     order = kd_order(x)
     chosen = choose_radii(x[order], normals[order], others=None if others is None else np.asarray(others, np.float32))
@@ -31,7 +31,7 @@ def reaches(x, normals, others=None):
 
 
 def two_sheets(rng, rise):
-    """Two level squares with a gap of 6 spacings, the second one higher; and which points lie on the rims."""
+    """Return two level squares 6 spacings apart, the second one higher; and which points lie on the rims."""
     side = np.arange(0, 1, SPACING)
     x = np.stack(np.meshgrid(side, side, [0]), -1).reshape(-1, 3)
     other = x + [1 + 5 * SPACING, 0, rise]
@@ -48,7 +48,7 @@ def in_the_gap(rng, rise):
 def test_a_gap_full_of_scattered_points_is_bridged_if_its_rims_agree(rng, rise, bridged):
     x, rims = two_sheets(rng, rise)
     alone = reaches(x, np.tile(UP, (len(x), 1)))
-    assert (alone[rims] > 2.5 * SPACING).mean() > 0.9  # surface all around: as wide as it takes
+    assert (alone[rims] > 2.5 * SPACING).mean() > 0.9  # surface all around: as wide as needed
     found = reaches(x, np.tile(UP, (len(x), 1)), in_the_gap(rng, rise))
     if bridged:
         np.testing.assert_array_equal(found[rims], alone[rims])
@@ -78,7 +78,7 @@ def test_clean_models_keep_their_radii(name, monkeypatch):
 
 
 def clouds(rng):
-    """Clouds of which a few points would fill a picture."""
+    """Clouds in which a few points would fill a picture."""
     ball = rng.normal(size=(3000, 3))
     ball /= np.linalg.norm(ball, axis=1)[:, None]
     yield rng.uniform(size=(300, 3))

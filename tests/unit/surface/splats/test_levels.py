@@ -1,4 +1,4 @@
-"""Levels of detail: their points, which one is shown, and that they make pictures from afar calmer."""
+"""Levels of detail: their points, which one is shown, and that distant views flicker less."""
 
 import warnings
 
@@ -29,7 +29,7 @@ def moved(x, scale=1.0):
 
 
 @pytest.mark.long
-def test_levels_are_ever_coarser(statue):
+def test_each_level_is_coarser_than_the_previous(statue):
     counts = [len(statue.points), *(len(level.points) for level in statue.levels)]
     assert len(counts) >= 4 and min(counts) >= 700
     for fine, coarse in zip(counts, counts[1:], strict=False):
@@ -44,7 +44,7 @@ def test_levels_are_ever_coarser(statue):
     assert alone < nbytes < 1.6 * alone
 
 
-def test_means_of_a_cell():
+def test_cells_average_each_side_apart():
     """Both sides of a thin wall stay apart, and attributes and colours are means."""
     x = np.array([[0, 0, 0], [0.4, 0, 0], [0.1, 0.1, 0.1], [5, 5, 5]], float)
     normals = np.array([[0, 0, 1], [0, 0, 1], [0, 0, -1], [1, 0, 0]], float)
@@ -58,7 +58,7 @@ def test_means_of_a_cell():
 
 
 def test_groups_are_those_of_cells_and_sides():
-    """Beside NumPy: which rows are together, their means, and how far supports reach."""
+    """Compared with NumPy: which rows form a group, their means, and the extents of supports."""
     rng = np.random.default_rng(7)
     x, normals = rng.normal(size=(2, 20_000, 3)).astype(np.float32)
     normals[:21] = -np.repeat(np.eye(3, dtype=np.float32), 7, axis=0)
@@ -84,8 +84,8 @@ def test_groups_are_those_of_cells_and_sides():
     np.testing.assert_allclose(groups.reach(x, radii, middles[at]), most[at], rtol=1e-5)
 
 
-def test_supports_of_levels_reach_no_farther_than_those_they_stand_for():
-    """Isolated parts, like leaves of a plant, hardly grow: closing the gaps between them gave 22 times as many hits."""
+def test_supports_of_levels_stay_within_those_they_replace():
+    """Isolated parts, like leaves of a plant, hardly grow; closing the gaps between them gave 22 times the hits."""
     rng = np.random.default_rng(3)
     ball, up = pr.procedural("sphere", 30_000), np.array([0, 0.6, 0.8])
     away = rng.normal(scale=0.015, size=(200, 20, 3))
@@ -115,7 +115,7 @@ def level_of(scene, camera, spp=1):
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic", "panorama"])
-def test_the_farther_the_coarser(statue, projection):
+def test_distant_instances_use_coarser_levels(statue, projection):
     scene = pr.Scene()
     plain = pr.Model(pr.procedural("sphere", 3000))
     scene.add(plain)
@@ -133,7 +133,7 @@ def test_the_farther_the_coarser(statue, projection):
     assert (np.array(level_of(scene, camera, 16)) <= rows).all()
 
 
-def test_a_scaled_instance_counts_by_its_size(statue):
+def test_the_scale_of_an_instance_decides_its_level(statue):
     scene = pr.Scene()
     for scale in (0.01, 0.1, 1.0, 13.0):
         scene.add(statue, moved((0, 30, 0), scale))
@@ -141,8 +141,8 @@ def test_a_scaled_instance_counts_by_its_size(statue):
     assert seen[0] == len(statue.levels) and seen[-1] == 0 and sorted(seen, reverse=True) == seen
 
 
-def test_pictures_from_afar(statue):
-    """They are nearer to a picture of many samples than with all points, and calmer while the camera moves."""
+def test_levels_reduce_the_error_and_flicker_of_distant_views(statue):
+    """They are closer to a converged picture than those of all points, and change less while the camera moves."""
     scene = pr.Scene()
     scene.add(statue)
     scene.add_light(pr.SunLight((0.5, 0.7, -1), 3))
@@ -169,7 +169,7 @@ def test_pictures_from_afar(statue):
     assert errors["levels"] < 1.05 * errors["all"]
 
 
-def test_off_by_a_setting_and_only_in_pictures(statue):
+def test_levels_are_used_only_in_pictures_and_can_be_disabled(statue):
     scene = pr.Scene()
     scene.add(statue)
     far = pr.Camera.look_at((0, -60, 1), (0, 0, 1), size=(64, 64), fov=5)
@@ -185,8 +185,8 @@ def test_off_by_a_setting_and_only_in_pictures(statue):
 
 
 @pytest.mark.parametrize("name, allowed", [long("z", 0.01), long("x", 0.01), ("wave", 0.02)])
-def test_colours_by_an_attribute(statue, name, allowed):
-    """Colours by coordinates and by values are those of many samples of all points, except at silhouettes."""
+def test_attribute_colours_of_levels_match_those_of_all_points(statue, name, allowed):
+    """Colours by coordinates and by values equal those of many samples of all points, except at silhouettes."""
     scene = pr.Scene()
     x = statue.points.world
     points = pr.Points(x, statue.points.normals, attributes={"wave": np.sin(3 * x[:, 2]) + x[:, 0]})
@@ -204,8 +204,8 @@ def test_colours_by_an_attribute(statue, name, allowed):
 
 
 @pytest.mark.long
-def test_each_instance_has_the_paint_of_its_level(statue):
-    """Several levels, colourings and models at once each look as if they were alone."""
+def test_each_instance_has_the_colours_of_its_level(statue):
+    """With several levels, colourings and models at once, each looks as it does alone."""
     cameras = [pr.Camera.look_at((0, -d, 1), (0, 0, 1), size=(48, 48), fov=240 / d) for d in (5, 20, 60)]
     values = {"a": statue.points.world[:, 2], "b": statue.points.world[:, 0]}
     points = pr.Points(statue.points.world, statue.points.normals, attributes=values)
@@ -226,8 +226,8 @@ def test_each_instance_has_the_paint_of_its_level(statue):
 
 
 @pytest.mark.long
-def test_classes_stay_whole(statue):
-    """Levels are shown neither for classes, which have no mean, nor if they are newer than the colouring."""
+def test_levels_are_not_used_for_classes(statue):
+    """Levels are not shown for classes, which have no mean, nor if they are newer than the colouring."""
     kinds = {"kind": (statue.points.world[:, 2] > 1).astype(float), "smooth": statue.points.world[:, 2]}
     points = pr.Points(statue.points.world, statue.points.normals, attributes=kinds)
     model = pr.Model(points, statue.radii)
@@ -245,7 +245,7 @@ def test_classes_stay_whole(statue):
     np.testing.assert_array_equal(pr.render(scene, far, pr.Settings("color")), before)
 
 
-def test_means_of_attributes_with_gaps():
+def test_means_of_attributes_ignore_nan():
     x = np.array([[0, 0, 0], [0.1, 0, 0], [0.2, 0, 0], [5, 5, 5], [5.1, 5, 5], [5.2, 5, 5]], float)
     values = [1.0, np.nan, 3.0, np.nan, np.inf, 9.0]
     points = pr.Points(x, np.tile([0, 0, 1.0], (6, 1)), attributes={"v": values}, origin=(0, 0, 0))
@@ -274,7 +274,7 @@ def saved(scan):
 
 
 def frames(scan, name, *more):
-    """The pictures of a film of two frames."""
+    """Return the pictures of a film of two frames."""
     folder = scan.with_name(name)
     film = ["--seconds", "1", "--fps", "2"]
     assert execute(["animate", str(scan), "-o", str(folder), *film, *SMALL, *more]) == 0
@@ -282,7 +282,7 @@ def frames(scan, name, *more):
 
 
 @pytest.mark.long
-def test_films_of_a_scan_show_levels(scan, monkeypatch):
+def test_films_of_a_scan_use_levels(scan, monkeypatch):
     made = []
     real = pr.Model.make_levels
     monkeypatch.setattr(pr.Model, "make_levels", lambda model, *said: (made.append(model), real(model, *said)))
@@ -305,7 +305,7 @@ def test_saved_models_have_levels(scan, saved, tmp_path):
     assert pictures["off"] == pictures["plain"] != pictures["levels"]
 
 
-def test_scene_files_and_levels_of_saved_models(saved, tmp_path):
+def test_scene_files_use_the_levels_of_saved_models(saved, tmp_path):
     file = tmp_path / "scene.toml"
     for word in ("", "levels = true"):
         file.write_text(f'[models.a]\nfile = "{saved.as_posix()}"\n{word}\n[[instances]]\nmodel = "a"\n')
@@ -314,8 +314,8 @@ def test_scene_files_and_levels_of_saved_models(saved, tmp_path):
         assert (tmp_path / "on.png").read_bytes() != (tmp_path / "off.png").read_bytes()
 
 
-def test_levels_look_the_way_their_points_do():
-    """The sides of a thin body face opposite directions in every level, without any message."""
+def test_normals_of_levels_face_as_those_of_their_points():
+    """The sides of a thin body face opposite directions in every level, without a warning."""
     across = np.linspace(-1, 1, 160)
     x, y = (a.ravel() for a in np.meshgrid(across, across))
     body = np.concatenate([np.column_stack([x, y, np.full(len(x), z)]) for z in (-0.04, 0.04)])

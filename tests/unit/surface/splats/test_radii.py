@@ -16,20 +16,20 @@ N = 10_000
 SPHERE = sphere_points(N)
 PLACES = sphere_points(50_000, seed=9)  # area of the surface
 UP = np.array([[0, 0, 1]], np.float32)
-# One of 100 squares with 5,000 random points has a gap in its middle that is taken for open, beside up to 3 points.
+# In one of 100 squares of 5,000 random points, up to 3 points in the middle are classified as border points.
 FALSE_BORDERS = 0.003
 
 
 def survey(positions, normals=None):
-    """Radii and borders of points that all differ. The default normals are those of a sphere."""
+    """Return radii and borders of distinct points. The default normals are those of a sphere."""
     positions = np.asarray(positions, np.float32)
     normals = positions / np.linalg.norm(positions, axis=1, keepdims=True) if normals is None else normals
-    normals = np.array(np.broadcast_to(normals, positions.shape), np.float32)  # read-only is another type to Numba
+    normals = np.array(np.broadcast_to(normals, positions.shape), np.float32)  # read-only arrays have another type
     return choose_radii(positions, normals)[:2]
 
 
 def covers(positions, radii, samples):
-    """For each sample: the number of splats that reach it, and its least distance to one, as a share of the radius."""
+    """Return for each sample how many splats cover it, and its least distance to one in units of the radius."""
     distances, rows = cKDTree(positions).query(samples, k=60)
     share = distances / radii[rows]
     nearest = share.min(axis=1)
@@ -99,7 +99,7 @@ def test_a_fold_is_unfolded(angle, rng):
 
 
 @pytest.mark.parametrize(("positions", "most"), [(SPHERE, 7.8), (even_sphere(N), 4.0)])
-def test_radii_cover_the_surface_and_little_more(positions, most):
+def test_radii_cover_the_surface_with_little_excess(positions, most):
     radii, borders = survey(positions)
     count, nearest = covers(positions, radii, PLACES)
     assert most - 1 < count.mean() < most
@@ -107,7 +107,7 @@ def test_radii_cover_the_surface_and_little_more(positions, most):
     assert not borders.any()
 
 
-def test_radii_follow_scale_and_order():
+def test_radii_scale_and_do_not_depend_on_order():
     radii, _ = survey(SPHERE)
     np.testing.assert_allclose(survey(SPHERE * np.float32(1000))[0], 1000 * radii, rtol=1e-3)
     np.testing.assert_allclose(survey(SPHERE[::-1].copy())[0][::-1], radii, rtol=1e-5)
@@ -204,7 +204,7 @@ def test_one_stray_point_of_few_stays_small():
     assert radii[50] < 5 * np.median(radii)
 
 
-def test_few_points_reach_each_other():
+def test_splats_of_few_points_overlap():
     np.testing.assert_allclose(survey([[0, 0, 0], [0, 3, 4]], UP)[0], 5 / 2 * OVERLAP)
     assert (survey(SPHERE[:5])[0] > 0.3).all()
     line = np.outer(np.arange(30), [1, 0, 0])
@@ -218,7 +218,7 @@ def test_points_at_one_place_need_radii():
             pr.Model(pr.Points(x, 0 * x + [0, 0, 1]))
 
 
-def test_one_place_with_a_radius_is_a_model():
+def test_coincident_points_with_a_given_radius_make_a_model():
     scene = pr.Scene()
     scene.add(pr.Model(pr.Points([[0, 0, 0]], [[0, 0, 1]]), [1.0]))
     assert scene.intersect([0.1, 0, 2], [0, 0, -1]).t == pytest.approx(2, abs=1e-3)
@@ -233,7 +233,7 @@ def test_duplicates_count_once():
 @pytest.mark.scans
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["points/tls_pumpA_rgb.ply", "points/rgbd_kinect_chair_rgb.ply"])
-def test_radii_of_real_scans_are_sane(name):
+def test_radii_of_real_scans_are_plausible(name):
     points = read(shared_model(name))
     rows = distinct(points.positions)[0]
     radii, _ = survey(points.positions[rows], points.normals[rows])
@@ -244,7 +244,7 @@ def test_radii_of_real_scans_are_sane(name):
 # --------------------------------------------------------------------------------------------------------- given
 
 
-def test_given_radii_are_taken():
+def test_given_radii_are_used():
     for given in ([1, 2, 3], np.array([1.0, 2, 3]), np.array([1, 0, 2, 0, 3], np.float32)[::2]):
         radii = check_radii(given, 3)
         assert radii.dtype == np.float32
@@ -266,7 +266,7 @@ def test_given_radii_are_taken():
         ([1, 2, 1e-300], "row 2 is 1e-300"),
     ],
 )
-def test_what_is_no_radius(radii, words):
+def test_invalid_radii_are_refused(radii, words):
     with pytest.raises(ValueError, match=words):
         check_radii(radii, 3)
 
@@ -277,7 +277,7 @@ def test_radii_beyond_float32_are_refused(size):
         pr.Model(pr.procedural("sphere", 1000), np.full(1000, size))
 
 
-def test_a_crowd_at_one_place_is_thinned():
+def test_many_coincident_points_are_thinned():
     points = pr.procedural("sphere", 2000)
     x = np.concatenate([np.repeat(points.positions[:1], 200_000, axis=0), points.positions])
     with pytest.warns(UserWarning, match="199,985 points left out: 16 others have the same position"):

@@ -1,4 +1,4 @@
-"""Subsampling: the traced subset compared with the cloud, and hostile clouds."""
+"""Subsampling: the traced subset compared with the cloud, and degenerate clouds."""
 
 import warnings
 from functools import cache
@@ -23,7 +23,7 @@ def diagonal(points):
 
 
 def traced(points, subset, radii, distances):
-    """Distance of the traced surface from each point along its normal; inf if no ray finds it."""
+    """Return the distance of the traced surface from each point along its normal; inf if no ray hits it."""
     scene = pr.Scene()
     scene.add(pr.Model(subset, radii))
     x, n = points.world, points.normals / np.linalg.norm(points.normals, axis=1, keepdims=True)
@@ -36,7 +36,7 @@ def traced(points, subset, radii, distances):
 
 
 def grid_picked(points, count):
-    """The point nearest to the mean of each cell, in a grid with about this many filled cells."""
+    """Return the point nearest to the mean of each cell, in a grid with about this many occupied cells."""
     x = points.positions.astype(np.float64)
     low, high = diagonal(points) / 1e4, diagonal(points)
     for _ in range(40):
@@ -78,15 +78,15 @@ def test_the_traced_subset_is_within_the_tolerance(name, n, share):
     assert (away <= tolerance).mean() >= 0.999
 
 
-HALF = [  # the last: how many points may err more, see docs/known-gaps.md
+HALF = [  # last: number of points that may exceed it, see docs/known-gaps.md
     long("lattice", 50_000, 8000, 1),
     long("torus", 30_000, 3000, 0),
-    long("torus", 5_000, 500, 0),  # not a sphere, which both show exactly but for rounding
+    long("torus", 5_000, 500, 0),  # not a sphere, which both represent exactly up to rounding
 ]
 
 
 def both_errors(points, count, every=1):
-    """Errors, in diagonals, of a subset and of a grid's at equal count, at some of the points; inf if over 1%."""
+    """Return errors, in diagonals, of a subset and of a grid of equal count, at some points; inf if over 1%."""
     grid = grid_picked(points, count)
     subset, radii = pr.subsample(points, count=len(grid))
     assert len(subset) == len(radii) == len(grid)
@@ -97,14 +97,14 @@ def both_errors(points, count, every=1):
 
 
 @pytest.mark.parametrize(("name", "n", "count", "more"), HALF)
-def test_half_the_largest_error_of_a_grid(name, n, count, more):
+def test_the_largest_error_is_half_that_of_a_grid(name, n, count, more):
     ours, theirs = both_errors(pr.procedural(name, n), count)
     assert ours[-1] <= theirs[-1]
     assert ours[-1 - more] <= 0.5 * theirs[-1 - more]
 
 
 @pytest.mark.long
-def test_half_the_error_of_a_grid_where_it_is_sharp(statue):
+def test_the_error_in_sharp_places_is_half_that_of_a_grid(statue):
     """10 of 50,000 points are excluded, in crevices as narrow as the cloud's spacing."""
     ours, theirs = both_errors(statue, 8000)
     assert np.isinf(ours).sum() <= 0.05 * np.isinf(theirs).sum()
@@ -117,8 +117,8 @@ def test_half_the_error_of_a_grid_where_it_is_sharp(statue):
 @pytest.mark.parametrize(
     ("name", "n", "share"), [("sphere", 10_000, 0.1), long("torus", 30_000, 0.1), long("statue", 50_000, 0.05)]
 )
-def test_relaxation_saves_a_tenth_and_uncovers_nothing(name, n, share):
-    """It saves a tenth of a million points, but less of the 50,000 here, many of which represent only themselves."""
+def test_relaxation_saves_a_tenth_of_the_points_and_leaves_no_holes(name, n, share):
+    """The tenth is measured at a million points; fewer are saved of the 50,000 here, many of which are alone."""
     points = pr.procedural(name, n)
     cloud, error = cloud_of(points), 0.001 * diagonal(points)
     pool, rows = select_greedily(cloud, measure(cloud, error), error)
@@ -132,8 +132,8 @@ def test_relaxation_saves_a_tenth_and_uncovers_nothing(name, n, share):
 # ---------------------------------------------------------------------------------------------------- the pieces
 
 
-def test_splats_stay_within_the_error_bound_and_hold_what_is_near():
-    """By brute force, a splat on a smooth surface holds just the points within its radius."""
+def test_splats_satisfy_the_error_bound_and_contain_their_neighbours():
+    """By brute force, a splat on a smooth surface contains exactly the points within its radius."""
     cloud = cloud_of(pr.procedural("torus", 5000))
     seeds = np.arange(0, 5000, 50, dtype=np.int32)
     error = 0.02
@@ -148,7 +148,7 @@ def test_splats_stay_within_the_error_bound_and_hold_what_is_near():
         assert radii[s] > 0.1  # a sphere's cap of height 0.04 and radius 0.4 is 0.17 wide
 
 
-def test_the_greedy_choice_is_the_plain_one():
+def test_the_greedy_choice_equals_that_of_a_plain_loop():
     cloud = cloud_of(pr.procedural("sphere", 2000))
     pool, _ = select_greedily(cloud, np.full(2000, 0.2, np.float32), 0.05)
     rows = choose(pool, cloud, np.zeros(2000, np.int32))
@@ -173,7 +173,7 @@ def test_sizes_differ_slowly_and_thin_plates_stay_apart():
 
 
 @pytest.mark.parametrize(("name", "count", "reach"), [("torus", 5_000, 0.08), long("statue", 50_000, 0.01)])
-def test_distances_are_those_of_the_traced_surface(name, count, reach):
+def test_estimated_distances_equal_those_of_the_traced_surface(name, count, reach):
     points = pr.procedural(name, count)
     model = pr.Model(points)
     rng = np.random.default_rng(2)
@@ -192,7 +192,7 @@ def test_distances_are_those_of_the_traced_surface(name, count, reach):
 # ---------------------------------------------------------------------------------------------- what is kept
 
 
-def test_colours_and_attributes_are_means_and_nan_is_left_out():
+def test_colours_and_attributes_are_means_without_nan():
     x = sphere_points(5000)
     heat = x[:, 2].copy()
     heat[::3] = np.nan
@@ -208,7 +208,7 @@ def test_colours_and_attributes_are_means_and_nan_is_left_out():
 
 
 @pytest.mark.long
-def test_the_same_whatever_the_order_of_threads(statue, monkeypatch):
+def test_the_order_of_threads_does_not_matter(statue, monkeypatch):
     results = []
     for threads in ("1", "2"):
         monkeypatch.setenv("POINTRAY_THREADS", threads)
@@ -218,7 +218,7 @@ def test_the_same_whatever_the_order_of_threads(statue, monkeypatch):
 
 
 @pytest.mark.long
-def test_large_coordinates_and_other_units():
+def test_large_coordinates_and_units_do_not_matter():
     points = pr.procedural("torus", 5000)
     small, radii = pr.subsample(points, count=400)
     far = pr.Points(points.world * 100 + [5e6, -4e6, 0], points.normals)
@@ -247,12 +247,12 @@ SPHERE = pr.Points(sphere_points(2000), sphere_points(2000))
         ({"count": 2001}, "2,000 different positions"),
     ],
 )
-def test_options_that_make_no_sense(options, words):
+def test_invalid_options_are_refused(options, words):
     with pytest.raises(ValueError, match=words):
         pr.subsample(SPHERE, **options)
 
 
-def test_one_place_only():
+def test_coincident_points_are_refused():
     with pytest.raises(ValueError, match="same position"):
         pr.subsample(pr.Points(np.ones((9, 3)), np.ones((9, 3))), 0.1)
 
@@ -283,7 +283,7 @@ CLOUDS = ["plane", "line", "two clusters", "duplicates", "nan", "few", "two", "n
 
 @pytest.mark.parametrize("name", CLOUDS)
 @pytest.mark.parametrize("share", [1e-9, long(1e-2), 0.9])
-def test_strange_clouds_keep_finite_points(name, share):
+def test_degenerate_clouds_keep_finite_points(name, share):
     points = clouds()[name]
     size = diagonal(points.select(points.finite))
     with warnings.catch_warnings():
@@ -295,7 +295,7 @@ def test_strange_clouds_keep_finite_points(name, share):
 
 
 @pytest.mark.parametrize("count", [1, 10, 500, long(1990), 2000])
-def test_a_subset_has_the_count_that_is_asked_for(count):
+def test_a_subset_has_the_requested_count(count):
     try:
         subset, radii = pr.subsample(SPHERE, count=count)
     except ValueError as error:
@@ -314,7 +314,7 @@ def test_a_plane_has_no_holes_up_to_its_border():
 
 
 @pytest.mark.long
-def test_the_statue_of_the_paper(monkeypatch):
+def test_a_subset_of_the_papers_statue_is_within_the_tolerance(monkeypatch):
     """A subset of a million points is within the tolerance; one of 32,000 is better than a grid's."""
     points = pr.procedural("statue", 1_000_000)
     tolerance, counts = 5e-4 * diagonal(points), []
@@ -336,7 +336,7 @@ def test_the_statue_of_the_paper(monkeypatch):
 
 @pytest.mark.scans
 @pytest.mark.long
-def test_a_subset_of_a_scan_keeps_the_tolerance():
+def test_a_subset_of_a_scan_is_within_the_tolerance():
     points = pr.read(shared_model("points/stanford_bunny.ply"))
     tolerance = 1e-3 * diagonal(points)
     subset, radii = pr.subsample(points, tolerance)
@@ -345,7 +345,7 @@ def test_a_subset_of_a_scan_keeps_the_tolerance():
 
 
 @pytest.mark.parametrize(("n", "count"), [long(2000, 800), long(8000, 3000)])
-def test_noise_is_smoothed_away_before(n, count):
+def test_noise_is_smoothed_before_subsampling(n, count):
     clean = pr.procedural("torus", n)
     h, rng = pr.Model(clean).spacing, np.random.default_rng(4)
     noisy = pr.Points(clean.positions + rng.normal(size=clean.positions.shape) * 0.3 * h)

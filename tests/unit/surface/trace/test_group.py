@@ -1,4 +1,4 @@
-"""Rays of a tile that are traced in groups: their hits do not depend on the other rays of the tile."""
+"""Rays of a tile are traced in groups: their hits do not depend on the other rays of the tile."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ ORDERS = {
 
 @pytest.mark.parametrize("order", ORDERS)
 def test_groups_that_share_tiles(rng, scene, order):
-    """Tiles mix rays of several views: each hits what it hits among rays of its own view."""
+    """Tiles mix rays of several views: each hits what it hits together with rays of its own view."""
     eyes = (5.0, -6.0, 3.0), (-5.0, -4.0, 2.0), (1.0, 7.0, 0.5), (1.25, -7.0, 0.0)
     groups = [view(scene, eye) for eye in eyes]
     n = len(groups[0][0])
@@ -99,7 +99,7 @@ def bowl():
 
 
 @pytest.mark.parametrize("integrator", ["phong", "path"])
-def test_inside_and_outside_of_a_surface_in_one_tile(bowl, integrator):
+def test_both_sides_of_a_surface_may_share_a_tile(bowl, integrator):
     """A light at the eye casts no visible shadow, neither on the outside of a bowl nor on its inside."""
     scene, eye = pr.Scene(), (0.3, -5.0, 3.0)
     scene.add(bowl, material=pr.Diffuse(0.5))

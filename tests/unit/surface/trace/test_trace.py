@@ -29,7 +29,7 @@ def sphere():
 
 
 @pytest.mark.parametrize(("surface", "depth"), [("paper", 0.03), ("imls", 0.03), ("apss", 0.002), ("disc", 0.2)])
-def test_depth_and_normal_of_a_sphere(surface, depth):
+def test_depth_and_normal_of_a_sphere_are_exact(surface, depth):
     scene, model = scene_of("sphere", surface=surface)
     origins, directions = pr.Camera.look_at((0, -4, 1), (0, 0, 0), fov=30, size=(200, 200)).rays()
     hits = scene.intersect(origins, directions)
@@ -84,7 +84,7 @@ def test_rays_from_a_sphere_leave_outside_and_are_blocked_inside(surface, degree
 
 
 def sphere_traced(name, x, directions, radius):
-    """Least exact distance along rays that start two radii off, over 8 units of length or up to the first hit."""
+    """Return the least exact distance along rays that start two radii away, over 8 units or up to the first hit."""
     t, least, live = np.full(len(x), 2 * radius), np.full(len(x), np.inf), np.arange(len(x))
     for _ in range(300):
         d = pr.procedural_distance(name, x[live] + t[live, None] * directions[live])
@@ -159,7 +159,7 @@ def test_degenerate_rays_miss(sphere):
     assert hits.t[3] * 1 == pytest.approx(3, abs=1e-3) and hits.t[5] == pytest.approx(3e-30, rel=1e-3)
 
 
-def test_coordinates_of_ten_million_with_millimetres():
+def test_coordinates_of_ten_million_keep_millimetres():
     points = pr.procedural("torus", 20_000)
     far = np.array([1e7, -2e7, 5e6])
     scene, model = scene_of(pr.Points(points.positions * 0.1 + far, points.normals))
@@ -171,7 +171,7 @@ def test_coordinates_of_ten_million_with_millimetres():
     assert np.quantile(np.abs(a.t[both] - b.t[both]), 0.99) < 1e-5
 
 
-def test_refine_and_samples_are_honoured():
+def test_refinement_reduces_the_error_of_hits():
     errors = {}
     for refine in (0, 1):
         scene, _ = scene_of("sphere", 5_000, surface="apss", refine=refine)
@@ -183,7 +183,7 @@ def test_refine_and_samples_are_honoured():
 
 @pytest.mark.parametrize("surface", ["paper", long("imls"), "apss", long("disc")])
 def test_rays_in_a_tile_hit_what_they_hit_alone(surface, rng):
-    """Neighbouring rays are traced together; in random order few are: all bits are the same."""
+    """Neighbouring rays are traced together, rays in random order mostly alone: results are bit-identical."""
     scene, model = scene_of("statue", surface=surface)
     scene.add(model, transform=np.diag([-0.5, 0.5, 0.5, 1]) + np.eye(4, k=3))
     scene.add(pr.Plane((0, 0, 0), (0, 0, 1)))
@@ -220,7 +220,7 @@ def test_rays_from_hits_do_not_depend_on_their_tile(name, rng):
         assert np.abs(t[order][both] - other[both]).max() < 1e-3 * radius
 
 
-def test_invalid_rays_and_stray_points():
+def test_invalid_and_extreme_rays_are_handled():
     scene = pr.Scene()
     scene.add(pr.Plane((0, 0, 0), (-1, 0, 0)))
     assert not np.isfinite(scene.intersect([5, 5, 5], [[np.nan, 0, 1], [0, 0, 0]]).t).any()
@@ -232,11 +232,11 @@ def test_invalid_rays_and_stray_points():
     x = np.column_stack([np.stack(np.meshgrid(*[np.arange(-20, 21) * 1e-3] * 2), -1).reshape(-1, 2), np.zeros(41**2)])
     x = np.concatenate([x, np.full((1, 3), 1e6)])
     scene, _ = scene_of(pr.Points(x, np.tile([0, 0, 1.0], (len(x), 1))), radii=np.full(len(x), 2e-3))
-    scene.intersect(np.array([0.6, 0.7, 0.9]) * 1e6, [-0.6, -0.7, -0.9])  # too far to be resolved, but tracing ends
+    scene.intersect(np.array([0.6, 0.7, 0.9]) * 1e6, [-0.6, -0.7, -0.9])  # too far to resolve, but tracing ends
 
 
 @pytest.mark.long
-def test_trim_follows_the_radii_and_leaves_no_phantoms():
+def test_trim_scales_with_the_radii_and_leaves_no_artefacts():
     even = pr.procedural("statue", 32_000)
     model = pr.Model(even)
     assert pr.Model(even, radius_scale=0.8).settings.trim > 0.9 > model.settings.trim

@@ -1,4 +1,4 @@
-"""Slabs of leaves and of their columns are those of a slow twin in float64, near the origin and far from it."""
+"""Slabs of leaves and columns equal those of a slow float64 reference, near the origin and far from it."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ TOLERANCE = 2e-3  # radii: the square of a cosine is rounded, and its sine is ta
 
 
 def slab(x, n, r, m):
-    """Least and greatest m.x of any surface: the bound at the head of `surface/tree/leaves.py`."""
+    """Return the least and greatest m.x of any surface: the bound proved in `surface/tree/leaves.py`."""
     a, b, c, d = limits_of("apss", TRIM)
     cosine, away = (n @ m).min(), 1.0
     if cosine > 0:
@@ -27,12 +27,12 @@ def slab(x, n, r, m):
 
 
 def over(x, r, low, high):
-    """Which splats' supports overlap a box."""
+    """Return which splats' supports overlap a box."""
     return (np.maximum(np.maximum(low - x, x - high), 0) ** 2).sum(axis=1) <= r**2
 
 
 def columns(x, n, r, size, normal):
-    """Rows (at, u-slope, v-slope, low, high) of the columns that have splats; x is about the voxel's least corner."""
+    """Return rows (at, u-slope, v-slope, low, high) of columns with splats; x is relative to the voxel's low corner."""
     u, v, w = axes = uncompiled(across)(*normal)
     rows, thickness = [], []
     for at in range(16):
@@ -52,7 +52,7 @@ def columns(x, n, r, size, normal):
 
 
 @pytest.mark.parametrize(("shift", "size"), [(0.0, 1.0), (30.0, 1.0), (0.0, 1e-9), (0.0, 1e9)])
-def test_slabs_are_those_of_a_slow_twin(shift, size):
+def test_slabs_equal_those_of_a_slow_reference(shift, size):
     rng = np.random.default_rng(8)
     normals = sphere_points(3000)
     positions = (size * (normals * [1.0, 0.7, 0.4] + shift)).astype(np.float32)

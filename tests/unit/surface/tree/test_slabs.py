@@ -1,4 +1,4 @@
-"""The claim proved at the head of `surface/tree/leaves.py`: the surface f = 0 of any few splats lies in their slab."""
+"""The bound proved in `surface/tree/leaves.py` holds: the surface f = 0 of any few splats lies in their slab."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from pointray.surface.tree.leaves import limits_of
 
 
 def clouds_of(rng, count, splats):
-    """Splats (count, splats, 13) whose normals lie in cones of all widths, and the axes of the cones."""
+    """Return splats (count, splats, 13) whose normals lie in cones of all widths, and the axes of the cones."""
     x = rng.normal(size=(count, splats, 3)) * rng.uniform(0.05, 0.7, (count, 1, 1))
     spread = rng.choice([0.03, 0.2, 0.6, 2.0], (count, 1, 1))
     n = np.array([0, 0, 1]) + spread * rng.normal(size=(count, splats, 3))
@@ -33,7 +33,7 @@ def clouds_of(rng, count, splats):
     ],
 )
 def test_all_surface_lies_in_the_slab(surface, trim, count):
-    """Each count of splats has so many clouds."""
+    """count : number of clouds for each number of splats"""
     rng = np.random.default_rng(11)
     shares, zeros = [], 0
     for splats in (1, 2, 3, 5, 8):

@@ -1,4 +1,4 @@
-"""Trees are valid, the validator sees corruption, and no hit depends on slabs, boxes or voxels."""
+"""Trees are valid, the validator detects corruption, and hits do not depend on slabs, boxes or voxels."""
 
 from functools import cache
 
@@ -24,7 +24,7 @@ COUNTS = {"torus": 10_000, "sphere": 40_000, "lattice": 40_000, "statue": 200_00
 
 
 def sweep(rings=24, columns=400):
-    """Points of a rotating scanner on ground, a wall and its own mount, a centimetre to 60 m away."""
+    """Return points of a rotating scanner on the ground, a wall and its own mount, 1 cm to 60 m away."""
     rng = np.random.default_rng(7)
     up, around = (
         a.ravel() for a in np.meshgrid(np.radians(np.linspace(-30, 10, rings)), np.linspace(0, 6.28, columns))
@@ -73,7 +73,7 @@ def torus():
     "name", [*map(long, ("sphere", "torus", "lattice", "statue")), long_scan("stanford_bunny"), "uneven"]
 )
 @pytest.mark.parametrize("surface", ["paper", "imls", "apss", "disc"])
-def test_trees_are_whole(name, surface):
+def test_trees_are_valid(name, surface):
     positions = 4000 if name not in ("torus", "uneven") else 1000
     assert check_tree(build_tree(splats(name), TreeSettings(surface)), positions) == []
 
@@ -94,7 +94,7 @@ def test_a_narrow_splat_does_not_decide_the_step_far_away(name):
     "name",
     ["torus", *map(long_scan, ("stanford_bunny", "nefertiti_50k", "stanford_dragon_stand_rangescans"))],
 )
-def test_trees_over_uneven_splats_are_whole(name, width):
+def test_trees_over_uneven_splats_are_valid(name, width):
     cloud = splats(name)
     radii = cloud.radii.copy()
     radii[::500] *= 4
@@ -193,7 +193,7 @@ def narrow_voxels(tree):
 
 
 def empty_a_leaf(tree):
-    """Make a leaf no child and without splats, as if it had been proved empty."""
+    """Remove a leaf with its splats, as if it had been proved empty."""
     rows, children = tree.boxes.reshape(-1, 6, 8), tree.children.reshape(-1, 8)
     node, k = np.argwhere((children < 0) & (children > -(2**31)))[len(tree.leaves) // 32]
     tree.spans[2 * ~children[node, k] + 1] = 0
@@ -226,14 +226,14 @@ CORRUPTIONS = {
 
 
 @pytest.mark.parametrize("corrupt", CORRUPTIONS, ids=lambda c: c.__name__)
-def test_the_validator_sees_a_corrupted_tree(torus, corrupt):
+def test_the_validator_detects_a_corrupted_tree(torus, corrupt):
     tree = copied(build_tree(torus, TreeSettings("apss")))
     corrupt(tree)
     assert any(CORRUPTIONS[corrupt] in problem for problem in check_tree(tree, positions=1000))
 
 
 def scene_of(cloud, **changes):
-    """The cloud under a tree of its own."""
+    """Return a scene of the cloud with its own tree."""
     points, settings = pr.Points(cloud.positions, cloud.normals), TreeSettings("apss", trim=0.6, **changes)
     tree, scene = build_tree(cloud, settings), pr.Scene()
     scene.add(PrebuiltModel(ModelData(settings, 0.0, Drawing(), points, cloud.radii, points.bounds, tree)))
@@ -241,14 +241,14 @@ def scene_of(cloud, **changes):
 
 
 def random_rays(rng, cloud):
-    """Origins and unit directions of rays through the cloud's bounds."""
+    """Return origins and unit directions of rays through the cloud's bounds."""
     low, high = pr.Points(cloud.positions).bounds
     a, b = rng.uniform(low, high, (2, 200_000, 3))
     return a - 3 * (b - a), (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
 
 
 def seen(cloud, rays, **changes):
-    """t of rays under a tree of the cloud's."""
+    """Return t of rays, traced with a tree over the cloud."""
     return scene_of(cloud, **changes).intersect(*rays).t
 
 
@@ -260,7 +260,7 @@ def test_slabs_and_boxes_lose_nothing(name, rng):
     cloud = splats(name)
     rays = random_rays(rng, cloud)
     tight, loose = seen(cloud, rays), seen(cloud, rays, cut=False)
-    assert (np.isfinite(tight) != np.isfinite(loose)).sum() <= 6  # 230 if boxes are thinner by a twentieth
+    assert (np.isfinite(tight) != np.isfinite(loose)).sum() <= 6  # 230 if boxes are 5% thinner
     both = np.isfinite(tight) & np.isfinite(loose)
     assert (np.abs(tight[both] - loose[both]) > 0.02 * np.median(cloud.radii)).sum() <= 6  # 7,415
 
@@ -277,7 +277,7 @@ def test_the_size_of_voxels_changes_nothing(name, factor, rng):
 
 
 def crumpled(extra):
-    """Splats of a noisy double wall, and copies of some of them far away, which shift all blocks."""
+    """Return splats of a noisy double wall, and copies of some of them far away, which shift all blocks."""
     rng = np.random.default_rng(5)
     x, side = rng.uniform(0, 1, (20_000, 3)), rng.choice([-1.0, 1.0], (20_000, 1))
     u, v = 9 * x[:, 0], 7 * x[:, 1]
@@ -311,7 +311,7 @@ def test_coincident_and_huge_supports_are_no_trouble(rng):
 
 
 def test_splats_that_are_in_order_need_no_sort(rng):
-    """The tree is the same, row numbers too, and may have any order of splats."""
+    """The tree is the same, row numbers included, for any order of splats."""
     x = sphere_points(2000)
     out = rng.normal(size=(2000, 3)).astype(np.float32)
     extras = {
@@ -345,7 +345,7 @@ def test_the_tree_keeps_the_splats(torus, by_row, rng):
 @pytest.mark.parametrize("samples", [4, 32])
 @pytest.mark.parametrize("name", ["torus", "uneven", "sweep", "wide among narrow", "wide beside narrow"])
 def test_leaves_list_all_splats_within_a_sample_step(name, samples, rng):
-    """So samples beside a voxel's face are the same from both sides."""
+    """Samples beside a voxel's face are thus the same from both sides."""
     cloud = splats(name)
     tree = build_tree(cloud, TreeSettings("apss", samples=samples))
     leaves, spans = tree.leaves.reshape(-1, LEAF), tree.spans.reshape(-1, 2)

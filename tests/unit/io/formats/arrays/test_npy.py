@@ -39,7 +39,7 @@ def chunked(request, monkeypatch):
 @pytest.mark.usefixtures("chunked")
 @pytest.mark.parametrize("dtype", ["<f4", ">f4", "<f8", ">f8", "<f2", "<i2", ">i4"])
 @pytest.mark.parametrize("order", "CF")
-def test_every_order_and_type(tmp_path, dtype, order):
+def test_arrays_of_every_order_and_type_are_read(tmp_path, dtype, order):
     array = (XYZ * 100).astype(dtype, order=order)
     points = read(saved(tmp_path / "a.npy", array))
     np.testing.assert_array_equal(points.positions, array.astype(np.float32))
@@ -94,7 +94,7 @@ def test_columns_are_recognised_from_all_their_values(tmp_path, more, normals, c
         np.testing.assert_array_equal(points.attributes[name], array[:, int(name[-1]) - 1 if name[-1].isdigit() else 3])
 
 
-def test_one_late_value_decides(tmp_path, monkeypatch):
+def test_a_single_late_value_decides_what_a_column_is(tmp_path, monkeypatch):
     monkeypatch.setattr(_arrays, "BLOCK", 100)
     array = beside(XYZ, RGB)
     array[-1, 3] = 256
@@ -113,7 +113,7 @@ def test_columns_are_named_by_the_caller(tmp_path):
 
 
 @pytest.mark.usefixtures("chunked")
-def test_fields_have_names(tmp_path):
+def test_structured_arrays_are_read_by_field_names(tmp_path):
     dtype = [("time", ">f8"), ("Z", "f8"), ("X", "f8"), ("Y", ">f8"), ("color", "u1", (3,)), ("nx", "f4")]
     dtype += [("ny", "f4"), ("nz", "f4"), ("hit", "?"), ("class", "i1"), ("code", "u2", (4,))]
     rows = np.zeros(N, dtype)
@@ -139,7 +139,7 @@ def header(text, version=1):
 
 
 @pytest.mark.parametrize("version", [1, 2, 3])
-def test_every_version_of_the_header(tmp_path, version):
+def test_every_version_of_the_header_is_read(tmp_path, version):
     text = "{'descr': '<f4', 'fortran_order': False, 'shape': (70L, 3L)}\n"  # as Python 2 wrote it
     (tmp_path / "a.npy").write_bytes(header(text, version) + XYZ.tobytes())
     np.testing.assert_array_equal(read(tmp_path / "a.npy").positions, XYZ)
@@ -214,7 +214,7 @@ def test_objects_are_not_unpickled(tmp_path):
         {"arr_0": beside(XYZ, NORMALS, RGB)},
     ],
 )
-def test_names_tell_what_arrays_are(tmp_path, save, arrays):
+def test_names_of_arrays_decide_their_meaning(tmp_path, save, arrays):
     save(tmp_path / "a.npz", **arrays, label=np.arange(N), crs="EPSG:25832")
     if "arr_0" in arrays:
         save(tmp_path / "a.npz", **arrays, crs="EPSG:25832")
@@ -229,7 +229,7 @@ def test_names_tell_what_arrays_are(tmp_path, save, arrays):
 @pytest.mark.parametrize("name", ["pts3d", "world_points", "points3d", "Points"])
 @pytest.mark.parametrize("pixels", [(2, 7, 5), (10, 7), (70,)])
 def test_pictures_of_points(tmp_path, name, pixels):
-    """As networks write them that see depth: positions, colours and how sure they are, pixel by pixel."""
+    """Files of depth networks contain positions, colours and confidence per pixel."""
     rng = np.random.default_rng(4)
     conf, mask = rng.random(N), rng.random(N) > 0.5
     arrays = {name: XYZ.reshape(*pixels, 3), "rgb": RGB.reshape(*pixels, 3)}
@@ -272,7 +272,7 @@ def test_archives_without_a_cloud_are_refused(tmp_path, arrays, message):
 
 
 def archive(path, info=None, data=None, **changes):
-    """An archive with one array, and changes of what its table of contents says."""
+    """Write an archive with one array and changes to its directory."""
     stream = io.BytesIO()
     np.save(stream, XYZ)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
@@ -282,7 +282,7 @@ def archive(path, info=None, data=None, **changes):
     return path
 
 
-def test_archives_that_lie_are_refused(tmp_path):
+def test_archives_with_false_sizes_are_refused(tmp_path):
     path = tmp_path / "a.npz"
     with pytest.raises(ValueError, match="at most .* can be stored"):
         read(archive(path, file_size=2**31))
@@ -344,13 +344,13 @@ GEOREFERENCE = Georeference("EPSG:25832", "metre", None, None, ((1.0, 2.0, 3.0),
     ],
     ids=["all", "positions", "far away", "gaps"],
 )
-def test_what_is_written_comes_back(tmp_path, suffix, points):
+def test_written_points_are_read_back(tmp_path, suffix, points):
     assert write_points(tmp_path / f"a{suffix}", points) == []
     check_same(read(tmp_path / f"a{suffix}"), points)
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, N])
-def test_npz_holds_attributes_of_every_name_and_the_georeference(tmp_path, n):
+def test_npz_stores_attributes_of_every_name_and_the_georeference(tmp_path, n):
     attributes = {k: v[:n] for k, v in {**SPECIAL, "attributes/a": RGB, SCAN: np.arange(N) % 2, "a/b": XYZ}.items()}
     points = Points(XYZ[:n], attributes=attributes, georeference=GEOREFERENCE)
     assert write_points(tmp_path / "a.npz", points) == []
@@ -362,7 +362,7 @@ def test_npz_holds_attributes_of_every_name_and_the_georeference(tmp_path, n):
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".npy"])
-def test_whole_numbers_of_a_file_come_back(tmp_path, suffix):
+def test_integer_coordinates_are_written_unchanged(tmp_path, suffix):
     numbers = np.arange(3 * N).reshape(N, 3) * 7_000_003
     georeference = Georeference("EPSG:1", None, (1e-4, 1e-4, 1e-3), (4e5, 5e6, 0.0))
     world = np.array(georeference.offset) + np.array(georeference.scale) * numbers
@@ -383,7 +383,7 @@ def test_whole_numbers_of_a_file_come_back(tmp_path, suffix):
     np.testing.assert_array_equal(numbers_of(georeference, written), numbers)
 
 
-def test_npy_tells_what_it_loses_and_refuses_names_that_are_taken(tmp_path):
+def test_npy_reports_what_it_cannot_store_and_refuses_reserved_names(tmp_path):
     lost = write_points(tmp_path / "a.npy", cloud(georeference=GEOREFERENCE))
     assert [word.removeprefix("cannot store ") for word in lost] == [
         "the coordinate system",

@@ -1,4 +1,4 @@
-"""E57 files as pye57 writes them, with every optional part, and one that another program made."""
+"""E57 files written by pye57, with every optional element, and one by another program."""
 
 import re
 import struct
@@ -20,12 +20,12 @@ pye57 = pytest.importorskip("pye57")
 
 
 def turned(xyz):
-    """Turned by TURN."""
+    """Return positions rotated by TURN."""
     return np.stack([-xyz[:, 1], xyz[:, 0], xyz[:, 2]], axis=1)
 
 
 @pytest.mark.scans
-def test_a_file_of_another_program_is_as_pye57_reads_it():
+def test_a_file_of_another_program_agrees_with_pye57():
     path = shared_model("raw/bunnyFloat.e57")
     points = read(path)
     with pye57.E57(str(path)) as file:
@@ -38,7 +38,7 @@ def test_a_file_of_another_program_is_as_pye57_reads_it():
     assert listing.rows == len(points) == 30_571
 
 
-def test_a_pose_turns_positions_and_normals(tmp_path):
+def test_a_pose_transforms_positions_and_normals(tmp_path):
     normals = {f"nor:normal{axis}": Column(column, "single") for axis, column in zip("XYZ", NORMALS.T, strict=True)}
     path = save(tmp_path / "a.e57", (xyz_columns() | normals, pose()))
     points = read(path)
@@ -97,7 +97,7 @@ def color_columns(values, kind="int", high=255):
     ("values", "kind", "high", "limits"),
     [
         (RGB, "int", 255, None),
-        (RGB, "int", 255, (3, 201)),  # those of the picture
+        (RGB, "int", 255, (3, 201)),  # limits of the values present
         (RGB * 257, "int", 65535, None),
         (RGB * 257, "int", 65535, (0, 65535)),
         (RGB, "int", 65535, (0, 255)),  # 8 bits in 16
@@ -105,7 +105,7 @@ def color_columns(values, kind="int", high=255):
         (RGB / 255, "double", None, (0, 1)),
     ],
 )
-def test_colors_by_their_limits(tmp_path, values, kind, high, limits):
+def test_colors_are_scaled_by_their_limits(tmp_path, values, kind, high, limits):
     facts = {}
     if limits:
         ends = dict(zip(("Minimum", "Maximum"), limits, strict=True))
@@ -143,7 +143,7 @@ def test_whole_numbers_with_a_scale_are_kept(rng, tmp_path):
     np.testing.assert_array_equal(numbers_of(georeference, points.world) + residual, whole)
 
 
-def test_header_data_of_the_file_and_its_scans(tmp_path):
+def test_metadata_of_the_file_and_its_scans_is_read(tmp_path):
     sensor = {"name": "yard", "sensorVendor": "Acme", "sensorModel": "X1"}
     limits = {"intensityLimits": {"intensityMinimum": 0, "intensityMaximum": 4095}}
     path = save(tmp_path / "a.e57", (xyz_columns(), sensor | limits | pose()), crs="EPSG:25832")
@@ -183,7 +183,7 @@ def test_many_blocks_are_one_file(tmp_path, monkeypatch):
         ('type="CompressedVector"', 'type="Structure"', "contains no points: 1 scans found, all empty"),
     ],
 )
-def test_what_the_header_says_is_checked(tmp_path, old, new, words):
+def test_invalid_headers_are_refused(tmp_path, old, new, words):
     path = save(tmp_path / "a.e57", (xyz_columns(), {}))
     with_xml(path, old, new)
     with pytest.raises(ValueError, match=re.escape(words)):
@@ -197,7 +197,7 @@ def test_more_points_than_bytes_are_refused_before_memory_is_taken(tmp_path):
         read(path, strict=True)
 
 
-def test_a_changed_byte_is_noticed(tmp_path):
+def test_a_changed_byte_is_detected(tmp_path):
     path = save(tmp_path / "a.e57", (xyz_columns(), {}))
     data = bytearray(path.read_bytes())
     data[5000] ^= 1
@@ -215,7 +215,7 @@ def test_a_file_that_is_being_written_is_refused(tmp_path):
             read(path)
 
 
-def test_xml_is_never_followed():
+def test_unsafe_xml_is_refused():
     for text, words in [
         (b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><a>&x;</a>', "declares XML types"),
         (b'<a xmlns:xsi="x" xsi:schemaLocation="http://x http://x/x.xsd"/>', "refers to an XML schema"),
@@ -227,7 +227,7 @@ def test_xml_is_never_followed():
 
 
 def test_mutated_files_are_read_or_refused(tmp_path, rng):
-    """With valid checksums, so that the library sees the changes; a text that swallows the rest leaves one scan."""
+    """Checksums are valid, so that the library parses the changes; an unclosed string leaves one scan."""
     path = save(tmp_path / "a.e57", (xyz_columns() | color_columns(RGB), pose()), (xyz_columns(), {}))
     data, read_whole = path.read_bytes(), 0
     for _ in range(60):

@@ -1,4 +1,4 @@
-"""LAS, LAZ and COPC: all point formats, exact integers and dtypes, coordinate systems, nodes of an octree, damage."""
+"""LAS, LAZ and COPC: all point formats, exact integers and dtypes, coordinate systems, octree nodes, damaged files."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PROJECTED = (
 
 
 def check_same(points: pr.Points, las: laspy.LasData) -> None:
-    """All that laspy reads is there, with its dtypes."""
+    """Check that all that laspy reads is there, with its dtypes."""
     names = [name for name in las.point_format.dimension_names if name not in NOT_ATTRIBUTES]
     assert set(points.attributes) - {RESIDUAL} == set(names)
     for name in names:
@@ -48,7 +48,7 @@ def check_same(points: pr.Points, las: laspy.LasData) -> None:
 
 @pytest.mark.scans
 @pytest.mark.parametrize("name", FILES)
-def test_real_files_as_laspy_reads_them(name: str, tmp_path: Path) -> None:
+def test_real_files_agree_with_laspy(name: str, tmp_path: Path) -> None:
     path = shared_model(f"raw/{name}")
     points, las = pr.read(path), laspy.read(path)
     check_same(points, las)
@@ -63,7 +63,7 @@ def test_real_files_as_laspy_reads_them(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("version", "format", "suffix"), [(*v, s) for v, s in product(VERSIONS, (".las", ".laz"))])
-def test_all_versions_and_formats(version: str, format: int, suffix: str, tmp_path: Path) -> None:
+def test_all_versions_and_formats_are_read(version: str, format: int, suffix: str, tmp_path: Path) -> None:
     las = write_random(tmp_path / f"a{suffix}", version, format)
     points = pr.read(tmp_path / f"a{suffix}")
     check_same(points, las)
@@ -80,7 +80,7 @@ def test_all_versions_and_formats(version: str, format: int, suffix: str, tmp_pa
             np.testing.assert_array_equal(own[name], values, err_msg=name)
 
 
-def test_version_1_0_and_unnamed_extra_bytes(tmp_path: Path) -> None:
+def test_version_1_0_and_unnamed_extra_bytes_are_read(tmp_path: Path) -> None:
     path = tmp_path / "a.las"
     las = write_random(path, "1.1", 1)
     raw = bytearray(path.read_bytes())
@@ -136,7 +136,7 @@ def test_an_offset_of_minus_zero_is_reported_as_zero(tmp_path: Path) -> None:
 @pytest.mark.parametrize("scale", (0.01, 1e-7, 0.25, 7.3e-5))
 @pytest.mark.parametrize("offset", (0.0, 123456.789, -5.4e6))
 @pytest.mark.parametrize("width", (1000, 2**31 - 1))  # so wide that float32 loses digits
-def test_integers_come_back_to_the_last(scale: float, offset: float, width: int, tmp_path: Path) -> None:
+def test_integer_coordinates_are_kept_exactly(scale: float, offset: float, width: int, tmp_path: Path) -> None:
     header = laspy.LasHeader(version="1.4", point_format=0)
     header.scales, header.offsets = np.full(3, scale), np.full(3, offset)
     las = laspy.LasData(header)
@@ -192,7 +192,7 @@ def test_colors_normals_and_other_attributes_are_written(tmp_path: Path) -> None
     assert again.attributes["flag"].dtype == np.uint8
 
 
-def test_the_smallest_format_that_holds_all(tmp_path: Path) -> None:
+def test_the_smallest_sufficient_point_format_is_chosen(tmp_path: Path) -> None:
     n = 10
     for names, wanted in ((), 0), (("gps_time",), 1), (("nir",), 8), (("overlap", "classification"), 6):
         points = pr.Points(np.random.default_rng(0).random((n, 3)), attributes={name: np.ones(n) for name in names})
@@ -228,7 +228,7 @@ def test_grids_that_do_not_fit_are_moved_or_coarsened(tmp_path: Path) -> None:
 # ------------------------------------------------------------------------------------------- coordinate systems
 
 
-def test_well_known_text_is_kept_as_it_stands(tmp_path: Path) -> None:
+def test_well_known_text_is_kept_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "a.las"
     for text in (PROJECTED, PROJECTED.replace("c", "c" * 70_000)):
         points = pr.Points(np.arange(30.0).reshape(10, 3), georeference=Georeference(text))
@@ -244,7 +244,7 @@ def test_well_known_text_is_kept_as_it_stands(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("code", "unit"), [(25832, "metre"), (2285, "US survey foot"), (4326, "degree"), (2285, None)])
-def test_codes_of_epsg(code: int, unit: str | None, tmp_path: Path) -> None:
+def test_epsg_codes_are_written_and_read(code: int, unit: str | None, tmp_path: Path) -> None:
     points = pr.Points(np.arange(30.0).reshape(10, 3), georeference=Georeference(f"EPSG:{code}", unit))
     pr.write(tmp_path / "a.las", points)
     georeference = pr.read(tmp_path / "a.las").georeference
@@ -253,7 +253,7 @@ def test_codes_of_epsg(code: int, unit: str | None, tmp_path: Path) -> None:
     assert code in [key.value_offset for key in keys]
 
 
-def test_systems_that_keys_cannot_hold() -> None:
+def test_coordinate_systems_that_geokeys_cannot_store_are_reported() -> None:
     words: list[str] = []
     assert (
         records_for("EPSG:102100", None, words) == [] and records_for("ESRI:1", None, words) == [] and len(words) == 2
@@ -263,7 +263,7 @@ def test_systems_that_keys_cannot_hold() -> None:
     assert keys_of(b"\1\0") == {}
 
 
-def test_units_of_well_known_text() -> None:
+def test_units_are_found_in_well_known_text() -> None:
     assert unit_of(PROJECTED) == "US survey foot"
     assert unit_of('GEOGCS["b",PRIMEM["c",0],UNIT["degree",0.0174]]') == "degree"
     two = 'COMPOUNDCRS["x",PROJCRS["a",BASEGEOGCRS["b",DATUM["d",ELLIPSOID["e",1,2,LENGTHUNIT["foot",1]]]],'
@@ -278,7 +278,7 @@ def test_units_of_well_known_text() -> None:
 
 
 @pytest.mark.scans
-def test_nodes_as_laspy_finds_them() -> None:
+def test_octree_nodes_agree_with_laspy() -> None:
     path = shared_model("raw/lion_takanawa.copc.laz")
     whole = laspy.read(path)
     low, high = np.quantile(np.stack([whole.x, whole.y, whole.z], axis=1), [0.3, 0.6], axis=0)
@@ -301,7 +301,7 @@ def test_nodes_as_laspy_finds_them() -> None:
 
 
 @pytest.mark.scans
-def test_pages_that_name_each_other_are_refused(tmp_path: Path) -> None:
+def test_hierarchy_pages_that_refer_to_each_other_are_refused(tmp_path: Path) -> None:
     data = bytearray(shared_model("raw/lion_takanawa.copc.laz").read_bytes())
     start, size = struct.unpack_from("<2Q", data, 375 + 54 + 40)
     struct.pack_into("<4iQ2i", data, start, 0, 0, 0, 0, start, size, -1)
@@ -362,7 +362,7 @@ def test_errors_are_reported(tmp_path: Path) -> None:
 
 
 def read_with_warning(path: Path, data: bytes) -> tuple[pr.Points, str]:
-    """The points of a damaged file, and the one warning of it."""
+    """Return the points of a damaged file, and its only warning."""
     path.write_bytes(data)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
@@ -389,8 +389,8 @@ def test_wrong_records_do_not_hide_the_points(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("version", "format"), [("1.2", 3), ("1.4", 7)])
 @pytest.mark.parametrize("chunk", (50_000, 100))
-def test_wrong_counts_of_compressed_points(version: str, format: int, chunk: int, tmp_path: Path) -> None:
-    """A chunk of layers states its rows; of others the last is decompressed as far as it goes."""
+def test_wrong_counts_of_compressed_points_are_handled(version: str, format: int, chunk: int, tmp_path: Path) -> None:
+    """A layered chunk states its row count; of other chunks the last is decompressed as far as possible."""
     import lazrs
 
     path = tmp_path / "a.laz"
@@ -414,7 +414,7 @@ def test_wrong_counts_of_compressed_points(version: str, format: int, chunk: int
     path.write_bytes(good)
     expected = pr.read(path).world
     place = (107, "<I") if version == "1.2" else (247, "<Q")
-    returns = changed(good, place[0] + struct.calcsize(place[1]), place[1], 500)  # fewer rows show by them
+    returns = changed(good, place[0] + struct.calcsize(place[1]), place[1], 500)  # fewer rows are noticed by them
     for count in (501, 530, 600, 2**32 - 1, 499, 350, 100):
         points, said = read_with_warning(path, changed(returns, *place, count))
         assert f"{count:,} rows expected, 500 found" in said
@@ -423,8 +423,8 @@ def test_wrong_counts_of_compressed_points(version: str, format: int, chunk: int
 
 
 @pytest.mark.scans
-def test_an_octree_with_a_wrong_count(tmp_path: Path) -> None:
-    """Nodes that a box asks for are read too."""
+def test_an_octree_with_a_wrong_count_is_read_with_a_warning(tmp_path: Path) -> None:
+    """Nodes selected by a box are read as well."""
     good, path = shared_model("raw/lion_takanawa.copc.laz").read_bytes(), tmp_path / "a.laz"
     (low, high), (count,) = (
         pr.read(shared_model("raw/lion_takanawa.copc.laz")).bounds,
@@ -466,7 +466,7 @@ def test_errors_in_compressed_points_are_reported(tmp_path: Path) -> None:
     assert len(pr.read(path)) == 500
 
 
-def test_a_table_at_the_end_is_found(tmp_path: Path) -> None:
+def test_a_chunk_table_at_the_end_is_found(tmp_path: Path) -> None:
     path = tmp_path / "a.laz"
     las = write_random(path, "1.2", 3)
     good = path.read_bytes()
@@ -477,10 +477,10 @@ def test_a_table_at_the_end_is_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("raised", (KeyboardInterrupt, OSError))
-def test_what_a_stream_raises_comes_out(
+def test_errors_of_the_stream_are_raised_unchanged(
     raised: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """lazrs makes an error of its own of it."""
+    """lazrs replaces them by an error of its own."""
     from pointray.base.atomic_write import Replacement
 
     written = Replacement.write

@@ -21,7 +21,7 @@ KINDS = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4"}
 
 
 def gltf(path: Path, arrays: dict[str, np.ndarray], **tree: object) -> Path:
-    """A .gltf or .glb file of a primitive; whole numbers are normalized, but for its indices."""
+    """Write a .gltf or .glb file of one primitive; integers are normalized, except for its indices."""
     data, views, accessors = b"", [], []
     for name, values in arrays.items():
         values = np.ascontiguousarray(values)
@@ -59,12 +59,12 @@ def test_quantized_points_are_where_they_belong(rng, tmp_path, suffix, dtype):
     np.testing.assert_allclose(points.colors, colors / 257, atol=0.51)
 
 
-def test_a_quantized_mesh_with_all_attributes(tmp_path):
-    """Normals are of length 1, and a texture is looked up where its transform says."""
+def test_a_quantized_mesh_with_all_attributes_is_read(tmp_path):
+    """Normals have unit length, and the texture's transform is applied."""
     ball = trimesh.creation.icosphere(3)
     picture = Image.fromarray(np.repeat([[[250, 0, 0]], [[0, 0, 250]]], 2, axis=1).astype(np.uint8))
     picture.save(tmp_path / "a.png")
-    transform = {"offset": [0, 0.25], "scale": [1, 0.5]}  # 0 to 1 becomes 0.25 to 0.75, and the picture is cut at 0.5
+    transform = {"offset": [0, 0.25], "scale": [1, 0.5]}  # 0 to 1 becomes 0.25 to 0.75, and the picture changes at 0.5
     texture = {"index": 0, "extensions": {"KHR_texture_transform": transform}}
     path = gltf(
         tmp_path / "a.gltf",
@@ -94,7 +94,7 @@ def test_a_quantized_mesh_with_all_attributes(tmp_path):
         pr.read(path, strict=True)
 
 
-def test_a_quantized_file_of_another_program():
+def test_a_quantized_file_of_another_program_is_read():
     path = MODELS.parent / "cases" / "glb_quantized.glb"
     if not path.exists():
         pytest.skip("no shared files here")
@@ -106,7 +106,7 @@ def test_a_quantized_file_of_another_program():
 @pytest.mark.parametrize("is_stored", [True, False])
 @pytest.mark.parametrize("dtype", ["f4", "i2"])
 def test_sparse_values_replace_those_stored(rng, tmp_path, dtype, is_stored):
-    """Without a buffer view the other values are 0."""
+    """Without a buffer view, the other values are 0."""
     rows, values = (rng.integers(-32767, 32768, (n, 3)).astype(dtype) for n in (90, 40))
     places = np.sort(rng.choice(90, 40, replace=False))[:, None].astype("u2")
     path = gltf(tmp_path / "a.gltf", {"POSITION": rows, "_PLACES": places, "_VALUES": values})
@@ -126,13 +126,13 @@ def test_sparse_values_replace_those_stored(rng, tmp_path, dtype, is_stored):
 
 
 @pytest.mark.parametrize("name", ["KHR_draco_mesh_compression", "EXT_meshopt_compression"])
-def test_compression_is_named(tmp_path, name):
+def test_unsupported_compression_is_named(tmp_path, name):
     path = gltf(tmp_path / "a.glb", {"POSITION": np.eye(3, dtype="f4")}, extensionsRequired=[name])
     with pytest.raises(ValueError, match=rf"a\.glb: is compressed with {name}, which is unsupported: save it without"):
         pr.read(path)
 
 
-def test_other_extensions_that_are_required_are_named(tmp_path):
+def test_unsupported_required_extensions_are_named(tmp_path):
     path = gltf(tmp_path / "a.glb", {"POSITION": np.eye(3, dtype="f4")}, extensionsRequired=["XY_odd"])
     with pytest.warns(UserWarning, match="requires XY_odd, which is unsupported"):
         pr.read(path)

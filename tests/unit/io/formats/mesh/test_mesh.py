@@ -59,7 +59,7 @@ def test_points_are_scattered_by_area(tmp_path, kind):
     np.testing.assert_array_equal(read(path, sample=1700).positions, points.positions)
 
 
-def test_points_are_even_on_a_triangle(tmp_path):
+def test_points_are_uniform_on_a_triangle(tmp_path):
     (tmp_path / "a.off").write_text("OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
     points = read(tmp_path / "a.off", sample=4000)
     np.testing.assert_allclose(points.world.mean(axis=0), [1 / 3, 1 / 3, 0], atol=0.02)
@@ -67,7 +67,7 @@ def test_points_are_even_on_a_triangle(tmp_path):
         assert abs((points.world[:, axis] > 0.5).mean() - 0.25) < 0.03
 
 
-def test_many_points_come_in_blocks(tmp_path, monkeypatch):
+def test_many_points_are_read_in_blocks(tmp_path, monkeypatch):
     from pointray.io.formats.mesh import _points as _mesh_points
 
     path = save(tmp_path, ball(), "stl")
@@ -94,8 +94,8 @@ def test_a_binary_stl_file_may_begin_with_solid(tmp_path, padding):
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", " \\\n \n"])
-def test_negative_indices_count_from_the_face(tmp_path, end):
-    """Each triangle follows its own corners; every second one has positive indices."""
+def test_negative_indices_count_back_from_the_face(tmp_path, end):
+    """Each triangle stands after its own corners; every second one has positive indices."""
     shape, lines = ball(), []
     for k, (triangle, normal) in enumerate(zip(shape.triangles, shape.face_normals, strict=True)):
         lines += ["v {} {} {}".format(*row) for row in triangle]
@@ -111,7 +111,7 @@ def test_negative_indices_count_from_the_face(tmp_path, end):
 
 
 def test_points_without_triangles_keep_their_order(rng, tmp_path):
-    rows = np.repeat(rng.random((40, 3)).round(3), 2, axis=0)  # each twice: none is merged
+    rows = np.repeat(rng.random((40, 3)).round(3), 2, axis=0)  # each twice; none is merged
     colors = rng.integers(0, 256, (80, 3))
     normals = rng.normal(size=(80, 3)).round(3)
     lines = ["# caf\xe9"]
@@ -136,7 +136,7 @@ def test_normals_of_the_file_are_kept(tmp_path):
 
 
 @pytest.mark.parametrize("sample", [None, 500])
-def test_colors_of_vertices(tmp_path, sample):
+def test_vertex_colors_are_read(tmp_path, sample):
     shape = ball()
     shape.visual.vertex_colors = np.where(shape.vertices[:, :1] > 0, [[200, 10, 30, 255]], [[200, 110, 30, 255]])
     points = read(save(tmp_path, shape, "glb"), sample=sample)
@@ -147,7 +147,7 @@ def test_colors_of_vertices(tmp_path, sample):
 
 @pytest.mark.parametrize("kind", ["glb", "obj"])
 @pytest.mark.parametrize("sample", [0, 500])
-def test_colors_of_a_texture(tmp_path, kind, sample):
+def test_texture_colors_are_read(tmp_path, kind, sample):
     picture = Image.fromarray(np.repeat([[[250, 0, 0]], [[0, 0, 250]]], 2, axis=1).astype(np.uint8))
     square = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
     uv = [[0.1, 0.1], [0.9, 0.1], [0.9, 0.9], [0.1, 0.9]]
@@ -162,7 +162,7 @@ def test_colors_of_a_texture(tmp_path, kind, sample):
     assert (points.colors[top < 0.2] == [0, 0, 250]).all()
 
 
-def test_a_scene_puts_meshes_where_they_belong(tmp_path):
+def test_transforms_of_a_scene_are_applied(tmp_path):
     shape = ball()
     matrix = trimesh.transformations.rotation_matrix(0.7, (1, 2, 3), (4, 5, 6)) @ np.diag([1, 2, -3, 1])
     scene = trimesh.Scene()
@@ -201,7 +201,7 @@ def test_a_count_is_reported(tmp_path):
         (b'{"a": 1}', "a.json", ""),
     ],
 )
-def test_contents_tell_the_kind(tmp_path, head, name, kind):
+def test_the_format_is_recognised_by_contents(tmp_path, head, name, kind):
     assert mesh.kind_of(head, tmp_path / name) == kind
 
 
@@ -234,7 +234,7 @@ def test_a_wrong_line_is_named(tmp_path, line, words):
         read(tmp_path / "a.obj")
 
 
-def test_rows_that_are_nowhere_are_refused(tmp_path):
+def test_accessors_without_data_are_refused(tmp_path):
     path = save(tmp_path, ball(), "gltf")
     tree = json.loads(path.read_text())
     for accessor in tree["accessors"]:
@@ -246,7 +246,7 @@ def test_rows_that_are_nowhere_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["../secret.bin", "http://localhost/a.bin", "/etc/passwd"])
-def test_only_files_beside_are_opened(tmp_path, name):
+def test_only_files_in_the_same_folder_are_opened(tmp_path, name):
     (tmp_path / "in").mkdir()
     path = save(tmp_path / "in", ball(), "gltf")
     tree = json.loads(path.read_text())
@@ -257,7 +257,7 @@ def test_only_files_beside_are_opened(tmp_path, name):
         read(path)
 
 
-def test_triangles_of_ply_are_counted_first(tmp_path):
+def test_the_triangle_count_of_ply_is_checked_first(tmp_path):
     path = save_ply(tmp_path / "a.ply", ball())
     path.write_bytes(path.read_bytes().replace(b"element face 320", b"element face 999999999"))
     with pytest.raises(ValueError, match="999,999,999 rows of 'face' expected"):

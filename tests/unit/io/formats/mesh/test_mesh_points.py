@@ -1,4 +1,4 @@
-"""Which points a mesh becomes: OBJ of many materials, and points sampled where vertices are few."""
+"""Points of meshes: OBJ files with many materials, and surface samples where vertices are few."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SAMPLES = 200_000
 
 
 def obj(folder: Path, shape: object, groups: int, word: str = "usemtl", loose: str = "") -> Path:
-    """A mesh whose triangles are in groups, each with its colour."""
+    """Write a mesh whose triangles form groups, each with its colour."""
     shades = np.linspace(0, 1, groups)
     (folder / "a.mtl").write_text("".join(f"newmtl m{k}\nKd {shade:.3f} 0.5 0.25\n" for k, shade in enumerate(shades)))
     lines = [
@@ -48,14 +48,14 @@ def test_vertices_of_many_materials_are_read_once(tmp_path, word):
         assert len(np.unique(points.colors[:, 0])) > 35 and set(points.colors[:, 1]) <= {127, 128}
 
 
-def test_vertices_of_no_triangle_are_kept(tmp_path):
+def test_vertices_without_triangles_are_kept(tmp_path):
     ball = trimesh.creation.icosphere(3)
     points = pr.read(obj(tmp_path, ball, 3, loose="v 9 9 9"))
     assert len(points) == len(ball.vertices) + 1 and points.world[-1].tolist() == [9, 9, 9]
 
 
-def test_many_materials_take_no_more_memory_each(tmp_path):
-    """300 materials of one mesh: trimesh is not asked for all vertices of each."""
+def test_memory_does_not_grow_with_the_number_of_materials(tmp_path):
+    """For 300 materials of one mesh, trimesh does not copy all vertices 300 times."""
     ball = trimesh.creation.icosphere(5)
     assert len(pr.read(obj(tmp_path, ball, 300))) == len(ball.vertices)
 
@@ -63,7 +63,7 @@ def test_many_materials_take_no_more_memory_each(tmp_path):
 @pytest.mark.parametrize("absent", ["a.mtl", "paint.png"])
 @pytest.mark.parametrize("groups", [1, 3])
 @pytest.mark.parametrize("has_uv", [False, True])
-def test_missing_files_of_materials_are_named(tmp_path, absent, groups, has_uv):
+def test_missing_material_files_are_named(tmp_path, absent, groups, has_uv):
     path = obj(tmp_path, trimesh.creation.icosphere(3), groups)
     (tmp_path / "a.mtl").write_text("".join(f"newmtl m{k}\nmap_Kd paint.png\n" for k in range(groups)))
     if absent == "a.mtl":
@@ -80,7 +80,7 @@ def test_missing_files_of_materials_are_named(tmp_path, absent, groups, has_uv):
 
 
 def noted(path: Path, **options: object) -> tuple[pr.Points, list[str]]:
-    """What is read of a file, and the texts of all warnings."""
+    """Return the points of a file, and the texts of all warnings."""
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         points = pr.read(path, **options)
@@ -104,22 +104,22 @@ def test_a_box_is_sampled(tmp_path, kind):
 
 
 def divided_box(times: int) -> object:
-    """A box whose triangles are divided into four, several times."""
+    """Return a box whose triangles are repeatedly divided into four."""
     return trimesh.creation.box() if times == 0 else divided_box(times - 1).subdivide()
 
 
 @pytest.mark.parametrize(
     ("shape", "is_sampled"),
     [
-        (trimesh.creation.icosphere(2), False),  # a smooth surface: 162 vertices show it
+        (trimesh.creation.icosphere(2), False),  # 162 vertices represent a smooth surface
         (trimesh.creation.icosphere(1), True),
         (trimesh.creation.torus(1, 0.3, 40, 20), False),
         (trimesh.creation.cylinder(1, 5, sections=64), True),
-        (divided_box(4), True),  # 1,538 vertices, too few beside its edges
+        (divided_box(4), True),  # 1,538 vertices, too few near its edges
         (divided_box(5), False),  # 6,146, whose edges are short
     ],
 )
-def test_vertices_are_kept_where_they_show_the_surface(tmp_path, shape, is_sampled):
+def test_meshes_are_sampled_unless_their_vertices_represent_the_surface(tmp_path, shape, is_sampled):
     path = tmp_path / "a.ply"
     shape.export(str(path))
     points, said = noted(path)
@@ -127,7 +127,7 @@ def test_vertices_are_kept_where_they_show_the_surface(tmp_path, shape, is_sampl
 
 
 def test_triangles_in_any_order_of_corners(rng, tmp_path):
-    """Hulls of points have triangles whose corners run either way: that is no crease, and makes no normals."""
+    """Triangles of hulls have either winding: this is not a crease and gives no normals."""
     ball = trimesh.creation.icosphere(3)
     turned = rng.random(len(ball.faces)) < 0.5
     ball.faces = np.where(turned[:, None], ball.faces[:, ::-1], ball.faces)
@@ -151,7 +151,7 @@ def test_meshes_of_scans_keep_their_vertices(name):
     np.testing.assert_array_equal(points.world, vertices.world)
 
 
-def test_colors_of_materials_are_sampled(tmp_path):
+def test_material_colors_are_sampled(tmp_path):
     """Each material's triangles have its colour, up to their edges."""
     box = trimesh.creation.box()
     points, _ = noted(obj(tmp_path, box, 12))
@@ -159,7 +159,7 @@ def test_colors_of_materials_are_sampled(tmp_path):
     assert set(points.colors[:, 1]) <= {127, 128}
 
 
-def test_colors_of_triangles_are_sampled(tmp_path):
+def test_triangle_colors_are_sampled(tmp_path):
     box = trimesh.creation.box()
     box.visual.face_colors = np.arange(12)[:, None] * [20, 0, 0, 0] + [0, 7, 9, 255]
     box.export(str(tmp_path / "a.ply"))
@@ -168,7 +168,7 @@ def test_colors_of_triangles_are_sampled(tmp_path):
 
 
 def test_a_texture_is_sampled(tmp_path):
-    """162 vertices show the surface of a ball, but not its texture."""
+    """162 vertices represent the surface of a ball, but not its texture."""
     ball = trimesh.creation.icosphere(2)
     stripes = Image.fromarray(np.tile(np.uint8([[[0] * 3], [[255] * 3]]), (32, 4, 1)))
     uv = (ball.vertices[:, :2] + 1) / 2
@@ -182,7 +182,7 @@ def test_a_texture_is_sampled(tmp_path):
     assert (points.colors[:, 0] == 255 * (row % 2))[inner & facing].mean() > 0.95
 
 
-def test_the_command_line_says_so(tmp_path, capsys, monkeypatch):
+def test_the_command_line_reports_sampling(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     trimesh.creation.box().export("a.glb")
     for options, count in (([], SAMPLES), (["--sample", "0"], 8), (["--sample", "50"], 50)):

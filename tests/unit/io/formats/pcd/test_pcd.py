@@ -34,7 +34,7 @@ def test_padding_is_left_out(tmp_path, encoding):
     assert points.attributes == {}
 
 
-def test_packed_data_may_hold_the_padding(tmp_path):
+def test_packed_data_may_contain_the_padding(tmp_path):
     columns = {"x": XYZ[:, 0], "_1": RGB, "y": XYZ[:, 1], "z": XYZ[:, 2]}
     data = packed_by_lzf(raw := b"".join(np.ascontiguousarray(c).tobytes() for c in columns.values()))
     text = header(columns, "binary_compressed").encode()
@@ -62,7 +62,7 @@ def test_packed_colours_are_unpacked(tmp_path, encoding, name, column):
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary"])
 def test_points_without_a_packed_colour_are_grey(tmp_path, encoding):
-    """One NaN means no colour; the bits of others are colours of alpha 255, which a text does not keep."""
+    """One NaN means no colour; others are colours of alpha 255, whose bits a text does not preserve."""
     bits = np.full(len(XYZ), 0x00102030, np.uint32)
     bits[3], bits[5:] = 0x7FC00000, 0xFFC01122 if encoding == "binary" else 0x00C01122
     path = save(tmp_path / "a.pcd", {**dict(zip("xyz", XYZ.T, strict=True)), "rgba": bits.view(np.float32)}, encoding)
@@ -104,7 +104,7 @@ def test_separate_colours_and_short_names_of_normals(tmp_path):
         (None, ()),
     ],
 )
-def test_the_viewpoint_is_a_station_and_moves_nothing(tmp_path, viewpoint, stations):
+def test_the_viewpoint_becomes_a_station_and_does_not_move_points(tmp_path, viewpoint, stations):
     points = read(save(tmp_path / "a.pcd", VIEWPOINT=viewpoint))
     assert points.georeference.stations == stations
     np.testing.assert_array_equal(points.positions, XYZ)
@@ -119,7 +119,7 @@ def test_organised_clouds_keep_rows_without_a_return(tmp_path, encoding):
     np.testing.assert_array_equal(points.positions, xyz)
 
 
-def test_old_headers_lack_lines(tmp_path):
+def test_old_headers_with_missing_lines_are_read(tmp_path):
     columns = dict(zip("xyz", XYZ.T, strict=True))
     lacking = {"FIELDS": None, "SIZE": None, "TYPE": None, "COUNT": None, "HEIGHT": None, "VERSION": "0.5"}
     path = save(tmp_path / "a.pcd", columns, "ascii", **lacking)
@@ -179,7 +179,7 @@ SIMPLE = dict(zip("xyz", XYZ.T, strict=True))
         ("binary", {"HEIGHT": "1\nFOO 3"}, "line 9: 'FOO 3' is not valid in a PCD header"),
     ],
 )
-def test_headers_that_lie_are_refused(tmp_path, encoding, lines, message):
+def test_invalid_headers_are_refused(tmp_path, encoding, lines, message):
     path = save(tmp_path / "a.pcd", SIMPLE, encoding, **lines)
     with pytest.raises(ValueError, match=message) as caught:
         read(path, strict=True)
@@ -191,7 +191,7 @@ def test_headers_that_lie_are_refused(tmp_path, encoding, lines, message):
     ("line", "message"),
     [("1 2 x", "line 20: could not convert string 'x' to float32"), ("1 2", "line 20: .* 3 columns but 2")],
 )
-def test_wrong_text_is_found_by_its_line(tmp_path, monkeypatch, rows, line, message):
+def test_errors_in_text_name_the_line(tmp_path, monkeypatch, rows, line, message):
     monkeypatch.setattr(pcd, "CHUNK", rows)
     path = save(tmp_path / "a.pcd", SIMPLE, "ascii")
     lines = path.read_text().split("\n")
@@ -252,7 +252,7 @@ def test_mutated_files_are_read_whole_or_refused(rng, tmp_path):
 
 
 def fields_of(path):
-    """An independent tiny parser of binary and ascii files: columns by name."""
+    """Return columns by name: a minimal independent parser of binary and ascii files."""
     data = path.read_bytes()
     end = data.index(b"\n", data.index(b"\nDATA ") + 1) + 1
     lines = dict(line.split(None, 1) for line in data[:end].decode().splitlines() if line[0] != "#")
@@ -266,7 +266,7 @@ def fields_of(path):
 
 @pytest.mark.scans
 @pytest.mark.parametrize("name", ["Zaghetto_binary", "bun0_ascii", "colored_cloud"])
-def test_files_of_other_programs(name):
+def test_files_of_other_programs_are_read(name):
     path = shared_model(f"raw/{name}.pcd")
     columns, points = fields_of(path), read(path)
     for k, axis in enumerate("xyz"):
@@ -283,7 +283,7 @@ def test_files_of_other_programs(name):
         np.testing.assert_array_equal(values, columns[attribute].astype(np.float32))
 
 
-def test_no_warning_is_given(tmp_path):
+def test_valid_files_cause_no_warning(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for encoding in ENCODINGS:

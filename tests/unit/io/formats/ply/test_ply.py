@@ -42,7 +42,7 @@ FORMATS = [(True, "="), (False, "<"), (False, ">")]
 
 @pytest.mark.parametrize(("text", "order"), FORMATS)
 @pytest.mark.parametrize("dtype", ["f4", "f8", "i2"])
-def test_every_format_and_order_of_properties(tmp_path, text, order, dtype):
+def test_every_format_and_property_order_is_read(tmp_path, text, order, dtype):
     xyz = (XYZ * 100).astype(dtype)
     columns = {
         "blue": RGB[:, 2],
@@ -65,7 +65,7 @@ def test_every_format_and_order_of_properties(tmp_path, text, order, dtype):
 
 
 @pytest.mark.parametrize(("text", "order"), FORMATS)
-def test_elements_before_the_vertices_are_passed_over(tmp_path, text, order):
+def test_elements_before_the_vertices_are_skipped(tmp_path, text, order):
     before = [PlyElement.describe(np.zeros(4, [("a", "i2")]), "grid"), faces("strips")]
     points = read(save(tmp_path / "a.ply", dict(zip("xyz", XYZ.T, strict=True)), text, order, before))
     np.testing.assert_array_equal(points.positions, XYZ)
@@ -82,7 +82,7 @@ def test_lists_among_the_vertices_are_dropped(tmp_path, text, order):
 
 
 def with_lists(text, order):
-    """A file with a list in every vertex, written by hand, because plyfile forgets the byte order of such rows."""
+    """Return a file with a list in each vertex; plyfile would write such rows in the wrong byte order."""
     name = "ascii" if text else {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
     header = f"ply\nformat {name} 1.0\nelement first 2\nproperty uchar a\nelement vertex 50\nproperty float x\n"
     header += "property list uchar int near\nproperty float y\nproperty float z\nend_header\n"
@@ -102,7 +102,7 @@ def with_lists(text, order):
 @pytest.mark.parametrize(
     "colors", [RGB, RGB.astype("u2") * 257, RGB.astype("i4"), (RGB / 255).astype("f4"), RGB.astype("f4")]
 )
-def test_colors_of_all_kinds(tmp_path, names, colors):
+def test_colors_of_all_types_become_8_bits(tmp_path, names, colors):
     columns = dict(zip(["x", "y", "z", *names.split()], [*XYZ.T, *colors.T], strict=True))
     for text in (False, True):
         np.testing.assert_array_equal(read(save(tmp_path / "a.ply", columns, text)).colors, RGB)
@@ -112,10 +112,10 @@ def test_colors_of_all_kinds(tmp_path, names, colors):
 @pytest.mark.parametrize("name", ["rgb", "RGBA"])
 @pytest.mark.parametrize("dtype", ["u4", "i4", "f4", "whole f4"])
 def test_packed_colors_are_unpacked(tmp_path, text, order, name, dtype):
-    """As PCL writes them: bits 0xAARRGGBB; a float of the same bits, or of the same value."""
+    """PCL writes the bits 0xAARRGGBB, as an integer, a float of the same bits, or a float of the same value."""
     packed = RGB.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32) | 1 << 16
     expected = RGB | np.array([1, 0, 0], np.uint8)
-    if dtype == "f4" and text:  # NaN has no bits in a text
+    if dtype == "f4" and text:  # text does not preserve the bits of a NaN
         packed, expected = packed & 0x7FFFFF, expected & [127, 255, 255]
     elif dtype != "whole f4":
         packed = packed | 0xFF000000
@@ -135,7 +135,7 @@ def test_points_without_a_packed_color_are_grey(tmp_path):
     assert colors[7].tolist() == [128] * 3 and colors[8].tolist() == [16, 32, 48]
 
 
-def test_named_colors_come_before_packed_ones_and_scalars(tmp_path):
+def test_named_colors_are_preferred_to_packed_ones_and_scalars(tmp_path):
     names = ["x", "y", "z", "red", "green", "blue", "rgb", "scalar_R", "scalar_G", "scalar_B", "scalar_Label"]
     columns = dict(zip(names, [*XYZ.T, *RGB.T, *XYZ.T, *XYZ.T[:2]], strict=True))
     points = read(save(tmp_path / "a.ply", columns))
@@ -144,7 +144,7 @@ def test_named_colors_come_before_packed_ones_and_scalars(tmp_path):
 
 
 @pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
-def test_headers_as_programs_write_them(tmp_path, line_end):
+def test_headers_of_other_programs_are_read(tmp_path, line_end):
     """Headers have any line end, a comment in Latin-1, and a first byte of data that looks like a line end."""
     lines = [
         "ply",
@@ -169,8 +169,8 @@ LISTED = "element vertex 2\nproperty float x\nproperty list uchar int near\nprop
 @pytest.mark.parametrize("line_end", ["\n", "\r\n", "\r"])
 @pytest.mark.parametrize("blank", ["", "\n", " \t\n\n"])
 @pytest.mark.parametrize("vertices", [(PLAIN, "1 2 3", "4 5 6"), (LISTED, "1 0 2 3", "4 2 8 9 5 6")])
-def test_lines_before_ascii_vertices_end_as_they_may_and_blank_ones_are_no_rows(tmp_path, line_end, blank, vertices):
-    """The strips' rows have three numbers: if one row too few were skipped, it would be taken for a vertex."""
+def test_ascii_rows_before_the_vertices_may_have_any_line_end_and_blank_lines(tmp_path, line_end, blank, vertices):
+    """Rows of strips have three numbers: if one row too few were skipped, it would be read as a vertex."""
     header, *rows = vertices
     body = blank + blank.join(f"{line}\n" for line in ("2 7 8", "2 7 8", "2 7 8", *rows))
     (tmp_path / "a.ply").write_bytes(STRIPS.format(vertices=header, body=body).replace("\n", line_end).encode())
@@ -178,7 +178,7 @@ def test_lines_before_ascii_vertices_end_as_they_may_and_blank_ones_are_no_rows(
 
 
 @pytest.mark.parametrize("block", [1, 2, 3, 7])
-def test_blocks_of_ascii_end_anywhere(tmp_path, monkeypatch, block):
+def test_ascii_may_be_split_into_blocks_anywhere(tmp_path, monkeypatch, block):
     monkeypatch.setattr(_ascii, "TEXT_BYTES", block)
     monkeypatch.setattr(_ascii, "CHUNK", 1)
     for line_end in ("\n", "\r\n", "\r"):
@@ -187,7 +187,7 @@ def test_blocks_of_ascii_end_anywhere(tmp_path, monkeypatch, block):
         np.testing.assert_array_equal(read(tmp_path / "a.ply").positions, [[1, 2, 3], [4, 5, 6]])
 
 
-def test_the_range_of_colors_follows_from_all_rows(tmp_path, monkeypatch):
+def test_all_rows_decide_the_range_of_colors(tmp_path, monkeypatch):
     monkeypatch.setattr(_ascii, "CHUNK", 2)
     names = [*(f"float {x}" for x in "xyz"), *(f"uchar {x}" for x in ("red", "green", "blue"))]
     header = ["ply", "format ascii 1.0", "element vertex 4", *(f"property {name}" for name in names), "end_header"]
@@ -209,7 +209,7 @@ KINDS = {"char": "b", "uchar": "B", "short": "h", "ushort": "H", "int": "i", "ui
 
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_lists_have_lengths_of_every_type(tmp_path, order, kind):
+def test_list_lengths_may_have_any_type(tmp_path, order, kind):
     for length in (0, 1, 2, 3, 100):
         rows = struct.pack(f"{order}{KINDS[kind]}", length) + bytes(2 * length)
         (tmp_path / "a.ply").write_bytes(with_strips(rows, order, kind))
@@ -222,7 +222,7 @@ def test_lists_have_lengths_of_every_type(tmp_path, order, kind):
     [(k, x) for k in ("float", "double") for x in (np.inf, -np.inf, np.nan, 1e30, -1, 0.5, 2.5, 2.0**53)]
     + [("char", -1), ("short", -3), ("int", -(2**31)), ("uchar", 255), ("uint", 2**32 - 1)],
 )
-def test_invalid_lengths_of_lists_are_bad_input(tmp_path, capsys, order, kind, length):
+def test_invalid_list_lengths_are_reported(tmp_path, capsys, order, kind, length):
     path = tmp_path / "a.ply"
     path.write_bytes(with_strips(struct.pack(f"{order}{KINDS[kind]}", length), order, kind))
     with pytest.raises(ValueError, match="invalid list length|is cut off"):
@@ -232,14 +232,14 @@ def test_invalid_lengths_of_lists_are_bad_input(tmp_path, capsys, order, kind, l
 
 
 @pytest.mark.parametrize("length", ["inf", "nan", "1e30", "-1", "1.5", "x", "3"])
-def test_invalid_lengths_in_ascii_are_bad_input(tmp_path, length):
+def test_invalid_list_lengths_in_ascii_are_reported(tmp_path, length):
     (tmp_path / "a.ply").write_text(STRIPS.format(vertices=LISTED, body=f"0\n0\n0\n1 {length} 2 3\n1 0 2 3\n"))
     with pytest.raises(ValueError, match="invalid list length|vertex 0 does not match|'x'"):
         read(tmp_path / "a.ply")
 
 
 def calls_in(work):
-    """The number of functions that Python calls to read the file, in Python or compiled."""
+    """Return the number of function calls, Python or compiled, made to read the file."""
     count = 0
 
     def see(frame, event, argument):
@@ -257,7 +257,7 @@ def calls_in(work):
 
 @pytest.mark.parametrize("text", [False, True])
 @pytest.mark.parametrize("row", [b"\0", b"\2abcd"])
-def test_rows_before_the_vertices_are_passed_over_in_compiled_code(tmp_path, text, row):
+def test_rows_before_the_vertices_are_skipped_in_compiled_code(tmp_path, text, row):
     """A hundred thousand rows need as many calls as ten."""
     counts = []
     for n in (10, 10, 100_000):  # the first call compiles
@@ -291,7 +291,7 @@ def test_writing_and_reading_gives_the_same(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["a.ply"]
 
 
-def test_a_written_file_is_plain_ply(tmp_path):
+def test_plyfile_reads_written_files(tmp_path):
     write(tmp_path / "a.ply", Points(XYZ, colors=RGB))
     vertex = PlyData.read(str(tmp_path / "a.ply"))["vertex"]
     assert [str(p) for p in vertex.properties] == [
@@ -400,13 +400,13 @@ def test_an_unknown_file_lists_what_can_be_read(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["x", "two words", "größe"])
-def test_attributes_that_ply_cannot_name(tmp_path, name):
+def test_attribute_names_that_ply_cannot_store_are_refused(tmp_path, name):
     with pytest.raises(ValueError, match="cannot store an attribute"):
         write(tmp_path / "a.ply", Points(XYZ, attributes={name: XYZ[:, 0]}))
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_missing_folder_is_noticed_before_any_work(tmp_path):
+def test_a_missing_folder_is_reported_before_any_work(tmp_path):
     with pytest.raises(FileNotFoundError, match="no such folder"):
         check_writable(tmp_path / "none" / "a.ply")
     with pytest.raises(FileNotFoundError, match="no such folder"):
@@ -426,7 +426,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, failure):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="modes and links of POSIX")
-def test_a_replaced_file_has_an_ordinary_mode_and_stays_a_link(tmp_path):
+def test_a_replaced_file_has_default_permissions_and_links_are_kept(tmp_path):
     target, link, plain = tmp_path / "target.txt", tmp_path / "link.txt", tmp_path / "plain.txt"
     target.write_text("old")
     link.symlink_to(target)
@@ -442,7 +442,7 @@ def test_a_replaced_file_has_an_ordinary_mode_and_stays_a_link(tmp_path):
 
 
 @pytest.mark.scans
-def test_real_files_have_their_points_and_colors():
+def test_points_and_colors_of_real_files_are_read():
     points = read(shared_model("points/tls_pumpA_rgb.ply"))
     assert len(points) == 155_201
     assert points.normals is not None
@@ -455,7 +455,7 @@ def test_real_files_have_their_points_and_colors():
 
 
 @pytest.mark.scans
-def test_real_map_coordinates_and_labels():
+def test_real_map_coordinates_and_labels_are_read():
     path = shared_model("raw/b9_als_rgb_label.ply")
     points, truth = read(path), PlyData.read(str(path))["vertex"]
     for axis, name in enumerate("xyz"):
@@ -463,8 +463,8 @@ def test_real_map_coordinates_and_labels():
     np.testing.assert_array_equal(points.attributes["label"], truth["label"])
 
 
-def test_more_vertices_than_can_be_held_are_refused(tmp_path):
-    """The sparse file does have them all."""
+def test_more_vertices_than_fit_into_memory_are_refused(tmp_path):
+    """The file is sparse, but contains all of them."""
     path = tmp_path / "huge.ply"
     path.write_text(HEADER.format(format="binary_little_endian", count=2**31))
     os.truncate(path, 2**31 * 12 + 1000)
@@ -474,7 +474,7 @@ def test_more_vertices_than_can_be_held_are_refused(tmp_path):
 
 @pytest.mark.parametrize("mixed", [False, True])
 def test_rows_of_several_chunks_are_those_of_the_file(rng, tmp_path, mixed):
-    """mixed : whether x, y and z, and the colours, lie side by side in a row, or each beside the others"""
+    """mixed : whether coordinates and colours are interleaved in a row, or contiguous"""
     count, names = CHUNK + 5000, ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "label"]
     if mixed:
         names = ["blue", "x", "nx", "red", "z", "label", "ny", "y", "nz", "green"]

@@ -18,7 +18,7 @@ trimesh = pytest.importorskip("trimesh")
 
 
 def ply(path: Path, positions: np.ndarray, faces: list, text: bool, order: str, is_first: bool = False) -> Path:
-    """A PLY file whose faces, perhaps before the vertices, have a colour before their corners, and a float behind."""
+    """Write a PLY file whose faces have a colour before and a float after their corners."""
     rows = np.empty(len(faces), [("red", "u1"), ("vertex_indices", object), ("quality", "f4")])
     rows["red"], rows["quality"] = 200, 0.5
     rows["vertex_indices"] = [face.astype(np.int32) for face in faces]

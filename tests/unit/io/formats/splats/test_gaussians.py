@@ -1,4 +1,4 @@
-"""PLY files of Gaussian splats: as training writes them, and compressed."""
+"""PLY files of Gaussian splats: the training format, and compressed."""
 
 import re
 import warnings
@@ -19,7 +19,7 @@ from pointray.io.formats.splats import compressed_gaussians, gaussians
 
 @pytest.mark.parametrize(("text", "order"), [(True, "="), (False, "<"), (False, ">")])
 @pytest.mark.parametrize("dtype", ["f4", "f8"])
-def test_what_training_writes(tmp_path, text, order, dtype):
+def test_files_of_the_training_format_are_read(tmp_path, text, order, dtype):
     made = cloud(300)
     points = read(save(tmp_path / "a.ply", trained(made, dtype=dtype), text=text, order=order), opacity=0)
     check(points, made)
@@ -51,7 +51,7 @@ def test_the_number_of_transparent_splats_is_reported(tmp_path):
         assert source.listing.count == 300
 
 
-def test_wide_rows_are_read_in_more_chunks(tmp_path, monkeypatch):
+def test_wide_rows_are_read_in_smaller_chunks(tmp_path, monkeypatch):
     monkeypatch.setattr(_binary, "CHUNK_BYTES", 104 * 40)
     made = cloud(100)
     path = save(tmp_path / "a.ply", trained(made))
@@ -68,7 +68,7 @@ def test_flat_splats_have_their_third_axis_as_normal(tmp_path):
     np.testing.assert_allclose(np.log(points.attributes["scale"]), made.scale[:, :2], atol=1e-5)
 
 
-def test_other_properties_and_elements_are_kept_or_passed_over(tmp_path):
+def test_other_properties_are_kept_and_other_elements_skipped(tmp_path):
     made = cloud(100)
     label = np.arange(100, dtype=np.uint16)
     more = [PlyElement.describe(np.zeros(3, [("f", "f4")]), name) for name in ("extrinsic", "intrinsic")]
@@ -87,7 +87,7 @@ def test_missing_properties_are_named(tmp_path, name):
         read(path)
 
 
-def test_nan_is_no_obstacle(tmp_path):
+def test_splats_with_nan_are_read(tmp_path):
     made = cloud(20)
     made.xyz[0] = made.harmonic[1] = made.turn[2] = np.nan
     made.opacity[3], made.turn[4], made.scale[5] = np.nan, 0, np.nan
@@ -103,21 +103,21 @@ def test_nan_is_no_obstacle(tmp_path):
     assert len(read(path, opacity=0.99)) == 14 + (made.alpha[:6] > 0.99).sum()
 
 
-def test_quaternions_of_any_length(tmp_path):
+def test_quaternions_of_any_length_are_normalised(tmp_path):
     made = cloud(3)
     made.turn *= [[1e-30], [1e30], [1e18]]
     points = read(save(tmp_path / "a.ply", trained(made)), opacity=0)
     assert np.abs((points.normals * made.axes).sum(axis=1)).min() > 0.9999
 
 
-def test_a_file_that_is_cut_off(tmp_path):
+def test_a_file_that_is_cut_off_is_reported(tmp_path):
     path = save(tmp_path / "a.ply", trained(cloud(100)))
     path.write_bytes(path.read_bytes()[:-1])
     with pytest.raises(ValueError, match="is cut off: 100 vertices of 104 bytes"):
         read(path, strict=True)
 
 
-def test_contents_tell_splats_from_points(tmp_path):
+def test_splats_are_recognised_by_contents(tmp_path):
     head = save(tmp_path / "a.ply", trained(cloud(3))).read_bytes()[:HEAD]
     assert gaussians.recognise(head, tmp_path / "a.txt") > ply.recognise(head, tmp_path) == SURE > MAYBE
     assert compressed_gaussians.recognise(head, tmp_path) == 0
@@ -126,7 +126,7 @@ def test_contents_tell_splats_from_points(tmp_path):
     assert gaussians.recognise(head, tmp_path) == gaussians.recognise(b"f_dc_0 rot_0", tmp_path) == 0
 
 
-def test_what_is_written_is_a_cloud_of_points(tmp_path):
+def test_splats_are_written_as_points(tmp_path):
     points = read(save(tmp_path / "a.ply", trained(cloud(50))), opacity=0)
     write(tmp_path / "b.ply", points)
     again = read(tmp_path / "b.ply")
@@ -134,11 +134,11 @@ def test_what_is_written_is_a_cloud_of_points(tmp_path):
     np.testing.assert_array_equal(again.attributes["opacity"], points.attributes["opacity"])
 
 
-def test_signs_of_normals_are_set_by_what_mends_them(tmp_path):
+def test_repairing_normals_sets_the_signs_of_splats(tmp_path):
     rng = np.random.default_rng(3)
     made = cloud(3000)
     made.xyz /= np.linalg.norm(made.xyz, axis=1, keepdims=True)
-    made.scale[:] = [-3, -3, -8]  # discs, which lie on a sphere and face in or out by chance
+    made.scale[:] = [-3, -3, -8]  # discs on a sphere that randomly face in or out
     up = made.xyz * rng.choice([-1, 1], (3000, 1))
     made.turn = np.column_stack([1 + up[:, 2], -up[:, 1], up[:, 0], np.zeros(3000)])
     points, message = repair_normals(read(save(tmp_path / "a.ply", trained(made)), opacity=0))
@@ -151,7 +151,7 @@ def test_signs_of_normals_are_set_by_what_mends_them(tmp_path):
 
 @pytest.mark.parametrize("shades", [True, False])
 @pytest.mark.parametrize("n", [1, 256, 700])
-def test_compressed_splats_are_read_within_their_steps(tmp_path, n, shades):
+def test_compressed_splats_are_exact_to_their_quantization(tmp_path, n, shades):
     made = cloud(n)
     (tmp_path / "a.ply").write_bytes(packed(made, shades, harmonics=n < 300))
     points = read(tmp_path / "a.ply", opacity=0)
@@ -193,13 +193,13 @@ def test_more_splats_than_are_unpacked_together(tmp_path, monkeypatch):
         (packed(cloud(3)).replace(b"vertex 3", b"vertex 999999999999"), "999,999,999,999 splats need"),
     ],
 )
-def test_damaged_compressed_files(tmp_path, data, message):
+def test_damaged_compressed_files_are_refused(tmp_path, data, message):
     (tmp_path / "a.ply").write_bytes(data)
     with pytest.raises(ValueError, match=re.escape(message)):
         read(tmp_path / "a.ply", strict=True)
 
 
-def test_boxes_that_are_not_finite(tmp_path):
+def test_chunks_with_infinite_bounds_are_read(tmp_path):
     made = cloud(300)
     made.xyz[256:] = np.nan
     with np.errstate(invalid="ignore"):
@@ -209,8 +209,8 @@ def test_boxes_that_are_not_finite(tmp_path):
 
 
 @pytest.mark.scans
-def test_a_file_of_supersplat():
-    """Compared with an own reading of a file that another program wrote."""
+def test_a_file_of_supersplat_is_read():
+    """Compared with an independent parser."""
     path = shared_model("raw/3dgs_biker.compressed.ply")
     data = PlyData.read(str(path))
     vertex, chunk = data["vertex"].data, data["chunk"].data[np.arange(len(data["vertex"].data)) // 256]

@@ -21,7 +21,7 @@ def test_every_version_of_spz_is_read(tmp_path, version, degree):
     data = packed(made, degree, b"skip this") if version == 4 else gzip.compress(plain(made, version, degree))
     (tmp_path / "a.spz").write_bytes(data)
     points = read(tmp_path / "a.spz", opacity=0)
-    turned = 0.98 if version < 3 else 0.9999  # w, where it is small, has what three bytes leave
+    turned = 0.98 if version < 3 else 0.9999  # a small w has the rounding error of three bytes
     exact = {"position": 2e-3 if version == 1 else 1.3e-4, "scale": 0.032, "opacity": 0.002}
     check(points, made, turned=turned, shades=1.5, **exact)
     rows = points.attributes["opacity"] >= 0.5
@@ -47,7 +47,7 @@ def test_known_bytes_of_spz_are_read(tmp_path):
     assert listing.facts["antialiased"]
 
 
-def test_fractions_of_other_lengths(tmp_path):
+def test_any_number_of_fractional_bits_is_read(tmp_path):
     made = cloud(50)
     for bits in (0, 8, 20):
         (tmp_path / "a.spz").write_bytes(gzip.compress(plain(made, bits=bits)))
@@ -93,7 +93,7 @@ def test_damaged_files_are_refused(tmp_path, data, message):
         read(tmp_path / "a.spz")
 
 
-def test_columns_that_are_shorter_than_the_table_says(tmp_path):
+def test_columns_shorter_than_announced_are_reported(tmp_path):
     zstd = pytest.importorskip("backports.zstd")
     small = [zstd.compress(bytes(size)) for size in (9_000_000, 100, 100, 100, 100)]
     table = b"".join(
@@ -135,7 +135,7 @@ def test_splat_files_are_read(tmp_path):
     check(read(tmp_path / "b.splat.gz", opacity=0), made, turned=0.9995, opacity=0.002)
 
 
-def test_files_that_are_no_splats(tmp_path):
+def test_other_files_named_splat_are_refused(tmp_path):
     made = cloud(20)
     (tmp_path / "a.splat").write_bytes(rows(made)[:-1])
     with pytest.raises(ValueError, match="its 639 bytes are not a multiple of 32"):

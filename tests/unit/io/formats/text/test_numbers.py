@@ -1,4 +1,4 @@
-"""Numbers in text are what Python's float makes of them, to the last bit."""
+"""Numbers in text are parsed exactly as by Python's float, to the last bit."""
 
 import io
 import random
@@ -46,7 +46,7 @@ KINDS = [
 ]
 
 
-def test_a_hundred_thousand_tokens_are_what_python_reads():
+def test_a_hundred_thousand_tokens_are_parsed_as_by_python():
     r = random.Random(1)
     tokens = [KINDS[i % len(KINDS)](r) for i in range(100_000)]
     text = "\n".join(" ".join(tokens[i : i + 4]) for i in range(0, len(tokens), 4)).encode()
@@ -57,13 +57,13 @@ def test_a_hundred_thousand_tokens_are_what_python_reads():
 
 @settings(max_examples=60, deadline=None)
 @given(st.from_regex(r"[+-]?([0-9]{1,25}(\.[0-9]{0,25})?|\.[0-9]{1,25})([eE][+-]?[0-9]{1,4})?", fullmatch=True))
-def test_any_token_is_what_python_reads(token):
+def test_any_token_is_parsed_as_by_python(token):
     assert read(token.encode(), 1).view(np.int64)[0, 0] == np.float64(float(token)).view(np.int64)
 
 
 @settings(max_examples=200, deadline=None)
 @given(st.text("0123456789.eE+-naifx_ ,", max_size=8))
-def test_what_python_does_not_read_is_refused(text):
+def test_tokens_that_python_refuses_are_refused(text):
     token = text.replace(" ", "").replace("_", "")
     try:
         wanted = float(token)
@@ -76,12 +76,12 @@ def test_what_python_does_not_read_is_refused(text):
 
 
 @pytest.mark.parametrize("token", ["1_0", "0x10", "1,5", "--1", "1e", ".", "e5", "1.2.3", "\u0661", "1d5", "nano"])
-def test_odd_tokens_are_refused_with_their_line(token):
+def test_invalid_tokens_are_refused_with_their_line(token):
     with pytest.raises(ValueError, match="line 4: .* is not a number"):
         read(f"1 2\r\n\r\n# {token}\r\n3 {token}\r\n".encode(), 2)
 
 
-def test_what_microsoft_writes_for_nan():
+def test_nan_as_written_by_microsoft_is_read():
     found = read(b"1.#QNAN -1.#IND 1.#INF00 -1.#INF", 4)
     np.testing.assert_array_equal(found, [[np.nan, np.nan, np.inf, -np.inf]])
 
@@ -98,7 +98,7 @@ def test_what_microsoft_writes_for_nan():
         ("1,5 2 -3", Dialect(b"", b",")),
     ],
 )
-def test_separators_and_ends_of_lines(line, dialect, end):
+def test_all_separators_and_line_ends_are_read(line, dialect, end):
     dialect = dialect._replace(newline=end[-1:].encode())
     text = f"# a\n\n  // b\n{line}\n\n{line}\n{line}".replace("\n", end)
     np.testing.assert_array_equal(read(text.encode(), 3, dialect=dialect), [[1.5, 2, -3]] * 3)
@@ -111,7 +111,7 @@ def test_empty_fields_are_nan():
 
 
 @pytest.mark.parametrize("size", [1, 7, 50])
-def test_blocks_and_pieces_end_anywhere(monkeypatch, size):
+def test_text_may_be_split_into_blocks_anywhere(monkeypatch, size):
     monkeypatch.setattr(_numbers, "BLOCK", size)
     monkeypatch.setattr(_numbers, "PIECE", 10)
     monkeypatch.setattr(_numbers, "FIRST", 4)
@@ -122,7 +122,7 @@ def test_blocks_and_pieces_end_anywhere(monkeypatch, size):
         read((text + "\r\n5 6 7 8\n9 9 9").encode(), 3)
 
 
-def test_whole_numbers_stay_whole_and_their_limits_are_found():
+def test_integer_columns_are_detected_with_their_limits():
     text = b"5 x 9007199254740993 1\n-7 y 0 2.5\n"
     block = next(Reader(io.BytesIO(text), Dialect(), [INT, SKIP, INT, FLOAT]).blocks())
     assert block.take([2], np.int64).tolist() == [[9007199254740993], [0]]
@@ -151,5 +151,5 @@ def test_lines_that_never_end_are_refused():
     ("low", "high", "dtype"),
     [(0, 255, "u1"), (-1, 255, "i2"), (0, 65535, "u2"), (-1, 65535, "i4"), (0, 2**31 - 1, "i4"), (0, 2**31, "i8")],
 )
-def test_the_smallest_type(low, high, dtype):
+def test_the_smallest_sufficient_integer_type_is_chosen(low, high, dtype):
     assert smallest(low, high) == np.dtype(dtype)

@@ -1,4 +1,4 @@
-"""PTX: each scan's matrix, its place, rows without a return."""
+"""PTX: the matrix and position of each scan, and rows without a return."""
 
 import random
 import warnings
@@ -53,14 +53,14 @@ def test_a_single_scan_has_no_scan_numbers(tmp_path):
         assert source.listing.facts["without_return"] == 1
 
 
-def test_large_numbers_and_matrices_of_column_vectors(tmp_path):
-    """A file of millions of metres keeps what float64 holds; a transposed matrix has its last row 0 0 0 1."""
+def test_large_numbers_keep_precision_and_transposed_matrices_are_recognised(tmp_path):
+    """Coordinates of millions of metres keep float64 precision; a transposed matrix has the last row 0 0 0 1."""
     matrix = "1 0 0 500000.125\n0 1 0 5400000.5\n0 0 1 7\n0 0 0 1\n"
     points = read(save(tmp_path, scan(2, 1, matrix, "0.0625 0 1 1", "-0.0625 2 1 1")))
     np.testing.assert_array_equal(points.world, [[500000.1875, 5400000.5, 8], [500000.0625, 5400002.5, 8]])
 
 
-def test_colours_and_scans_without_them(tmp_path):
+def test_scans_with_and_without_colours_are_joined(tmp_path):
     colored = scan(1, 2, UNMOVED, "1 2 3 1 255 0 7", "4 5 6 1 0 8 9")
     assert read(save(tmp_path, colored)).colors.tolist() == [[255, 0, 7], [0, 8, 9]]
     with pytest.warns(UserWarning, match="1 of 2 scans have no colours"):
@@ -98,8 +98,8 @@ def test_errors_are_reported_with_their_line(tmp_path, text, word):
 
 
 @pytest.mark.scans
-def test_a_real_file_holds_what_numpy_reads():
-    """PDAL wrote it, with world coordinates and a header that says nothing: no scanner stood at 0, 0, 0."""
+def test_a_real_file_agrees_with_numpy():
+    """PDAL wrote world coordinates and a default header: there was no scanner at (0, 0, 0)."""
     path = shared_model("raw/1.2-with-color.ptx")
     wanted, points = np.loadtxt(path, skiprows=10), read(path)
     np.testing.assert_allclose(points.world, wanted[:, :3], atol=3e-4, rtol=0)

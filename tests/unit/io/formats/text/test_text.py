@@ -1,4 +1,4 @@
-"""Text with a point in each line: what its columns are, how it is written, what is wrong with it."""
+"""Text with a point in each line: recognition of columns, spellings, and errors."""
 
 import random
 from contextlib import nullcontext
@@ -15,7 +15,7 @@ from pointray.io.formats.text import _numbers, text
 
 
 def warns_of(columns):
-    """Expect a warning of columns that are not recognised."""
+    """Expect a warning about columns that are not recognised."""
     return pytest.warns(UserWarning, match="not recognised: read as column_4") if columns else nullcontext()
 
 
@@ -65,7 +65,7 @@ def test_columns_without_names_are_recognised_by_their_values(tmp_path, names, s
         np.testing.assert_array_equal(points.attributes["column_4"], XYZ[:, 0])
 
 
-def test_what_cannot_be_told_is_asked(tmp_path):
+def test_ambiguous_columns_are_refused(tmp_path):
     path = save(tmp_path / "a.txt", XYZ, RGB[::-1, :1], RGB)
     with pytest.raises(ValueError, match=r"cannot be told apart: .*--columns x,y,z.*; the first row is '"):
         read(path)
@@ -127,7 +127,7 @@ def test_columns_keep_all_their_numbers(tmp_path, monkeypatch, rng):
     assert found["half"].tolist() == [7.0] * 49 + [0.5]
 
 
-def test_colours_of_16_bits(tmp_path):
+def test_colours_of_16_bits_are_recognised(tmp_path):
     np.testing.assert_array_equal(read(save(tmp_path / "a.xyz", XYZ, RGB * 257)).colors, RGB)
 
 
@@ -178,7 +178,7 @@ def test_utf16_is_refused(tmp_path):
         read(tmp_path / "a.csv")
 
 
-def test_the_number_of_columns_that_are_named_is_checked(tmp_path):
+def test_the_number_of_column_names_is_checked(tmp_path):
     path = save(tmp_path / "a.xyz", XYZ, RGB)
     with pytest.raises(ValueError, match="3 columns are named, but the first row has 6: '"):
         read(path, columns="x,y,z")
@@ -187,12 +187,12 @@ def test_the_number_of_columns_that_are_named_is_checked(tmp_path):
     assert points.attributes == {}
 
 
-def test_words_in_columns_that_are_left_out(tmp_path):
+def test_ignored_columns_may_contain_words(tmp_path):
     (tmp_path / "a.txt").write_text("tree 1 2 3\nhouse 4 5 6\n")
     np.testing.assert_array_equal(read(tmp_path / "a.txt", columns="-,x,y,z").world, [[1, 2, 3], [4, 5, 6]])
 
 
-def test_blocks_of_pts_follow_each_other(tmp_path):
+def test_consecutive_scans_of_pts_are_joined(tmp_path):
     rows = [f"{i} 2 3 -5 0 1 2\n" for i in range(6)]
     (tmp_path / "a.pts").write_text("1\n" + rows[0] + "2\n" + "".join(rows[1:3]) + "3\n" + "".join(rows[3:]))
     np.testing.assert_array_equal(read(tmp_path / "a.pts").positions[:, 0], range(6))
@@ -202,7 +202,7 @@ def recognised(content, name="a.foo"):
     return text.recognise(content.encode("latin-1") if isinstance(content, str) else content, Path(name))
 
 
-def test_other_formats_are_not_claimed():
+def test_other_formats_are_not_recognised_as_text():
     for content in (
         "ply\nformat ascii 1.0\n", "# .PCD v0.7\nFIELDS x y z\nSIZE 4 4 4\n1 2 3\n", "v 1 2 3\nv 4 5 6\n",
         "# cube\nv 1 2 3\n", "OFF\n8 6 12\n1 2 3\n", "COFF\n8 6 12\n1 2 3\n", "solid a\nfacet normal 0 0 1\n",
@@ -216,7 +216,7 @@ def test_other_formats_are_not_claimed():
 
 
 @pytest.mark.scans
-def test_real_files_hold_what_numpy_reads():
+def test_real_files_agree_with_numpy():
     path = shared_model("raw/kitten_xyz_normals.xyz")
     wanted, points = np.loadtxt(path), read(path)
     np.testing.assert_array_equal(points.positions, wanted[:, :3].astype(np.float32))

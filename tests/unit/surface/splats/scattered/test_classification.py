@@ -1,4 +1,4 @@
-"""Scattered points: a slow twin, clean shapes, scenes, and extreme clouds."""
+"""Classification of scattered points: a slow reference, clean shapes, scenes, and extreme clouds."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ SIDE = 70.0  # of planes with about one point in a unit of area
 
 
 def plane(rng: np.random.Generator, n: int = 5000, noise: float = 0.0) -> np.ndarray:
-    """Random points of a square with noise in spacings, (n, 3) float32."""
+    """Return random points of a square, (n, 3) float32; `noise` is in spacings."""
     x = np.column_stack([rng.random((n, 2)) * SIDE, np.zeros(n)])
     return (x + rng.normal(scale=noise * SIDE / np.sqrt(n), size=x.shape)).astype(np.float32)
 
 
 def found_in(positions: np.ndarray, normals: np.ndarray | None = None) -> np.ndarray:
-    """Which points a model of them takes for scattered."""
+    """Return which points a model of them classifies as scattered."""
     cloud = pr.Points(positions, normals)
     return find_scattered_placed(cloud, placed_for_model(cloud, "auto", True, lambda share: None))
 
 
 def line(n: int) -> np.ndarray:
-    """Points of a line that is along no axis."""
+    """Return points of a line that is not along an axis."""
     return (np.linspace(0, 1, n)[:, None] * [1, 2, -1]).astype(np.float32)
 
 
 def cube(rng: np.random.Generator, n: int = 6000) -> tuple[np.ndarray, np.ndarray]:
-    """Random points of the unit cube's faces, and their normals."""
+    """Return random points on the unit cube's faces, and their normals."""
     x, normals = rng.random((n, 3)), np.zeros((n, 3))
     axis, side = rng.integers(0, 3, n), rng.integers(0, 2, n)
     x[np.arange(n), axis], normals[np.arange(n), axis] = side, 2 * side - 1
@@ -95,7 +95,7 @@ def test_edges_of_a_cube_are_surfaces(rng):
 
 
 def test_normals_that_follow_the_curvature_prove_a_surface(rng):
-    """Thin bars with few points across look scattered; normals say that they are not."""
+    """Thin bars with few points across look scattered; their normals prove that they are not."""
     points = pr.procedural("lattice", 20_000)
     assert find_scattered(points.positions).mean() > 0.5
     assert not find_scattered(points.positions, points.normals).any()
@@ -111,7 +111,7 @@ def test_normals_do_not_turn_noise_into_a_surface(rng):
 
 
 def test_fitted_normals_are_no_evidence_along_a_line(rng):
-    """A line lies on the arcs of whatever normals are fitted to it."""
+    """A line agrees with any normals that are fitted to it."""
     x = line(2000) + rng.normal(scale=2e-4, size=(2000, 3)).astype(np.float32)
     across = np.cross([1, 2, -1], [0, 0, 1]) / np.sqrt(5)
     normals = np.tile(across, (2000, 1)).astype(np.float32)
@@ -128,7 +128,7 @@ def test_fitted_normals_show_folds_that_planes_miss():
 
 
 def test_noise_that_is_smoothed_away_is_no_scatter(rng):
-    """Scans that lie a spacing apart, or noise of that size, are a surface once they are placed."""
+    """Scans a spacing apart, or noise of that size, become a surface after merging and smoothing."""
     x = plane(rng, noise=1.0)
     assert find_scattered(x).mean() > 0.1
     assert found_in(x).mean() < 0.01
@@ -142,7 +142,7 @@ def test_crowns_are_not_smoothed_into_surfaces(rng):
 
 
 def test_small_groups_follow_what_closes_them_in(rng):
-    """Beside a slow twin that walks through each group; marks are round patches, their surroundings, and strays."""
+    """Compared with a slow loop over each group; marked are round patches, their surroundings, and strays."""
     x = plane(rng, 3000)
     near = naive_scatter.nearest(x, 17).astype(np.int32)
     surface = np.ones(len(x), np.float32)
@@ -174,7 +174,7 @@ def test_a_few_points_are_scattered(rng, count):
     assert found.shape == (count,) and found.dtype == np.bool_ and found.all()
 
 
-def test_a_plane_of_which_every_second_point_is_displaced_is_a_surface():
+def test_a_plane_with_every_second_point_displaced_is_a_surface():
     x, y = (a.ravel() for a in np.meshgrid(np.arange(70.0), np.arange(70.0)))
     columns, checker = np.column_stack([x, y, x % 2]), np.column_stack([x, y, (x + y) % 2])
     assert find_scattered(columns.astype(np.float32)).mean() <= 0.01
@@ -182,7 +182,7 @@ def test_a_plane_of_which_every_second_point_is_displaced_is_a_surface():
 
 
 def test_coincident_points_count_once(rng):
-    """The result is that of the different positions, for each copy."""
+    """Each copy gets the result of its position without copies."""
     x = plane(rng)
     x[0] = 35, 35, 30  # over the plane
     many = np.concatenate([np.repeat(x[:1], 1_000_000, axis=0), x])
@@ -222,7 +222,7 @@ def test_wrong_arguments_are_named(rng):
 
 
 def shares_of(sampling: str, noise: float, seeds: range) -> np.ndarray:
-    """The share of scattered points of each class in scenes that no threshold was chosen with."""
+    """Return the share of scattered points of each class, in scenes that were not used to tune thresholds."""
     counts, found = np.zeros((2, len(CLASSES)), np.int64)
     for seed in seeds:
         labelled = scan(make_scene(seed), sampling, np.random.default_rng(1))
@@ -247,7 +247,7 @@ def test_scans_from_the_ground_have_walls_and_crowns(sampling):
 
 @pytest.mark.scans
 @pytest.mark.parametrize("name", ["stanford_bunny", "nefertiti_50k", "stanford_lucy_50k"])
-def test_meshes_vertices_are_surfaces(name):
+def test_vertices_of_meshes_are_surfaces(name):
     points = pr.read(shared_model(f"points/{name}.ply"))
     assert find_scattered(points.positions, points.normals).mean() <= 0.001
 

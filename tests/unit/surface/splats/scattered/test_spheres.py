@@ -1,4 +1,4 @@
-"""Scattered points as spheres and discs: the same hits as the brute-force twin, alone and beside a surface."""
+"""Scattered points as spheres and discs: the same hits as the brute-force reference, with and without a surface."""
 
 import pickle
 
@@ -24,7 +24,7 @@ def unit(rows):
 
 
 def crown(rng, n=1500):
-    """Points scattered through a cube, (n, 3)."""
+    """Return points scattered in a cube, (n, 3)."""
     return rng.uniform(-1, 1, (n, 3))
 
 
@@ -36,7 +36,7 @@ def model_of(positions, mask=None, scatter="spheres", **options):
 
 
 def tree_on_ground(rng, scatter="spheres", n=4000):
-    """A flat ground with scattered points above it, some of which touch it; which points are scattered."""
+    """Return flat ground with scattered points above it, some touching it; and which points are scattered."""
     side = int(np.sqrt(n))
     ground = np.stack(np.meshgrid(*2 * [np.linspace(-2, 2, side)]), axis=-1).reshape(-1, 2)
     ground = np.column_stack([ground, 0.1 * np.sin(2 * ground[:, 0])])
@@ -53,7 +53,7 @@ def scene_of(model, *args):
 
 
 def rays_at(rng, n, size=1.2, away=5.0):
-    """Rays from all around at a cube, and camera rays that are alike: (2 n, 3) each."""
+    """Return rays from all directions at a cube, and coherent camera rays: (2 n, 3) each."""
     ends, directions = rng.uniform(-size, size, (n, 3)), unit(rng.normal(size=(n, 3)))
     side = int(np.ceil(np.sqrt(n)))
     screen = np.stack(np.meshgrid(*2 * [np.linspace(-size, size, side)]), axis=-1).reshape(-1, 2)[:n]
@@ -63,7 +63,7 @@ def rays_at(rng, n, size=1.2, away=5.0):
 
 
 def check_scattered(model, origins, directions):
-    """Rays meet what the twin meets; returns the hits."""
+    """Check that rays hit what they hit in the reference, and return the hits."""
     scene = scene_of(model)
     hits, twin = scene.intersect(origins, directions), meet_scattered(model, origins, directions)
     sure = ~twin.doubtful
@@ -102,7 +102,7 @@ def test_points_off_any_surface_are_spheres_unless_radii_are_given(rng):
 
 
 def check_both(model, origins, directions):
-    """Rays meet the surface or the scattered point that the twins meet first."""
+    """Check that rays hit the surface or the scattered point that the references hit first."""
     hits = scene_of(model).intersect(origins, directions)
     surface, met = walk(model, origins, directions), meet_scattered(model, origins, directions)
     t = np.minimum(surface.t, met.t)
@@ -131,7 +131,7 @@ def test_surface_and_spheres_together(rng):
 
 @pytest.mark.long
 def test_many_rays_at_surface_and_spheres(rng):
-    """300,000 rays, in parts that fit the twin's memory."""
+    """300,000 rays, in parts for which the reference has enough memory."""
     model = tree_on_ground(rng, n=3000)
     for _ in range(10):
         origins, directions = rays_at(rng, 15_000)
@@ -142,7 +142,7 @@ def test_many_rays_at_surface_and_spheres(rng):
 def test_occlusion_and_limits_agree_with_the_closest_hit(rng, scatter):
     scene = scene_of(tree_on_ground(rng, scatter))
     origins, directions = rays_at(rng, 2000)
-    origins[:500] += directions[:500] * 5  # they start among the points
+    origins[:500] += directions[:500] * 5  # they start between the points
     hits = scene.intersect(origins, directions)
     assert (scene.occluded(origins, directions) == np.isfinite(hits.t)).all()
     some = np.isfinite(hits.t)
@@ -182,7 +182,7 @@ def test_instances_are_moved_and_scaled_spheres(rng):
     np.testing.assert_allclose(hits.normal[first], exact, atol=1e-4)
 
 
-def test_a_ray_that_starts_inside_meets_the_far_side():
+def test_a_ray_that_starts_inside_a_sphere_hits_its_far_side():
     model = model_of(np.zeros((1, 3)), radii=np.ones(1))
     scene = scene_of(model)
     hits = scene.intersect([[0, 0, 0], [0, 0, 0.5], [0, 0, -3], [0, 0, 3]], UP)
@@ -222,7 +222,7 @@ def test_spheres_have_the_colours_and_attributes_of_their_points(rng):
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 9])
-def test_a_few_spheres(count):
+def test_few_spheres_are_hit(count):
     positions = np.arange(count)[:, None] * np.array([[1.0, 0, 0]])
     model = model_of(positions, radii=np.full(count, 0.25))
     hits = scene_of(model).intersect(positions + [0, 0, 2], -UP)
@@ -231,7 +231,7 @@ def test_a_few_spheres(count):
     assert model.scattered.all()
 
 
-def test_two_points_have_radii_of_their_distance():
+def test_two_points_have_their_distance_as_radii():
     model = model_of(np.array([[0.0, 0, 0], [1, 0, 0]]))
     np.testing.assert_allclose(model.radii, 0.35, rtol=1e-6)
 
@@ -241,7 +241,7 @@ def test_one_point_needs_a_radius():
         model_of(np.zeros((1, 3)))
 
 
-def test_a_million_points_at_one_place():
+def test_a_million_points_at_one_place_make_a_model():
     positions = np.zeros((1_000_000, 3), np.float32)
     with pytest.raises(ValueError, match="radii"):
         model_of(positions)
@@ -264,7 +264,7 @@ def test_radii_follow_the_spacing_and_its_neighbours(rng):
 
 
 def test_a_few_points_far_off_are_no_balloons(rng):
-    """Their spacing is that to the others, or between them."""
+    """Their spacing is either that between them or the distance to the others."""
     positions = np.concatenate([crown(rng), rng.uniform(-1, 1, (12, 3)) * 20 + [100, 0, 0]])
     radii = model_of(positions).radii
     assert radii[-12:].max() <= 1.005 * np.quantile(radii, 0.98) < 0.1  # to 8 bits
@@ -325,12 +325,12 @@ def test_damaged_leaves_of_spheres_are_noticed(rng):
 
 
 @pytest.mark.parametrize("size", [0, -1, np.nan, np.inf, "large", True])
-def test_a_size_must_be_positive(size):
+def test_scatter_size_must_be_positive(size):
     with pytest.raises(ValueError, match="scatter_size"):
         pr.Model(crown(np.random.default_rng(0), 10), scatter="spheres", scatter_size=size)
 
 
-def test_words_and_masks_are_checked():
+def test_the_scatter_option_and_mask_are_validated():
     points = crown(np.random.default_rng(0), 10)
     with pytest.raises(ValueError, match="scatter"):
         pr.Model(points, scatter="balls")
@@ -375,7 +375,7 @@ def test_levels_of_surface_and_spheres(rng):
 
 @pytest.mark.parametrize("scatter", ["spheres", "discs"])
 def test_shapes_of_some_points_are_those_of_all(rng, scatter):
-    """With what is usual from a sample of the cloud."""
+    """The statistics are those of a sample of the whole cloud."""
     points = pr.Points(np.concatenate([crown(rng, 3000), crown(rng, 100) * 9]))
     along, drawing, mask = compute_kd_ordering(points), Drawing(scatter), rng.random(3100) < 0.02
     first = CloudStatistics(np.arange(500, 900))
