@@ -114,10 +114,9 @@ class Things:
 
     def prepare(self, **given: Any) -> pr.Prepared:
         """Prepare into a new file, or a folder where a parameter requires a model in parts."""
-        name, parts = secrets.token_hex(8), {"in_parts", "part_points", "memory", "client", "scatter", "scatter_size"}
-        told: dict[str, Any] = {
-            "out": f"{self.folder / name}.pointray/" if parts & given.keys() else self.folder / f"{name}.ply"
-        }
+        out, parts = self.folder / secrets.token_hex(8), {"in_parts", "part_points", "memory", "client"}
+        in_parts = (parts | {"scatter", "scatter_size"}) & given.keys()
+        told: dict[str, Any] = {"out": f"{out}.pointray/" if in_parts else f"{out}.ply"}
         if {"viewpoint", "trajectory"} & given.keys():
             told["normals"] = "fit"
         return pr.prepare(**{**told, **given})

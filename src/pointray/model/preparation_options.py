@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..base.arguments import check_choice, check_flag, check_path, check_whole, vector, wrong_type
 from ..base.choices import AUTO, NORMALS
 from ..cloud.denoising.smooth import check_sigma
@@ -205,14 +207,11 @@ class PreparationOptions:
 
 def _check_tolerance(value: float | str, name: str) -> None:
     wanted = "a positive number like 0.5, or like 0.05% of the diagonal"
-    if isinstance(value, bool) or not isinstance(_plain(value), str | int | float):
+    plain = value.item() if isinstance(value, np.generic) else value
+    if isinstance(plain, bool) or not isinstance(plain, str | int | float):
         raise wrong_type(name, wanted, value)
     if not 0 < _number(value) < math.inf:
         raise ValueError(f"{name} must be {wanted}, not {value!r}")
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if getattr(value, "shape", None) == () else value
 
 
 def _number(value: float | str) -> float:
