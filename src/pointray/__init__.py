@@ -56,6 +56,8 @@ _HOME = {
     "frame": "auto_view.first_view",
     "load_scene": "scenefile",
     "merge_layers": "cloud.outliers",
+    "Prepared": "model.preparation",
+    "prepare": "model.preparation",
     "procedural": "procedural_models",
     "procedural_distance": "procedural_models",
     "formats": "io.known_formats",  # not `io.formats`, the folder
@@ -101,6 +103,8 @@ if TYPE_CHECKING:
     from .io.known_formats import formats as formats
     from .io.trajectory import eyes_along as eyes_along
     from .model.model import Model as Model
+    from .model.preparation import Prepared as Prepared
+    from .model.preparation import prepare as prepare
     from .procedural_models import procedural as procedural
     from .procedural_models import procedural_distance as procedural_distance
     from .rendering.camera import Camera as Camera

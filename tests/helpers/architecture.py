@@ -37,7 +37,7 @@ FLOORS = {
     "surface": ["tree", "splats", "intersect", "trace"],
     "model": [
         *("array_file", "model_file", "model_data", "model_folder", "building", "levels_of_detail", "residency"),
-        *("traceable", "model", "model_cache", "out_of_core"),
+        *("traceable", "model", "model_cache", "out_of_core", "scan_inputs", "preparation_options", "preparation"),
     ],
 }
 

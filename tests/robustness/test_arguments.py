@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import secrets
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from pointray.engine.jit import compilations
 from pointray.viewer import Viewer
 
 # Results, which callers do not create.
-RESULTS = {"Baked", "Hits", "SceneFile", "StaleLightWarning"}
+RESULTS = {"Baked", "Hits", "Prepared", "SceneFile", "StaleLightWarning"}
 
 WRONG: dict[str, Any] = {
     "None": None,
@@ -83,7 +84,7 @@ SENSE: dict[str, set[str]] = {
     **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Georeference", "Trajectory", "slice"), set()),
 }
 ARRAY_KINDS = {"ArrayLike", "NDArray", "Any", "Color", "Vector"}  # wrong dtypes are ValueErrors
-PATHS = {"path", "image", "host", "trajectory"}  # parameters whose wrong values may raise an OSError
+PATHS = {"path", "paths", "out", "image", "host", "trajectory"}  # parameters whose wrong values may raise an OSError
 
 
 class Things:
@@ -110,6 +111,15 @@ class Things:
 
     def changed(self) -> pr.Scene:
         return self.scene.copy()
+
+    def prepare(self, **given: Any) -> pr.Prepared:
+        """Prepare into a new file, or a folder where a parameter requires a model in parts."""
+        out, parts = self.folder / secrets.token_hex(8), {"in_parts", "part_points", "memory", "client"}
+        in_parts = (parts | {"scatter", "scatter_size"}) & given.keys()
+        told: dict[str, Any] = {"out": f"{out}.pointray/" if in_parts else f"{out}.ply"}
+        if {"viewpoint", "trajectory"} & given.keys():
+            told["normals"] = "fit"
+        return pr.prepare(**{**told, **given})
 
 
 Call = tuple[Callable[..., Any], dict[str, Any]]
@@ -182,6 +192,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "fly": (pr.fly, {"keys": [(0, t.camera), (0.1, t.camera)]}),
         "frame": (pr.frame, {"subject": t.points}),
         "load_scene": (pr.load_scene, {"path": t.folder / "a.toml"}),
+        "prepare": (t.prepare, {"paths": t.folder / "a.ply"}),
         "procedural": (pr.procedural, {"name": "sphere", "n": 10}),
         "procedural_distance": (pr.procedural_distance, {"name": "sphere", "x": (0, 0, 1)}),
         "read": (pr.read, {"path": t.folder / "a.ply"}),

@@ -276,7 +276,7 @@ def test_the_command_says_that_the_disk_is_full(scan: Path, tmp_path: Path, caps
     with disk_of(disk, 7 << 19):
         words = ["prepare", str(scan), "-o", f"{disk / 'a.pointray'}/", "--memory", "2GiB", "--part-points", str(SIZE)]
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
+            patch.setattr("pointray.model.preparation.fits", lambda files, request, memory: memory is None)
             assert execute(words) == 1
             line = capsys.readouterr().err
             assert (

@@ -106,6 +106,9 @@ class LocalTasks:
 class Backend(Protocol):
     """Interface of a cluster package, see `cluster/backend.py`."""
 
+    def check_client(self, client: Any) -> Any:
+        """Raise an error if a client is none, or its workers cannot be used."""
+
     def is_spread_preferred(self, client: Client) -> bool:
         """Whether out-of-core models are spread over the workers of a client by default."""
 

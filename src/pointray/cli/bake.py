@@ -14,10 +14,11 @@ from ..auto_view.first_view import ViewChoice
 from ..cloud.points import Points
 from ..image.exposure import auto_tone, white_under
 from ..image.tone import linear_to_srgb, srgb_to_linear, tone
+from ..model.scan_inputs import check_result
 from .baked_light import LightSource
 from .cluster import wait_for_kernels
 from .picture_options import PictureOptions
-from .scan_files import ScanFiles, check_result
+from .scan_files import ScanFiles
 from .scan_scene import ScanScene
 from .scene_file import DescribedScene
 from .waiting import Progress, in_background, writing

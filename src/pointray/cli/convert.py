@@ -7,9 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from .prepare import read_scan
+from ..model.scan_inputs import check_not_input, check_result
 from .read_options import Reading
-from .scan_files import check_not_input, check_result, scan_of
+from .scan_files import read_scan, scan_of
 from .waiting import Progress, in_background, writing
 
 
@@ -21,7 +21,7 @@ def convert(paths: Sequence[Path], reading: Reading, output: Path, force: bool) 
     scan.check()
     with Progress() as progress:
         progress.show("reading", 0.0)
-        points, _ = in_background(lambda: read_scan(scan, progress))
+        points, _ = in_background(lambda: read_scan(scan, progress.show))
         progress.show("writing", 0.0)
         with writing(output):
             lost = in_background(partial(_write, output, points, progress))

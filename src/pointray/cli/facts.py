@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from ..cloud.georeference import Georeference
 from ..cloud.points import Points
 from ..shade.attributes import ASPRS, is_classification
-from .prepare import read_scan
 from .report import describe, describe_model
-from .scan_files import ScanFiles
+from .scan_files import ScanFiles, read_scan
 from .waiting import Progress, in_background
 
 MOST_CLASSES = 256  # values of a byte
@@ -26,7 +25,7 @@ def describe_all(scan: ScanFiles, deep: bool) -> dict[str, Any]:
     """Return all facts that `info` prints, as JSON values. deep : see `describe`"""
     with Progress() as progress:
         progress.show("reading", 0.0)
-        points, model = in_background(lambda: read_scan(scan, progress))
+        points, model = in_background(lambda: read_scan(scan, progress.show))
         progress.show("looking", 0.0)
         files = in_background(lambda: describe_files(scan))
         facts = in_background(lambda: describe(points, deep, partial(progress.show, "looking")))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..model.scan_inputs import is_saved
 from .picture_options import OF_SURFACE, PictureOptions
-from .scan_files import is_saved
 
 PLAIN = PictureOptions().of(OF_SURFACE)  # the surface without options
 

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from ..base.choices import AUTO, SAME
+from ..model.scan_inputs import check_scan, files_of, is_in_parts, is_saved
 from .baked_light import FIRST, light_source
 from .options import background_of
 from .read_options import Reading
-from .scan_files import ScanFiles, check_scan, check_unread, files_of, is_in_parts, is_saved
+from .scan_files import ScanFiles, check_unread
 from .scan_lights import ScanLights
 from .scan_scene import ground_under
 from .scan_surface import PLAIN, check_saved
@@ -83,7 +84,7 @@ def shared_scene_of(
     files = files_of(paths)
     check_unread(files, reading)
     for file in files:
-        check_scan(file, reading)
+        check_scan(file, reading.request)
         check_saved(file, options["normals"] == AUTO)
     title, source = files[0].name, str(files[0]) if reading.is_plain else ""
     if len(files) > 1:

@@ -6,6 +6,7 @@ array_file, model_file, model_folder : a model on disk, checked when it is read
 model_cache : models that were built before
 residency : which parts of a model on disk are open, within a memory budget
 out_of_core : models of clouds larger than memory
+preparation, preparation_options, scan_inputs : `prepare`: files to a prepared scan or a saved model
 
 Begin with model.
 """

@@ -7,14 +7,13 @@ from typing import Annotated
 
 import typer
 
+from ...model.scan_inputs import check_not_input
 from ..cluster import working_on
 from ..declare import INPUT, LIGHT, OUTPUT, QUALITY, single, with_options
-from ..options import POINTS, SUBJECT, bytes_of, given, numbers, use_threads
+from ..options import POINTS, SUBJECT, given, use_threads
 from ..picture_options import OF_WORKERS, PictureOptions, names_of
 from ..read_options import Reading
-from ..scan_files import check_not_input, scan_of
-
-SEPARATORS = ("/", "\\")  # at the end of a folder's name
+from ..scan_files import scan_of
 
 LIT = (
     "Result: .ply, the points with the attributes ao (visible share of the sky) and irradiance_r, _g, _b (incoming "
@@ -121,22 +120,9 @@ def prepare(
 
     if estimate_normals and options.normals == "file":
         raise ValueError("--estimate-normals and --normals file exclude each other")
-    estimate_normals = estimate_normals or options.normals == "fit"
-    if viewpoint is not None and not (estimate_normals or reading.drop_strays):
-        raise ValueError("--viewpoint requires --estimate-normals, --normals fit or --drop-strays")
-    if trajectory is not None and not estimate_normals:
-        raise ValueError("--trajectory requires --estimate-normals or --normals fit")
-    if trajectory is not None and viewpoint is not None:
-        raise ValueError("--viewpoint and --trajectory exclude each other")
     use_threads(options.threads)
-    plain = {name: getattr(options, name) for name in ("normals", "scatter", "scatter_size")}
-    steps = {**context.params, **plain} | {
-        "estimate_normals": estimate_normals,
-        "viewpoint": None if viewpoint is None else numbers(viewpoint, "--viewpoint"),
-        "in_parts": output.endswith(SEPARATORS) or part_points is not None or memory is not None,
-        "memory": None if memory is None else bytes_of(memory),
-    }
-    print(work(files, reading, Path(output), steps))
+    taken = {name: getattr(options, name) for name in ("normals", "scatter", "scatter_size", *names_of(OF_WORKERS))}
+    print(work(files, reading, output, {**context.params, **taken}))
 
 
 @with_options("pointray info scan.las", "pointray info scan.ply --deep --json")

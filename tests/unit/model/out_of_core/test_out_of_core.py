@@ -311,7 +311,7 @@ def test_an_invalid_file_leaves_no_folder(tmp_path):
 
 def test_the_command_builds_parts_if_memory_is_short(tmp_path, capsys, monkeypatch):
     pr.write(tmp_path / "a.ply", statue(20_000))
-    monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
+    monkeypatch.setattr("pointray.model.preparation.fits", lambda files, request, memory: memory is None)
     out = tmp_path / "a.pointray"
     assert (
         execute(["prepare", str(tmp_path / "a.ply"), "-o", f"{out}/", "--memory", "2GiB", "--part-points", "20000"])
@@ -332,7 +332,7 @@ def test_the_command_builds_parts_if_memory_is_short(tmp_path, capsys, monkeypat
 )
 def test_invalid_options_are_reported(words, text, tmp_path, capsys, monkeypatch):
     pr.write(tmp_path / "a.ply", statue(20_000))
-    monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: memory is None)
+    monkeypatch.setattr("pointray.model.preparation.fits", lambda files, request, memory: memory is None)
     assert execute(["prepare", str(tmp_path / "a.ply"), "-o", f"{tmp_path / 'a.pointray'}/", *words]) == 2
     assert text in capsys.readouterr().err
     assert not (tmp_path / "a.pointray").exists()

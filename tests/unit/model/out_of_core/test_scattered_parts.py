@@ -361,7 +361,7 @@ def test_a_size_alone_does_not_ask_for_spheres_of_given_radii(
 ) -> None:
     points = wood(rng, 20_000)
     pr.write(tmp_path / "a.ply", points.changed(attributes={"radius": np.full(20_000, 0.05, np.float32)}))
-    monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: False)
+    monkeypatch.setattr("pointray.model.preparation.fits", lambda files, request, memory: False)
     assert (
         execute(
             ["prepare", str(tmp_path / "a.ply"), "-o", f"{tmp_path}/{target}", "--scatter-size", "2", "--no-levels"]
@@ -405,7 +405,7 @@ def test_the_command_line_says_how_points_are_drawn(
 ) -> None:
     scan, folder = tmp_path / "a.ply", tmp_path / "a.pointray"
     pr.write(scan, wood(rng, 20_000))
-    monkeypatch.setattr("pointray.cli.prepare.fits", lambda files, request, memory: fits)
+    monkeypatch.setattr("pointray.model.preparation.fits", lambda files, request, memory: fits)
     words = ["prepare", str(scan), "-o", f"{folder}/", "--scatter", "spheres", "--scatter-size", "1.5", "--no-levels"]
     assert execute([*words, "--memory", "2GiB"]) == 0
     model = pr.Model.load(folder)

@@ -1,0 +1,116 @@
+"""The files that `prepare` reads, and checks of those that it writes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..base.warning_log import warn
+
+if TYPE_CHECKING:
+    from ..io.files import Paths
+    from ..io.formats._source import Request
+
+# Other modules are imported when they are needed: the command line's help must appear at once.
+
+FEW = 3  # files that a note names
+
+
+def is_saved(file: Path) -> bool:
+    """Whether a path has the extension of saved models, which are files, or folders if in parts."""
+    from .model_file import SAVED
+
+    return file.suffix.lower() == SAVED
+
+
+def is_in_parts(file: Path) -> bool:
+    """Whether a path is that of a model in parts."""
+    return is_saved(file) and file.is_dir()
+
+
+def files_of(paths: Paths) -> list[Path]:
+    """Return the files of some paths, for a folder the scans in it; an error if one is missing."""
+    from ..base.arguments import check_path
+    from ..base.atomic_write import check_regular
+
+    several: Sequence[Any] = paths if isinstance(paths, Sequence) and not isinstance(paths, str | bytes) else [paths]
+    files: list[Path] = []
+    for path in [check_path(one, "paths") for one in several]:
+        if path.is_dir():
+            files += [path] if is_saved(path) else _scans_in(path)
+        else:
+            files.append(check_regular(path))
+    if not files:
+        raise ValueError("paths must name at least one file")
+    seen: dict[Path, Path] = {}
+    for file in files:
+        other = seen.setdefault(file.resolve(), file)
+        if other is not file:
+            raise ValueError(f"{file}: is given twice" + ("" if file == other else f", also as {other}"))
+    return files
+
+
+def check_scan(file: Path, request: Request | None = None) -> None:
+    """Raise an error if a scan or a saved model cannot be opened, or a scan's header is wrong."""
+    from ..base.atomic_write import check_regular
+    from ..io.files import check_readable
+    from .model_folder import check_folder
+
+    if is_in_parts(file):
+        check_folder(file)
+    elif is_saved(file):
+        check_regular(file)
+    else:
+        check_readable(file, request)
+
+
+def _scans_in(folder: Path) -> list[Path]:
+    """Return the readable files of a folder, sorted by name; warn about the others."""
+    from ..io.known_formats import extensions
+    from ..io.unpacking import PACKED
+
+    known, files, left = set(extensions()), [], []
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith(".") or not path.is_file():
+            continue
+        inner = Path(path.stem) if path.suffix.lower() in PACKED else path
+        try:
+            if inner.suffix.lower() not in known:
+                raise ValueError
+            check_scan(path)
+            files.append(path)
+        except (OSError, ValueError):
+            left.append(path.name)
+    if not files:
+        raise ValueError(f"{folder}: contains no readable file; supported: {', '.join(sorted(known))}")
+    if left:
+        more = f" and {len(left) - FEW:,} more" if len(left) > FEW else ""
+        warn(f"{folder}: skipped files that are not scans: {', '.join(left[:FEW])}{more}", stacklevel=2)
+    return files
+
+
+def check_result(output: Path, *others: str) -> None:
+    """Raise an error, before any work is done, if points cannot be written to a file.
+
+    others : extensions besides those of points that the command writes
+    """
+    from ..base.atomic_write import check_writable
+    from ..io.known_formats import writer_of, written
+
+    extension = output.suffix.lower()
+    if extension not in (*written(), *others):
+        known = " and ".join([", ".join(written()), *others])
+        raise ValueError(f"{output}: cannot write {output.suffix or 'a file without extension'}; can write {known}")
+    if extension not in others:
+        writer_of(output)  # it may require a package
+    check_writable(output)
+
+
+def check_not_input(files: Sequence[Path], output: Path, force: bool, option: str = "--force") -> None:
+    """Raise ValueError if the result would overwrite an input. option : that allows it, for the message"""
+    if force or not output.exists():
+        return
+    if any(file.exists() and os.path.samefile(file, output) for file in files):
+        raise ValueError(f"{output}: is an input; use {option} to overwrite it")
