@@ -19,28 +19,36 @@ RESIDUAL = "grid_residual"  # attribute with float32's rounding error against a 
 class Georeference:
     """Georeference of points, kept with them and written back to files.
 
-    Attributes
+    Parameters
     ----------
-    crs : str or None
+    crs : str, optional
         The coordinate reference system: well-known text, or a code like "EPSG:25832".
-    unit : str or None
+    unit : str, optional
         The unit of the coordinates, for example "metre".
-    scale, offset : (3,) tuple of float or None
+    scale, offset : (3,) float, optional
         For files with integer coordinates (LAS): coordinate = offset + scale * integer.
-    stations : tuple of (3,) tuple of float
+    stations : sequence of (3,) float
         Scanner positions in world coordinates. With more than one, the attribute "scan" holds each point's index.
-    projection : str or None
+    projection : str, optional
         Local projection, if the file's coordinates are degrees of longitude and latitude and the points' are metres
         east and north of a place. Files are written in degrees again.
-    format : str or None
+    format : str, optional
         The file format, where it suggests which axis is up: "LAS", "E57", "PTX", "PTS", "KITTI", "glTF", "SPZ",
         "COLMAP" or "depth image".
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
-        If a value has the wrong type, a scale is not positive, a number is not finite, or only one of scale and offset
+        If a text is empty, a scale is not positive, a number is not finite, or only one of scale and offset
         is given.
+
+    Examples
+    --------
+    >>> survey = pr.Survey(crs="EPSG:25832", unit="metre", stations=[(500000, 5400000, 310)])
+    >>> survey.stations
+    ((500000.0, 5400000.0, 310.0),)
     """
 
     crs: str | None = None

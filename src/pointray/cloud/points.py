@@ -65,8 +65,18 @@ class Points:
 
     Raises
     ------
+    TypeError
+        If `attributes`, `origin` or `survey` has the wrong type.
     ValueError
         If a shape, dtype or value is wrong, or no row has a finite position.
+
+    Examples
+    --------
+    >>> points = pr.Points([[0, 0, 0], [1, 0, 0], [0, 1, 0]], attributes={"class": [2, 2, 6]})
+    >>> len(points), points.positions.dtype, points.attributes["class"].tolist()
+    (3, dtype('float32'), [2, 2, 6])
+    >>> points.bounds.tolist()
+    [[0.0, 0.0, 0.0], [1.0, 1.0, 0.0]]
     """
 
     positions: NDArray[np.float32]
@@ -101,7 +111,32 @@ class Points:
         attributes: Mapping[str, ArrayLike] | None = None,
         georeference: Georeference | None = None,
     ) -> Points:
-        """Create points from (n, 3) float32 positions that are already relative to `origin`."""
+        """Create points from positions that are already relative to an origin.
+
+        Parameters
+        ----------
+        origin : (3,) array_like
+            World coordinates.
+        positions : (n, 3) float32
+            Relative to the origin.
+        normals, colors, attributes, georeference
+            As for the class.
+
+        Returns
+        -------
+        Points
+
+        Raises
+        ------
+        TypeError, ValueError
+            As for the class.
+
+        Examples
+        --------
+        >>> points = pr.Points.about((500000, 5400000, 300), np.zeros((1, 3), np.float32))
+        >>> points.world.tolist()
+        [[500000.0, 5400000.0, 300.0]]
+        """
         points = cls.__new__(cls)
         positions = _check_positions(positions)
         points._fill(
@@ -147,12 +182,12 @@ class Points:
 
     @property
     def world(self) -> NDArray[np.float64]:
-        """World coordinates, (n, 3) float64: a new array."""
+        """World coordinates, (n, 3) float64. A new array."""
         return self.positions + self.origin
 
     @property
     def finite(self) -> NDArray[np.bool_]:
-        """(n,) bool: whether the position is usable: neither NaN nor infinite nor beyond 1e12."""
+        """Mask of the rows with a usable position, neither NaN nor infinite nor beyond 1e12, (n,) bool."""
         return are_finite(self.positions)
 
     @property
@@ -165,7 +200,29 @@ class Points:
         return np.stack([least, greatest]) + self.origin
 
     def select(self, rows: NDArray[np.integer[Any]] | NDArray[np.bool_]) -> Points:
-        """Return the given rows (indices or a mask), with the same origin."""
+        """Return some of the points, with the same origin.
+
+        Parameters
+        ----------
+        rows : (m,) int or (n,) bool
+            Indices, negative ones from the end, or a mask.
+
+        Returns
+        -------
+        Points
+
+        Raises
+        ------
+        ValueError
+            If `rows` is neither indices nor a mask, an index is out of range, or no finite row is selected.
+
+        Examples
+        --------
+        >>> points = pr.procedural("sphere", 1000)
+        >>> upper = points.select(points.positions[:, 2] > 0)
+        >>> bool(upper.bounds[0, 2] > 0)
+        True
+        """
         rows = _check_rows(rows, len(self))
         return Points.about(
             self.origin,
@@ -178,12 +235,59 @@ class Points:
 
     @accept_renamed("survey", "georeference")
     def changed(self, **fields: Any) -> Points:
-        """Return the points with other positions, normals, colors, attributes or georeference; the rest is shared."""
+        """Return the points with other arrays; those that are not given are shared.
+
+        Parameters
+        ----------
+        **fields
+            `positions`, (n, 3) float32 relative to `origin`, `normals`, `colors`, `attributes` or `georeference`, as for the
+            class.
+
+        Returns
+        -------
+        Points
+
+        Raises
+        ------
+        TypeError
+            If another field is given.
+        ValueError
+            As for the class.
+
+        Examples
+        --------
+        >>> points = pr.procedural("sphere", 1000)
+        >>> grey = points.changed(colors=np.full((1000, 3), 128, np.uint8))
+        >>> grey.positions is points.positions
+        True
+        """
         kept = {name: getattr(self, name) for name in ("positions", "normals", "colors", "attributes", "georeference")}
         return Points.about(self.origin, **{**kept, **fields})
 
     def with_normals(self, normals: ArrayLike | None) -> Points:
-        """Return the points with other normals, or without normals if None; the other arrays are shared."""
+        """Return the points with other normals; the other arrays are shared.
+
+        Parameters
+        ----------
+        normals : (n, 3) array_like or None
+            None: no normals.
+
+        Returns
+        -------
+        Points
+
+        Raises
+        ------
+        ValueError
+            If the shape or dtype is wrong.
+
+        Examples
+        --------
+        >>> points = pr.procedural("sphere", 1000)
+        >>> inward = points.with_normals(-points.normals)
+        >>> points.with_normals(None).normals is None
+        True
+        """
         return self.changed(normals=normals)
 
     def __len__(self) -> int:

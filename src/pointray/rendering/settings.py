@@ -67,8 +67,16 @@ class Settings:
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If a value is invalid or out of its range.
+
+    Examples
+    --------
+    >>> settings = pr.Settings("path", spp=16, max_depth=6)
+    >>> settings.integrator, settings.spp, settings.filter
+    ('path', 16, 'blackman-harris')
     """
 
     integrator: str = "phong"
@@ -109,16 +117,16 @@ class Settings:
 
     @property
     def most(self) -> int:
-        """Return the maximum number of samples a pixel."""
+        """Maximum number of samples a pixel."""
         open_ended = self.spp == 1 and (self.time_limit is not None or self.noise is not None)
         return MOST_SAMPLES if open_ended else self.spp
 
     @property
     def denoised(self) -> bool:
-        """Return whether the image is denoised: if requested, and the integrator has noise."""
+        """Whether the image is denoised: if requested, and the integrator has noise."""
         return self.denoise and self.integrator in NOISY
 
     @property
     def depth(self) -> int:
-        """Return the maximum number of bounces."""
+        """Maximum number of bounces."""
         return DEEPEST if self.max_depth is None else self.max_depth

@@ -70,6 +70,8 @@ class Attribute:
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If the colour map is unknown, the range is invalid, or categories are combined with a coordinate, a range or a
         map of classes.
@@ -78,6 +80,13 @@ class Attribute:
     -----
     NaN values are left out of the blend; where they have most of the weight, a neutral grey (sRGB 128) is shown.
     A detected range is that of the points: the range of a coordinate moves with the instance.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> height = pr.Attribute("z", "terrain", range=(-1, 1))
+    >>> scene.add(pr.Model(pr.procedural("sphere", 1000)), material=pr.Diffuse(height))
+    0
     """
 
     name: str
@@ -100,12 +109,12 @@ class Attribute:
 
     @property
     def values(self) -> tuple[int, ...]:
-        """Return the categories, or an empty tuple."""
+        """Categories as given; empty without."""
         return self.categories if isinstance(self.categories, tuple) else ()
 
     @property
     def may_have_categories(self) -> bool:
-        """Return whether categories are detected from the values."""
+        """Whether categories are detected from the values."""
         plain = self.range is None and self.name not in COORDINATES and not shows_classes(self.colormap)
         return self.categories is None and plain
 

@@ -24,7 +24,21 @@ class Diffuse(Material):
 
     Parameters
     ----------
-    color : float or (3,) float, 0 to 1, or Attribute, optional
+    color : float or (3,) float, or Attribute, optional
+        Linear RGB, 0 to 1. None: the colours of the points or the plane.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> scene.add(pr.Model(pr.procedural("sphere", 1000)), material=pr.Diffuse((0.8, 0.3, 0.2)))
+    0
     """
 
     color: Color = None
@@ -41,9 +55,25 @@ class Emissive(Material):
     Parameters
     ----------
     radiance : float or (3,) float
-        W/(sr m2), RGB.
-    color : float or (3,) float, 0 to 1, or Attribute, optional
-        Albedo of the reflection, with the BRDF color / pi.
+        W/(m2 sr), linear RGB.
+    color : float or (3,) float, or Attribute, optional
+        Albedo of the reflection, with the BRDF color / pi, linear RGB, 0 to 1. None: the colours of the points or the
+        plane.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> lamp = scene.add(pr.Model(pr.procedural("sphere", 1000)), material=pr.Emissive(2.0))
+    >>> image = pr.render(scene, pr.Camera.frame(scene.bounds, size=(3, 3)), pr.Settings("path"))
+    >>> float(image[1, 1, 0])
+    2.0
     """
 
     radiance: ArrayLike

@@ -31,11 +31,29 @@ class Phong(Material):
 
     Parameters
     ----------
-    color : float or (3,) float, 0 to 1, or Attribute, optional
+    color : float or (3,) float, or Attribute, optional
+        Linear RGB, 0 to 1. None: the colours of the points or the plane.
     specular : float
         Albedo of the highlight at normal incidence, 0 to 1.
     exponent : float
         Exponent of the highlight, at least 0; larger is narrower. Limited to 1e8.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
+
+    References
+    ----------
+    Lafortune, Willems: Using the modified Phong reflectance model for physically based rendering (1994).
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> scene.add(pr.Model(pr.procedural("sphere", 1000)), material=pr.Phong(specular=0.05, exponent=40))
+    0
     """
 
     color: Color = None

@@ -51,12 +51,33 @@ class Principled(Material):
 
     Parameters
     ----------
-    base_color : float or (3,) float, 0 to 1, or Attribute, optional
-        Colour of the diffuse base, and of metal at normal incidence.
+    base_color : float or (3,) float, or Attribute, optional
+        Colour of the diffuse base, and of metal at normal incidence, linear RGB, 0 to 1. None: the colours of the
+        points or the plane.
     roughness : float
         0 (nearly a mirror, with a lobe of 0.1 degrees) to 1.
     metallic : float
         0 (dielectric) to 1 (metal); the BRDFs are blended in between.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
+
+    References
+    ----------
+    Walter, Marschner, Li, Torrance: Microfacet models for refraction through rough surfaces (2007).
+    Heitz: Understanding the masking-shadowing function in microfacet-based BRDFs (2014).
+    Kelemen, Szirmay-Kalos: A microfacet based coupled specular-matte BRDF model with importance sampling (2001).
+
+    Examples
+    --------
+    >>> gold = pr.Principled(base_color=(1.0, 0.77, 0.34), roughness=0.3, metallic=1.0)
+    >>> scene = pr.Scene()
+    >>> scene.add(pr.Model(pr.procedural("sphere", 1000)), material=gold)
+    0
     """
 
     base_color: Color = None

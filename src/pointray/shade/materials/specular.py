@@ -21,7 +21,21 @@ class Mirror(Material):
 
     Parameters
     ----------
-    color : float or (3,) float, 0 to 1, or Attribute, optional
+    color : float or (3,) float, or Attribute, optional
+        Linear RGB, 0 to 1. None: the colours of the points or the plane.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> scene.add(pr.Plane(point=(0, 0, -1), normal=(0, 0, 1)), material=pr.Mirror(0.9))
+    0
     """
 
     color: Color = 1.0
@@ -45,6 +59,19 @@ class Dielectric(Material):
     ior : float
         Index of refraction of the inside divided by that of the outside, 0.01 to 100: 1.33 for water in air, 0.75 for
         air in water.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> scene.add(pr.Model(pr.procedural("sphere", 1000)), material=pr.Dielectric(ior=1.33))
+    0
     """
 
     ior: float = 1.5
