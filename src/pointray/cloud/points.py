@@ -66,7 +66,7 @@ class Points:
     Raises
     ------
     TypeError
-        If `attributes`, `origin` or `survey` has the wrong type.
+        If `attributes`, `origin` or `georeference` has the wrong type.
     ValueError
         If a shape, dtype or value is wrong, or no row has a finite position.
 
@@ -240,8 +240,8 @@ class Points:
         Parameters
         ----------
         **fields
-            `positions`, (n, 3) float32 relative to `origin`, `normals`, `colors`, `attributes` or `georeference`, as for the
-            class.
+            `positions`, (n, 3) float32 relative to `origin`, `normals`, `colors`, `attributes` or `georeference`, as for
+            the class.
 
         Returns
         -------
