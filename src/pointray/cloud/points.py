@@ -240,8 +240,8 @@ class Points:
         Parameters
         ----------
         **fields
-            `positions` (n, 3) float32, relative to `origin`; `normals`, `colors`, `attributes`, `georeference` as for the
-            class.
+            `positions` (n, 3) float32, relative to `origin`; `normals`, `colors`, `attributes`, `georeference` as for
+            the class.
 
         Returns
         -------
