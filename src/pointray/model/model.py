@@ -86,7 +86,7 @@ class Model(TraceableModel):
     Raises
     ------
     TypeError
-        If `progress` is not callable.
+        If an argument has the wrong type.
     ValueError
         If a shape, dtype or value is invalid, all points coincide and no radius is given, or more memory is needed
         than is available.
@@ -301,7 +301,7 @@ class Model(TraceableModel):
 
         Examples
         --------
-        >>> model = pr.Model(pr.procedural("sphere", 10_000))
+        >>> model = pr.Model(pr.procedural("sphere", 5000))
         >>> model.make_levels()
         >>> len(model.levels) > 0
         True
