@@ -3,7 +3,7 @@
 >>> import pointray as pr
 >>> model = pr.Model(pr.read("scan.ply"))
 >>> scene = pr.Scene()
->>> scene.add(model)
+>>> instance = scene.add(model)
 >>> pr.write_image("scan.png", pr.render(scene, pr.frame(scene)))
 """
 

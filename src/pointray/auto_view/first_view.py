@@ -209,6 +209,8 @@ def frame(
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If a parameter is invalid, or there are no points.
 
@@ -219,7 +221,9 @@ def frame(
 
     Examples
     --------
-    >>> camera = pr.frame(scene, view="front", size=(800, 600))
+    >>> camera = pr.frame(pr.procedural("sphere", 1000), view="front", size=(320, 240))
+    >>> camera.size, camera.up
+    ((320, 240), (0.0, 0.0, 1.0))
     """
     check_kind(subject, "subject", (Scene, Model, Points), "a Scene, a Model or Points")
     lens = Camera.look_at((0, 0, 0), (1, 0, 0), fov=fov, size=size, projection=projection)

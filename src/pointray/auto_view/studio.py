@@ -46,15 +46,21 @@ def studio(up: ArrayLike = (0, 0, 1), azimuth: float | None = None) -> list[Ligh
     Returns
     -------
     list of SunLight and EnvironmentLight
+        Two suns and a sky, for `Scene.lights`.
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If `up` is not a direction or `azimuth` is not a number.
 
     Examples
     --------
-    >>> scene.lights = pr.studio()
+    >>> scene = pr.Scene()
+    >>> scene.lights = pr.studio(azimuth=30)
+    >>> len(scene.lights)
+    3
     """
     top = check_direction(up, "up")
     sky = EnvironmentLight(ZENITH, horizon=HORIZON, ground=GROUND, up=top)

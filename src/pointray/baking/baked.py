@@ -43,7 +43,13 @@ Floats = NDArray[np.float32]
 
 
 class StaleLightWarning(UserWarning):
-    """Warning that baked light no longer fits its scene, see `Baked.stale`."""
+    """Warning that baked light no longer fits its scene, see `Baked.stale`.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> warnings.simplefilter("error", pr.StaleLightWarning)  # an error instead of a warning
+    """
 
 
 class Baked:
@@ -51,9 +57,13 @@ class Baked:
 
     Examples
     --------
-    >>> scene.baked = pr.bake(scene)
-    >>> picture = pr.render(scene, camera, pr.Settings("baked", spp=16))
-    >>> shade = scene.baked.ambient_occlusion(statue)
+    >>> scene = pr.Scene()
+    >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+    >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+    >>> scene.baked = pr.bake(scene, pr.BakeSettings(links=8))
+    >>> image = pr.render(scene, pr.frame(scene, size=(32, 24)), pr.Settings("baked"))
+    >>> scene.baked.ambient_occlusion(ball).shape
+    (1000,)
     """
 
     def __init__(self, scene: Scene, settings: BakeSettings, progress: Progress | None, client: Client = None) -> None:
@@ -117,11 +127,49 @@ class Baked:
         return reason
 
     def fits(self, scene: Scene) -> bool:
-        """Return whether the light fits a scene, which may be a copy of its own."""
+        """Return whether the light fits a scene.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene of the bake or a copy of it.
+
+        Returns
+        -------
+        bool
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+        >>> baked = pr.bake(scene, pr.BakeSettings(links=8))
+        >>> baked.fits(scene)
+        True
+        """
         return self._stale(scene.snapshot()) is None
 
     def lacks_levels(self, scene: Scene) -> bool:
-        """Return whether the light fits a scene except for levels of detail added after the bake; they render black."""
+        """Return whether the light fits a scene except for levels of detail added after the bake; they render black.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene of the bake or a copy of it.
+
+        Returns
+        -------
+        bool
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+        >>> baked = pr.bake(scene, pr.BakeSettings(links=8))
+        >>> baked.lacks_levels(scene)
+        False
+        """
         return self._stale(scene.snapshot()) == NO_LEVELS
 
     def update(self, progress: StageProgress | None = None) -> None:
@@ -136,8 +184,21 @@ class Baked:
 
         Raises
         ------
+        TypeError
+            If an argument has the wrong type.
         ValueError
             If models, planes or clip planes have changed, so that the links no longer fit.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+        >>> baked = pr.bake(scene, pr.BakeSettings(links=8))
+        >>> scene.lights = [pr.SunLight((-1, 1, -1.2))]
+        >>> baked.update()
+        >>> baked.stale is None
+        True
         """
         check_callback(progress)
         report = in_stage(progress, "baking light")
@@ -154,9 +215,28 @@ class Baked:
         report_progress(report, 1.0)
 
     def relit(self, scene: Scene) -> Baked | None:
-        """Return the light of another scene with the same models, planes and clip planes, or None if these differ.
+        """Return the light of another scene with the same models, planes and clip planes.
 
         This object is not changed. Both share their links.
+
+        Parameters
+        ----------
+        scene : Scene
+
+        Returns
+        -------
+        Baked or None
+            None if models, planes or clip planes differ.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+        >>> baked = pr.bake(scene, pr.BakeSettings(links=8))
+        >>> evening = scene.copy()
+        >>> evening.lights = [pr.SunLight((1, 0, -0.1))]
+        >>> evening.baked = baked.relit(evening)
         """
         shape = geometry_key(scene.snapshot().without_camera_lights())
         if shape != self._shape and not lacks_levels(self._shape, shape):
@@ -204,15 +284,74 @@ class Baked:
         ------
         ValueError
             If `id` is not an instance of a model, or `side` is neither 1 nor -1.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+        >>> baked = pr.bake(scene, pr.BakeSettings(links=8))
+        >>> baked.irradiance(ball).shape
+        (1000, 3)
         """
         return self._at_points(id, side, lambda at: at.direct + at.indirect)
 
     def indirect(self, id: int, side: int = 1) -> Floats:
-        """Return the same as `irradiance` without the light of lights: only from the sky and from other surfaces."""
+        """Return the irradiance from the sky and other surfaces, without that of lights, at each point of an instance.
+
+        Parameters
+        ----------
+        id, side
+            As for `irradiance`.
+
+        Returns
+        -------
+        (n, 3) float32
+            In W/m2 of the lights' units; NaN at points without a splat.
+
+        Raises
+        ------
+        ValueError
+            As for `irradiance`.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+        >>> baked = pr.bake(scene, pr.BakeSettings(links=8))
+        >>> baked.indirect(ball).shape
+        (1000, 3)
+        """
         return self._at_points(id, side, lambda at: at.indirect)
 
     def ambient_occlusion(self, id: int) -> Floats:
-        """Return the cosine-weighted fraction of the sky visible from each point, (n,) float32; 1 if unobstructed."""
+        """Return the cosine-weighted fraction of the sky visible from each point of an instance.
+
+        Parameters
+        ----------
+        id : int
+            Number of an instance of a model, as returned by `Scene.add`.
+
+        Returns
+        -------
+        (n,) float32
+            0 to 1; 1 if unobstructed, NaN at points without a splat.
+
+        Raises
+        ------
+        ValueError
+            If `id` is not an instance of a model.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+        >>> baked = pr.bake(scene, pr.BakeSettings(links=8))
+        >>> bool(np.allclose(baked.ambient_occlusion(ball), 1))
+        True
+        """
         return self._at_points(id, 1, lambda at: at.sky)
 
     def _at_points(self, id: int, sign: int, values_of: Callable[[SplatLight], Floats]) -> Floats:
@@ -248,10 +387,22 @@ class Baked:
 
         Raises
         ------
+        TypeError
+            If an argument has the wrong type.
         OSError
             If the file cannot be written.
         ValueError
             If levels of detail were added after the bake.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+        >>> baked = pr.bake(scene, pr.BakeSettings(links=8))
+        >>> baked.save("sphere.bake")
+        >>> pr.Baked.load("sphere.bake", scene).fits(scene)
+        True
         """
         check_path(path)
         check_callback(progress)
@@ -274,15 +425,31 @@ class Baked:
 
         Parameters
         ----------
+        path : str or path
         scene : Scene
             Has the same models, planes and clip planes as the baked scene, with instances in the same order.
 
+        Returns
+        -------
+        Baked
+
         Raises
         ------
+        TypeError
+            If an argument has the wrong type.
         OSError
             If the file cannot be opened.
         ValueError
             If the file is not baked light, is from another version, is damaged, or belongs to another scene.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+        >>> baked = pr.bake(scene, pr.BakeSettings(links=8))
+        >>> baked.save("sphere.bake")
+        >>> scene.baked = pr.Baked.load("sphere.bake", scene)
         """
         check_path(path)
         check_kind(scene, "scene", Scene, "a Scene")
@@ -327,6 +494,7 @@ def bake(
     ----------
     scene : Scene
     settings : BakeSettings, optional
+        Default: `BakeSettings()`.
     progress : callable, optional
         Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
     client : dask.distributed.Client, optional
@@ -337,6 +505,13 @@ def bake(
     -------
     Baked
 
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If the scene is empty, or `BakeSettings.memory` is too small even for the coarsest light.
+
     Notes
     -----
     Patches, a subset of the splats, send rays into the hemisphere. What these hit are links, over which light bounces
@@ -344,10 +519,19 @@ def bake(
     ray tracing). Mirrors and glass are followed; other surfaces reflect light like Lambertian ones of the same albedo.
     Lights attached to the camera are not baked. A back side that is nearly dark is treated as black.
 
-    Raises
-    ------
-    ValueError
-        If the scene is empty, or `BakeSettings.memory` is too small even for the coarsest light.
+    References
+    ----------
+    Goral, Torrance, Greenberg, Battaile: Modeling the interaction of light between diffuse surfaces (1984).
+    Hanrahan, Salzman, Aupperle: A rapid hierarchical radiosity algorithm (1991).
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+    >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+    >>> baked = pr.bake(scene, pr.BakeSettings(links=8))
+    >>> baked.irradiance(ball).shape
+    (1000, 3)
     """
     check_kind(scene, "scene", Scene, "a Scene")
     settings = BakeSettings() if settings is None else check_kind(settings, "settings", BakeSettings, "BakeSettings")

@@ -40,6 +40,19 @@ class BakeSettings:
         Seed of the random numbers.
     threads : int, optional
         Default: `POINTRAY_THREADS`, or else all. The light does not depend on it.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> fine = pr.BakeSettings(links=128, noise=0.01)
+    >>> fine.links, fine.max_depth
+    (128, None)
     """
 
     links: int = 48

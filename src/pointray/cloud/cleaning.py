@@ -47,6 +47,17 @@ def find_flaws(points: Points, progress: StageProgress | None = None) -> Flaws:
     -------
     Flaws
         `duplicates` and `outliers`, (n,) bool each.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+
+    Examples
+    --------
+    >>> points = pr.Points([[0, 0, 0], [1, 0, 0], [0, 0, 0]])
+    >>> pr.find_flaws(points).duplicates.tolist()
+    [False, False, True]
     """
     check_kind(points, "points", Points, "Points")
     check_callback(progress)
@@ -76,6 +87,17 @@ def clean(points: Points, duplicates: bool = True, outliers: bool = True) -> Poi
     -------
     Points
         The remaining rows in their order; `points` itself if nothing is removed.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+
+    Examples
+    --------
+    >>> points = pr.Points([[0, 0, 0], [1, 0, 0], [0, 0, 0]])
+    >>> len(pr.clean(points))
+    2
     """
     duplicates, outliers = check_flag(duplicates, "duplicates"), check_flag(outliers, "outliers")
     flaws = find_flaws(points)

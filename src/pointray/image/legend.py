@@ -45,8 +45,17 @@ def draw_legend(image: NDArray[Any], attribute: Attribute, beside: bool = False)
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If the attribute has neither range nor categories, or the array is not an image.
+
+    Examples
+    --------
+    >>> image = np.ones((240, 320, 3), np.float32)
+    >>> wide = pr.draw_legend(image, pr.Attribute("z", range=(0, 10)), beside=True)
+    >>> wide.shape[0], wide.shape[1] > 320
+    (240, True)
     """
     check_legend(attribute, "attribute")
     beside = check_flag(beside, "beside")

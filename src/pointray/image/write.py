@@ -64,10 +64,14 @@ def write_image(
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     OSError
         If the file cannot be written.
     ValueError
-        If the extension, shape, dtype, exposure or curve is unsupported, or the package for EXR is missing.
+        If the extension, shape, dtype, exposure or curve is unsupported.
+    ImportError
+        If OpenEXR is not installed, for EXR.
 
     Notes
     -----
@@ -75,6 +79,11 @@ def write_image(
 
     An EXR stores the values as float32, linear and premultiplied, with alpha if the image has it, including NaN and
     values above 1. Exposure and curve do not change them. It needs OpenEXR: `pip install 'pointray[files]'`.
+
+    Examples
+    --------
+    >>> image = np.full((24, 32, 3), 0.5, np.float32)
+    >>> pr.write_image("grey.png", image, exposure=1)
     """
     file = check_path(path)
     format = _format_of(file, FORMATS)
@@ -113,10 +122,14 @@ def write_layers(path: str | os.PathLike[str], layers: Mapping[str, ArrayLike]) 
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     OSError
         If the file cannot be written.
     ValueError
-        If the extension, a name, a shape or a dtype is unsupported, or the package for EXR is missing.
+        If the extension, a name, a shape or a dtype is unsupported.
+    ImportError
+        If OpenEXR is not installed, for EXR.
 
     Notes
     -----
@@ -124,6 +137,14 @@ def write_layers(path: str | os.PathLike[str], layers: Mapping[str, ArrayLike]) 
     point. Colours, depth, normals and positions are float32: coordinates of millions of metres have a precision of half
     a metre, while an NPZ stores float64. Indices are uint32, exact up to 4,294,967,294; -1 (a miss) becomes
     4,294,967,295.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+    >>> pr.write_layers("ball.npz", pr.render_layers(scene, pr.frame(scene, size=(32, 24))))
+    >>> np.load("ball.npz")["normal"].shape
+    (24, 32, 3)
     """
     file = check_path(path)
     format = _format_of(file, LAYERED)

@@ -60,7 +60,8 @@ def read(
 
     Parameters
     ----------
-    path : path, or sequence of paths
+    path : str or path, or sequence of these
+        Files of one cloud.
     columns : sequence of str, or str with commas, optional
         Names of the columns of a text file or of a file of float32 rows: x, y, z, nx, ny, nz, r, g, b or attribute
         names; "-" skips a column. Default: detected.
@@ -94,10 +95,21 @@ def read(
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     OSError
         If a file cannot be opened.
+    ImportError
+        If the format needs a package that is not installed.
     ValueError
         If the format of a file is unknown, its contents are damaged or contain no points, or memory is insufficient.
+
+    Examples
+    --------
+    >>> pr.write("sphere.ply", pr.procedural("sphere", 1000))
+    >>> points = pr.read("sphere.ply", every=2)
+    >>> len(points), points.colors.dtype
+    (500, dtype('uint8'))
     """
     check_callback(progress)
     request = request_of(columns, bounds, resolution, sample, opacity, intrinsics, strict)
@@ -222,10 +234,20 @@ def write(path: str | os.PathLike[str], points: Points, progress: StageProgress 
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     OSError
         If the file cannot be written.
+    ImportError
+        If the format needs a package that is not installed.
     ValueError
         If no format with this extension can be written, or the format cannot store the name of an attribute.
+
+    Examples
+    --------
+    >>> pr.write("sphere.ply", pr.procedural("sphere", 1000))
+    >>> len(pr.read("sphere.ply"))
+    1000
     """
     check_callback(progress)
     for lost in write_points(path, points, in_stage(progress, "writing")):

@@ -103,7 +103,19 @@ class FormatFacts:
 
 
 def formats() -> list[FormatFacts]:
-    """List the supported formats, what each stores, and whether it can be written."""
+    """List the supported formats, what each stores, and whether it can be written.
+
+    Returns
+    -------
+    list of FormatFacts
+        Each with `name`, `extensions`, `writes`, `extra` (the optional dependency group that it needs, or None) and
+        `keeps` (what is read, in words).
+
+    Examples
+    --------
+    >>> [extension for known in pr.formats() if known.name == "PLY" for extension in known.extensions]
+    ['.ply']
+    """
     return [
         FormatFacts(x.name, x.extensions, x.write is not None, x.extra[1] if x.extra else None, dict(x.keeps))
         for x in sorted(_formats().values(), key=lambda x: x.name.lower())

@@ -86,8 +86,20 @@ def eyes_along(points: Points, trajectory: str | os.PathLike[str] | Trajectory) 
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
+    OSError
+        If the file cannot be opened.
     ValueError
         If the points have no times, none lies within the trajectory, or the trajectory is invalid.
+
+    Examples
+    --------
+    >>> with open("path.txt", "w") as file:
+    ...     print("time,x,y,z", "0,0,0,2", "10,5,0,2", sep=chr(10), file=file)
+    >>> points = pr.Points([[0, 3, 0], [1, 3, 0]], attributes={"gps_time": [0.0, 4.0]})
+    >>> pr.eyes_along(points, "path.txt").tolist()
+    [[0.0, 0.0, 2.0], [2.0, 0.0, 2.0]]
     """
     check_kind(points, "points", Points, "Points")
     times = points.attributes.get("gps_time")

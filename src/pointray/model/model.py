@@ -86,10 +86,22 @@ class Model(TraceableModel):
     Raises
     ------
     TypeError
-        If `progress` is not callable.
+        If an argument has the wrong type.
     ValueError
         If a shape, dtype or value is invalid, all points coincide and no radius is given, or more memory is needed
         than is available.
+
+    References
+    ----------
+    Wald, Seidel: Interactive ray tracing of point-based models (2005).
+    Kolluri: Provably good moving least squares (2005), for "imls".
+    Guennebaud, Gross: Algebraic point set surfaces (2007), for "apss".
+
+    Examples
+    --------
+    >>> model = pr.Model(pr.procedural("sphere", 1000), surface="imls")
+    >>> model.radii.shape, model.surface
+    ((1000,), 'imls')
     """
 
     levels: tuple[Model, ...] = ()
@@ -136,20 +148,36 @@ class Model(TraceableModel):
         scatter_size: float | None = None,
         progress: StageProgress | None = None,
     ) -> Model:
-        """Return a model of the same points with other settings; parameters as in the class.
+        """Return a model of the same points with other settings.
 
         Radii, normals, noise and the set of scattered points are reused, unless `smooth`, `scatter` or `scatter_size`
         change.
 
         Parameters
         ----------
+        smooth, surface, samples, refine, radius_scale
+            As for the class.
         scatter, scatter_size : optional
-            Default: as in this model.
+            As for the class. Default: as in this model.
+        progress : callable, optional
+            As for the class.
+
+        Returns
+        -------
+        Model
 
         Raises
         ------
+        TypeError
+            If an argument has the wrong type.
         ValueError
             If a value is invalid, or for a model in parts.
+
+        Examples
+        --------
+        >>> model = pr.Model(pr.procedural("sphere", 1000))
+        >>> model.rebuild(0.0, surface="disc").surface
+        'disc'
         """
         check_callback(progress)
         self.check_whole()
@@ -183,10 +211,18 @@ class Model(TraceableModel):
 
         Raises
         ------
+        TypeError
+            If an argument has the wrong type.
         OSError
             If the file cannot be written.
         ValueError
             For a model in parts.
+
+        Examples
+        --------
+        >>> pr.Model(pr.procedural("sphere", 1000)).save("sphere.pointray")
+        >>> pr.Model.load("sphere.pointray").surface
+        'apss'
         """
         check_path(path)
         check_callback(progress)
@@ -205,16 +241,30 @@ class Model(TraceableModel):
         Parameters
         ----------
         path : str or path
+            A file, or a folder of parts.
         memory : int, optional
             Bytes of parts and levels of detail that stay open, for a model in parts. The least recently used ones are
             closed. What one call needs at once is opened nevertheless. Default: half of the available memory.
 
+        Returns
+        -------
+        Model
+
         Raises
         ------
+        TypeError
+            If an argument has the wrong type.
         OSError
             If the file cannot be opened.
         ValueError
             If it is not a saved model, has another version, or is damaged.
+
+        Examples
+        --------
+        >>> pr.Model(pr.procedural("sphere", 1000)).save("sphere.pointray")
+        >>> model = pr.Model.load("sphere.pointray")
+        >>> len(model.points)
+        1000
         """
         budget = None if memory is None else check_whole(memory, "memory", 1, or_none=True)
         check_path(path)
@@ -230,22 +280,31 @@ class Model(TraceableModel):
         return model
 
     def make_levels(self, progress: StageProgress | None = None) -> None:
-        """Make coarser versions for views in which points are finer than pixels.
+        """Make coarser versions of the model, its `levels`, for views in which points are finer than pixels.
 
-        Each level has half as many points along a line as the one before. Images then show each instance in the level
-        that fits its distance: less flicker in films, higher frame rates. Levels have the surface "paper" with N = 2,
-        as their points are about as far apart as pixels. Memory grows by a third. `Settings(levels=False)` ignores
-        them.
+        `levels` is a tuple of models from fine to coarse. Each has half as many points along a line as the one before.
+        Images then show each instance in the level that fits its distance: less flicker in films, higher frame rates.
+        Levels have the surface "paper" with N = 2, as their points are about as far apart as pixels. Memory grows by a
+        third. `Settings(levels=False)` ignores them.
 
-        Attributes
+        Parameters
         ----------
-        levels : tuple of Model
-            From fine to coarse, without the model itself.
+        progress : callable, optional
+            Called as `progress(stage, share)` with the name of the stage and its completed share, 0 to 1.
 
         Raises
         ------
+        TypeError
+            If an argument has the wrong type.
         ValueError
             For a model in parts.
+
+        Examples
+        --------
+        >>> model = pr.Model(pr.procedural("sphere", 5000))
+        >>> model.make_levels()
+        >>> len(model.levels) > 0
+        True
         """
         check_callback(progress)
         self.check_whole()

@@ -43,21 +43,34 @@ THREE_QUARTER = (0.45, -1.0, 0.35)  # default direction of `frame`: front, sligh
 class Camera:
     """Perspective, orthographic or panoramic camera; created by `look_at` or `frame`, which describe the parameters.
 
-    Attributes
+    Parameters
     ----------
     eye, target : (3,) float
         World coordinates.
     up : (3,) float
         Up direction of the image; need not be perpendicular to the view.
     fov : float
-        Vertical field of view, degrees.
+        Vertical field of view, degrees, between 0 and 180.
     size : (2,) int
-        Width and height in pixels.
+        Width and height in pixels, 1 to 32768.
     projection : {"perspective", "orthographic", "panorama"}
     aperture : float
         Diameter of the lens in world units; 0: pinhole.
     focus : float, optional
         Distance of the plane in focus along the view; None: the target's distance.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        As for `look_at`.
+
+    Examples
+    --------
+    >>> camera = pr.Camera(eye=(0, -5, 1), target=(0, 0, 0), size=(320, 240))
+    >>> camera.fov, camera.projection
+    (40.0, 'perspective')
     """
 
     eye: Vector
@@ -123,10 +136,22 @@ class Camera:
         focus : float, optional
             Distance of the plane in focus along the view, positive, may be inf; None: the target's distance.
 
+        Returns
+        -------
+        Camera
+
         Raises
         ------
+        TypeError
+            If an argument has the wrong type.
         ValueError
             If eye and target are the same, a panorama has an aperture, or a value is out of its range.
+
+        Examples
+        --------
+        >>> camera = pr.Camera.look_at((0, -5, 1), (0, 0, 0), fov=35, size=(320, 240))
+        >>> camera.eye
+        (0.0, -5.0, 1.0)
         """
         return cls(eye, target, up, fov, size, projection, aperture, focus)  # type: ignore[arg-type]  # checked there
 
@@ -146,17 +171,29 @@ class Camera:
         ----------
         bounds : (2, 3) array_like
             Minimum and maximum world coordinates; a box of zero size is viewed from one unit away.
-        direction : (3,) array_like
+        direction : (3,) array_like, optional
             From the box towards the camera. Default: from the front, slightly from the right and above, relative to
             `up`; the front is -y if z is up, and +z if y is up. A panorama looks horizontally, the opposite way.
         fov, size, up, projection
             As for `look_at`. The eye of an orthographic camera stays outside the box: with a wide `fov` the target,
             whose distance gives the image height, is in front of the box's centre.
 
+        Returns
+        -------
+        Camera
+
         Raises
         ------
+        TypeError
+            If an argument has the wrong type.
         ValueError
             If a value is not finite or out of its range, or up or direction is zero.
+
+        Examples
+        --------
+        >>> camera = pr.Camera.frame([(-1, -1, -1), (1, 1, 1)], direction=(0, -1, 0), size=(320, 240))
+        >>> np.round(camera.target, 6).tolist()
+        [0.0, 0.0, 0.0]
         """
         box = check_numbers(bounds, "bounds").astype(np.float64)
         if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
@@ -205,13 +242,26 @@ class Camera:
         Parameters
         ----------
         rows : slice
-            Rows of the image; h is their number.
+            Rows of the image; h is their number. Default: all.
 
         Returns
         -------
         origins : (h, w, 3) float64
+            World.
         directions : (h, w, 3) float64
             World, unit length; row 0 is the top of the image.
+
+        Raises
+        ------
+        TypeError
+            If an argument has the wrong type.
+
+        Examples
+        --------
+        >>> camera = pr.Camera.look_at((0, -5, 0), (0, 0, 0), size=(3, 3))
+        >>> origins, directions = camera.rays()
+        >>> directions[1, 1].round(6).tolist()
+        [0.0, 1.0, 0.0]
         """
         check_kind(rows, "rows", slice, "a slice")
         width, height = self.size
@@ -224,13 +274,28 @@ class Camera:
 
         Parameters
         ----------
-        u, v : array_like, broadcast against each other
-            -1 at the left edge to 1 at the right edge, and -1 at the bottom to 1 at the top.
+        u, v : (...) array_like of float
+            Broadcast against each other: -1 at the left edge to 1 at the right edge, and -1 at the bottom to 1 at the
+            top.
 
         Returns
         -------
         origins, directions : (..., 3) float64
             World; directions have unit length.
+
+        Raises
+        ------
+        TypeError
+            If an argument has the wrong type.
+        ValueError
+            If `u` and `v` do not broadcast.
+
+        Examples
+        --------
+        >>> camera = pr.Camera.look_at((0, -5, 0), (0, 0, 0))
+        >>> origins, directions = camera.rays_through(0, [-0.5, 0.5])
+        >>> directions.shape
+        (2, 3)
         """
         record = self.record()
         eye, forward, right, up = (record[k : k + 3] for k in (EYE, FORWARD, ACROSS, UPWARD))

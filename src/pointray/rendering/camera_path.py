@@ -38,13 +38,16 @@ def turntable(camera: Camera, frames: int, turns: float = 1.0) -> list[Camera]:
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If a value is invalid or out of its range.
 
     Examples
     --------
-    >>> for k, camera in enumerate(pr.turntable(pr.Camera.frame(scene.bounds), 48)):
-    ...     pr.write_image(f"{k:04d}.png", pr.render(scene, camera))
+    >>> cameras = pr.turntable(pr.Camera.look_at((0, -5, 1), (0, 0, 1)), 4)
+    >>> np.round(cameras[1].eye).astype(int).tolist()
+    [5, 0, 1]
     """
     check_kind(camera, "camera", Camera, "a Camera")
     frames = check_whole(frames, "frames", 1, MOST_FRAMES)
@@ -75,6 +78,8 @@ def fly(keys: Sequence[tuple[float, Camera]], fps: float = 24.0) -> list[Camera]
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If there are fewer than two keys, times do not increase, or there are more than 100,000 frames.
 
@@ -84,6 +89,13 @@ def fly(keys: Sequence[tuple[float, Camera]], fps: float = 24.0) -> list[Camera]
     so that a turn of 180 degrees is well defined. Between keys with the same target the camera orbits it, between keys
     with the same eye it pans, between equal keys it is still; in general the point that moves less is interpolated
     directly. Field of view and distance of the target stay between those of the two keys.
+
+    Examples
+    --------
+    >>> first, last = pr.Camera.look_at((0, -5, 1), (0, 0, 0)), pr.Camera.look_at((5, 0, 1), (0, 0, 0))
+    >>> cameras = pr.fly([(0, first), (2, last)], fps=12)
+    >>> len(cameras)
+    25
     """
     times = _times_of(keys)
     if len(times) < 2:

@@ -64,12 +64,24 @@ def render_layers(
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
+    ImportError
+        If `Settings.denoise` is set and pyoidn is not installed.
     ValueError
         If an argument is invalid, or the layers do not fit into the available memory.
 
     See Also
     --------
     write_layers : writes the layers as .npz, or as .exr for other programs.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+    >>> layers = pr.render_layers(scene, pr.frame(scene, size=(32, 24)))
+    >>> layers["depth"].shape, int(layers["instance"][12, 16])
+    ((24, 32), 0)
     """
     scene, settings = check_view(scene, camera, settings, progress)
     check_picture(camera.size, max(picture_bytes(settings), LAYER_BYTES))

@@ -55,6 +55,7 @@ def render(
     scene : Scene
     camera : Camera
     settings : Settings, optional
+        Default: `Settings()`.
     progress : callable, optional
         Called about ten times a second as `progress(stage, share)` with the name of the stage and its completed share,
         0 to 1. An exception raised in it ends the call.
@@ -72,6 +73,10 @@ def render(
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
+    ImportError
+        If `Settings.denoise` is set and pyoidn is not installed.
     ValueError
         If an argument is invalid, or the image does not fit into the available memory.
 
@@ -79,6 +84,15 @@ def render(
     -----
     A scene without lights is lit by a headlight at the camera; for "path", if nothing emits light, by a uniform white
     sky of radiance 1. "baked" uses `Scene.baked`; without it, light is baked for this call only, with a warning.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+    >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+    >>> image = pr.render(scene, pr.frame(scene, size=(32, 24)), pr.Settings(spp=4))
+    >>> image.shape, image.dtype
+    ((24, 32, 4), dtype('float32'))
     """
     scene, settings = check_view(scene, camera, settings, progress)
     now, executor = snapshot_and_executor(scene, client, check_spread(spread, client, settings))

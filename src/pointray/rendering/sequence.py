@@ -65,13 +65,20 @@ def animate(
 
     Raises
     ------
+    TypeError
+        At the call, if an argument has the wrong type.
+    ImportError
+        If `Settings.denoise` is set and pyoidn is not installed.
     ValueError
         At the call, if an argument is invalid or an image does not fit into the available memory.
 
     Examples
     --------
-    >>> for k, picture in enumerate(pr.animate(scene, pr.turntable(camera, 48))):
-    ...     pr.write_image(f"{k:04d}.png", picture)
+    >>> scene = pr.Scene()
+    >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+    >>> cameras = pr.turntable(pr.frame(scene, size=(32, 24)), 3)
+    >>> for k, image in enumerate(pr.animate(scene, cameras)):
+    ...     pr.write_image(f"{k:04d}.png", image)
     """
     if not isinstance(cameras, Sequence) or isinstance(cameras, str | bytes):
         raise wrong("cameras", "a sequence of Camera", cameras)

@@ -54,13 +54,22 @@ class Plane:
 
     Parameters
     ----------
-    point, normal : (3,) float, world
-    color : float or (3,) float, linear
+    point, normal : (3,) float
+        World. The normal may have any length.
+    color : float or (3,) float
+        Linear RGB, or a number for grey.
     checker : float, optional
-        Edge length of the squares of a checkerboard; every other square has half the colour. A material shows it only
-        if its own colour is None.
+        Edge length of the squares of a checkerboard, in world units; every other square has half the colour. A material
+        shows it only if its own colour is None.
     shadow_catcher : bool
         Show only the shadows on the plane: premultiplied black, whose alpha is the blocked fraction of light.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
 
     Notes
     -----
@@ -74,6 +83,14 @@ class Plane:
 
     Alpha is a fraction of linear light. Programs that blend the sRGB values of a PNG show darker shadows; an EXR is
     blended linearly.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> scene.add(pr.Plane(point=(0, 0, -1), normal=(0, 0, 1), checker=0.5))
+    0
+    >>> scene.intersect([0, 0, 4], [0, 0, -1]).t.item()
+    5.0
     """
 
     point: ArrayLike

@@ -43,6 +43,14 @@ class Hits:
         points each on average; the classes, sources and scans of `Attribute`, at most 256) are not blended: a hit has
         the value of the splat of greatest weight, in the points' dtype. For a miss, and for models without the
         attribute, floats are NaN, integers 0 and bools False.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+    >>> hits = scene.intersect([[0, -5, 0], [0, -5, 3]], [0, 1, 0])
+    >>> hits.t.round(2).tolist(), hits.instance.tolist()
+    ([4.0, inf], [0, -1])
     """
 
     t: NDArray[np.float32]

@@ -32,9 +32,12 @@ class Scene:
     Examples
     --------
     >>> scene = pr.Scene()
-    >>> bust = scene.add(pr.Model(pr.procedural("statue", 100_000)))
-    >>> hits = scene.intersect([0, -5, 1.5], [0, 1, 0])
-    >>> hits.t, hits.point
+    >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)), material=pr.Phong(specular=0.05))
+    >>> light = scene.add_light(pr.SunLight((1, 1, -1.2)))
+    >>> image = pr.render(scene, pr.frame(scene, size=(32, 24)))
+    >>> hits = scene.intersect([0, -5, 0], [0, 1, 0])
+    >>> round(float(hits.t), 2)
+    4.0
     """
 
     def __init__(self) -> None:
@@ -53,6 +56,7 @@ class Scene:
 
         Parameters
         ----------
+        shape : Model or Plane
         transform : (4, 4) array_like, optional
             From model to world space, for column vectors: any affine transform that is not singular.
         material : Material, optional
@@ -63,6 +67,20 @@ class Scene:
         -------
         int
             Number of the instance, for `update` and `remove`.
+
+        Raises
+        ------
+        TypeError
+            If an argument has the wrong type.
+        ValueError
+            If the transform is singular or not affine, or the model lacks the attribute of the material.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> model = pr.Model(pr.procedural("sphere", 1000))
+        >>> scene.add(model), scene.add(model, pr.transform(translate=(3, 0, 0)), pr.Mirror())
+        (0, 1)
         """
         check_kind(shape, "shape", (Model, Plane), "a Model or a Plane")
         matrix, checked = check_transform(transform), check_material(material, shape)
@@ -71,7 +89,32 @@ class Scene:
             return self._instances.add(shape, matrix, checked)
 
     def update(self, id: int, transform: ArrayLike | None = None, material: Material | None = None) -> None:
-        """Set the transform or the material of an instance. None leaves it unchanged."""
+        """Set the transform or the material of an instance.
+
+        Parameters
+        ----------
+        id : int
+            Number that `add` returned.
+        transform : (4, 4) array_like, optional
+            As for `add`; None: unchanged.
+        material : Material, optional
+            As for `add`; None: unchanged.
+
+        Raises
+        ------
+        TypeError
+            If an argument has the wrong type.
+        ValueError
+            If there is no such instance, or as for `add`.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> scene.update(ball, pr.transform(translate=(0, 0, 10)), pr.Mirror())
+        >>> bool(scene.bounds[0, 2] > 8)
+        True
+        """
         matrix = None if transform is None else check_transform(transform)
         with self._lock:
             row = self._instances.row_of(id)
@@ -83,14 +126,59 @@ class Scene:
                 self._instances.move(row, matrix)
 
     def remove(self, id: int) -> None:
-        """Remove an instance."""
+        """Remove an instance. The numbers of the others do not change.
+
+        Parameters
+        ----------
+        id : int
+            Number that `add` returned.
+
+        Raises
+        ------
+        TypeError
+            If an argument has the wrong type.
+        ValueError
+            If there is no such instance.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> scene.remove(ball)
+        >>> scene.shapes
+        {}
+        """
         with self._lock:
             row = self._instances.row_of(id)
             self._change()
             self._instances.remove(row)
 
     def add_light(self, light: Light | EnvironmentLight) -> int:
-        """Add a light and return its index; at most one `EnvironmentLight`. Without any, the camera has a headlight."""
+        """Add a light. Without any, the camera has a headlight.
+
+        Parameters
+        ----------
+        light : PointLight, SunLight, RectLight, DiskLight, SphereLight or EnvironmentLight
+            At most one `EnvironmentLight`.
+
+        Returns
+        -------
+        int
+            Index of the light in `lights`.
+
+        Raises
+        ------
+        TypeError
+            If an argument has the wrong type.
+        ValueError
+            If the scene has an `EnvironmentLight` already and this is another one.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> scene.add_light(pr.SunLight((1, 1, -1.2))), scene.add_light(pr.EnvironmentLight(0.3))
+        (0, 1)
+        """
         with self._lock:
             lights = self._lights.plus(light)
             self._change()
@@ -99,7 +187,15 @@ class Scene:
 
     @property
     def lights(self) -> tuple[Light | EnvironmentLight, ...]:
-        """All lights in the order of addition. Assignment replaces them."""
+        """All lights in the order of addition. Assignment replaces them.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> scene.lights = pr.studio()
+        >>> len(scene.lights)
+        3
+        """
         return tuple(self._lights)
 
     @lights.setter
@@ -148,7 +244,10 @@ class Scene:
 
         Examples
         --------
+        >>> scene = pr.Scene()
         >>> scene.clips = [((0, 0, 1.5), (0, 0, 1))]  # removes everything above z = 1.5
+        >>> scene.clips.shape
+        (1, 2, 3)
         """
         return self._clips
 
@@ -189,7 +288,31 @@ class Scene:
             return list(dict.fromkeys(shape for shape in self._instances.shapes if isinstance(shape, Model)))
 
     def exchange(self, models: Mapping[Model, Model]) -> Scene:
-        """Return a copy in which models are replaced by others of the same points."""
+        """Return a copy in which models are replaced by others of the same points.
+
+        Parameters
+        ----------
+        models : dict of Model to Model
+            The new model of each model to replace. Models that the scene does not contain are ignored.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        TypeError
+            If an argument has the wrong type.
+
+        Examples
+        --------
+        >>> model = pr.Model(pr.procedural("sphere", 1000))
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(model)
+        >>> flat = scene.exchange({model: model.rebuild("auto", surface="disc")})
+        >>> flat.shapes[ball].surface
+        'disc'
+        """
         twin = self.copy()
         for pair in check_mapping(models, "models").items():
             if not all(isinstance(model, Model) for model in pair):
@@ -199,7 +322,20 @@ class Scene:
         return twin
 
     def copy(self) -> Scene:
-        """Return an independent scene that shares models, materials, lights and the numbers of instances."""
+        """Copy the scene.
+
+        Returns
+        -------
+        Scene
+            An independent scene that shares models, materials, lights and the numbers of instances.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> light = scene.copy().add_light(pr.SunLight((1, 1, -1.2)))
+        >>> scene.lights
+        ()
+        """
         twin = object.__new__(type(self))
         with self._lock:
             twin.__dict__.update(self.__dict__)
@@ -274,6 +410,14 @@ class Scene:
         ValueError
             If shapes do not broadcast, a dtype is not numeric, no model has an attribute of that name, a Dask array
             has chunks of unknown size, or parts cannot be spread.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> hits = scene.intersect([[0, -5, 0], [0, -5, 3]], [0, 1, 0])
+        >>> hits.t.round(2).tolist()
+        [4.0, inf]
         """
         given = origins, directions, t_min, t_max
         names = (attributes,) if isinstance(attributes, str) else attributes
@@ -292,7 +436,30 @@ class Scene:
         *,
         spread: bool = False,
     ) -> NDArray[np.bool_]:
-        """Return whether each ray hits anything between t_min and t_max, (...) bool. Parameters as for `intersect`."""
+        """Return whether each ray hits anything between t_min and t_max.
+
+        Parameters
+        ----------
+        origins, directions, t_min, t_max, spread
+            As for `intersect`.
+
+        Returns
+        -------
+        (...) bool
+            A Dask array if any argument is one.
+
+        Raises
+        ------
+        ValueError
+            As for `intersect`.
+
+        Examples
+        --------
+        >>> scene = pr.Scene()
+        >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+        >>> scene.occluded([[0, -5, 0], [0, -5, 3]], [0, 1, 0]).tolist()
+        [True, False]
+        """
         given = origins, directions, t_min, t_max
         if _is_chunked(given, spread):
             return backend().occluded_chunks(self, given, spread)

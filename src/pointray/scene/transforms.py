@@ -15,12 +15,13 @@ def transform(
 
     Parameters
     ----------
-    translate : (3,) float
+    translate : (3,) array_like
         World position of the model's origin.
     rotate : float
         Angle in degrees about an axis through the origin, counter-clockwise if the axis points at the viewer.
-    axis : (3,) float
-    scale : float or (3,) float
+    axis : (3,) array_like
+        Of any length.
+    scale : float or (3,) array_like
         Nonzero; negative values mirror.
 
     Returns
@@ -30,12 +31,18 @@ def transform(
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If a number is not finite, or axis or scale is zero.
 
     Examples
     --------
-    >>> scene.add(model, pr.transform(translate=(2, 0, 0), rotate=30, scale=1.5))
+    >>> pr.transform(translate=(2, 0, 0), scale=1.5)
+    array([[1.5, 0. , 0. , 2. ],
+           [0. , 1.5, 0. , 0. ],
+           [0. , 0. , 1.5, 0. ],
+           [0. , 0. , 0. , 1. ]])
     """
     angle = np.radians(check_number(rotate, "rotate", "a finite number of degrees"))
     x, y, z = unit_vector(axis, "axis")

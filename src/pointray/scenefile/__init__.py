@@ -34,12 +34,16 @@ def load_scene(path: str | os.PathLike[str], progress: StageProgress | None = No
     Returns
     -------
     SceneFile
-        scene, camera, settings, exposure and curve. The scene has baked light if the integrator is "baked".
+        `scene`, `camera`, `settings`, `exposure` and `curve`. The scene has baked light if the integrator is "baked".
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     OSError
         If the file, or one that it refers to, cannot be opened.
+    ImportError
+        If a package is missing that a file needs.
     ValueError
         If the file is invalid. The message begins with file, line and key.
 
@@ -86,8 +90,12 @@ def load_scene(path: str | os.PathLike[str], progress: StageProgress | None = No
 
     Examples
     --------
-    >>> scene, camera, settings, exposure, curve = pr.load_scene("bust.toml")
-    >>> pr.write_image("bust.png", pr.render(scene, camera, settings), exposure, curve)
+    >>> with open("ball.toml", "w") as file:
+    ...     print('models.ball = {procedural = "sphere", points = 1000}', file=file)
+    ...     print('instances = [{model = "ball"}]', file=file)
+    ...     print('camera = {size = [32, 24]}', file=file)
+    >>> scene, camera, settings, exposure, curve = pr.load_scene("ball.toml")
+    >>> pr.write_image("ball.png", pr.render(scene, camera, settings), exposure, curve)
     """
     check_path(path)
     check_callback(progress)

@@ -52,6 +52,15 @@ class SceneFile(NamedTuple):
         In stops, as for `write_image`.
     curve : str
         As for `write_image`.
+
+    Examples
+    --------
+    >>> with open("ball.toml", "w") as file:
+    ...     print('models.ball = {procedural = "sphere", points = 1000}', file=file)
+    ...     print('instances = [{model = "ball"}]', file=file)
+    >>> loaded = pr.load_scene("ball.toml")
+    >>> loaded.settings.integrator, loaded.exposure, loaded.curve
+    ('phong', 0.0, 'srgb')
     """
 
     scene: Scene

@@ -45,20 +45,35 @@ class EnvironmentLight:
     Parameters
     ----------
     radiance : float or (3,) float
-        W/(m2 sr), constant; with `horizon` or `ground`, the radiance of the zenith; with `image`, a factor.
+        W/(m2 sr), linear RGB, or a number for grey: constant; with `horizon` or `ground`, the radiance of the zenith;
+        with `image`, a factor.
     horizon, ground : float or (3,) float, optional
         Radiance of a gradient: linear in the sine of the elevation from horizon to zenith, constant below the horizon.
         If one is None it equals the other; if both are, the light is constant.
     image : (h, w, 3) float array_like, or path of an .hdr or .exr file, optional
         Linear radiance of the sphere, equirectangular. Row 0 is up, the middle column ahead (+y if up is z), and the
         right half is to the right of an observer who looks ahead.
-    up : (3,) float, world
+    up : (3,) float
+        World direction of the zenith.
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
+    OSError
+        If the image cannot be opened.
+    ImportError
+        If the image is a path and OpenImageIO is not installed (`pip install 'pointray[files]'`).
     ValueError
         If a value is negative, NaN, infinite or above 1e9, an image has a wrong shape, or both an image and a gradient
         are given.
+
+    Examples
+    --------
+    >>> sky = pr.EnvironmentLight((0.2, 0.4, 0.9), horizon=0.8, ground=0.2)
+    >>> panorama = pr.EnvironmentLight(image=np.ones((16, 32, 3)))
+    >>> scene = pr.Scene()
+    >>> scene.lights = [sky, pr.SunLight((1, 1, -1.2))]
     """
 
     radiance: ArrayLike = 1.0

@@ -67,11 +67,25 @@ class PointLight(_Checked):
 
     Parameters
     ----------
-    position : (3,) float, world
+    position : (3,) float
+        World.
     intensity : float or (3,) float
-        Radiant intensity, W/sr.
+        Radiant intensity, W/sr; linear RGB, or a number for grey.
     camera : bool
         Attach the light to the camera: the position is then relative to the eye, (right, up, backward).
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> scene.add_light(pr.PointLight(position=(2, -3, 4), intensity=20.0))
+    0
     """
 
     position: ArrayLike
@@ -90,14 +104,28 @@ class SunLight(_Checked):
 
     Parameters
     ----------
-    direction : (3,) float, world
-        Direction in which the light travels.
+    direction : (3,) float
+        World direction in which the light travels.
     irradiance : float or (3,) float
-        Irradiance of a surface that faces the light, W/m2. A white diffuse surface under irradiance pi has radiance 1.
+        Irradiance of a surface that faces the light, W/m2; linear RGB, or a number for grey. A white diffuse surface
+        under irradiance pi has radiance 1.
     angle : float
         Angular diameter of the disk, degrees, 0 to 180, which softens shadows of "path" and "baked". The sun has 0.53.
     camera : bool
         Attach the light to the camera: the direction is then (right, up, backward).
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> scene.add_light(pr.SunLight(direction=(1, 1, -1.2), angle=2.0))
+    0
     """
 
     direction: ArrayLike
@@ -120,11 +148,25 @@ class RectLight(_Checked):
 
     Parameters
     ----------
-    center : (3,) float, world
-    u, v : (3,) float, world
+    center : (3,) float
+        World.
+    u, v : (3,) float
         From the centre to the midpoints of two edges; not parallel.
     radiance : float or (3,) float
-        W/(m2 sr).
+        W/(m2 sr); linear RGB, or a number for grey.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range, or u and v are parallel.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> scene.add_light(pr.RectLight(center=(0, 0, 3), u=(1, 0, 0), v=(0, -1, 0), radiance=5.0))
+    0
     """
 
     center: ArrayLike
@@ -147,10 +189,25 @@ class DiskLight(_Checked):
 
     Parameters
     ----------
-    center, normal : (3,) float, world
+    center, normal : (3,) float
+        World.
     radius : float
+        World units, positive.
     radiance : float or (3,) float
-        W/(m2 sr).
+        W/(m2 sr); linear RGB, or a number for grey.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> scene.add_light(pr.DiskLight(center=(0, 0, 3), normal=(0, 0, -1), radius=0.5, radiance=(5, 4, 3)))
+    0
     """
 
     center: ArrayLike
@@ -172,10 +229,25 @@ class SphereLight(_Checked):
 
     Parameters
     ----------
-    center : (3,) float, world
+    center : (3,) float
+        World.
     radius : float
+        World units, positive.
     radiance : float or (3,) float
-        W/(m2 sr).
+        W/(m2 sr); linear RGB, or a number for grey.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If a value is not finite or out of its range.
+
+    Examples
+    --------
+    >>> scene = pr.Scene()
+    >>> scene.add_light(pr.SphereLight(center=(0, -2, 3), radius=0.1, radiance=50.0))
+    0
     """
 
     center: ArrayLike

@@ -22,7 +22,9 @@ def read_picture(path: str | os.PathLike[str]) -> NDArray[np.float32]:
     OSError
         If the file does not exist or cannot be opened.
     ValueError
-        If the file is not a valid image, or OpenImageIO is not installed.
+        If the file is not a valid image.
+    ImportError
+        If OpenImageIO is not installed.
     """
     with open(path, "rb"):  # raises OSError
         pass

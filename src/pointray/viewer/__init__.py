@@ -67,13 +67,20 @@ def view(
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     OSError
         If the server cannot listen on that address.
+    ValueError
+        If `port` is out of its range or `up` is invalid.
 
     Examples
     --------
-    >>> viewer = pr.view(scene, block=False)
-    >>> scene.add_light(pr.SunLight([1, 1, -2]))
+    >>> scene = pr.Scene()
+    >>> ball = scene.add(pr.Model(pr.procedural("sphere", 1000)))
+    >>> viewer = pr.view(scene, open_browser=False, block=False)
+    pointray: http://127.0.0.1:...
+    >>> light = scene.add_light(pr.SunLight((1, 1, -2)))
     >>> viewer.close()
     """
     check_kind(scene, "scene", Scene, "a Scene")

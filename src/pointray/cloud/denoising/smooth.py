@@ -55,6 +55,8 @@ def smooth(points: Points, sigma: str | float = "auto", progress: StageProgress 
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If sigma is neither "auto" nor a finite number from 0, or there are fewer than three distinct positions.
 
@@ -62,6 +64,15 @@ def smooth(points: Points, sigma: str | float = "auto", progress: StageProgress 
     ----------
     Cazals, Pouget: Estimating differential quantities using polynomial fitting of osculating jets (2003).
     Mitra, Nguyen: Estimating surface normals in noisy point cloud data (2003).
+
+    Examples
+    --------
+    >>> points = pr.procedural("sphere", 1000)
+    >>> pr.smooth(points) is points  # no noise
+    True
+    >>> noisy = points.changed(positions=points.positions + np.float32(0.02) * np.sin(np.arange(3000)).reshape(-1, 3))
+    >>> pr.smooth(noisy) is noisy
+    False
     """
     check_kind(points, "points", Points, "Points")
     check_callback(progress)

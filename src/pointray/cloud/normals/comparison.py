@@ -61,6 +61,18 @@ def check_normals(points: Points) -> NormalsCheck:
     -------
     NormalsCheck
         `angle` and `wrong`.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+
+    Examples
+    --------
+    >>> points = pr.procedural("sphere", 1000)
+    >>> check = pr.check_normals(points)
+    >>> check.wrong, check.angle < 5
+    (False, True)
     """
     check_kind(points, "points", Points, "Points")
     return compare_normals(points, 0.0 if points.normals is None else max(find_rounding(points)[0]))

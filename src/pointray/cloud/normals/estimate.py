@@ -75,6 +75,8 @@ def estimate_normals(
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If there are fewer than three distinct positions, `neighbors` is less than 3, or `viewpoint` has the wrong
         shape, is a single position that is not finite, or is a single position among the points.
@@ -85,6 +87,13 @@ def estimate_normals(
     Mitra, Nguyen: Estimating surface normals in noisy point cloud data (2003).
     Koenig, Gumhold: Consistent propagation of normal orientations in point clouds (2009).
     Barill, Dickson, Schmidt, Levin, Jacobson: Fast winding numbers for soups and clouds (2018).
+
+    Examples
+    --------
+    >>> points = pr.procedural("sphere", 1000)
+    >>> estimated = pr.estimate_normals(points.with_normals(None))
+    >>> bool((np.einsum("ij,ij->i", estimated.normals, points.normals) > 0.9).all())
+    True
     """
     check_kind(points, "points", Points, "Points")
     check_callback(progress)

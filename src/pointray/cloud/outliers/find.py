@@ -67,7 +67,22 @@ def find_strays(points: Points, viewpoint: ArrayLike | None = None, progress: St
     Returns
     -------
     Strays
-        All false for rows that are not finite, and with fewer than 20 distinct positions.
+        `layer`, `veil`, `floating`, `lone` and `any` of them, (n,) bool each. All false for rows that are not finite,
+        and with fewer than 20 distinct positions.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If `viewpoint` has the wrong shape.
+
+    Examples
+    --------
+    >>> ball = pr.procedural("sphere", 1000).positions
+    >>> points = pr.Points(np.concatenate([ball, [[0, 0, 3]]]))
+    >>> np.flatnonzero(pr.find_strays(points).any).tolist()
+    [1000]
     """
     check_callback(progress)
     return _classify(points, viewpoint, in_stage(progress, "finding strays"))[0]
@@ -85,6 +100,24 @@ def merge_layers(points: Points, viewpoint: ArrayLike | None = None, progress: S
         The attribute "scan" or "point_source_id" holds the scan of each point.
     viewpoint, progress
         As for `find_strays`. Where no position is known, normals show from which side a surface was seen.
+
+    Returns
+    -------
+    Points
+        The same rows with other positions; `points` itself if none is moved.
+
+    Raises
+    ------
+    TypeError
+        If an argument has the wrong type.
+    ValueError
+        If `viewpoint` has the wrong shape.
+
+    Examples
+    --------
+    >>> points = pr.procedural("sphere", 1000)
+    >>> pr.merge_layers(points) is points
+    True
     """
     check_callback(progress)
     report = in_stage(progress, "merging layers")

@@ -99,10 +99,12 @@ def subsample(
         In no particular order. Each position is centred among the points that it represents; colours and attributes
         are their means, or the most common category.
     radii : (m,) float32
-        Support radii, for `pr.Model(points, radii)`.
+        Support radii, in the points' unit, for `pr.Model(points, radii)`.
 
     Raises
     ------
+    TypeError
+        If an argument has the wrong type.
     ValueError
         If not exactly one of tolerance and count is given, the tolerance is not between 0 and the cloud's diagonal,
         `count` exceeds the number of distinct positions or is too small to cover the surface, or all positions are
@@ -111,6 +113,13 @@ def subsample(
     References
     ----------
     J. Wu and L. Kobbelt, "Optimized Sub-Sampling of Point Sets for Surface Splatting", Eurographics 2004.
+
+    Examples
+    --------
+    >>> points = pr.procedural("sphere", 1000)
+    >>> few, radii = pr.subsample(points, count=200)
+    >>> len(few), radii.shape
+    (200, (200,))
     """
     found = find_subsample(points, tolerance, count, smooth, progress)
     if found.message:
