@@ -1,8 +1,14 @@
 """The order of imports: which room may import which, who may import Numba, and no circles."""
 
 import graphlib
+import importlib
+import inspect
+import pickle
+import re
 import subprocess
 import sys
+from inspect import isfunction
+from types import ModuleType
 
 import pytest
 
@@ -27,7 +33,8 @@ def test_imports_inside_of_a_room_point_down(room):
 
 
 def test_the_package_has_few_entries():
-    entries = {path.name for path in PACKAGE.iterdir()} - {"__init__.py", "__main__.py", "__pycache__", "py.typed"}
+    files = {"__init__.py", "__init__.pyi", "__main__.py", "__pycache__", "py.typed"}
+    entries = {path.name for path in PACKAGE.iterdir()} - files
     assert entries == {*TOWER} - {"__main__"} and len(entries) <= 18
 
 
@@ -53,6 +60,41 @@ def test_importing_the_package_loads_nothing_heavy():
 
 
 def test_every_public_name_is_there():
+    assert {"NormalsCheck", "Strays", "Viewer", "prepare", "__version__"} <= {*pointray.__all__} == {*dir(pointray)}
     for name in pointray.__all__:
-        assert getattr(pointray, name) is not None
-    assert callable(pointray.render)
+        value = getattr(pointray, name)
+        assert value.__doc__ and not isinstance(value, ModuleType)
+        if isinstance(value, type):
+            assert pickle.loads(pickle.dumps(value)) is value
+
+
+def test_modules_do_not_hide_public_names():
+    for module in ("cloud.denoising.smooth", "io.formats", "model.preparation", "procedural_models", "viewer"):
+        importlib.import_module(f"pointray.{module}")
+    names = pointray.smooth, pointray.formats, pointray.procedural, pointray.prepare, pointray.view
+    assert all(isfunction(value) for value in names)
+
+
+def test_a_star_imports_all_public_names():
+    names = {}
+    exec("from pointray import *", names)
+    assert names.keys() >= {*pointray.__all__}
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("rendr", ": did you mean 'render'?"), ("sunlight", ": did you mean 'SunLight'?"), ("qqq", ""), ("__file", "")],
+)
+def test_a_misspelt_name_has_a_suggestion(name, words):
+    with pytest.raises(AttributeError) as caught:
+        getattr(pointray, name)
+    assert str(caught.value) == f"module 'pointray' has no attribute {name!r}{words}"
+
+
+def test_the_classes_of_results_are_public():
+    """Those that the public functions return."""
+    functions = [value for value in vars(pointray).values() if isfunction(value) and value.__name__ in pointray.__all__]
+    known = {*pointray.__all__, "Any", "Doubles", "Iterator", "Light", "NDArray", "None"}  # Light: one of several
+    for function in functions:
+        named = set(re.findall(r"\b[A-Z]\w+", str(inspect.signature(function).return_annotation)))
+        assert named <= known, function

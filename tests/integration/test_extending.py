@@ -135,7 +135,11 @@ LINES = [  # what a kind of material adds to three other files: after which line
         "        return eval_principled(world, material, point, wi, cosine)\n",
         "    if kind == VELVET:\n        return eval_velvet(world, material, point, cosine)\n",
     ),
-    ("__init__.py", '    "SunLight": "shade.lights",\n', '    "Velvet": "shade.materials.velvet",\n'),
+    (
+        "__init__.pyi",
+        "from .shade.materials.specular import Mirror as Mirror\n",
+        "from .shade.materials.velvet import Velvet as Velvet\n",
+    ),
 ]
 
 SHOW = """

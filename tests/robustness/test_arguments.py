@@ -14,10 +14,12 @@ import pytest
 
 import pointray as pr
 from pointray.engine.jit import compilations
-from pointray.viewer import Viewer
 
 # Results, which callers do not create.
-RESULTS = {"Baked", "Hits", "Prepared", "SceneFile", "StaleLightWarning"}
+RESULTS = {
+    *("Baked", "Flaws", "FormatFacts", "Hits", "NormalsCheck"),
+    *("Prepared", "SceneFile", "StaleLightWarning", "Strays", "Viewer"),
+}
 
 WRONG: dict[str, Any] = {
     "None": None,
@@ -65,6 +67,7 @@ SENSE: dict[str, set[str]] = {
     "str": TEXTS,
     "None": {"None"},
     "ArrayLike": ARRAYS | NUMBERS | {"nan"},
+    "Doubles": ARRAYS,
     "NDArray": ARRAYS | NUMBERS | {"nan"},
     "Any": ARRAYS | NUMBERS | {"nan"},  # a result of `Camera.rays_through`
     "Color": ARRAYS | NUMBERS | {"None"},
@@ -83,7 +86,7 @@ SENSE: dict[str, set[str]] = {
     "Client": {"None"},  # of Dask
     **dict.fromkeys(("Backdrop", "Plane", "Points", "Scene", "Settings", "Georeference", "Trajectory", "slice"), set()),
 }
-ARRAY_KINDS = {"ArrayLike", "NDArray", "Any", "Color", "Vector"}  # wrong dtypes are ValueErrors
+ARRAY_KINDS = {"ArrayLike", "Doubles", "NDArray", "Any", "Color", "Vector"}  # wrong dtypes are ValueErrors
 PATHS = {"path", "paths", "out", "image", "host", "trajectory"}  # parameters whose wrong values may raise an OSError
 
 
@@ -173,6 +176,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "SphereLight": (pr.SphereLight, {"center": (0, 0, 3), "radius": 1, "radiance": 1}),
         "Georeference": (pr.Georeference, {"scale": (1, 1, 1), "offset": (0, 0, 0)}),
         "SunLight": (pr.SunLight, {"direction": (0, 0, -1)}),
+        "Trajectory": (pr.Trajectory, {"times": (1, 2), "positions": np.eye(3)[:2]}),
         "animate": (lambda **told: list(pr.animate(**told)), {"scene": t.scene, "cameras": [t.camera]}),
         "BakeSettings": (pr.BakeSettings, {}),
         "bake": (pr.bake, {"scene": t.lit, "settings": pr.BakeSettings(links=1, patches=64)}),
@@ -254,8 +258,8 @@ def calls(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Call]:
 @pytest.fixture(autouse=True)
 def nobody_waits(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """No browser is opened, nothing waits for Ctrl-C, and files go to an empty folder."""
-    monkeypatch.setattr(Viewer, "wait", lambda self, *_: None)
-    monkeypatch.setattr(Viewer, "open_browser", lambda self: True)
+    monkeypatch.setattr(pr.Viewer, "wait", lambda self, *_: None)
+    monkeypatch.setattr(pr.Viewer, "open_browser", lambda self: True)
     monkeypatch.chdir(tmp_path)
 
 

@@ -2,7 +2,7 @@
 
 commands : the commands, one file for each group; declare : options as fields of dataclasses
 picture_options, read_options : the options of pictures and of reading, each declared once; options : parsers
-scan_files : the files of a scan, and checks of result files
+scan_files : the files of a scan
 scan_scene, scan_surface, scan_material, scan_lights : the scene of a scan
 scene_file, views, keys : scene files, cameras, and camera keys of films
 outputs, animate : the work of `render` and `animate`

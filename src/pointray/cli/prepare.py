@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -61,5 +62,6 @@ def prepare(paths: Sequence[Path], reading: Reading, output: str, given: dict[st
     storage = plan.options.storage
     with Progress() as progress:
         result = in_background(lambda: prepare_in_memory(plan, progress.show))
+        write = partial(write_result, plan, result, progress.show)
         with nullcontext() if storage.in_parts else writing(storage.out):
-            return str(in_background(lambda: write_result(plan, result, progress.show)))
+            return str(in_background(write) if storage.is_model else write())

@@ -1,4 +1,4 @@
-"""The files of a scan, and checks of result files."""
+"""The files of a scan, and how they are read."""
 
 from __future__ import annotations
 

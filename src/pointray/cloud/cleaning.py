@@ -26,10 +26,18 @@ GROUP = 30  # positions that a group may have in any case, if less than a tenth 
 
 
 class Flaws(NamedTuple):
-    """Flaws of a cloud, row by row."""
+    """Result of `find_flaws`: flaws of a cloud, row by row.
 
-    duplicates: NDArray[np.bool_]  # (n,), an earlier row has exactly the same position
-    outliers: NDArray[np.bool_]  # (n,), the row is far from everything else
+    Attributes
+    ----------
+    duplicates : (n,) bool
+        Rows with exactly the same position as an earlier row.
+    outliers : (n,) bool
+        Rows far from everything else.
+    """
+
+    duplicates: NDArray[np.bool_]
+    outliers: NDArray[np.bool_]
 
 
 def find_flaws(points: Points, progress: StageProgress | None = None) -> Flaws:

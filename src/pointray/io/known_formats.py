@@ -81,7 +81,7 @@ def written() -> list[str]:
 
 @dataclass(frozen=True)
 class FormatFacts:
-    """Description of a format.
+    """Description of a file format, see `formats`.
 
     Attributes
     ----------

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import re
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.arguments import check_kind, check_path
+from ..base.arguments import check_kind, check_path, real_numbers
 from ..cloud.geographic import LocalFrame, in_file
 from ..cloud.points import Points
 from .files import headers, read
@@ -23,11 +23,35 @@ ADVICE = "name its columns in the first line, for example time,x,y,z"
 Doubles = NDArray[np.float64]
 
 
-class Trajectory(NamedTuple):
-    """Path of a scanner: non-decreasing times, (m,) float64, and world positions, (m, 3) float64."""
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Path of a moving scanner, for `eyes_along`.
+
+    Parameters
+    ----------
+    times : (m,) array_like
+        At least two, none less than the one before, in the time base of the points' gps_time.
+    positions : (m, 3) array_like
+        World positions at these times; degrees if the points' file has degrees.
+
+    Raises
+    ------
+    ValueError
+        If a shape is wrong, a number is not finite, or times decrease.
+    """
 
     times: Doubles
     positions: Doubles
+
+    def __post_init__(self) -> None:
+        times = real_numbers(self.times, "times").astype(np.float64)
+        positions = real_numbers(self.positions, "positions").astype(np.float64)
+        if times.ndim != 1 or len(times) < 2 or not np.isfinite(times).all() or (np.diff(times) < 0).any():
+            raise ValueError("times must be at least two finite numbers, none less than the one before")
+        if positions.shape != (len(times), 3) or not np.isfinite(positions).all():
+            raise ValueError(f"positions must be finite, of shape ({len(times)}, 3) like times, not {positions.shape}")
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "positions", positions)
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:

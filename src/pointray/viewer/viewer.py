@@ -21,7 +21,7 @@ HUB = "JUPYTERHUB_SERVICE_PREFIX"  # set by JupyterHub: path of the notebook ser
 
 
 class Viewer:
-    """Server of a page that shows a scene. Changes to the scene appear on the page.
+    """Server of a page that shows a scene, see `view`. Changes to the scene appear on the page.
 
     Attributes
     ----------

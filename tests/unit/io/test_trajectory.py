@@ -30,6 +30,21 @@ def drive(path, header="time,x,y,z\n", separator=",", extra=""):
     return path
 
 
+def test_positions_of_a_known_trajectory():
+    points = Points(np.zeros((3, 3)), attributes={"gps_time": [0.0, 1.0, 5.0]})
+    eyes = pr.eyes_along(points, pr.Trajectory([0, 2], [(0, 0, 0), (4, 2, 0)]))
+    np.testing.assert_array_equal(eyes, [(0, 0, 0), (2, 1, 0), (np.nan,) * 3])
+    for times, positions, words in (
+        ([0], [(0, 0, 0)], "times must be at least two"),
+        ([1, 0], np.zeros((2, 3)), "times must be .* none less than the one before"),
+        ([0, np.nan], np.zeros((2, 3)), "times must be at least two finite numbers"),
+        ([0, 1], np.zeros((3, 3)), r"positions must be finite, of shape \(2, 3\)"),
+        ([0, 1], np.full((2, 3), np.inf), "positions must be finite"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            pr.Trajectory(times, positions)
+
+
 @pytest.mark.parametrize(
     ("header", "separator", "extra"),
     [("time,x,y,z\n", ",", ""), ("", " ", " 0.1 -0.2 nan"), ("gps_time;easting;northing;height\n", ";", "")],

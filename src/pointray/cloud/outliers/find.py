@@ -27,12 +27,18 @@ FLOORED, GROUPED = 0.75, 0.85  # progress after floors, and after groups, are fo
 
 
 class Strays(NamedTuple):
-    """Rows of a cloud that belong to no surface, (n,) bool for each kind; a row has at most one kind.
+    """Result of `find_strays`: rows of a cloud that belong to no surface. A row has at most one kind.
 
-    layer : in a sparse second layer, up to six spacings in front of or behind a surface
-    veil : between foreground and background, as seen from the scanner, if that is known
-    floating : in a small separate group, such as a bird, or part of a person walking by
-    lone : isolated
+    Attributes
+    ----------
+    layer : (n,) bool
+        In a sparse second layer, up to six spacings in front of or behind a surface.
+    veil : (n,) bool
+        Between foreground and background, as seen from the scanner, if that is known.
+    floating : (n,) bool
+        In a small separate group, such as a bird, or part of a person walking by.
+    lone : (n,) bool
+        Isolated.
     """
 
     layer: NDArray[np.bool_]
