@@ -224,5 +224,5 @@ def test_an_edge_shows_the_filter(shape):
 
 
 def test_a_filter_that_is_not_known():
-    with pytest.raises(ValueError, match="'sinc': one of box, tent, gaussian, blackman-harris"):
+    with pytest.raises(ValueError, match="'sinc'; available: box, tent, gaussian, blackman-harris"):
         pr.Settings(filter="sinc")
