@@ -415,13 +415,13 @@ def test_options_are_checked_first(option, words, tmp_path, capsys):
         ("a%04d.gif", "cannot write .gif"),
         ("a%04d_%d.png", "one %d"),
         ("a%s.png", "one %d"),
-        ("no/such/%04d.png", "no such folder"),
-        ("no/film.mp4", "no such folder"),
+        ("no/such/%04d.png", "folder not found"),
+        ("no/film.mp4", "folder not found"),
         ("used.mp4", "used.mp4.frames: needed for frames"),
         ("film.mp4 --background none", "transparency"),
-        ("file/film.mp4", "no such folder"),
-        ("file/%04d.png", "no such folder"),
-        ("file", "no such folder"),
+        ("file/film.mp4", "folder not found"),
+        ("file/%04d.png", "folder not found"),
+        ("file", "folder not found"),
     ],
 )
 def test_the_output_is_checked_first(output, words, tmp_path, capsys):
@@ -457,7 +457,7 @@ def test_what_ffmpeg_cannot_do_is_a_failure(scan, monkeypatch, capsys):
 def test_an_attribute_that_is_not_there(output, scan, capsys):
     arguments = [str(scan), "-o", str(scan.with_name(output)), *SMALL, *FOUR, "--color-by", "width"]
     err = bad_input(arguments, capsys)
-    assert "'width'" in err and "there are: x, y, z" in err and os.listdir(scan.parent) == ["scan.ply"]
+    assert "'width'" in err and "available: x, y, z" in err and os.listdir(scan.parent) == ["scan.ply"]
 
 
 @pytest.mark.parametrize(

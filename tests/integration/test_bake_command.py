@@ -275,9 +275,9 @@ def test_the_defaults_are_those_of_python():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["-o", "lit.xyz"], "cannot write .xyz; can write .las, .laz, .npy, .npz, .ply and .bake"),
+        (["-o", "lit.xyz"], "cannot write .xyz; supported: .las, .laz, .npy, .npz, .ply, .bake"),
         (["-o", "lit"], "a file without extension"),
-        (["-o", "no/folder/lit.ply"], "no such folder"),
+        (["-o", "no/folder/lit.ply"], "folder not found"),
         (["-o", "lit.bake", "--colors"], "--colors requires .las, .laz, .npy, .npz, .ply"),
         (["-o", "lit.ply", "--colors", "--color-by", "quality"], "--color-by"),
         (["-o", "lit.ply", "--links", "0"], "links"),

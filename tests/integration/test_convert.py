@@ -62,8 +62,8 @@ def test_what_the_target_cannot_store_is_reported(scan, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("absent.ply b.xlsx", "b.xlsx: cannot write .xlsx; can write "),
-        ("absent.ply folder/b.ply", "cannot write b.ply: there is no such folder"),
+        ("absent.ply b.xlsx", "b.xlsx: cannot write .xlsx; supported: "),
+        ("absent.ply folder/b.ply", "cannot write b.ply: folder not found"),
         ("absent.ply b.ply", "absent.ply: No such file"),
         ("a.ply a.ply", "a.ply: is an input; use --force to overwrite it"),
         ("a.ply ./a.ply", "a.ply: is an input; use --force to overwrite it"),

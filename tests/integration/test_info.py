@@ -60,14 +60,14 @@ def test_it_ends_with_what_a_picture_shows(scan, capsys, tmp_path, rng):
     assert execute(["info", str(scan), "--json"]) == 0
     picture = json.loads(capsys.readouterr().out)["first_picture"]
     assert picture["up"] == "+z (large coordinates, as on a map)" and picture["colors"] == "none: shown in grey"
-    assert picture["ignored"] == "" and picture["normals"].startswith("those of the file")
+    assert picture["ignored"] == "" and picture["normals"].startswith("from the file")
     ball = rng.normal(size=(1000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     pr.write(tmp_path / "b.ply", pr.Points([*ball, [1e5, 0, 0]], colors=np.full((1001, 3), 9, np.uint8)))
     assert execute(["info", str(tmp_path / "b.ply")]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()][-6:]
     assert lines[0].startswith("picture automatic: --up") and lines[1].startswith("up +z (")
-    assert lines[2] == "view front (azimuth 25, elevation 18)" and lines[3] == "colours those of the file"
+    assert lines[2] == "view front (azimuth 25, elevation 18)" and lines[3] == "colours from the file"
     assert lines[4] == "normals estimated" and lines[5] == "ignored 0.1% of the points lie far from all others"
 
 

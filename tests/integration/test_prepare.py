@@ -145,7 +145,7 @@ def test_bad_options_are_refused_and_leave_nothing(scan, capsys, options, words)
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("out.xyz", "can write .las, .laz, .npy"), ("no/folder/out.ply", "no such folder")]
+    ("name", "words"), [("out.xyz", "supported: .las, .laz, .npy"), ("no/folder/out.ply", "folder not found")]
 )
 def test_bad_outputs_are_known_before_the_work(scan, capsys, name, words):
     status, _, err = run(capsys, "prepare", scan.with_name("absent.ply"), "-o", scan.parent / name)

@@ -75,7 +75,7 @@ def check_choice(value: Any, name: str, choices: Iterable[str]) -> str:
     known = tuple(choices)
     if not isinstance(value, str) or value not in known:
         error = ValueError if isinstance(value, str) else ArgumentTypeError
-        raise error(f"unknown {name} {reprlib.repr(value)}: one of {', '.join(known)}")
+        raise error(f"unknown {name} {reprlib.repr(value)}; available: {', '.join(known)}")
     return str(value)
 
 
@@ -135,8 +135,8 @@ def check_positive(value: Any, name: str, wanted: str = "a positive number") -> 
 
 def check_range(value: Any, name: str, low: float, high: float = np.inf) -> float:
     """Return a finite float from `low` to `high`."""
-    limits = f"from {low:g} to {high:g}" if high < np.inf else f"finite and at least {low:g}"
-    return check_number(value, name, f"a number, {limits}", lambda x: low <= x <= high and x < np.inf)
+    wanted = f"a number from {low:g} to {high:g}" if high < np.inf else f"a finite number, at least {low:g}"
+    return check_number(value, name, wanted, lambda x: low <= x <= high and x < np.inf)
 
 
 def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any]:
@@ -157,7 +157,7 @@ def real_numbers(value: Any, name: str) -> NDArray[Any]:
     try:
         array = np.asarray(value)
     except ValueError:
-        raise ValueError(f"{name} must be an array of numbers; its rows have different lengths") from None
+        raise ValueError(f"{name} must be a regular array of numbers, but its rows have different lengths") from None
     check_real(array.dtype, name)
     return array
 

@@ -9,7 +9,7 @@ import re
 import secrets
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,12 +33,18 @@ def check_regular(path: str | os.PathLike[str]) -> Path:
     return file
 
 
+def unsupported_extension(file: Path, known: Iterable[str]) -> ValueError:
+    """Return the error for a file that cannot be written because of its extension."""
+    extension = file.suffix or "a file without extension"
+    return ValueError(f"{file}: cannot write {extension}; supported: {', '.join(known)}")
+
+
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Raise the OSError that writing to `path` would raise."""
     file = Path(path)
     folder = file.parent
     if not folder.is_dir():
-        raise FileNotFoundError(errno.ENOENT, f"cannot write {file.name}: there is no such folder", str(folder))
+        raise FileNotFoundError(errno.ENOENT, f"cannot write {file.name}: folder not found", str(folder))
     if file.is_dir():
         raise IsADirectoryError(errno.EISDIR, "cannot write: it is a folder", str(file))
     if not os.access(folder, os.W_OK):

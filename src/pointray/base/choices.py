@@ -13,11 +13,11 @@ AUTO = "auto"
 SURFACES = {"paper": "the paper's", "imls": "imls", "apss": "spheres (apss)", "disc": "discs"}
 
 AS_SPHERES, AS_SURFACE = "spheres", "surface"  # defaults of SCATTER, without and with given radii
-SCATTER = {  # drawing of points that lie on no surface
-    AS_SPHERES: "spheres",
-    "discs": "single discs",
-    AS_SURFACE: "like all other points, without a search for them",
-    "none": "left out",
+SCATTER = {  # drawing of scattered points, which lie on no surface
+    AS_SPHERES: "one sphere a point",
+    "discs": "one disc a point",
+    AS_SURFACE: "part of the surface, without detection",
+    "none": "not drawn",
 }
 
 INTEGRATORS = {
@@ -42,7 +42,7 @@ FILTERS = {
 
 PROJECTIONS = {
     "perspective": "distant objects appear smaller",
-    "orthographic": "no perspective, same size at the target",
+    "orthographic": "parallel rays, same size at the target",
     "panorama": "360 x 180 degrees",
 }
 
@@ -60,13 +60,13 @@ LIGHTS = {"sun": "Sun", "point": "Point light", "sky": "Sky"}  # of the command 
 
 SAME, MUTED = "same", "muted"
 BACKFACES = {
-    MUTED: "greyer and never black, so that holes of a scan look like holes",
+    MUTED: "desaturated and never black, so that holes in a scan stay recognisable",
     SAME: "lit like front faces",
 }
 
 NORMALS = {
-    "auto": "those of the file, unless their median deviation from the surface exceeds 15 degrees",
-    "file": "those of the file",
+    "auto": "from the file; estimated if their median deviation from the surface exceeds 15 degrees",
+    "file": "from the file",
     "fit": "estimated",
 }
 

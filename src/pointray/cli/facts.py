@@ -44,13 +44,13 @@ def describe_picture(points: Points) -> dict[str, Any]:
     scan = Scan(points, ViewChoice())
     up = scan.found_up
     assert up is not None  # it is automatic
-    color = "those of the file" if points.colors is not None else "none: shown in grey"
+    color = "from the file" if points.colors is not None else "none: shown in grey"
     facts: dict[str, Any] = {
         "up": f"{up.axis if up.axis.startswith('-') else f'+{up.axis}'} ({up.why})",
         "view": scan.outlook.kind,
     }
     facts |= {"azimuth": scan.outlook.azimuth, "elevation": scan.outlook.elevation, "colors": color}
-    normals = "estimated" if points.normals is None else "those of the file, if they fit the surface"
+    normals = "estimated" if points.normals is None else "from the file, if they fit the surface"
     return {**facts, "normals": normals, "ignored": scan.ignored}
 
 

@@ -20,7 +20,7 @@ def is_layered(output: Path) -> bool:
 
 def check_output(output: Path, exposed: bool, legend: bool) -> None:
     """Raise an error, before any work is done, if the result cannot be written."""
-    from ..base.atomic_write import check_writable
+    from ..base.atomic_write import check_writable, unsupported_extension
     from ..image.write import LAYERED, SHOWN, check_layers_path
 
     if is_layered(output):
@@ -30,8 +30,7 @@ def check_output(output: Path, exposed: bool, legend: bool) -> None:
                 raise ValueError(f"{output}: layers store linear light; {option} requires {', '.join(SHOWN)}")
         return
     if output.suffix.lower() not in SHOWN:
-        extension = output.suffix or "a file without extension"
-        raise ValueError(f"{output}: cannot write {extension}; can write {', '.join([*SHOWN, *LAYERED])}")
+        raise unsupported_extension(output, (*SHOWN, *LAYERED))
     check_writable(output)
 
 

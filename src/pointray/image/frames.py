@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 from PIL import Image
 
-from ..base.atomic_write import check_writable, replacing
+from ..base.atomic_write import check_writable, replacing, unsupported_extension
 from .tone import Backdrop
 from .write import SHOWN, write_image
 
@@ -98,7 +98,6 @@ def check_pattern(pattern: Path) -> None:
     if not re.fullmatch(r"[^%]*%(0?[1-9])?d[^%]*", pattern.name):
         raise ValueError(f"{pattern}: the name must contain one %d or %04d for the frame number, and no other %")
     if pattern.suffix.lower() not in SHOWN:
-        extension = pattern.suffix or "a file without extension"
-        raise ValueError(f"{pattern}: cannot write {extension}; can write {', '.join(SHOWN)}")
+        raise unsupported_extension(pattern, SHOWN)
     # The folder is created if needed, its parents are not.
     check_writable(pattern if pattern.parent.exists() else pattern.parent)

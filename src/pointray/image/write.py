@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
 from ..base.arguments import check_mapping, check_path
-from ..base.atomic_write import check_writable, replacing
+from ..base.atomic_write import check_writable, replacing, unsupported_extension
 from ..base.choices import AUTO
 from ..base.memory import check_memory
 from ..shade.attributes import Attribute
@@ -176,8 +176,7 @@ def _check_path(file: Path, formats: Mapping[str, str]) -> None:
 def _format_of(file: Path, formats: Mapping[str, str]) -> str:
     format = formats.get(file.suffix.lower())
     if format is None:
-        extension = file.suffix or "a file without extension"
-        raise ValueError(f"{file}: cannot write {extension}; can write {', '.join(formats)}")
+        raise unsupported_extension(file, formats)
     return format
 
 

@@ -33,9 +33,7 @@ from .opening import Opener, announced_rows, check_selected, listings_of, name_o
 from .selection import Selection, Thinning
 
 READ = 0.8  # fraction of the time that reading takes; joining the chunks takes the rest
-MEMORY_ADVICE = (
-    "read fewer points with --max-points or --every, or run `pointray prepare --tolerance` on a larger machine"
-)
+MEMORY_ADVICE = "read fewer points (--max-points, --every) or run `pointray prepare --tolerance` on a larger machine"
 
 Arrays = list[NDArray[Any]]
 

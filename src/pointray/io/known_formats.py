@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 from ..base.arguments import check_path
+from ..base.atomic_write import unsupported_extension
 from ..base.extras import require
 from .formats._source import HEAD, NO, Format, Writer
 from .unpacking import PACKED
@@ -130,5 +131,4 @@ def writer_of(path: str | os.PathLike[str]) -> Writer:
             if format.extra is not None:
                 require(format.extra[0], format.extra[1], str(file))
             return format.write
-    known = ", ".join(written())
-    raise ValueError(f"{file}: cannot write {file.suffix or 'files without extension'}; can write {known}")
+    raise unsupported_extension(file, written())

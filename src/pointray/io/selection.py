@@ -137,7 +137,7 @@ class Thinning:
 def _column(chunk: Chunk, name: str) -> NDArray[Any]:
     if name not in chunk.attributes:
         known = ", ".join(sorted(chunk.attributes)) or "none"
-        raise ValueError(f"attribute {name!r} not found (keep, drop); available: {known}")
+        raise ValueError(f"no attribute {name!r} for keep or drop; available: {known}")
     values = chunk.attributes[name]
     if values.ndim > 1:
         raise ValueError(f"attribute {name!r} has {values.shape[1]} columns; keep and drop need one")

@@ -15,7 +15,7 @@ from ..cloud.preparation import placed_for_model
 from ..engine.kernels.tree import Tree, no_tree
 from ..surface.splats.build import Sizes, SplatBuild, check_size, make_splats
 from ..surface.splats.scattered.classification import find_scattered_placed, has_few_places
-from ..surface.splats.scattered.spheres import Drawing, make_scattered
+from ..surface.splats.scattered.spheres import NOTHING_TO_DRAW, Drawing, make_scattered
 from ..surface.tree.build import Splats, build_tree
 from ..surface.tree.scattered import scattered_of, with_scattered
 from ..surface.tree.settings import LOOSE_TRIM, TreeSettings
@@ -72,7 +72,7 @@ def build_model(
         if drawing.scatter != "none":
             scattered = make_scattered(cloud, found, used, drawing, sizes.given)
         elif found.all():
-            raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
+            raise ValueError(NOTHING_TO_DRAW)
         placed = [] if found.all() else [placed[0].select(~found)]
         used, sizes = used[~found], sizes.select(~found)._replace(others=cloud.positions[found])
     if placed:  # `make_splats` alone holds the placed points, and frees them

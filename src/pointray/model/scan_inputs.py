@@ -96,13 +96,12 @@ def check_result(output: Path, *others: str) -> None:
 
     others : extensions besides those of points that the command writes
     """
-    from ..base.atomic_write import check_writable
+    from ..base.atomic_write import check_writable, unsupported_extension
     from ..io.known_formats import writer_of, written
 
     extension = output.suffix.lower()
     if extension not in (*written(), *others):
-        known = " and ".join([", ".join(written()), *others])
-        raise ValueError(f"{output}: cannot write {output.suffix or 'a file without extension'}; can write {known}")
+        raise unsupported_extension(output, (*written(), *others))
     if extension not in others:
         writer_of(output)  # it may require a package
     check_writable(output)

@@ -33,7 +33,7 @@ def hit_attribute(scene: Snapshot, name: str) -> HitAttribute:
     having = {k: model for k, model in enumerate(scene.models) if name in model.points.attributes}
     if not having:
         known = sorted({a for m in scene.models for a in m.points.attributes})
-        raise ValueError(f"attributes: no model has an attribute {name!r}; there are: {', '.join(known) or 'none'}")
+        raise ValueError(f"attributes: no model has an attribute {name!r}; available: {', '.join(known) or 'none'}")
     values = {k: model.points.attributes[name] for k, model in having.items()}
     widths = {array.shape[1:] for array in values.values()}
     if len(widths) > 1:

@@ -47,7 +47,7 @@ def column_of(points: Points, name: str, rows: Rows = EVERY) -> NDArray[Any]:
     if found is None or (column and (found.ndim == 1 or int(column[2]) >= found.shape[1])):
         known = [n if v.ndim == 1 else f"{n}[0..{v.shape[1] - 1}]" for n, v in points.attributes.items()]
         names = ", ".join([*sorted(known), *COORDINATES])
-        raise ValueError(f"the points have no attribute {name!r}; there are: {names}")
+        raise ValueError(f"the points have no attribute {name!r}; available: {names}")
     values = found[rows, int(column[2])] if column else found[rows]
     return values if values.ndim == 1 else np.asarray(np.linalg.norm(values.astype(np.float64), axis=1))
 

@@ -113,7 +113,7 @@ def test_max_points_works_if_the_number_of_rows_is_unknown(count):
         ({"max_points": 0}, "max_points must be"),
         ({"bounds": (1, 2, 3)}, "bounds must be x0,y0,z0,x1,y1,z1"),
         ({"bounds": (1, 0, 0, 0, 1, 1)}, "minimum first"),
-        ({"keep": {"class": 2}}, "attribute 'class' not found \\(keep, drop\\); available: classification, row"),
+        ({"keep": {"class": 2}}, "no attribute 'class' for keep or drop; available: classification, row"),
         ({"keep": {"classification": []}}, "at least one number"),
         ({"keep": [2]}, "keep must be a dict"),
         ({"drop": {"row": "ground"}}, "must be numbers"),

@@ -312,7 +312,7 @@ def test_light_baked_into_parts_equals_that_of_the_whole(both: tuple[pr.Model, p
     ("arguments", "words"),
     [
         (["-o", "city/"], "a folder whose name ends in .pointray"),
-        (["-o", "none/city.pointray/"], "no such folder"),
+        (["-o", "none/city.pointray/"], "folder not found"),
         (["-o", "full.pointray/"], "already exists and is not empty"),
         (["-o", "a.pointray/", "--part-points", "0"], "--part-points must be 1 or more"),
     ],

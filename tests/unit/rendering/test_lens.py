@@ -224,5 +224,5 @@ def test_the_coverage_at_an_edge_is_the_integral_of_the_filter(shape):
 
 
 def test_an_unknown_filter_is_refused():
-    with pytest.raises(ValueError, match="'sinc': one of box, tent, gaussian, blackman-harris"):
+    with pytest.raises(ValueError, match="'sinc'; available: box, tent, gaussian, blackman-harris"):
         pr.Settings(filter="sinc")

@@ -22,7 +22,7 @@ from ...surface.splats.build import check_size
 from ...surface.splats.local_planes import columns_of
 from ...surface.splats.scattered.classification import FEW, scattered_places
 from ...surface.splats.scattered.fitted_normals import Normals
-from ...surface.splats.scattered.spheres import Drawing, shapes_of
+from ...surface.splats.scattered.spheres import NOTHING_TO_DRAW, Drawing, shapes_of
 from .arrange import CHUNK, SORTED
 from .local import Local
 from .stages import Cloud, ordering_of
@@ -90,7 +90,7 @@ def separate(work: Work, cloud: Cloud, names: Sequence[str], shaping: Shaping, s
         ]
         count, is_shown = sum(found), drawing.scatter != "none"
         if count == cloud.total and not is_shown:
-            raise ValueError("scatter: none of the points is left, as all of them are scattered: choose spheres")
+            raise ValueError(NOTHING_TO_DRAW)
         if count and is_shown and columns.get(f"apart-{DIRECTIONS}") is None:
             statistics = work.statistics_for("shapes", partial(shaping.find, cloud))
             work.make_column(SPHERES, np.float32)

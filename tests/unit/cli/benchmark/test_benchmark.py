@@ -81,7 +81,7 @@ def test_the_command_draws_a_plot(tmp_path, capsys, monkeypatch):
         (["--points", "2000", "--points", "2000"], "duplicate counts"),
         (["--runs", "0"], "--runs"),
         (["--plot", "bench.gif"], ".png"),
-        (["--plot", "nowhere/bench.png"], "no such folder"),
+        (["--plot", "nowhere/bench.png"], "folder not found"),
     ],
 )
 def test_bad_input_is_reported_before_the_work(arguments, word, tmp_path, monkeypatch, capsys):

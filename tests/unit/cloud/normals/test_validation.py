@@ -257,7 +257,7 @@ def test_info_reports_the_same(file, bare, capsys):
     facts = json.loads(capsys.readouterr().out)
     assert facts["normals"] is True and facts["normals_wrong"] is True
     assert facts["normals_off"] == pytest.approx(21, abs=1)
-    assert len(facts["notes"]) == 1 and "by 21 degrees (median): fitted ones will be used" in facts["notes"][0]
+    assert len(facts["notes"]) == 1 and "by 21 degrees (median): they will be estimated" in facts["notes"][0]
     assert execute(["info", str(file)]) == 0
     assert "degrees off the surface (median): wrong" in capsys.readouterr().out
     pr.write(file, ripple())

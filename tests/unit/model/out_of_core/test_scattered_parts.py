@@ -308,7 +308,7 @@ def test_nothing_is_left_of_scattered_points(tmp_path: Path, rng: np.random.Gene
     pr.write(tmp_path / "a.ply", pr.Points(rng.uniform(-1, 1, (20_000, 3)).astype(np.float32)))
     # Some neighbourhoods of a random cloud are flat by chance; a smaller one has none.
     pr.write(tmp_path / "b.ply", pr.Points(rng.uniform(-1, 1, (16, 3)).astype(np.float32)))
-    with pytest.raises(ValueError, match="scatter: none of the points is left"):
+    with pytest.raises(ValueError, match="scatter: all points are scattered"):
         prepared(tmp_path / "b.ply", tmp_path / "b.pointray", "none")
 
 

@@ -171,7 +171,7 @@ FORMAT = Format(
     MeshSource,
     {
         "positions": "vertices, placed by the scene of a glTF file; coinciding vertices of triangles are merged",
-        "normals": "those of the file, or computed from the triangles",
+        "normals": "from the file, or computed from the triangles",
         "colors": "of vertices or triangles, of a texture in the file or its folder, or of the material",
         "attributes": "none",
         "survey": "none",

@@ -30,11 +30,13 @@ PIECE = 1 << 18  # rows whose neighbours are held at once
 
 Floats = NDArray[np.float32]
 
+NOTHING_TO_DRAW = 'scatter: all points are scattered, so "none" leaves nothing to draw; use spheres, discs or surface'
+
 
 class Drawing(NamedTuple):
     """How scattered points are drawn.
 
-    scatter : "spheres", "discs", "surface" (like all other points) or "none" (left out)
+    scatter : "spheres", "discs", "surface" (as surface, undetected) or "none" (not drawn)
     size : factor for their radii
     """
 
@@ -43,7 +45,7 @@ class Drawing(NamedTuple):
 
     @property
     def is_apart(self) -> bool:
-        """Whether scattered points are detected and drawn separately or left out."""
+        """Whether scattered points are detected and drawn separately or not at all."""
         return self.scatter != AS_SURFACE
 
     @property

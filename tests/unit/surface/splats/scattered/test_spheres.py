@@ -280,7 +280,7 @@ def test_points_that_are_left_out_are_not_hit(rng):
 
 
 def test_something_must_be_left(rng):
-    with pytest.raises(ValueError, match="scatter: none of the points is left"):
+    with pytest.raises(ValueError, match="scatter: all points are scattered"):
         model_of(crown(rng), scatter="none")
 
 
