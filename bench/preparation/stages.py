@@ -29,7 +29,7 @@ import pointray as pr
 STAGES = {
     "sort and distinct": ("distinct", "kd_order", "compute_kd_ordering"),
     "neighbours": ("NeighborTree.__init__", "NeighborTree.query"),
-    "noise and layers": ("merge_for_model", "estimate_noise"),
+    "noise and layers": ("merge_for_model", "measure_ranges"),
     "fits": ("fit_normals", "fit_surface"),
     "orientation": ("orient", "orient_thin_sheets", "orient_unknown"),
     "normals": ("place",),

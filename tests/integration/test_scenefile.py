@@ -12,7 +12,6 @@ from helpers.clouds import sphere_points
 from helpers.places import ROOT
 from pointray.cli import execute
 from pointray.scenefile import shading
-from pointray.scenefile.source import Source
 
 GOOD = """
 exposure = 0.5
@@ -433,19 +432,6 @@ def test_mistakes_are_found_before_a_scan_is_read(case: str, folder: Path, capsy
 )
 def test_files_that_are_no_scenes(text: str, message: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert said(folder, text, capsys).startswith(message)
-
-
-def test_the_line_within_a_list_of_tables(folder: Path) -> None:
-    """An array that spans many lines, between texts of many lines."""
-    rows = ["    { kind = 'sun', direction = [1, 1, -1] },  # ]"] * 50
-    rows[37] = "    { kind = 'sun',\tdirection = [0, 0, 0] },"
-    text = "a = '''\nlights = [\n[lights]\n'''\nlights = [\n" + "\n".join(rows) + "\n]\n[b]\nc = '''\n]\n'''\nd = 1\n"
-    (folder / "scene.toml").write_text(text)
-    source = Source(folder / "scene.toml")
-    assert source.line_of(("lights",)) == 5
-    assert [source.line_of(("lights", k, "kind")) for k in (0, 37, 49)] == [6, 43, 55]
-    assert source.line_of(("b", "c")) == 58 and source.line_of(("b", "d")) == 61
-    assert source.line_of(("a",)) == 1 and source.line_of(("lights", 50)) == 5 and source.line_of(("x",)) == 0
 
 
 @pytest.mark.parametrize("damage", ["cut", "nan"])

@@ -68,7 +68,7 @@ class Exchange:
         transport.send(rows, settings.links, part_of(progress, 0.0, 0.7))
         seen = find_lights(scene.world, sky, transport)
         arrived = solve(scene.world, transport, settings, seen)
-        noisy = _variance_ratio(transport, *smoothed(transport, arrived, settings.threads), settings.noise)
+        noisy = _variance_ratio(*smoothed(transport, arrived, settings.threads), settings.noise)
         for k in range(MOST_ROUNDS):
             rows = np.flatnonzero(noisy > 1.0 + k).astype(np.int32)
             if len(rows):
@@ -146,7 +146,7 @@ def _lit_sides(scene: Snapshot, sky: Sky, probe: Transport, settings: BakeSettin
     return [(k // 2, side.sign) for k, side in enumerate(probe.sides) if lit[k]]
 
 
-def _variance_ratio(transport: Transport, arrived: ArrivingLight, count: Floats, noise: float) -> Floats:
+def _variance_ratio(arrived: ArrivingLight, count: Floats, noise: float) -> Floats:
     """Return the variance of each patch's light as a multiple of the variance allowed by `noise`."""
     weights = np.array(LUMINANCE, np.float32)
     light = (arrived.direct + arrived.indirect) @ weights

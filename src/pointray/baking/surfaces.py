@@ -253,7 +253,7 @@ def _on_surface(
     return positions, normals, colors, lost
 
 
-def find_targets(scene: Snapshot, surfaces: list[BakeSurface], firsts: dict[tuple[int, int], int]) -> Targets:
+def find_targets(surfaces: list[BakeSurface], firsts: dict[tuple[int, int], int]) -> Targets:
     """Return the tables that map a hit to a patch. firsts : first patch by (instance row, sign), else dark"""
     rows = np.zeros((len(surfaces), TARGET), np.int64)
     frames = np.zeros((len(surfaces), BAKED_FRAME))

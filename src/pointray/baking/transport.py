@@ -102,7 +102,7 @@ class Transport:
         self._margins: Floats = self._concatenate_column("margins", np.float32)
         signs = np.repeat([side.sign for side in self.sides], [side.size for side in self.sides])
         self.normals: Floats = self._concatenate_column("normals", np.float32) * signs[:, None].astype(np.float32)
-        self._targets = find_targets(scene, surfaces, {(s.surface.instance, s.sign): s.first for s in self.sides})
+        self._targets = find_targets(surfaces, {(s.surface.instance, s.sign): s.first for s in self.sides})
         self._world, self._seed, self._threads, self._executor = scene.world, seed, threads, executor
         self._shared_patches: SharedValue | None = None  # of the executor
         self.links: list[Links] = []

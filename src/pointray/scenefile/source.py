@@ -67,11 +67,7 @@ class Source:
         except OSError as error:
             raise type(error)(self._message(key, f"{error.filename}: {error.strerror}{suggest_file(error)}")) from error
 
-    def line_of(self, key: Key) -> int:
-        """Return the first line of a key, or of its longest prefix that is in the file; 0 if none is."""
-        return line_of(self._text, key)
-
     def _message(self, key: Key, message: str) -> str:
-        line = self.line_of(key)
+        line = line_of(self._text, key)
         name = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in key).removeprefix(".")
         return " ".join(f"{self.file}:{f'{line}:' if line else ''} {f'{name}: ' if name else ''}{message}".split())

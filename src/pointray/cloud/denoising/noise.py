@@ -59,26 +59,6 @@ class NoiseRanges(NamedTuple):
         return noise.astype(np.float32), spacing.astype(np.float32)
 
 
-def estimate_noise(ordered: Floats, normals: Floats | None = None) -> tuple[Floats, Floats]:
-    """Estimate the distance of points from their surface, and their spacing, in their unit.
-
-    Parameters
-    ----------
-    ordered : (n, 3) float32
-        Distinct positions in kd order.
-    normals : (n, 3) float32, optional
-        Measured or known unit normals.
-
-    Returns
-    -------
-    noise : (n,) float32
-        Standard deviation of the distance from the surface.
-    spacing : (n,) float32
-        Square root of the area per point.
-    """
-    return raise_to_typical(measure_ranges(ordered, normals)).interpolate(np.arange(len(ordered)))
-
-
 def points_per_range(count: int) -> int:
     """Return the number of points of a range for a cloud of `count` points, a power of two."""
     every = max(min(SHARE, count // FEWEST), 1)

@@ -216,7 +216,7 @@ def _within(cloud: Cloud, tolerance: float, report: Progress) -> Subset:
 def _as_many(cloud: Cloud, count: int, diagonal: float, report: Progress) -> Subset:
     """Select exactly `count` splats."""
     if count == len(cloud.positions):
-        return fit(cloud, _single(cloud, np.arange(count), cloud.radii), diagonal * FINEST)
+        return fit(cloud, _single(np.arange(count), cloud.radii), diagonal * FINEST)
     splats, sizes, error = _meet(cloud, count, diagonal, report)
     report("fit", 0.0)
     subset, share = fit(cloud, splats, error), REFINED_SHARE
@@ -279,7 +279,7 @@ def _guess(cloud: Cloud, goal: int, diagonal: float) -> float:
     return float(np.exp(0.5 * (low + high)))
 
 
-def _single(cloud: Cloud, rows: NDArray[Any], widths: Floats) -> Splats:
+def _single(rows: NDArray[Any], widths: Floats) -> Splats:
     """Return splats that cover one point each."""
     rows = rows.astype(np.int32)
     return Splats(rows, np.arange(len(rows) + 1), rows, widths.astype(np.float32))
@@ -297,7 +297,7 @@ def _more(cloud: Cloud, subset: Subset, number: int) -> Splats:
     first = np.zeros(len(order), np.bool_)
     first[np.unique(owner[order], return_index=True)[1]] = True
     rows = np.concatenate([order[first], order[~first]])[:number]
-    return _single(cloud, rows, splats.widths[owner[rows]])
+    return _single(rows, splats.widths[owner[rows]])
 
 
 def _averaged(points: Points, subset: Subset) -> Points:

@@ -5,7 +5,7 @@ import pytest
 
 import pointray as pr
 from helpers.marks import long
-from pointray.cloud.denoising.noise import estimate_noise
+from pointray.cloud.denoising.noise import measure_ranges, raise_to_typical
 from pointray.cloud.kd_ordering import compute_kd_ordering
 
 
@@ -57,13 +57,18 @@ def test_clean_points_do_not_change_by_a_bit(name, count):
         assert pr.smooth(points.with_normals(None)).normals is None
 
 
+def noise_of(ordered, normals=None):
+    """Noise and spacing of each point."""
+    return raise_to_typical(measure_ranges(ordered, normals)).interpolate(np.arange(len(ordered)))
+
+
 @pytest.mark.parametrize("share", [0.1, 0.3, 1.0])
 @pytest.mark.parametrize("known", [False, True])
 def test_noise_is_measured(share, known, rng):
     rows, normals, h = noisy(rng, share, 50_000)
     points = pr.Points(rows, normals)
     path, _, first = compute_kd_ordering(points)
-    noise, spacing = estimate_noise(path, normals[first].astype(np.float32) if known else None)
+    noise, spacing = noise_of(path, normals[first].astype(np.float32) if known else None)
     assert 0.6 * share < np.median(noise) / h < 1.2 * share
     assert np.median(spacing) == pytest.approx(h, rel=0.6 * share + 0.1)
 
@@ -72,7 +77,7 @@ def test_no_stretch_of_a_loud_cloud_passes_for_detail(rng):
     rows, _, h = noisy(rng, 1.0, 50_000)
     path, _, _ = compute_kd_ordering(pr.Points(rows))
     # At most 2% of the points are in less noisy ranges (150 clouds); 19 to 35% if each range is judged alone.
-    assert np.quantile(estimate_noise(path)[0], 0.1) / h > 0.6
+    assert np.quantile(noise_of(path)[0], 0.1) / h > 0.6
 
 
 def test_only_the_noisy_part_moves(rng):
