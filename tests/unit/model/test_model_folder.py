@@ -338,7 +338,7 @@ def test_nothing_is_left_where_writing_fails(tmp_path: Path, monkeypatch: pytest
     def full(*arguments: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pointray.model.out_of_core.trees.write_part", full)
+    monkeypatch.setattr("pointray.model.out_of_core.finish.write_part", full)
     with pytest.raises(OSError, match="No space"):
         split(pr.Model(pr.procedural("sphere", 2000)), tmp_path / "a.pointray")
     assert not (tmp_path / "a.pointray").exists()
