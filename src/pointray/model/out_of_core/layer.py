@@ -220,7 +220,7 @@ def finest_layer(work: Work, sources: Mapping[str, Source | None]) -> Layer:
 
 
 def corners(positions: Floats) -> dict[str, Any]:
-    """Return the corners of the bounding box of positions; empty if there are none."""
+    """Return the corners of the bounding box of positions; empty without positions."""
     if not len(positions):
         return {}
     return {"low": positions.min(axis=0).astype(float).tolist(), "high": positions.max(axis=0).astype(float).tolist()}
