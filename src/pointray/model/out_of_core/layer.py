@@ -208,7 +208,7 @@ class Layer:
 
 
 def finest_layer(work: Work, sources: Mapping[str, Source | None]) -> Layer:
-    """Return the full model. sources : those that are None or missing columns are left out"""
+    """Return the full model. sources : None and missing columns are left out"""
     names = work.columns.names
     known = {
         name: source
