@@ -338,7 +338,7 @@ def test_a_failed_write_leaves_no_files(tmp_path: Path, monkeypatch: pytest.Monk
     def full(*arguments: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("pointray.model.out_of_core.trees.write_part", full)
+    monkeypatch.setattr("pointray.model.out_of_core.finish.write_part", full)
     with pytest.raises(OSError, match="No space"):
         split(pr.Model(pr.procedural("sphere", 2000)), tmp_path / "a.pointray")
     assert not (tmp_path / "a.pointray").exists()

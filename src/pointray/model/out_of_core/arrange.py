@@ -52,7 +52,7 @@ class Arrangement:
     def _cut_and_scatter(self, progress: Progress | None) -> None:
         columns = self._columns
         positions = columns["positions"]
-        cuts = find_cuts(lambda: _chunks_of(positions), self._count, self._size, part_of(progress, 0.0, CUT))
+        cuts = find_cuts(lambda: chunks_of(positions), self._count, self._size, part_of(progress, 0.0, CUT))
         there = {name: columns[name] for name in self._names}
         made = {
             name: columns.make(SCATTERED + name, column.dtype, column.width, self._count)
@@ -116,6 +116,7 @@ def boxes_of(positions: Floats) -> Floats:
     return np.concatenate([low, high], axis=1)
 
 
-def _chunks_of(column: Column) -> Iterator[Floats]:
+def chunks_of(column: Column) -> Iterator[NDArray[Any]]:
+    """Yield the rows of a column, `CHUNK` at a time."""
     for start in range(0, len(column), CHUNK):
         yield column[start : start + CHUNK]

@@ -164,6 +164,11 @@ class OutOfCoreBuilder:
         spooled = self._spooled
         return ModelInfo(self._folder, id_in(self._columns), spooled.origin, spooled.georeference, list(self._names))
 
+    @property
+    def _radii(self) -> str | None:
+        """Name of the column with given radii; None: automatic."""
+        return f"points.{self._names[RADIUS]}" if self._given else None
+
     def _separate(self) -> tuple[OutOfCoreBuilder | None, Work | None]:
         """Return the builder of the surface and the columns of scattered points; None for either without points."""
         if not self._drawing.is_apart:
@@ -173,7 +178,7 @@ class OutOfCoreBuilder:
             number_rows(columns, self._cloud.total)
         if columns.get(SEPARATED) is None:
             self._arrange()
-        shaping = Shaping(drawing, f"points.{self._names[RADIUS]}" if self._given else None)
+        shaping = Shaping(drawing, self._radii)
         count, loose = separate(work, self._cloud, self._given_columns.all, shaping, (SORTED, SEPARATED_AT))
         rest = part_of(self._progress, SEPARATED_AT, WRITTEN)
         if count == self._cloud.total:
@@ -261,7 +266,7 @@ class OutOfCoreBuilder:
     def _support(self) -> None:
         """Find the support of each point."""
         cloud, work = self._cloud, self._work
-        supporting = Supporting(f"points.{self._names[RADIUS]}" if self._given else None, self._options.settings)
+        supporting = Supporting(self._radii, self._options.settings)
         statistics = work.statistics_for("support", partial(supporting.find, cloud))
         work.make_column(RADII, np.float32)
         work.make_column(BORDERS, np.float32, 3)

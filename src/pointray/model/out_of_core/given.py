@@ -10,7 +10,7 @@ from ...cloud.normals.visibility import ignored_stations, station_sample
 from ...cloud.points import Points
 from ...io.spooling.spooled import Spooled
 from ...surface.splats.radii import radii_among
-from .arrange import CHUNK
+from .arrange import chunks_of
 
 # Names of cached results: ignored stations, and whether there are radii.
 IGNORED, GIVEN_RADII = "ignored-stations", "given-radii"
@@ -52,8 +52,7 @@ class GivenColumns:
         column = self.find(self.names.get(RADIUS, RADIUS))
         if column is None or column.width or column.dtype == np.bool_:
             return False
-        chunks = (column[start : start + CHUNK] for start in range(0, len(column), CHUNK))
-        return all(radii_among(chunk) is not None for chunk in chunks)
+        return all(radii_among(chunk) is not None for chunk in chunks_of(column))
 
     def _scans(self) -> Column | None:
         """Return the column with the station of each point."""
@@ -81,5 +80,4 @@ class GivenColumns:
         scans = self._scans()
         if scans is None:
             return len(self._spooled.georeference.stations) == 1 and len(believed) == 1
-        chunks = (scans[start : start + CHUNK] for start in range(0, len(scans), CHUNK))
-        return any(bool(np.isin(chunk, believed).any()) for chunk in chunks)
+        return any(bool(np.isin(chunk, believed).any()) for chunk in chunks_of(scans))

@@ -208,7 +208,7 @@ class Layer:
 
 
 def finest_layer(work: Work, sources: Mapping[str, Source | None]) -> Layer:
-    """Return the full model. sources : those that are None or missing columns are left out"""
+    """Return the full model. sources : None and missing columns are left out"""
     names = work.columns.names
     known = {
         name: source
@@ -220,7 +220,7 @@ def finest_layer(work: Work, sources: Mapping[str, Source | None]) -> Layer:
 
 
 def corners(positions: Floats) -> dict[str, Any]:
-    """Return the corners of the bounding box of positions; empty if there are none."""
+    """Return the corners of the bounding box of positions; empty without positions."""
     if not len(positions):
         return {}
     return {"low": positions.min(axis=0).astype(float).tolist(), "high": positions.max(axis=0).astype(float).tolist()}

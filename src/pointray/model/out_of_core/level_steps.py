@@ -182,35 +182,34 @@ def tree_part(
     if before is None or rows is None or not len(rows):
         return {"file": None}
     rows = rows[kd_order(layer.read(POSITIONS, rows))]
-    radii, noise = layer.read(RADII, rows), layer.find(NOISE, rows)
-    splats = Splats(
-        layer.read(POSITIONS, rows),
-        layer.read(NORMALS, rows),
-        radii,
-        np.arange(len(rows), dtype=np.int32),
-        layer.find(COLORS, rows),
-        layer.find(BORDERS, rows),
-        layer.find(SHEETS, rows),
-        None if noise is None else np.minimum(noise, radii),
-    )
-    tree = with_margins(
-        tree_within(splats, cells[part], (whole.supports, whole.reference), LEVEL_SETTINGS), cells[part]
-    )
+    splats = splats_at(layer, rows)
+    tree = tree_within(splats, cells[part], (whole.supports, whole.reference), LEVEL_SETTINGS)
+    tree = with_margins(tree, cells[part])
     reach = find_surface_bounds(tree)
     if reach is None:
         return {"file": None}
     used, order = np.unique(tree.order, return_inverse=True)
     empty = int(used[0] < 0)
     tree, used = tree._replace(order=(order.ravel() - empty).astype(np.int32)), used[empty:]
-    if np.median(radii[used]) < before.spacing:
+    radii = splats.radii[used]
+    if np.median(radii) < before.spacing:
         return {"file": None}
-    points = points_of(layer, rows[used], named)
-    level = Level({**LEVEL_SETTINGS._asdict(), "smooth": 0.0}, points, radii[used], points.bounds, tree)
+    points = points_at(layer, rows[used], named)
+    level = Level({**LEVEL_SETTINGS._asdict(), "smooth": 0.0}, points, radii, points.bounds, tree)
     file = write_level(named.folder, named.id, part, before.levels + 1, level)
     return {"file": file._asdict(), "reach": reach.tolist()}
 
 
-def points_of(layer: Layer, rows: slice | Rows, named: ModelInfo) -> Points:
+def splats_at(layer: Layer, rows: slice | Rows, first: int = 0) -> Splats:
+    """Return the splats of some rows, numbered from `first` on."""
+    positions, normals, radii = (layer.read(name, rows) for name in (POSITIONS, NORMALS, RADII))
+    colors, borders, sheets, noise = (layer.find(name, rows) for name in (COLORS, BORDERS, SHEETS, NOISE))
+    numbers = np.arange(first, first + len(radii), dtype=np.int32)
+    noise = None if noise is None else np.minimum(noise, radii)
+    return Splats(positions, normals, radii, numbers, colors, borders, sheets, noise)
+
+
+def points_at(layer: Layer, rows: slice | Rows, named: ModelInfo) -> Points:
     """Return some splats as points with attributes."""
     attributes = {name: layer.read(f"{ATTRIBUTE}{k}", rows) for k, name in enumerate(named.attributes)}
     columns = layer.read(POSITIONS, rows), layer.read(NORMALS, rows), layer.find(COLORS, rows)

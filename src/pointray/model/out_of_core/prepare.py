@@ -28,6 +28,7 @@ from ...surface.tree.settings import TreeSettings
 from ..model_folder import INDEX, UNFINISHED, VERSION
 from .builder import BuildOptions, OutOfCoreBuilder
 from .exclusive_lock import exclusive_lock
+from .split import check_new, not_empty
 
 TASK = "task"  # facts about the files and settings of the unfinished work
 SPOOLED = 0.25  # progress after spooling
@@ -125,7 +126,7 @@ def prepare(
     with exclusive_lock(columns.folder), _explain_full_disk(path):
         if columns.get(TASK) is None and (path / INDEX).exists():
             _remove(columns.folder, None)
-            raise _not_empty(path)
+            raise not_empty(path)
         _check_task(columns, {**_task_of(files, reading, settings, size), "levels": levels})
         try:
             tasks = tasks_beside(client, columns.folder / f"{TASK}.json")
@@ -157,15 +158,11 @@ def _explain_full_disk(path: Path) -> Iterator[None]:
 def check_unfinished(path: Path) -> Path:
     """Return the folder of unfinished work; raise a ValueError if the folder holds something else."""
     unfinished = path / UNFINISHED
-    others = path.exists() and (not path.is_dir() or any(path.iterdir()))
-    if others and not unfinished.is_dir():
-        raise _not_empty(path)
-    check_writable(path / INDEX if path.exists() else path)
+    if unfinished.is_dir():
+        check_writable(path / INDEX)
+    else:
+        check_new(path)
     return unfinished
-
-
-def _not_empty(path: Path) -> ValueError:
-    return ValueError(f"{path}: already exists and is not empty: choose a new or empty folder")
 
 
 def _task_of(

@@ -11,7 +11,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.disk_columns import Columns
 from ...cloud.points import Points
@@ -26,7 +25,7 @@ from ..model_file import Level
 from ..model_folder import PartFile, write_level, write_part
 from .grid import Grid, cells_of_part
 from .layer import ATTRIBUTE, COLORS, NORMALS, POSITIONS, RADII, Layer
-from .level_steps import LevelProgress, ModelInfo, points_of
+from .level_steps import LevelProgress, ModelInfo, points_at, splats_at
 from .levels import Steps, make_columns, median_of, write_all_levels
 from .trees import bounds_about
 from .work import Facts, Span, Work, within
@@ -50,11 +49,10 @@ class LooseParts:
 def write_loose_part(named: ModelInfo, loose: LooseParts, part: int) -> Facts:
     """Write the file of a part; return its index entry and the bounds of its spheres."""
     own, layer = loose.layer.own(part), loose.layer
-    rows = np.arange(loose.first_row + own.start, loose.first_row + own.stop, dtype=np.int32)
-    splats = _splats(layer, own, rows)
+    splats = splats_at(layer, own, loose.first_row + own.start)
     tree = _tree_of(splats, loose.drawing)
     bounds = bounds_about(splats.positions, named.origin)
-    file = write_part(named.folder, named.id, loose.first_part + part, len(rows), bounds, tree)
+    file = write_part(named.folder, named.id, loose.first_part + part, len(splats.radii), bounds, tree)
     file = file._replace(spacing=spacing_of(splats.radii, loose.drawing))
     return {"file": file.facts, "supports": tree.head[BOUNDS : BOUNDS + 6].astype(float).tolist()}
 
@@ -116,8 +114,8 @@ def _write_loose_level(
     before, own = written[part], layer.own(part)
     if before is None or own.start == own.stop:
         return {"file": None}
-    splats = _splats(layer, own, np.arange(own.stop - own.start, dtype=np.int32))
-    points = points_of(layer, own, named)
+    splats = splats_at(layer, own)
+    points = points_at(layer, own, named)
     drawing = ScatteredPoints(points, splats.radii).drawing(loose.drawing.scatter, cell)
     tree = _tree_of(splats, drawing)
     settings = {**LEVEL_SETTINGS._asdict(), "smooth": 0.0, **drawing.facts}
@@ -127,12 +125,6 @@ def _write_loose_level(
     assert reach is not None
     file = file._replace(spacing=spacing_of(splats.radii, drawing))
     return {"file": file._asdict(), "reach": reach.tolist()}
-
-
-def _splats(layer: Layer, own: slice, rows: NDArray[np.int32]) -> Splats:
-    """Return the scattered points of a part."""
-    positions, normals, radii = (layer.read(name, own) for name in (POSITIONS, NORMALS, RADII))
-    return Splats(positions, normals, radii, rows, layer.find(COLORS, own))
 
 
 def _tree_of(splats: Splats, drawing: Drawing) -> Tree:

@@ -45,9 +45,14 @@ def check_new(path: str | os.PathLike[str]) -> Path:
     """Validate that a folder is empty or can be made."""
     folder = Path(path)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ValueError(f"{folder}: already exists and is not empty: choose a new or empty folder")
+        raise not_empty(folder)
     check_writable(folder / INDEX if folder.exists() else folder)
     return folder
+
+
+def not_empty(folder: Path) -> ValueError:
+    """Return the error for a folder that holds something else."""
+    return ValueError(f"{folder}: already exists and is not empty: choose a new or empty folder")
 
 
 def split(
