@@ -38,7 +38,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Modules and tests stay to the end: the garbage collector need not look through them."""
+    """Exclude modules and tests, which stay to the end, from garbage collection."""
     gc.freeze()
 
 
@@ -50,7 +50,7 @@ def rng(request: pytest.FixtureRequest) -> np.random.Generator:
 
 @pytest.fixture(scope="session", autouse=True)
 def one_signature_a_kernel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Check that no test has brought a kernel a second type of array: it would compile again, in front of a user.
+    """Check that no test calls a kernel with a second type of array: for users it would be compiled again.
 
     Tests run in several processes. Each leaves its signatures in a file; the last one sees all.
     """
@@ -73,7 +73,7 @@ def one_signature_a_kernel(tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 @pytest.fixture(scope="session", autouse=True)
 def no_models_are_kept() -> Iterator[None]:
-    """Commands that tests run keep no models in the user's cache, unless a test is about that."""
+    """Prevent commands from storing models in the user's cache, except in tests of the cache."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("pointray.model.model_cache.WORTH", 10**12)
         yield

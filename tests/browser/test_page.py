@@ -1,4 +1,4 @@
-"""The viewer's page in a browser, used by mouse and keys; its picture is compared with that of `render`."""
+"""The viewer's page in a browser, driven by mouse and keys; its pictures are compared with those of `render`."""
 
 import http.server
 import json
@@ -99,7 +99,7 @@ def shows(page, scene, **settings):
 
 
 def becomes(page, scene, **settings):
-    """Wait until it is, because a slider draws pictures while it moves."""
+    """Wait until the picture equals it, because a slider draws pictures while it moves."""
     number = page.finished(SAMPLES)["number"]
     while not shows(page, scene, **settings):
         number = page.finished(SAMPLES, number)["number"]
@@ -122,12 +122,12 @@ def surface_at(scene, camera, x, y):
 
 
 def coordinates(page):
-    """The point that the box of a click names."""
+    """Return the point shown in the box of a click."""
     text = page.tab.locator("#picked").inner_text()
     return np.array([float(re.search(rf"^{axis} (\S+)", text, re.MULTILINE)[1]) for axis in "xyz"])
 
 
-def test_it_shows_the_model_and_a_drag_turns_it(page, scene, model):
+def test_the_model_is_shown_and_a_drag_rotates_it(page, scene, model):
     assert page.tab.title() == "statue.ply - pointray"
     assert becomes(page, scene)
     assert f"{len(model.points):,} points" in page.tab.locator("#status").inner_text()
@@ -143,7 +143,7 @@ def test_it_shows_the_model_and_a_drag_turns_it(page, scene, model):
 
 
 @pytest.mark.long
-def test_wheel_right_drag_and_flight(page, scene):
+def test_wheel_right_drag_and_flight_move_the_camera(page, scene):
     for act, check in (
         (lambda: page.tab.mouse.wheel(0, -120), lambda a, b: np.allclose(away(b), 0.9 * away(a))),
         (lambda: page.drag(MODEL, (30, 10), button="right"), lambda a, b: np.allclose(away(b), away(a))),
@@ -174,18 +174,18 @@ def test_the_picture_is_refined_while_nothing_moves(page, scene):
 
 
 @pytest.mark.long
-def test_a_stray_mouse_changes_nothing(page):
+def test_mouse_moves_without_buttons_change_nothing(page):
     count, before = len(page.said), page.frames
     page.tab.mouse.move(MODEL[0] - 40, MODEL[1] - 20)
     page.tab.mouse.move(*MODEL, steps=20)
-    page.tab.mouse.click(*MODEL)  # its answer comes after those to all earlier messages
+    page.tab.mouse.click(*MODEL)  # answered after all earlier messages
     page.tab.locator("#picked").wait_for()
     assert [json.loads(text)["type"] for text in page.said[count:]] == ["pick"]
     assert page.frames == before and page.last["samples"] == SAMPLES
 
 
 @pytest.mark.long
-def test_the_panel_acts(page, scene):
+def test_the_panel_changes_the_picture(page, scene):
     with page.another(SAMPLES):
         page.choose("integrator", "Normals")
     assert shows(page, scene, integrator="normal")
@@ -207,7 +207,7 @@ def test_the_panel_acts(page, scene):
 
 
 @pytest.mark.long
-def test_a_material_for_the_model(page, scene, model):
+def test_the_panel_sets_the_material_of_the_model(page, scene, model):
     page.open_folder("Material")
     with page.another(SAMPLES):
         page.choose("color_by", "z")
@@ -233,7 +233,7 @@ def test_each_page_has_a_camera_of_its_own(browser, viewer, page, scene):
 
 
 @pytest.mark.long
-def test_a_double_click_looks_there(page, scene):
+def test_a_double_click_sets_the_target(page, scene):
     before = page.camera
     point, pixel = surface_at(scene, before, *MODEL)
     with page.another(SAMPLES):
@@ -270,7 +270,7 @@ def test_clicks_show_coordinates_and_measure(page, scene):
 
 
 @pytest.mark.long
-def test_quick_clicks_at_two_places_are_two(page):
+def test_quick_clicks_at_two_places_are_separate(page):
     page.tab.mouse.click(*MODEL)
     with page.holding("Shift"):
         page.tab.mouse.click(MODEL[0] + 10, MODEL[1] + 60)
@@ -278,7 +278,7 @@ def test_quick_clicks_at_two_places_are_two(page):
 
 
 @pytest.mark.long
-def test_a_saved_picture_is_that_of_render(page, scene, tmp_path):
+def test_a_saved_picture_equals_that_of_render(page, scene, tmp_path):
     page.open_folder("Picture")
     for name, value in (("width", 90), ("height", 70), ("samples", SAMPLES)):
         page.row(f"output.{name}").locator("input").fill(str(value))
@@ -312,7 +312,7 @@ def test_the_camera_is_copied_as_a_command(browser, viewer, model, tmp_path, mon
 
 
 @pytest.mark.long
-def test_keys_of_the_standard_views(page, scene):
+def test_keys_select_the_standard_views(page, scene):
     middle = scene.bounds.mean(axis=0)
     for key, axis, sign in (("1", 1, -1), ("2", 1, 1), ("3", 0, -1), ("4", 0, 1), ("5", 2, 1), ("6", 2, -1)):
         with page.another(SAMPLES):
@@ -342,7 +342,7 @@ def waits_for_free(page, wanted):
 
 
 @pytest.mark.long
-def test_the_page_tells_what_the_panel_leaves_free(page):
+def test_the_page_sends_the_area_beside_the_panel(page):
     panel = page.tab.locator("#panel").bounding_box()
     sizes = [message for message in map(json.loads, page.said) if message["type"] == "size"]
     assert len(sizes) == 1 and sizes[0]["free"] == [0, 0, round(panel["x"]), SIZE[1]]  # sent once, and right
@@ -432,7 +432,7 @@ def test_a_georeferenced_scan_has_a_north_arrow(browser, page, model):
 
 
 @pytest.mark.long
-def test_control_drag_moves_the_sun(page, scene):
+def test_ctrl_drag_moves_the_sun(page, scene):
     camera, before = page.camera, page.number("lamps.0.azimuth")
     with page.holding("Control"), page.another(SAMPLES):
         page.drag(MODEL, (72, 0), steps=4)  # a fifth of the height: 36 degrees
@@ -448,7 +448,7 @@ def test_control_drag_moves_the_sun(page, scene):
 
 
 @pytest.mark.long
-def test_a_file_that_does_not_open(browser, tmp_path):
+def test_a_damaged_file_is_reported(browser, tmp_path):
     path = tmp_path / "cut.ply"
     pr.write(path, pr.procedural("sphere", 100))
     path.write_bytes(path.read_bytes()[:-50])
@@ -466,7 +466,7 @@ def test_a_file_that_does_not_open(browser, tmp_path):
 
 
 @pytest.mark.long
-def test_the_end_of_the_server_and_another_one(page, viewer, scene):
+def test_the_page_reports_the_end_of_the_server_and_reconnects(page, viewer, scene):
     with page.another(SAMPLES):
         page.drag(MODEL, (50, 10))
     camera, picture = page.camera, page.picture()
@@ -493,7 +493,7 @@ def test_the_end_of_the_server_and_another_one(page, viewer, scene):
     with page.another(64):
         page.tab.mouse.wheel(0, -120)
     again.close()
-    page.problems = [text for text in page.problems if "/socket" not in text]  # but for those of its connection
+    page.problems = [text for text in page.problems if "/socket" not in text]  # except those of its connection
 
 
 @pytest.mark.long

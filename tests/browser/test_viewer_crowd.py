@@ -1,4 +1,4 @@
-"""`pointray view` with many users keeps its memory and threads, and reports no error."""
+"""`pointray view` with many users leaks no memory or threads and reports no error."""
 
 import random
 import re
@@ -67,7 +67,7 @@ class Visitor:
         "lamp": 2,
         "press": 1,
         "come": 3,
-        "rave": 1,
+        "send_invalid": 1,
     }
 
     def __init__(self, url, dice):
@@ -88,7 +88,7 @@ class Visitor:
             self.socket.close()
 
     def act(self):
-        """Make one event; returns its name."""
+        """Make one event and return its name."""
         (name,) = self.dice.choices(list(self.ACTS), self.ACTS.values())
         getattr(self, name)()
         self.socket.answer(0.002)
@@ -105,7 +105,7 @@ class Visitor:
         self.socket.go(self.camera)
 
     def set(self):
-        """Set a control of the panel, seldom one that rebuilds the model."""
+        """Set a control of the panel, rarely one that rebuilds the model."""
         hidden = ("samples", "output.", "" if self.dice.random() < 0.03 else "build.")
         controls = [c for name, c in self.socket.controls().items() if not name.startswith(tuple(filter(None, hidden)))]
         control = self.dice.choice([c for c in controls if c["kind"] in ("choice", "range", "switch", "color")])
@@ -148,13 +148,13 @@ class Visitor:
             type="press", name=self.dice.choice(("copy.command", "copy.python", "save.stop", "save.picture"))
         )
 
-    def rave(self):
+    def send_invalid(self):
         self.socket.say_text(
             self.dice.choice(("{", "null", '{"type": "camera"}', '{"type": "set", "name": "lamps.9.on"}'))
         )
 
     def try_all(self):
-        """Try everything that loads machine code, which stays in memory and is no leak."""
+        """Use everything that loads machine code, which stays in memory and is not a leak."""
         for k in range(max(len(INTEGRATORS), len(MATERIALS))):
             self.socket.set("integrator", INTEGRATORS[k % len(INTEGRATORS)])
             self.socket.set("material", MATERIALS[k % len(MATERIALS)])
@@ -173,7 +173,7 @@ class Hand:
         self.page.until("pointray.last")
 
     def act(self):
-        """Make some events; returns their number."""
+        """Make some events and return their number."""
         steps = self.dice.randint(5, 12)
         choice = self.dice.random()
         if choice < 0.6:
@@ -198,8 +198,8 @@ class Hand:
         self.browser.close()
 
 
-def alone(server):
-    """Memory and threads of the server after everybody has left."""
+def resources_without_users(server):
+    """Return memory and threads of the server after all users have left."""
     before = []
 
     def calm():
@@ -212,12 +212,12 @@ def alone(server):
 
 @pytest.mark.long
 def test_a_thousand_events(tmp_path):
-    """Also after a browser was killed, memory and threads return to what they were."""
+    """Memory and threads return to their previous values, even after a browser was killed."""
     pr.Model(pr.procedural("statue", 5_000)).save(tmp_path / "statue.pointray")
     dice, done, log = random.Random(7), Counter(), tmp_path / "stderr"
     with chromium() as launch, serving(tmp_path / "statue.pointray", log) as (server, url):
 
-        def crowd(count, hands):
+        def make_events(count, hands):
             """Make this many events, some of them in a real browser."""
             visitors = [Visitor(url, dice) for _ in range(VISITORS)]
             hand, before = Hand(launch, url, dice), done["hand"]
@@ -232,17 +232,17 @@ def test_a_thousand_events(tmp_path):
         visitor = Visitor(url, dice)
         visitor.try_all()
         visitor.leave()
-        crowd(WARM, BY_HAND // 2).leave()
-        threads, memory = alone(server)
+        make_events(WARM, BY_HAND // 2).leave()
+        threads, memory = resources_without_users(server)
         done.clear()
-        crowd(EVENTS // 2, BY_HAND // 2).killed()
-        crowd(EVENTS // 2, BY_HAND // 2).leave()
+        make_events(EVENTS // 2, BY_HAND // 2).killed()
+        make_events(EVENTS // 2, BY_HAND // 2).leave()
         print(f"{threads} threads, {memory:,} bytes; {sum(done.values())} events: {dict(done)}")
         assert sum(done.values()) >= EVENTS and done["hand"] >= BY_HAND
         wait(
             lambda: server.num_threads() <= threads and server.memory_info().rss <= GROWTH * memory,
             lambda: f"now {server.num_threads()} threads, {server.memory_info().rss:,} bytes",
         )
-    expected = "ignored a message of the page: ", "pointray: note: the scene has no light: "  # as the dice have it
+    expected = "ignored a message of the page: ", "pointray: note: the scene has no light: "  # random events
     said = [line for line in log.read_text().splitlines() if not line.startswith(expected)]
     assert len(said) == 2, said  # the address, and how the scan is seen

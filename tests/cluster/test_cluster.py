@@ -1,4 +1,4 @@
-"""Pictures and films on Dask are those that are made without, to the last bit; what is sent is sent once."""
+"""Pictures and films on Dask equal those without it to the last bit, and data is sent only once."""
 
 import copy
 import threading
@@ -36,19 +36,19 @@ def client() -> Iterator[Any]:
 
 
 def keys_of(client: Any) -> set[str]:
-    """What Dask keeps on workers."""
+    """Return the keys of data that Dask keeps on workers."""
     return {str(key).rpartition("-")[0] for key in client.who_has()}
 
 
-def standing(model: pr.Model) -> pr.Scene:
-    """A scene whose lights can be baked: none goes with the camera."""
+def bakeable_scene(model: pr.Model) -> pr.Scene:
+    """Return a scene whose lights can be baked: none follows the camera."""
     scene = scene_of(model)
     scene.lights = [light for light in scene.lights if not getattr(light, "camera", False)]
     return scene
 
 
 def wait_until(true: Any) -> None:
-    """Wait for what happens soon; the limit only ends a wait in vain."""
+    """Wait until a condition holds; the limit only bounds a hang."""
     end = time.monotonic() + 300
     while not true():
         assert time.monotonic() < end
@@ -81,18 +81,18 @@ def test_a_picture_is_the_same(client: Any, settings: pr.Settings) -> None:
 def test_pictures_with_baked_light_and_levels_of_detail_are_the_same(client: Any) -> None:
     model = ball(10_000)
     model.make_levels()
-    scene, camera = standing(model), camera_of(90, 60)
+    scene, camera = bakeable_scene(model), camera_of(90, 60)
     scene.baked = pr.bake(scene, pr.BakeSettings(links=8, patches=256))
     settings = pr.Settings("baked")
     image = pr.render(scene, camera, settings, client=client)
     np.testing.assert_array_equal(image, pr.render(scene, camera, settings))
     assert "baked light" in keys_of(client)
-    scene.baked.update()  # other light is sent anew
+    scene.baked.update()  # changed light is sent again
     np.testing.assert_array_equal(pr.render(scene, camera, settings, client=client), image)
 
 
 def test_stale_light_warns_here(client: Any) -> None:
-    scene = standing(MODEL)
+    scene = bakeable_scene(MODEL)
     scene.baked = pr.bake(scene, pr.BakeSettings(links=4, patches=64))
     scene.add_light(pr.PointLight((0, 0, 5), 1))
     with pytest.warns(pr.StaleLightWarning, match="call update"):
@@ -113,7 +113,7 @@ def test_a_time_limit_ends_a_picture(client: Any) -> None:
 
 @pytest.mark.parametrize("size", [(1, 1), (16, 16), (17, 16), (200, 120), (33, 900), (900, 33)])
 @pytest.mark.parametrize("wanted", [1, 3, 16, 200])
-def test_pieces_are_all_of_a_picture(size: tuple[int, int], wanted: int) -> None:
+def test_pieces_cover_a_picture(size: tuple[int, int], wanted: int) -> None:
     pieces = cut(size, wanted)
     seen = np.zeros((size[1], size[0]), int)
     across = -(-size[0] // 16)
@@ -153,13 +153,13 @@ FIRST_MAY_END = threading.Event()
 
 
 def wait_for_the_first(scene: Any, camera: pr.Camera, settings: pr.Settings, threads: int, check: Any) -> int:
-    """The first picture takes as long as requested; the others are available at once."""
+    """Delay the first picture until released; return the others at once."""
     while camera.size[0] == 1 and not FIRST_MAY_END.wait(0.02):
         check()
     return camera.size[0]
 
 
-def test_few_pictures_are_begun_before_the_first_is_there(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_few_pictures_are_started_before_the_first_is_done(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[str] = []
     submit = WorkerPool.submit
     monkeypatch.setattr(WorkerPool, "submit", lambda self, job, at: begun.append(job.name) or submit(self, job, at))
@@ -185,7 +185,7 @@ def test_results_are_put_in_order() -> None:
     assert list(in_order(iter([(2, "c"), (0, "a"), (1, "b"), (3, "d")]))) == ["a", "b", "c", "d"]
 
 
-def test_tasks_say_what_they_do(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tasks_have_descriptive_names(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     names: list[str] = []
     submit = client.submit
     monkeypatch.setattr(
@@ -212,13 +212,13 @@ def test_a_model_is_sent_once_and_kept_while_it_lives(client: Any, monkeypatch: 
     wait_until(lambda: "model of 1000 points" not in keys_of(client))
 
 
-def test_what_is_sent_of_a_scene_is_small(client: Any) -> None:
+def test_the_data_sent_for_a_scene_is_small(client: Any) -> None:
     pool = WorkerPool(client, scene_of(ball(20_000)))
     assert len(pool._recipe.value) < 20_000
 
 
 @pytest.mark.long
-def test_levels_that_are_made_later_are_sent_too(client: Any) -> None:
+def test_levels_made_later_are_sent(client: Any) -> None:
     model = ball(20_000)
     scene, camera = scene_of(model), camera_of(40, 30)
     before = pr.render(scene, camera, client=client)
@@ -228,7 +228,7 @@ def test_levels_that_are_made_later_are_sent_too(client: Any) -> None:
     assert (before != after).any()
 
 
-def test_a_saved_model_goes_as_its_path(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_saved_model_is_sent_as_its_path(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made = ball(1500)
     made.save(tmp_path / "ball.pointray")
     camera = camera_of(60, 40)
@@ -248,7 +248,7 @@ def test_a_saved_model_goes_as_its_path(client: Any, tmp_path: Path, monkeypatch
     np.testing.assert_array_equal(image, pr.render(scene_of(other), camera))
 
 
-def test_a_model_in_parts_goes_as_its_folder_or_is_sent(client: Any, tmp_path: Path) -> None:
+def test_a_model_in_parts_is_sent_as_its_folder_or_as_data(client: Any, tmp_path: Path) -> None:
     folder = tmp_path / "parts.pointray"
     split(ball(9_000), folder, 4_500)
     model = pr.Model.load(folder)
@@ -263,7 +263,7 @@ def test_a_model_in_parts_goes_as_its_folder_or_is_sent(client: Any, tmp_path: P
     assert "model of 9000 points" in keys_of(client)
 
 
-def test_a_file_counts_only_while_it_holds_the_model(tmp_path: Path) -> None:
+def test_a_file_is_used_only_while_it_contains_the_model(tmp_path: Path) -> None:
     path = tmp_path / "ball.pointray"
     model = ball(10_000)
     assert model.place is None
@@ -284,7 +284,7 @@ def test_a_file_counts_only_while_it_holds_the_model(tmp_path: Path) -> None:
         worker._load(pr.Model.load(path).place.__class__(str(path), 1, 1))  # type: ignore[union-attr]
 
 
-def test_arrays_at_odd_addresses_are_moved() -> None:
+def test_unaligned_arrays_are_copied() -> None:
     model = ball(500)
     tree = model.tree
     odd = np.frombuffer(b"a" + tree.boxes.tobytes(), np.uint8)[1:].view(np.float32)
@@ -296,7 +296,7 @@ def test_arrays_at_odd_addresses_are_moved() -> None:
 
 
 def stall(scene: Any, slow: str, threads: int, check: Any) -> str:
-    """Never end on one worker, until nobody wants it."""
+    """Run on one worker until cancelled."""
     import distributed
 
     while distributed.get_worker().address == slow:
@@ -305,7 +305,7 @@ def stall(scene: Any, slow: str, threads: int, check: Any) -> str:
     return distributed.get_worker().address
 
 
-def test_what_a_slow_worker_does_is_done_elsewhere(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_jobs_of_a_slow_worker_are_repeated_elsewhere(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(dispatch, "LEAST_SLOW", 0.2)
     pool = WorkerPool(client, scene_of(MODEL))
     slow = next(iter(pool.workers))
@@ -326,20 +326,20 @@ def test_an_error_of_a_job_is_raised_here(client: Any) -> None:
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_an_error_in_progress_ends_all_jobs(client: Any, error: type[BaseException]) -> None:
     def stop(share: float) -> None:
-        if any(bench.lock.locked() for bench in worker._CACHES.values()):  # a kernel is at work
+        if any(bench.lock.locked() for bench in worker._CACHES.values()):  # a kernel is running
             raise error
 
     with pytest.raises(error):
         pr.render(scene_of(MODEL), camera_of(400, 300), pr.Settings(**PATH, spp=20_000), stop, client=client)
     wait_until(lambda: not any(client.processing().values()))
-    wait_until(lambda: not any(bench.lock.locked() for bench in worker._CACHES.values()))  # no kernel is at work
+    wait_until(lambda: not any(bench.lock.locked() for bench in worker._CACHES.values()))  # no kernel is running
 
 
 AT_WORK: list[int] = []
 
 
 def count(scene: Any, threads: int, check: Any) -> tuple[int, int]:
-    """The number of threads, and how many jobs are at work."""
+    """Return the number of threads and of running jobs."""
     AT_WORK.append(1)
     time.sleep(0.05)
     seen = len(AT_WORK)
@@ -403,13 +403,13 @@ def test_several_threads_may_use_a_client(client: Any) -> None:
 
 
 class LosesOne:
-    """A client, one of whose workers is lost while it is asked."""
+    """A client that loses a worker during a call."""
 
     def run(self, function: Any, workers: list[str], on_error: str) -> dict[str, Any]:
         return dict(zip(workers, [function(), OSError("connection closed")], strict=True))
 
 
-def test_a_worker_that_is_lost_while_it_is_asked_is_neither_fit_nor_reported() -> None:
+def test_a_worker_lost_during_its_check_is_ignored() -> None:
     client = LosesOne()
     assert unfit(client, ["there", "lost"]) == {}
     assert is_fit(client, "there") and not is_fit(client, "lost")

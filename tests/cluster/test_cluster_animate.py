@@ -1,4 +1,4 @@
-"""`animate`: the pictures that `render` makes, one after the other, here or on workers."""
+"""`animate` yields the pictures of `render`, in this process or on workers."""
 
 import time
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ def workers() -> Iterator[Any]:
 
 @pytest.fixture(params=["here", "there"])
 def client(request: pytest.FixtureRequest, workers: Any) -> Any:
-    """None, and one with workers."""
+    """No client, and one with workers."""
     return workers if request.param == "there" else None
 
 
@@ -35,7 +35,7 @@ def model() -> pr.Model:
 
 
 def new_scene() -> pr.Scene:
-    """Scene of its own for a test, of a model that all share."""
+    """Return a new scene of the shared model."""
     return scene_of(model())
 
 
@@ -48,7 +48,7 @@ def assert_same(images: list[Any], scene: pr.Scene, settings: pr.Settings) -> No
 @pytest.mark.parametrize(
     "settings", [pr.Settings(spp=2), long(pr.Settings("ao", spp=2, denoise=True))], ids=["", "denoised"]
 )
-def test_each_picture_is_the_one_that_render_makes(client: Any, settings: pr.Settings) -> None:
+def test_each_picture_equals_that_of_render(client: Any, settings: pr.Settings) -> None:
     scene, told = new_scene(), list[float]()
     assert_same(list(pr.animate(scene, CAMERAS, settings, told.append, client)), scene, settings)
     assert 0 <= told[0] <= told[-1] <= 1 and told[-1] > 0.5
@@ -66,7 +66,7 @@ def test_the_scene_and_the_cameras_are_those_of_the_call(client: Any) -> None:
     assert (pr.render(scene, CAMERAS[0]) != first).any()
 
 
-def test_pictures_are_rendered_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pictures_are_rendered_on_demand(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Any] = []
     real = sequence.render_snapshot
     monkeypatch.setattr(sequence, "render_snapshot", lambda *args: made.append(args[1]) or real(*args))
@@ -89,10 +89,10 @@ def test_an_error_in_progress_ends_the_film(client: Any) -> None:
         list(pr.animate(new_scene(), CAMERAS, settings, stop, client))
 
 
-def test_a_film_that_is_left_leaves_no_work(workers: Any) -> None:
+def test_an_abandoned_film_cancels_its_jobs(workers: Any) -> None:
     images = pr.animate(new_scene(), CAMERAS, pr.Settings("path", spp=40, max_depth=2), client=workers)
     next(images)
-    images.close()  # type: ignore[attr-defined]  # of a generator, as a loop that is left does
+    images.close()  # type: ignore[attr-defined]  # as leaving a loop does
     end = time.monotonic() + 120
     while any(workers.processing().values()):
         assert time.monotonic() < end
@@ -127,7 +127,7 @@ def test_pictures_that_do_not_fit_are_refused_at_the_call(monkeypatch: pytest.Mo
 
 
 def public_state(scene: pr.Scene) -> dict[str, Any]:
-    """The values of all public properties of a scene."""
+    """Return the values of all public properties of a scene."""
     names = [name for name, value in vars(pr.Scene).items() if isinstance(value, property)]
     return {name: getattr(scene, name) for name in [*names, "shows_sky"]}
 

@@ -1,4 +1,4 @@
-"""Light that is baked with the rays of workers is the light that is baked here, to the last bit."""
+"""Light baked on workers equals light baked in this process, to the last bit."""
 
 import time
 from collections.abc import Iterator
@@ -29,19 +29,19 @@ def client() -> Iterator[Any]:
 
 
 @pytest.fixture(autouse=True)
-def _many_stretches(monkeypatch: pytest.MonkeyPatch) -> None:
+def _many_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stretches, "FEWEST_TILES", 1)
 
 
 def matt() -> pr.Scene:
-    """Two balls over a plane, an attribute that colours one, a lamp, a sky, and a light that goes with the camera."""
+    """Return two balls over a plane, one coloured by an attribute, with a lamp, a sky and a camera light."""
     scene = scene_of(ball())
     scene.add_light(pr.SphereLight((2, -2, 2), 0.3, 8.0))
     return scene
 
 
 def shiny() -> pr.Scene:
-    """A mirror, coloured glass, a light to be met by them, and clip planes."""
+    """Return a mirror, coloured glass, a light that their rays can hit, and clip planes."""
     scene, model = pr.Scene(), ball(2000)
     scene.add(model, material=pr.Mirror())
     scene.add(model, pr.transform(translate=(2, 0, 0)), pr.Dielectric())
@@ -60,7 +60,7 @@ def sky_with_a_sun() -> Any:
 
 
 def assert_same(found: pr.Baked, wanted: pr.Baked) -> None:
-    """All that pictures read, and all that callers may ask."""
+    """Check all data that pictures read, and all public results."""
     kept, other = found._kept, wanted._kept
     assert kept.records.keys() == other.records.keys() and kept.unit == other.unit
     for key, records in other.records.items():
@@ -88,7 +88,7 @@ def test_light_is_the_same(client: Any, make: Any) -> None:
 
 
 @pytest.mark.long
-def test_what_is_baked_there_is_updated_here(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_light_baked_on_workers_is_updated_here(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = matt()
     found, wanted = pr.bake(scene, FEW, client=client), pr.bake(scene, FEW)
     scene.lights = [*scene.lights[:-1], pr.SphereLight((2, -2, 2), 0.3, 9.0)]
@@ -99,7 +99,7 @@ def test_what_is_baked_there_is_updated_here(client: Any, monkeypatch: pytest.Mo
 
 
 @pytest.mark.long
-def test_light_from_before_is_not_sent(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_earlier_light_is_not_sent(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = matt()
     scene.baked = pr.bake(scene, pr.BakeSettings(links=4, patches=64))
     sent: list[str] = []
@@ -111,7 +111,7 @@ def test_light_from_before_is_not_sent(client: Any, monkeypatch: pytest.MonkeyPa
     assert scene.baked is not None
 
 
-def test_stretches_are_all_tiles_and_small_enough_to_be_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ranges_cover_all_tiles_and_are_small_enough_to_be_sent(monkeypatch: pytest.MonkeyPatch) -> None:
     transport = pr.bake(matt(), FEW)._exchange.transport
     rows = np.arange(0, len(transport), 3, dtype=np.int32)
     patches = transport.patches(rows)
@@ -137,7 +137,7 @@ def test_an_error_in_progress_ends_the_bake(client: Any) -> None:
 
     with pytest.raises(InterruptedError):
         pr.bake(matt(), pr.BakeSettings(links=1024, patches=2048), stop, client)
-    end = time.monotonic() + 300  # it only ends a wait in vain
+    end = time.monotonic() + 300  # it only bounds a hang
     while any(client.processing().values()) or any(bench.lock.locked() for bench in worker._CACHES.values()):
         assert time.monotonic() < end
         time.sleep(0.02)

@@ -78,10 +78,10 @@ def test_films_of_a_cluster_are_the_same(scan: Path, tmp_path: Path, address: st
         assert found[0] == found[1] and len(found[0]) == 5
 
 
-def test_a_film_goes_on_where_it_stopped(
+def test_an_interrupted_film_is_resumed(
     scan: Path, tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On a cluster, or without one: it is the same film."""
+    """This works with and without a cluster: it is the same film."""
     from pointray.image.frames import Frames
 
     keep = Frames.keep
@@ -101,7 +101,7 @@ def test_a_film_goes_on_where_it_stopped(
 
 
 def refused(capsys: pytest.CaptureFixture[str], *options: str, name: str = "absent.ply") -> str:
-    """The one line that a command is refused with."""
+    """Return the one-line error of a refused command."""
     assert execute(["render", name, "-o", "x.png", *options]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
@@ -114,17 +114,17 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-def test_a_scheduler_that_is_not_there_is_named_before_anything_is_read(
+def test_a_missing_scheduler_is_reported_before_anything_is_read(
     capsys: pytest.CaptureFixture[str], scan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     import pointray.cli.scan_scene as scan_scene
 
-    monkeypatch.setattr(scan_scene.ScanScene, "build", None)  # nothing is read before
-    monkeypatch.setattr("pointray.cluster.client.PATIENCE", 0.1)  # without a limit of its own this would not end
+    monkeypatch.setattr(scan_scene.ScanScene, "build", None)  # nothing may be read before
+    monkeypatch.setattr("pointray.cluster.client.PATIENCE", 0.1)  # without its own limit this would not end
     address = f"tcp://127.0.0.1:{free_port()}"
     line = refused(capsys, "--cluster", address, name=str(scan))
     assert line == f"pointray: --cluster {address}: no Dask scheduler found there"
-    with socket.create_server(("127.0.0.1", 0)) as silent:  # takes the connection, and says nothing
+    with socket.create_server(("127.0.0.1", 0)) as silent:  # accepts the connection and sends nothing
         address = f"127.0.0.1:{silent.getsockname()[1]}"
         assert "no Dask scheduler found there" in refused(capsys, "--cluster", address, name=str(scan))
     assert "no Dask scheduler found there" in refused(capsys, "--cluster", "what:is:this", name=str(scan))
@@ -139,7 +139,7 @@ def test_a_scheduler_without_workers_is_refused(
     assert line == f"pointray: --cluster {address}: the scheduler has no workers; {start}"
 
 
-def test_only_one_of_the_two_options_is_taken(capsys: pytest.CaptureFixture[str], scan: Path) -> None:
+def test_only_one_of_the_two_options_is_accepted(capsys: pytest.CaptureFixture[str], scan: Path) -> None:
     line = refused(capsys, "--cluster", "tcp://127.0.0.1:1", "--workers", "2", name=str(scan))
     assert line == "pointray: --cluster and --workers exclude each other"
     assert "--workers" in refused(capsys, "--workers", "0", name=str(scan))
@@ -154,7 +154,7 @@ def test_without_dask_the_message_says_how_to_install_it(
 
 
 @pytest.mark.long
-def test_workers_of_this_machine_make_the_same(scan: Path, tmp_path: Path) -> None:
+def test_local_workers_give_the_same_results(scan: Path, tmp_path: Path) -> None:
     for name, where in (("here.png", []), ("there.png", ["--workers", "2"])):
         command = [sys.executable, "-m", "pointray", "render", str(scan), "-o", str(tmp_path / name), *SMALL, *where]
         done = subprocess.run(command, capture_output=True, text=True, timeout=300)

@@ -1,4 +1,4 @@
-"""Workers that are killed, that do not come back, or that have another version: processes of this machine."""
+"""Workers that are killed, do not respond, or have another version; they are local processes."""
 
 import os
 import re
@@ -74,7 +74,7 @@ def test_a_film_is_the_same_when_a_worker_is_killed(client: Any) -> None:
 
 
 def test_all_workers_may_be_replaced(client: Any) -> None:
-    """The model that only they had is sent again."""
+    """The model that only they held is sent again."""
     scene, camera = scene_of(ball()), camera_of(300, 200)
     pr.render(scene, camera, client=client)
     before = set(client.nthreads())
@@ -86,15 +86,15 @@ def test_all_workers_may_be_replaced(client: Any) -> None:
 
 
 def wait_for_copies(client: Any) -> None:
-    """Wait until each worker has what was sent: a worker that stands still with the only copy holds all up."""
+    """Wait until each worker has the data: a stopped worker with the only copy would block all others."""
     sent = ("scene-", "model of ", "baked light-")
     while any(len(held) < 2 for key, held in client.who_has().items() if str(key).startswith(sent)):
         time.sleep(0.05)
 
 
 @contextmanager
-def one_that_stands_still(client: Any) -> Iterator[Callable[..., None]]:
-    """A function that stops a worker, once, which only its process knows; nobody may wait until Dask gives it up."""
+def stopped_worker(client: Any) -> Iterator[Callable[..., None]]:
+    """Yield a function that stops a worker with SIGSTOP once; no call may wait until Dask removes the worker."""
     pids, stopped = client.run(os.getpid), []
 
     def stop(choose: Callable[[], str] = lambda: next(iter(pids))) -> None:
@@ -105,24 +105,24 @@ def one_that_stands_still(client: Any) -> Iterator[Callable[..., None]]:
 
     try:
         yield stop
-        assert stopped[0] in client.scheduler_info()["workers"]  # Dask has not given it up yet: 5 minutes
+        assert stopped[0] in client.scheduler_info()["workers"]  # Dask has not removed it yet: that takes 5 minutes
     finally:
         for address in stopped:
-            with suppress(ProcessLookupError):  # if it was given up
+            with suppress(ProcessLookupError):  # if Dask removed it
                 os.kill(pids[address], signal.SIGCONT)
 
 
-def test_a_worker_that_stands_still_is_not_waited_for(client: Any) -> None:
+def test_a_stopped_worker_is_not_waited_for(client: Any) -> None:
     scene, camera = scene_of(ball()), camera_of(400, 300)
-    with one_that_stands_still(client) as stop:
+    with stopped_worker(client) as stop:
         image = pr.render(scene, camera, HARD, lambda _, share: share > 0.2 and stop(), client=client)
     np.testing.assert_array_equal(image, pr.render(scene, camera, HARD))
 
 
-def test_a_worker_that_stands_still_before_its_result_is_fetched(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_may_stop_before_its_result_is_fetched(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     fetch, fetched = WorkerPool.fetch, []
     scene, camera = scene_of(ball()), camera_of(400, 300)
-    with one_that_stands_still(client) as stop:
+    with stopped_worker(client) as stop:
 
         def stop_and_fetch(pool: WorkerPool, future: Any) -> Any:
             fetched.append(future.key)
@@ -145,7 +145,7 @@ def test_a_job_that_kills_workers_is_given_up(client: Any) -> None:
 
 
 def render_until_at_work(client: Any, then: Callable[[], Any]) -> None:
-    """Render what takes long; as soon as a part of it is done, something happens in another thread."""
+    """Start a long rendering; call `then` in another thread when a part of it is done."""
     thread, begun = threading.Thread(target=then), threading.Event()
 
     def progress(stage: str, share: float) -> None:
@@ -160,13 +160,13 @@ def render_until_at_work(client: Any, then: Callable[[], Any]) -> None:
             thread.join()
 
 
-def test_a_crew_without_workers_gives_up(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pool_without_workers_gives_up(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pool, "NO_WORKERS_TIMEOUT", 1.0)
     with pytest.raises(RuntimeError, match="no Dask worker available"):
         render_until_at_work(client, lambda: client.cluster.scale(0))
 
 
-def test_a_scheduler_that_ends_is_noticed(client: Any) -> None:
+def test_the_end_of_the_scheduler_is_reported(client: Any) -> None:
     with pytest.raises(RuntimeError, match="connection to the Dask scheduler lost"):
         render_until_at_work(client, client.cluster.close)
 
@@ -200,7 +200,7 @@ def test_workers_of_another_version_are_refused_by_name(client: Any, change: Any
 def test_a_later_worker_of_another_version_is_left_out(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     crew_here = WorkerPool(client, scene_of(ball()))
     first, second = client.nthreads()
-    client_module._FIT[client].discard(second)  # as if it came only now
+    client_module._FIT[client].discard(second)  # as if it joined only now
     del crew_here.workers[second]
     client.run(set_version, "0.0.9", workers=[second])
     monkeypatch.setattr(pool, "REFRESH", 0.0)

@@ -49,7 +49,7 @@ def client() -> Iterator[Any]:
 def prepared(
     file: Path, folder: Path, client: Any = None, progress: Any = None, drawing: Drawing | None = None
 ) -> dict[str, bytes]:
-    """The files of the model in parts of a file."""
+    """Return the files of a model built in parts from a file."""
     reading, settings = (request_of(), Selection(1, None, None, None, None)), check_settings("apss", 4, 1, "auto")
     prepare([file], reading, folder, (settings, "auto", drawing), SIZE, progress, client)
     return files_of(folder)
@@ -60,20 +60,20 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 
 def statue(file: Path, rng: Any = None) -> None:
-    """Points with normals and colours, of which no two are alike."""
+    """Write distinct points with normals and colours."""
     points = pr.procedural("statue", 50_000)
     pr.write(file, points.changed(attributes={"number": np.arange(len(points), dtype=np.int32)}))
 
 
 def rough(file: Path, rng: np.random.Generator, n: int = 50_000) -> None:
-    """A noisy sphere over a ground that ends, without normals."""
+    """Write a noisy sphere over ground with borders, without normals."""
     ground = rng.random((n // 2, 2)) * 4 - 2
     rows = np.concatenate([sphere_points(n // 2), np.column_stack([ground, np.full(n // 2, -1.2)])])
     pr.write(file, pr.Points((rows + rng.normal(size=rows.shape) * 0.004).astype(np.float32)))
 
 
 def some_signs(file: Path, rng: np.random.Generator) -> None:
-    """Normals that face either side, by chance."""
+    """Write points with normals of random sign."""
     rows = sphere_points(40_000)
     pr.write(file, pr.Points(rows, rows * rng.choice([-1, 1], (len(rows), 1)).astype(np.float32)))
 
@@ -84,7 +84,7 @@ def given_radii(file: Path, rng: Any = None) -> None:
 
 
 def seen(file: Path, rng: Any = None) -> None:
-    """Two scans of a sphere, each from a station of its own."""
+    """Write two scans of a sphere, each from its own station."""
     rows = sphere_points(40_000)
     with file.open("w") as out:
         for x in (-4, 4):
@@ -103,13 +103,13 @@ def wood(file: Path, rng: np.random.Generator) -> None:
 
 @pytest.fixture(scope="module")
 def few(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
-    """A scan of two parts, which has no normals, and the files of its model."""
+    """A scan of two parts without normals, and the files of its model."""
     folder = tmp_path_factory.mktemp("few")
     rough(folder / "scan.ply", np.random.default_rng(0), FEW)
     return folder / "scan.ply", prepared(folder / "scan.ply", folder / "here")
 
 
-def test_workers_make_the_same_files_and_every_part_of_a_stage_is_a_job(
+def test_workers_write_the_same_files_and_each_part_of_a_stage_is_a_job(
     client: Any, few: tuple[Path, dict[str, bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file, wanted = few
@@ -136,7 +136,7 @@ def test_workers_make_the_same_files(client: Any, make: Any, tmp_path: Path, rng
 
 
 @pytest.mark.long
-def test_an_error_in_progress_ends_the_work_which_goes_on_later(
+def test_an_error_in_progress_ends_the_work_which_can_be_resumed(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     statue(tmp_path / "a.ply")
@@ -162,7 +162,7 @@ def test_an_error_in_progress_ends_the_work_which_goes_on_later(
 
 
 @pytest.mark.long
-def test_what_workers_have_begun_goes_on_here(client: Any, tmp_path: Path) -> None:
+def test_work_of_workers_can_be_resumed_here(client: Any, tmp_path: Path) -> None:
     statue(tmp_path / "a.ply")
 
     def stop(share: float) -> None:
@@ -183,7 +183,7 @@ def test_workers_that_do_not_see_the_folder_are_named(
     assert not (tmp_path / "a").exists()
 
 
-def test_a_file_is_not_seen_where_it_is_another_one(tmp_path: Path) -> None:
+def test_a_different_file_counts_as_not_visible(tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "task.json").write_text("{}")
     place = shared_folder.place_of(tmp_path / "a" / "task.json")
@@ -192,7 +192,7 @@ def test_a_file_is_not_seen_where_it_is_another_one(tmp_path: Path) -> None:
     assert not shared_folder._is_seen(place)
 
 
-def test_a_folder_that_cannot_be_written_to_is_not_seen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_is_not_writable_counts_as_not_visible(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "task.json").write_text("{}")
     place, make = shared_folder.place_of(tmp_path / "a" / "task.json"), os.open
@@ -206,8 +206,8 @@ def test_a_folder_that_cannot_be_written_to_is_not_seen(tmp_path: Path, monkeypa
     assert not shared_folder._is_seen(place)
 
 
-def test_each_job_looks_again_at_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A file is made there, so that NFS does not show an old list."""
+def test_each_job_checks_the_folder_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A file is created there, so that NFS does not show a cached listing."""
     work = Work(Columns(tmp_path), 10_000, 1 << 12)
     sent = unpack(pack(partial(_do_once, work, "count", partial(count_names, work))))
     made: list[str] = []
@@ -226,7 +226,7 @@ def count_names(work: Work, part: int) -> dict[str, int]:
     return {"names": len(list(work.columns.folder.glob("*.json")))}
 
 
-def test_a_later_worker_that_does_not_see_the_folder_is_left_out(client: Any) -> None:
+def test_a_later_worker_that_does_not_see_the_folder_is_not_used(client: Any) -> None:
     first, second = client.nthreads()
 
     def ask(client: Any, workers: list[str]) -> dict[str, str]:
@@ -263,7 +263,7 @@ def full(radii: Any) -> None:
 # ------------------------------------------------------------------------------------------------------------- tasks
 
 
-def test_a_chore_that_nobody_wants_ends() -> None:
+def test_a_cancelled_task_ends() -> None:
     begun, ended, is_wanted = threading.Event(), threading.Event(), [True]
 
     def until_cancelled(work: Any) -> None:
@@ -293,7 +293,7 @@ def test_a_chore_that_nobody_wants_ends() -> None:
     assert ended.wait(300)
 
 
-def test_a_chore_is_not_ended_where_it_may_hold_a_lock(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_task_is_not_interrupted_where_it_may_hold_a_lock(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tasks, "POLL", 0.01)
     lock, checks, ended = threading.Lock(), [0], [False]
 
@@ -312,26 +312,26 @@ def test_a_chore_is_not_ended_where_it_may_hold_a_lock(monkeypatch: pytest.Monke
     assert ended[0] and not lock.locked()
 
 
-def test_a_chore_that_has_ended_is_not_told_to_end() -> None:
-    """Its number may be that of another thread by now."""
+def test_a_finished_task_is_not_interrupted() -> None:
+    """Its thread id may have been reused."""
     task = _Task(lambda: 7)
     task.start()
     task.join()
     assert task.result == 7 and not task.end()
 
 
-def test_a_chore_that_exits_does_not_end_its_worker() -> None:
+def test_a_task_that_exits_does_not_end_its_worker() -> None:
     with pytest.raises(RuntimeError, match="a task was ended"):
         stoppable(sys.exit, lambda share: None)
 
 
-def test_a_chore_gives_its_result_or_its_error() -> None:
+def test_a_task_returns_its_result_or_raises_its_error() -> None:
     assert stoppable(lambda: 7, lambda share: None) == 7
     with pytest.raises(ZeroDivisionError):
         stoppable(lambda: 1 / 0, lambda share: None)
 
 
-def test_chores_use_the_threads_of_their_worker(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tasks_use_the_threads_of_their_worker(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(THREADS, "9")
     one, two = _thread_limit(1), _thread_limit(2)
     with _thread_limit(None):
@@ -371,7 +371,7 @@ def scan(few: tuple[Path, dict[str, bytes]]) -> Path:
 
 
 def refused(capsys: pytest.CaptureFixture[str], *words: Any) -> str:
-    """The one line that the command is refused with."""
+    """Return the one-line error of the refused command."""
     assert execute(["prepare", *map(str, words)]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1
@@ -393,7 +393,7 @@ def test_the_command_prepares_on_a_cluster(
         words = ["prepare", str(file), "-o", f"{out}/", "--part-points", str(SIZE)]
         assert execute([*words, "--cluster", cluster.scheduler_address]) == 0
     assert capsys.readouterr().out == f"{out}: a model of 20,000 points in 2 parts\n"
-    # Here such a scan is made at once, unless part by part is asked for.
+    # Without a cluster, such a scan is built at once unless parts are requested.
     assert files_of(out) == wanted
 
 
@@ -407,7 +407,9 @@ def test_a_missing_scheduler_is_reported_before_anything_is_read(
     assert not (tmp_path / "a.pointray").exists()
 
 
-def test_what_workers_cannot_do_is_reported(scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unsupported_worker_options_are_reported(
+    scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     parts = "-o", f"{tmp_path / 'a.pointray'}/", "--workers", 2
     assert "exclude each other" in refused(capsys, scan, *parts, "--cluster", "tcp://127.0.0.1:1")
     line = refused(capsys, scan, "-o", tmp_path / "b.ply", "--workers", 2)
@@ -441,7 +443,7 @@ def test_the_files_are_the_same_when_a_worker_is_killed(share: float, tmp_path: 
 
 
 @pytest.mark.long
-def test_ctrl_c_ends_all_workers_and_the_work_goes_on(tmp_path: Path) -> None:
+def test_ctrl_c_ends_all_workers_and_the_work_can_be_resumed(tmp_path: Path) -> None:
     import subprocess
 
     import psutil

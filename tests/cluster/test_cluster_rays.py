@@ -1,4 +1,4 @@
-"""Rays in arrays of Dask meet what rays in arrays of NumPy meet, to the last bit, whoever computes them."""
+"""Rays in Dask arrays give the same hits as in NumPy arrays, to the last bit, with any scheduler."""
 
 import pickle
 from collections.abc import Iterator
@@ -29,12 +29,12 @@ def client() -> Iterator[Any]:
 
 
 def rays(rows: int = 8, columns: int = 7) -> tuple[Any, Any]:
-    """Those of a picture: (rows, columns, 3) each."""
+    """Return rays of a picture: (rows, columns, 3) each."""
     return camera_of(columns, rows).rays(slice(0, rows))
 
 
 def arrays_of(hits: pr.Hits) -> dict[str, Any]:
-    """Fields and attributes by name."""
+    """Return fields and attributes by name."""
     return {name: getattr(hits, name) for name in FIELDS} | {f"attribute {k}": v for k, v in hits.attributes.items()}
 
 
@@ -127,14 +127,14 @@ def test_attributes_have_their_dtypes_and_columns() -> None:
 
 
 def count_calls(monkeypatch: pytest.MonkeyPatch, of: Any, name: str) -> list[Any]:
-    """Calls of a function of a module, from now on."""
+    """Record calls of a function of a module."""
     calls: list[Any] = []
     function = getattr(of, name)
     monkeypatch.setattr(of, name, lambda *args, **rest: calls.append(args) or function(*args, **rest))
     return calls
 
 
-def test_nothing_is_traced_before_and_each_ray_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rays_are_traced_lazily_and_once(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, given = scene_of(MODEL), rays()
     traced = count_calls(monkeypatch, reached, "closest_hits")
     hits = scene.intersect(*(da.from_array(each, chunks=(2, 7, 3)) for each in given), attributes="height")
@@ -158,7 +158,7 @@ def test_the_scene_is_that_of_the_call() -> None:
     assert_same(lazy, wanted)
 
 
-def test_results_of_one_call_go_into_the_next() -> None:
+def test_results_of_one_call_can_be_passed_to_the_next() -> None:
     scene, given = scene_of(MODEL), rays()
     lazy = [da.from_array(each, chunks=(2, 7, 3)) for each in given]
 
@@ -192,11 +192,11 @@ def test_workers_compute_the_same_and_get_the_model_once(client: Any, monkeypatc
         assert len(sent) == 1
         np.testing.assert_array_equal(lazy.t.compute(scheduler="threads"), wanted.t)
         assert [name for name in client.who_has() if str(name).startswith("model of 1100")]
-    # Whoever is no longer at hand has what is needed.
+    # A client that is no longer the default has all that is needed.
     np.testing.assert_array_equal(lazy.t.compute(scheduler="sync"), wanted.t)
 
 
-def test_models_in_scenes_that_are_else_alike_are_not_confused(client: Any) -> None:
+def test_models_in_otherwise_equal_scenes_are_not_confused(client: Any) -> None:
     given = rays()
     chunked = [da.from_array(each, chunks=(4, 7, 3)) for each in given]
     scenes = [scene_of(ball(n)) for n in (1000, 1001)]
@@ -204,7 +204,7 @@ def test_models_in_scenes_that_are_else_alike_are_not_confused(client: Any) -> N
         np.testing.assert_array_equal(client.compute(lazy).result(), wanted)
 
 
-def test_what_the_graph_holds_of_a_scene_is_small(client: Any) -> None:
+def test_the_graph_contains_little_data_of_a_scene(client: Any) -> None:
     model = ball(20_000)
     with client.as_current():
         held = stowed.SerializedScene(scene_of(model))
@@ -212,7 +212,7 @@ def test_what_the_graph_holds_of_a_scene_is_small(client: Any) -> None:
     assert len(pickle.dumps(held)) > 1_000_000
 
 
-def test_a_client_that_is_not_at_hand_computes_them(client: Any) -> None:
+def test_a_client_that_is_not_the_default_computes_them(client: Any) -> None:
     scene, given = scene_of(ball(1200)), rays()
     lazy = scene.intersect(*(da.from_array(each, chunks=(4, 7, 3)) for each in given))
     np.testing.assert_array_equal(client.compute(lazy.t).result(), scene.intersect(*given).t)
@@ -226,7 +226,7 @@ def test_a_model_of_the_workers_of_another_scheduler_is_reported(client: Any) ->
             other.compute(lazy.t).result()
 
 
-def test_a_saved_model_goes_as_its_path(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_saved_model_is_sent_as_its_path(client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     model, given = ball(1500), rays()
     model.save(tmp_path / "ball.pointray")
     scene = scene_of(model)
@@ -246,7 +246,7 @@ def test_a_saved_model_goes_as_its_path(client: Any, tmp_path: Path, monkeypatch
         assert (len(sent), loaded) == (1, [])
 
 
-def test_a_later_worker_that_does_not_see_a_file_says_so(
+def test_a_later_worker_that_does_not_see_a_file_is_reported(
     client: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = ball(1600)

@@ -1,4 +1,4 @@
-"""Models in parts that are spread over Dask's workers: each opens its own parts only, and rays travel."""
+"""Models in parts spread over Dask workers: each opens only its own parts, and rays are forwarded."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[Any]:
-    # Else a worker with nothing to do takes chunks of rays over, and opens what another one holds.
+    # Otherwise an idle worker would take over chunks of rays and open parts that another one holds.
     with dask.config.set({"distributed.scheduler.work-stealing": False}), cluster_of(2, processes=False) as client:
         yield client
 
@@ -53,7 +53,7 @@ def scene_with(folder: Path) -> pr.Scene:
 
 
 def opened_by_workers(folder: Path) -> list[list[int]]:
-    """The parts that each worker has opened, as far as they share this process."""
+    """Return the parts that each worker in this process has opened."""
     found = [
         [k for k, part in enumerate(model.parts) if part.source.is_open]
         for bench in worker_module._CACHES.values()
@@ -83,7 +83,7 @@ def test_pictures_are_the_same(client: Any, folder: Path, settings: pr.Settings)
 
 @pytest.mark.long
 def test_parts_of_scattered_points(client: Any, tmp_path: Path, rng: np.random.Generator) -> None:
-    """One worker holds a surface, the other one spheres beside it."""
+    """One worker holds a surface, the other one spheres."""
     points = pr.procedural("statue", 16_384)
     low, high = points.bounds
     positions = np.concatenate([points.world, rng.uniform(low, high, (12_000, 3))])
@@ -110,7 +110,7 @@ def test_films_are_the_same(client: Any, folder: Path) -> None:
         assert_alike(image, pr.render(scene, camera))
 
 
-def test_rays_in_arrays_meet_the_same(client: Any, folder: Path) -> None:
+def test_rays_in_dask_arrays_hit_the_same(client: Any, folder: Path) -> None:
     scene = scene_with(folder)
     origins, directions = camera_of(30, 24).rays()
     names = ["height", "class"]
@@ -128,7 +128,7 @@ def test_rays_in_arrays_meet_the_same(client: Any, folder: Path) -> None:
     assert opened_by_workers(folder) == [[0, 1], [2, 3]]
 
 
-def test_what_cannot_be_spread_is_reported(
+def test_models_that_cannot_be_spread_are_reported(
     client: Any, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scene, camera, rays = scene_with(folder), camera_of(16, 16), da.zeros((4, 3))
@@ -155,7 +155,7 @@ def test_what_cannot_be_spread_is_reported(
         scene.intersect(rays, (0, 0, 1), spread=True)
 
 
-def test_what_no_worker_could_hold_is_spread(client: Any, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_models_larger_than_a_worker_are_spread(client: Any, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene, camera, before = scene_with(folder), camera_of(32, 24), traffic()
     pr.render(scene, camera, client=client)
     assert traffic() == before
@@ -175,7 +175,7 @@ def test_an_error_in_progress_ends_the_work(client: Any, folder: Path) -> None:
 
 @pytest.mark.long
 def test_a_picture_is_the_same_when_a_worker_is_killed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its parts go to the others."""
+    """Its parts are taken over by the others."""
     monkeypatch.setattr("pointray.rendering.ray_forwarding.wave.RAYS", 1 << 13)
     scene, camera, killed = scene_with(folder), camera_of(), []
     with cluster_of(3, processes=True) as client:
@@ -202,7 +202,7 @@ def test_the_command_line_spreads(folder: Path, tmp_path: Path) -> None:
 
 
 class WorkerBackend:
-    """Workers whose jobs end when a test says so."""
+    """Workers whose jobs end when the test decides."""
 
     def __init__(self, *workers: str) -> None:
         self.workers = dict.fromkeys(workers, 1)
@@ -220,7 +220,7 @@ class WorkerBackend:
 
 
 class Future:
-    """One of Dask's, which is never ready."""
+    """A future that is never done."""
 
     status = "pending"
 
@@ -236,7 +236,7 @@ def test_a_job_runs_at_its_home_worker_as_long_as_it_exists() -> None:
     jobs = deque(Job(name, print, (), home=home) for name, home in (("1", "a"), ("2", "a"), ("3", "a"), ("4", "b")))
     work = Dispatch(hands, jobs)
     work.assign_jobs()
-    assert hands.given == [("1", "a"), ("4", "b"), ("2", "a")]  # b waits: nothing else is its own
+    assert hands.given == [("1", "a"), ("4", "b"), ("2", "a")]  # b waits: it has no other jobs of its own
     work.assign_jobs()
     assert len(hands.given) == 3
     del hands.workers["a"]
@@ -248,7 +248,7 @@ def test_a_job_runs_at_its_home_worker_as_long_as_it_exists() -> None:
     assert hands.given[4:] == [("2", "c"), ("3", "c")]
 
 
-def test_what_is_very_slow_at_home_is_done_elsewhere_too() -> None:
+def test_very_slow_jobs_are_repeated_on_other_workers() -> None:
     hands = WorkerBackend("a", "b")
     work = Dispatch(hands, deque([Job("1", print, (), home="a"), Job("2", print, (), home="a")]))
     work.assign_jobs()

@@ -1,1 +1,1 @@
-"""What tests share: slow twins, clouds, files, clusters and browsers."""
+"""Helpers of tests: slow references, clouds, files, clusters and browsers."""

@@ -13,7 +13,7 @@ COLORS = np.random.default_rng(3).integers(0, 255, (2000, 3), np.uint8)
 
 
 def ball(**changes):
-    """A model of a sphere, of which something may differ."""
+    """Return a model of a sphere with optional changes."""
     points = pr.procedural("sphere", 2000)
     positions = points.positions * changes.pop("size", 1.0)
     colors = changes.pop("colors", COLORS)
@@ -26,7 +26,7 @@ def plain_ball():
 
 
 def room(model=None, lights=(SKY, SUN), **changes):
-    """A scene of two balls between two planes, of which something may differ."""
+    """Return a scene of two balls between two planes with optional changes."""
     model = plain_ball() if model is None else model
     scene = pr.Scene()
     scene.add(model, material=pr.Diffuse(changes.get("albedo")))

@@ -1,4 +1,4 @@
-"""A page of the viewer in a real browser, used as a user would. `viewing` does the same without a page."""
+"""A page of the viewer in a real browser, driven like by a user. `viewer_client` does the same without a page."""
 
 import base64
 import io
@@ -70,10 +70,10 @@ class Page:
         self.tab.on("pageerror", lambda error: self.problems.append(str(error)))
         self.tab.on("requestfailed", lambda request: self.problems.append(f"{request.url} {request.failure}"))
         self.tab.on("response", lambda r: r.status >= 400 and self.problems.append(f"{r.url} {r.status}"))
-        self.tab.on("websocket", self._hear)
+        self.tab.on("websocket", self._on_socket)
         self.tab.goto(url)
 
-    def _hear(self, socket):
+    def _on_socket(self, socket):
         socket.on("framesent", lambda text: self.said.append(text))
         socket.on("framereceived", self._note)
 
@@ -91,7 +91,7 @@ class Page:
         return self.tab.wait_for_function(condition, arg=argument)
 
     def wait(self, condition):
-        """Wait for a condition of what was noted here, while messages are taken."""
+        """Wait for a condition on the recorded messages, while receiving more."""
         end = time.monotonic() + SECONDS
         while not condition():
             assert time.monotonic() < end, "it never happened"
@@ -111,13 +111,13 @@ class Page:
         return self.tab.evaluate("pointray.frames")
 
     def picture(self):
-        """What the canvas shows, (h, w, 3) levels."""
+        """Return the contents of the canvas, (h, w, 3) levels."""
         url = self.tab.evaluate("document.getElementById('view').toDataURL()")
         image = Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2])))
         return np.asarray(image.convert("RGB")).astype(int)
 
     def finished(self, samples, after=-1):
-        """Wait until the picture is finished; returns its header."""
+        """Wait until the picture is finished, and return its header."""
         self.until(FINISHED, [samples, after])
         return self.last
 

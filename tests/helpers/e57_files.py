@@ -1,4 +1,4 @@
-"""E57 files of pye57, and ones with other words in their XML."""
+"""E57 files written by pye57, and copies with changed XML."""
 
 import struct
 from functools import cache
@@ -42,7 +42,7 @@ class Column:
 
     def array(self):
         kinds = {"single": np.float32, "double": np.float64}
-        out = np.empty(N, kinds.get(self.kind, "q"))  # pye57 takes "l", which is as wide, for one of 32 bits
+        out = np.empty(N, kinds.get(self.kind, "q"))  # pye57 treats "l", which is as wide, as 32 bits
         out[:] = self.values
         return out
 

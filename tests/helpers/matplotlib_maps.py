@@ -1,4 +1,4 @@
-"""The colour maps of matplotlib that pointray contains: `python tests/helpers/matplotlib_maps.py` writes them anew."""
+"""The colour maps of matplotlib that pointray contains: `python tests/helpers/matplotlib_maps.py` rewrites them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A slow, obvious twin of the tracer: f by its definition in float64, over all splats, without tree, slab or SIMD."""
+"""Slow reference of the tracer: f by its definition in float64, over all splats, without tree, slab or SIMD."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ KINDS = {"paper": 0, "imls": 1, "apss": 2}
 STEPS = 40  # samples in a radius
 
 
-class Twin(NamedTuple):
-    """The twin's result for each ray.
+class ReferenceHits(NamedTuple):
+    """Result of the reference for each ray.
 
     t : (n,) float64, inf for a miss; radius : local radius at the hit
     doubtful : (n,) bool: a graze, two crossings closer than half a radius, or a hit close to a limit (trim, jump)
@@ -180,24 +180,24 @@ def walk(model, origins, directions):  # type: ignore[no-untyped-def]
         return _walk_one(model, splats, origins, directions, 0.0)
     toward, away = (_walk_one(model, splats, origins, directions, sought_side) for sought_side in (1.0, -1.0))
     first = (toward.t <= away.t)[:, None]
-    return Twin(*(np.where(first[:, 0], a, b) for a, b in zip(toward, away, strict=True)))
+    return ReferenceHits(*(np.where(first[:, 0], a, b) for a, b in zip(toward, away, strict=True)))
 
 
 def _walk_one(model, splats, origins, directions, sought_side):  # type: ignore[no-untyped-def]
-    """`walk` for the sheets that face the ray (sought_side 1) or face away (-1), or all (0)."""
+    """Like `walk`, for sheets that face the ray (sought_side 1), face away (-1), or all (0)."""
     n = len(origins)
-    twin = Twin(np.empty(n), np.empty(n), np.zeros(n, np.bool_))
+    twin = ReferenceHits(np.empty(n), np.empty(n), np.zeros(n, np.bool_))
     trims = float(model.settings.trim), float(model.settings.overhang)
     settings = (KINDS[model.surface], *trims, float(BORDER_SHARE), sought_side)
     run(_walk, n, splats, np.ascontiguousarray(origins - model.points.origin), directions, settings, tuple(twin))
     return twin
 
 
-class Met(NamedTuple):
+class ScatteredHits(NamedTuple):
     """The nearest scattered point on each ray.
 
     t : (n,) float64, inf for a miss; row : (n,), the caller's, -1 for a miss
-    doubtful : (n,) bool: a ray that touches a sphere or starts on it, or meets two at the same t
+    doubtful : (n,) bool: a ray that touches a sphere or starts on it, or hits two at the same t
     """
 
     t: np.ndarray
@@ -205,7 +205,7 @@ class Met(NamedTuple):
     doubtful: np.ndarray
 
 
-def meet_scattered(model, origins, directions, t_max=np.inf):  # type: ignore[no-untyped-def]
+def intersect_scattered(model, origins, directions, t_max=np.inf):  # type: ignore[no-untyped-def]
     """The nearest scattered points along world rays (n, 3) with unit directions, each against all in float64."""
     scattered = scattered_of(model.tree, model.radii)
     centers, radii = scattered.positions + model.points.origin, scattered.radii.astype(np.float64)
@@ -234,4 +234,4 @@ def meet_scattered(model, origins, directions, t_max=np.inf):  # type: ignore[no
         doubtful[i] = (unsure & (each <= t[i] + radii)).any()
         doubtful[i] |= (each < t[i] + 1e-4 * radii[k]).sum() > 1
         doubtful[i] |= (unsure & (np.abs(to @ d) < t[i] + 2 * radii)).any()
-    return Met(t, row, doubtful)
+    return ScatteredHits(t, row, doubtful)

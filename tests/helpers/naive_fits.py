@@ -1,4 +1,4 @@
-"""Slow, obvious twins of the fits to neighbours: one point at a time, in float64, with NumPy's own solvers."""
+"""Slow references of fits to neighbours: one point at a time, in float64, with NumPy's solvers."""
 
 from __future__ import annotations
 

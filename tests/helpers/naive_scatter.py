@@ -1,4 +1,4 @@
-"""A slow twin of `scattered/classification.py` without normals: all distances, NumPy's eigenvectors, float64."""
+"""Slow reference of `scattered/classification.py` without normals: all distances, NumPy's eigenvectors, float64."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def bends(normals: np.ndarray, near: np.ndarray) -> np.ndarray:
 def within(
     limits: scatter_rules.Limits, h: np.ndarray, bend: np.ndarray, thickness: np.ndarray, off: np.ndarray
 ) -> np.ndarray:
-    """Whether a scale is a surface, but for its slimness."""
+    """Return whether a scale is a surface, not considering slimness."""
     return (bend < limits.bend) & (thickness < limits.thickness * h) & (off < limits.offset * h)
 
 

@@ -1,4 +1,4 @@
-"""A slow search for zeros of f outside of the slab that leaves keep."""
+"""A slow search for zeros of f outside the slab of a leaf."""
 
 import numpy as np
 

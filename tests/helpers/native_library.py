@@ -15,7 +15,7 @@ PACKAGE = Path(pointray.__file__).parent
 
 
 def is_there() -> bool:
-    """Whether there is a library, of the sources of today."""
+    """Return whether there is a library built from the current sources."""
     try:
         kernels = json.loads((library.FOLDER / library.MANIFEST).read_text())["kernels"]
     except FileNotFoundError:

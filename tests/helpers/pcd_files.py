@@ -29,7 +29,7 @@ COLUMNS = {
 
 
 def packed_by_lzf(data):
-    """A slow twin of LZF: copies of what has been seen, from three bytes on."""
+    """Compress by LZF: a slow reference that copies repetitions of three bytes or more."""
     out, literals, seen, at = bytearray(), bytearray(), {}, 0
     while at <= len(data):
         key = data[at : at + 3]

@@ -7,7 +7,7 @@ from pointray.io.formats._source import Listing, Source
 
 
 class Rows(Source):
-    """A file of rows in chunks of this many, which may not know their number."""
+    """A file of rows in chunks of `size`, whose total may be unknown."""
 
     def __init__(self, chunk, size=100, known=True, georeference=None):
         n = len(chunk.positions)

@@ -1,4 +1,4 @@
-"""Clouds whose up direction is known: objects, plants, rooms, streets and frames of cameras, from random parameters.
+"""Clouds with known up direction: objects, plants, rooms, streets and camera frames, from random parameters.
 
 All are made with z upwards; `turned` gives them another up axis.
 """
@@ -240,7 +240,7 @@ def sweep(rng: Rng) -> Cloud:
 
 
 def frame(rng: Rng, make: Callable[..., Cloud] = room) -> Cloud:
-    """What a camera sees of a room or a street: x right, y down, z forward, about the camera."""
+    """Return the visible points of a room or street in camera coordinates: x right, y down, z forward."""
     dense = make(rng, n=30 * N)
     low, high = dense.positions.min(axis=0), dense.positions.max(axis=0)
     eye = np.array([*(low + (0.5 + rng.uniform(-0.2, 0.2)) * (high - low))[:2], 1.4])
@@ -263,7 +263,7 @@ def frame(rng: Rng, make: Callable[..., Cloud] = room) -> Cloud:
 
 
 def turned(cloud: Cloud, axis: str, rng: Rng) -> Cloud:
-    """A cloud whose up axis is another one, turned about it by any angle."""
+    """Return a cloud with another up axis, rotated about it by a random angle."""
     up = np.array(axis_direction(axis))
     side = np.cross(up, rng.normal(size=3))
     side /= np.linalg.norm(side)

@@ -1,4 +1,4 @@
-"""A browser for tests of the viewer, without the page: it sends what a page sends, and keeps what it receives."""
+"""A viewer client for tests: it sends messages like the page, and keeps those it receives."""
 
 import io
 import json
@@ -53,7 +53,7 @@ def scene_of(model):
 
 
 def compile_kernels(scene):
-    """Compile before anybody waits for a picture, as the first time takes minutes."""
+    """Compile kernels before a test waits for a picture, as this may take minutes."""
     camera = describe(pr.Camera.frame(scene.bounds))
     for settings in ({}, {"integrator": "normal"}):
         expected(scene, camera, 2, (8, 8), **settings)
@@ -81,7 +81,7 @@ class Browser:
         self._socket.send(text)
 
     def listen(self, until, seconds=SECONDS):
-        """Take messages until a condition holds; returns its value."""
+        """Receive messages until a condition holds, and return its value."""
         end = time.monotonic() + seconds
         while not (found := until()):
             left = end - time.monotonic()
@@ -93,7 +93,7 @@ class Browser:
         return found
 
     def rest(self, seconds):
-        """Take the messages that come within some time."""
+        """Receive messages for some time."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             try:
@@ -102,7 +102,7 @@ class Browser:
                 return
 
     def answer(self, seconds):
-        """Like `rest`, but forget what came."""
+        """Like `rest`, but discard the messages."""
         self.rest(seconds)
         self.told = [m for m in (self.last("camera"), self.last("panel")) if m]
         self.frames.clear()
@@ -124,7 +124,7 @@ class Browser:
         return next((m for m in reversed(self.told) if m["type"] == kind), None)
 
     def arrive(self):
-        """Take the camera that the server sends; returns it."""
+        """Receive the camera from the server and return it."""
         camera = self.listen(lambda: self.last("camera"))
         self.go(camera)
         return camera
@@ -139,7 +139,7 @@ class Browser:
         return self.listen(lambda: next((f for f in self.frames[begun:] if f[0]["samples"] == samples), None))
 
     def shows(self, samples, wanted):
-        """Wait for a frame with this many samples that is a picture, but for the changes of JPEG; returns True."""
+        """Wait for a frame with this many samples that equals a picture up to JPEG errors, and return True."""
         while True:
             levels = levels_in(self.refined(samples)[1])
             if levels.shape == wanted.shape and np.abs(levels - wanted).mean() < CLOSE:

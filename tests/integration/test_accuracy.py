@@ -1,4 +1,4 @@
-"""The measured quality of the surface, on small clouds; a broken surface must be noticed."""
+"""Measured quality of the surface on small clouds; a broken surface must be detected."""
 
 import csv
 
@@ -37,7 +37,7 @@ def errors_of(model, cloud, rays=30_000):
 
 
 @pytest.mark.long
-def test_smooth_shapes_are_hit_where_they_are(even):
+def test_smooth_shapes_are_hit_at_their_surface(even):
     ours, discs = measure(even, [Setting("apss"), Setting("disc")], 30_000)
     assert ours.rays == 30_000 and ours.hits > 7_000
     assert (ours.holes, ours.missed, ours.phantoms) == (0, 0, 0)
@@ -53,7 +53,7 @@ def test_half_the_radii_leave_holes(even):
 
 
 @pytest.mark.long
-def test_turned_normals_are_noticed(even):
+def test_tilted_normals_are_detected(even):
     rng = np.random.default_rng(0)
     normals = even.points.normals + rng.normal(scale=0.1, size=(N, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -70,7 +70,7 @@ def test_a_surface_elsewhere_is_phantom(even):
 
 
 @pytest.mark.long
-def test_noise_is_of_the_size_asked_for():
+def test_noise_has_the_requested_size():
     cloud = cloud_of(truth("sphere"), "random", 20_000, 0.5)
     away = np.linalg.norm(cloud.points.positions, axis=1) - 1
     assert abs(away.std() / cloud.h - 0.5) < 0.02
@@ -80,7 +80,7 @@ def test_noise_is_of_the_size_asked_for():
 
 @pytest.mark.long
 def test_random_points_are_independent():
-    """The number of random points in a patch has the variance of its mean; that of even points has much less."""
+    """The number of random points in a patch has the variance of its mean; even points have a much lower one."""
     directions = np.random.default_rng(1).normal(size=(400, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
 
@@ -121,7 +121,7 @@ def ball(tmp_path):
     return Mesh("bunny", tmp_path), mesh
 
 
-def test_the_nearest_place_of_a_mesh(ball):
+def test_the_nearest_point_of_a_mesh_is_exact(ball):
     trimesh = pytest.importorskip("trimesh")
     exact, mesh = ball
     x = np.random.default_rng(2).normal(size=(50, 3))
@@ -167,7 +167,7 @@ def test_counts_of_splats(even):
     assert references(model) == 4 * listed / len(small.points)
 
 
-def test_verdicts_tell_good_from_bad():
+def test_verdicts_distinguish_good_from_bad():
     good = [
         Row(
             "sphere",

@@ -1,4 +1,4 @@
-"""`pointray animate`: the frames, the film, and a run that was interrupted."""
+"""`pointray animate`: frames, films, and resumed runs."""
 
 import json
 import os
@@ -77,7 +77,7 @@ seed = 3
 
 @pytest.fixture
 def scene(scan: Path) -> Path:
-    """A scene file with two models, one of them the scan beside it."""
+    """A scene file with two models, one of them the scan."""
     scan.with_name("scene.toml").write_text(SCENE)
     return scan.with_name("scene.toml")
 
@@ -110,7 +110,7 @@ def pictures(folder: Path) -> dict[str, bytes]:
 
 
 def frames_of(film: Path, folder: Path) -> np.ndarray:
-    """All frames of an MP4, (n, h, w, 3) uint8, through pictures in a folder that is created."""
+    """Return all frames of an MP4, (n, h, w, 3) uint8, extracted to pictures in a new folder."""
     program = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
     folder.mkdir()
     subprocess.run([program, "-loglevel", "error", "-i", film, folder / "%03d.png"], check=True)
@@ -120,7 +120,7 @@ def frames_of(film: Path, folder: Path) -> np.ndarray:
 # ---------------------------------------------------------------------------------------------------- the film
 
 
-def test_numbered_pictures_of_a_turn(scan, capsys):
+def test_a_turntable_writes_numbered_pictures(scan, capsys):
     view = ["--eye", "0,-4,0", "--target", "0,0,0", "--background", "0,0,0", "--integrator", "color"]
     assert animate(scan, "frames/f%03d.png", *FOUR, *view) == 0
     assert capsys.readouterr().out == f"{scan.with_name('frames')}/f%03d.png: 24x18, 4 frames, 2 seconds\n"
@@ -134,7 +134,7 @@ def test_numbered_pictures_of_a_turn(scan, capsys):
     assert right[9, 12, 0] > 150 and left[9, 12, 2] > 150  # a quarter later the eye is at +x
 
 
-def test_a_film_shows_its_frames(scan, capsys):
+def test_a_film_contains_its_frames(scan, capsys):
     assert animate(scan, "turn.mp4") == 0
     assert capsys.readouterr().out == f"{scan.with_name('turn.mp4')}: 24x18, 4 frames, 2 seconds\n"
     assert sorted(os.listdir(scan.parent)) == ["scan.ply", "turn.mp4"]
@@ -147,7 +147,7 @@ def test_a_film_shows_its_frames(scan, capsys):
 
 
 @pytest.mark.long
-def test_an_mp4_of_odd_size(scan, capsys):
+def test_an_mp4_of_odd_size_is_padded(scan, capsys):
     assert animate(scan, "turn.mp4", "--seconds", "1", "--fps", "2", "--size", "23x17", "--background", "1,0,0") == 0
     assert "23x17 (rounded to even sides: 24x18), 2 frames" in capsys.readouterr().out
     film = frames_of(scan.with_name("turn.mp4"), scan.with_name("read"))
@@ -158,7 +158,7 @@ def test_an_mp4_of_odd_size(scan, capsys):
 
 
 @pytest.mark.parametrize("name", ["keys.toml", long("keys.json")])
-def test_keys_from_a_file(name, scan, rendered):
+def test_keys_are_read_from_a_file(name, scan, rendered):
     file = scan.with_name(name)
     if name == "keys.json":
         file.write_text(json.dumps({"keys": KEYS}))
@@ -188,24 +188,24 @@ def still(scene: Path, *more: str) -> bytes:
     return picture.read_bytes()
 
 
-def test_a_scene_file_on_a_turntable(scene, rendered, capsys):
+def test_a_scene_file_is_rendered_on_a_turntable(scene, rendered, capsys):
     assert execute(["animate", str(scene), "-o", str(scene.with_name("out")), *FOUR]) == 0
     assert capsys.readouterr().out == f"{scene.with_name('out')}: 24x18, 4 frames, 2 seconds\n"
     frames = pictures(scene.with_name("out"))
     told = pr.load_scene(scene).camera
     assert rendered == pr.turntable(told, 4) and all(camera.aperture == 0.2 for camera in rendered)
     assert sorted(frames) == [f"000{k}.png" for k in range(4)] and len(set(frames.values())) == 4
-    assert frames["0000.png"] == still(scene)  # settings, exposure and curve are the file's
+    assert frames["0000.png"] == still(scene)  # settings, exposure and curve are those of the file
 
 
-def test_options_change_what_a_scene_file_says(scene, rendered):
+def test_options_override_a_scene_file(scene, rendered):
     options = ["--size", "16x12", "--fov", "30", "--exposure", "1", "--background", "0,0,0"]
     assert execute(["animate", str(scene), "-o", str(scene.with_name("out")), *FOUR, *options]) == 0
     assert (rendered[3].fov, rendered[3].size, rendered[3].focus) == (30, (16, 12), 5.5)
     assert (scene.with_name("out") / "0000.png").read_bytes() == still(scene, *options)
 
 
-def test_a_scene_file_that_is_framed_turns_about_what_it_is_framed_at(scene, rendered):
+def test_a_framed_scene_file_turns_about_its_target(scene, rendered):
     scene.write_text(SCENE.replace("eye = [0, -6, 1]\ntarget = [0.5, 0, 0]", 'projection = "orthographic"'))
     assert animate(scene, "out") == 0
     first = rendered[0]
@@ -213,8 +213,8 @@ def test_a_scene_file_that_is_framed_turns_about_what_it_is_framed_at(scene, ren
     assert (scene.with_name("out") / "0000.png").read_bytes() == still(scene, *SMALL)
 
 
-def test_keys_through_a_scene_file(scene, rendered):
-    """A key that has no lens uses that of the file."""
+def test_keys_inherit_the_lens_of_a_scene_file(scene, rendered):
+    """A key without a lens uses that of the file."""
     scene.with_name("keys.json").write_text(json.dumps({"keys": KEYS}))
     arguments = ["animate", str(scene), "-o", str(scene.with_name("out")), "--keys", str(scene.with_name("keys.json"))]
     assert execute([*arguments, "--fps", "4"]) == 0
@@ -225,7 +225,7 @@ def test_keys_through_a_scene_file(scene, rendered):
 
 
 @pytest.mark.long
-def test_an_interrupted_film_of_a_scene_file_goes_on(scene, rendered, capsys):
+def test_an_interrupted_film_of_a_scene_file_is_resumed(scene, rendered, capsys):
     assert animate(scene, "whole") == 0
     del rendered[:]
     rendered.stop = 3
@@ -237,7 +237,7 @@ def test_an_interrupted_film_of_a_scene_file_goes_on(scene, rendered, capsys):
 
 
 @pytest.mark.parametrize("name", [long("scene.toml"), "scan.ply"])
-def test_when_a_file_of_the_scene_was_written_anew_so_are_the_frames(name, scene, rendered, capsys):
+def test_frames_are_rendered_again_if_a_file_of_the_scene_changed(name, scene, rendered, capsys):
     rendered.stop = 2
     assert animate(scene, "out") == 130
     capsys.readouterr()
@@ -250,7 +250,7 @@ def test_when_a_file_of_the_scene_was_written_anew_so_are_the_frames(name, scene
 # ---------------------------------------------------------------------------------------- what was interrupted
 
 
-def test_an_interrupted_film_goes_on(scan, rendered, capsys):
+def test_an_interrupted_film_is_resumed(scan, rendered, capsys):
     assert animate(scan, "whole/%04d.png") == 0
     del rendered[:]
     rendered.stop = 3
@@ -264,7 +264,7 @@ def test_an_interrupted_film_goes_on(scan, rendered, capsys):
     assert pictures(scan.with_name("out")) == pictures(scan.with_name("whole"))
 
 
-def test_an_interrupted_mp4_goes_on(scan, rendered):
+def test_an_interrupted_mp4_is_resumed(scan, rendered):
     pytest.importorskip("imageio_ffmpeg")
     assert animate(scan, "whole.mp4") == 0
     del rendered[:]
@@ -277,7 +277,7 @@ def test_an_interrupted_mp4_goes_on(scan, rendered):
     assert scan.with_name("out.mp4").read_bytes() == scan.with_name("whole.mp4").read_bytes()
 
 
-def test_when_only_the_film_is_missing_the_scan_is_not_read(scan, rendered, monkeypatch):
+def test_the_scan_is_not_read_if_only_the_film_is_missing(scan, rendered, monkeypatch):
     pytest.importorskip("imageio_ffmpeg")
 
     def interrupted(*arguments: object) -> None:
@@ -290,7 +290,7 @@ def test_when_only_the_film_is_missing_the_scan_is_not_read(scan, rendered, monk
     assert animate(scan, "out.mp4") == 0 and len(rendered) == 4
 
 
-def test_a_truncated_picture_is_rendered_anew(scan, rendered):
+def test_a_truncated_picture_is_rendered_again(scan, rendered):
     rendered.stop = 3
     assert animate(scan, "out") == 130
     folder = scan.with_name("out")
@@ -302,7 +302,7 @@ def test_a_truncated_picture_is_rendered_anew(scan, rendered):
     assert all(pictures(folder)[f"000{k}.png"] == whole[f"000{k}.png"] for k in range(3))
 
 
-def test_frames_of_other_settings_are_rendered_anew(scan, rendered, capsys):
+def test_frames_of_other_settings_are_rendered_again(scan, rendered, capsys):
     rendered.stop = 2
     assert animate(scan, "out") == 130
     capsys.readouterr()
@@ -316,7 +316,7 @@ def test_frames_of_other_settings_are_rendered_anew(scan, rendered, capsys):
 
 
 @pytest.mark.long
-def test_frames_of_another_color_by_are_rendered_anew(scan, rendered, capsys):
+def test_frames_of_another_color_by_are_rendered_again(scan, rendered, capsys):
     rendered.stop = 2
     assert animate(scan, "out") == 130
     capsys.readouterr()
@@ -328,8 +328,8 @@ def test_frames_of_another_color_by_are_rendered_anew(scan, rendered, capsys):
     )
 
 
-def test_pictures_that_are_there_without_a_note_are_rendered_anew(scan, rendered):
-    """Such pictures may be anybody's."""
+def test_pictures_without_a_record_are_rendered_again(scan, rendered):
+    """Such pictures may come from another program."""
     assert animate(scan, "out") == 0 and animate(scan, "out") == 0
     assert len(rendered) == 8
 
@@ -338,7 +338,7 @@ def test_pictures_that_are_there_without_a_note_are_rendered_anew(scan, rendered
 
 
 def bad_input(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """Run the command; returns the one line that it prints."""
+    """Run the command and return the one line that it prints."""
     assert execute(["animate", *arguments]) == 2
     out, err = capsys.readouterr()
     assert out == "" and err.startswith("pointray: ") and err.count("\n") == 1, err
@@ -378,7 +378,7 @@ NO_KEYS = [("a.toml", "keys = ["), ("a.json", "{"), ("a.toml", "x = 1"), ("a.txt
 
 
 @pytest.mark.parametrize(("name", "text"), NO_KEYS)
-def test_files_that_hold_no_keys(name, text, tmp_path, capsys):
+def test_invalid_files_of_keys_are_refused(name, text, tmp_path, capsys):
     (tmp_path / "scan.ply").write_text("nothing")
     (tmp_path / name).write_text(text)
     arguments = [str(tmp_path / "scan.ply"), "-o", str(tmp_path / "out"), "--keys", str(tmp_path / name)]
@@ -438,23 +438,23 @@ def test_a_broken_scan_leaves_nothing(tmp_path, capsys):
     assert os.listdir(tmp_path) == ["scan.ply"]
 
 
-def test_without_ffmpeg_it_says_what_to_install(tmp_path, monkeypatch, capsys):
+def test_without_ffmpeg_the_error_says_what_to_install(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     err = bad_input([str(tmp_path / "missing.ply"), "-o", str(tmp_path / "a.mp4")], capsys)
     assert err == f"pointray: {tmp_path / 'a.mp4'} needs imageio-ffmpeg: pip install 'pointray[film]'\n"
 
 
-def test_what_ffmpeg_cannot_do_is_a_failure(scan, monkeypatch, capsys):
+def test_an_error_of_ffmpeg_is_reported(scan, monkeypatch, capsys):
     pytest.importorskip("imageio_ffmpeg")
     monkeypatch.setattr("pointray.image.mp4.CRF", "plenty")
     assert animate(scan, "out.mp4") == 1
     said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("Compiling")]
     assert len(said) == 1 and said[0].startswith(f"pointray: {scan.with_name('out.mp4')}: ffmpeg: ")
-    assert sorted(os.listdir(scan.parent)) == ["out.mp4.frames", "scan.ply"]  # the frames wait for the next try
+    assert sorted(os.listdir(scan.parent)) == ["out.mp4.frames", "scan.ply"]  # the frames are kept for the next run
 
 
 @pytest.mark.parametrize("output", ["out", "out.mp4"])
-def test_an_attribute_that_is_not_there(output, scan, capsys):
+def test_a_missing_attribute_is_reported(output, scan, capsys):
     arguments = [str(scan), "-o", str(scan.with_name(output)), *SMALL, *FOUR, "--color-by", "width"]
     err = bad_input(arguments, capsys)
     assert "'width'" in err and "available: x, y, z" in err and os.listdir(scan.parent) == ["scan.ply"]
@@ -471,19 +471,19 @@ def test_an_attribute_that_is_not_there(output, scan, capsys):
         ("--keys keys.json --turns 3", "--turns cannot be combined with --keys"),
     ],
 )
-def test_options_that_do_not_fit_a_scene_file(option, words, scene, capsys):
+def test_options_that_conflict_with_a_scene_file_are_refused(option, words, scene, capsys):
     assert words in bad_input([str(scene), "-o", str(scene.with_name("out")), *option.split()], capsys)
     assert sorted(os.listdir(scene.parent)) == ["scan.ply", "scene.toml"]
 
 
-def test_mistakes_in_a_scene_file(scene, capsys):
+def test_errors_in_a_scene_file_are_reported(scene, capsys):
     scene.write_text(SCENE.replace("fov = 50", "fov = 500"))
     err = bad_input([str(scene), "-o", str(scene.with_name("out"))], capsys)
     assert err.startswith(f"pointray: {scene}:27: camera.fov: must be a number of degrees between")
     assert bad_input([str(scene.with_name("no.toml")), "-o", str(scene.with_name("out"))], capsys)
 
 
-def test_a_transparent_scene_file_is_no_mp4(scene, capsys):
+def test_a_transparent_scene_file_cannot_become_an_mp4(scene, capsys):
     pytest.importorskip("imageio_ffmpeg")
     film = ["-o", str(scene.with_name("out.mp4"))]
     assert "--background none: MP4" in bad_input([str(scene), *film, "--background", "none"], capsys)

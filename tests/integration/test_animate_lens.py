@@ -1,4 +1,4 @@
-"""`pointray animate`: the camera's projection and lens, and how long a frame takes."""
+"""`pointray animate`: projection and lens of the camera, and limits of time and noise."""
 
 import json
 from pathlib import Path
@@ -30,34 +30,34 @@ def film(scan, *options):
 
 
 def heights(frames):
-    """Heights of what is seen, in pixels."""
+    """Return the heights of the visible shape, in pixels."""
     return [int(np.ptp(np.flatnonzero(frame[..., 3].any(axis=1)))) + 1 for frame in frames]
 
 
 @pytest.mark.long
-def test_a_film_without_perspective(scan):
-    """A sphere at 2 units, by 90 degrees, has 1/2 of the picture's height without perspective, else 0.58."""
+def test_an_orthographic_film_has_no_perspective(scan):
+    """At distance 2 and 90 degrees, a sphere has 1/2 of the picture's height, with perspective 0.58."""
     near = ["--eye", "0,-2,0", "--target", "0,0,0", "--fov", "90", "--background", "none"]
     assert heights(film(scan, *near, "--projection", "orthographic")) == [12, 12]
     assert heights(film(scan, *near)) == [14, 14]
 
 
-def test_a_scan_stays_in_a_film_without_perspective(scan):
+def test_a_scan_stays_in_an_orthographic_film(scan):
     frames = film(scan, "--projection", "orthographic", "--background", "none")
     assert len(frames) == 2
     for frame in frames:
         assert frame[12, 16, 3] > 0 and not frame[[0, -1]].any() and not frame[:, [0, -1]].any()
 
 
-def test_a_film_through_a_lens(scan):
+def test_a_film_has_depth_of_field(scan):
     lens = ["--eye", "0,-6,0", "--target", "0,0,0", "--spp", "4"]
     frames = [film(scan, *lens, *more)[0] for more in ([], ["--aperture", "2", "--focus", "2"], ["--aperture", "2"])]
     assert not np.array_equal(frames[0], frames[1]) and not np.array_equal(frames[1], frames[2])
 
 
 @pytest.mark.long
-def test_frames_end_by_noise_or_time(scan):
-    """With a noise or time limit, samples are added until it is met."""
+def test_frames_stop_at_a_noise_or_time_limit(scan):
+    """Samples are added until the noise or time limit is reached."""
     corner = ["--integrator", "ao", "--ground"]
     exact, one, many = (
         film(scan, *corner, *more)[0].astype(float) for more in (["--spp", "256"], [], ["--noise", "0.01"])
@@ -66,7 +66,7 @@ def test_frames_end_by_noise_or_time(scan):
     assert film(scan, *corner, "--time-limit", "0.01")[0].shape == one.shape
 
 
-def test_panoramas_fly_and_turn_on_no_table(scan, capsys):
+def test_panoramas_follow_keys_but_have_no_turntable(scan, capsys):
     keys = [{"time": t, "eye": [2 * t, -3, 0], "target": [0, 0, 0]} for t in (0, 1)]
     (scan.parent / "keys.json").write_text(json.dumps({"keys": keys}))
     out = scan.parent / "film"
@@ -86,7 +86,7 @@ def test_panoramas_fly_and_turn_on_no_table(scan, capsys):
         (["--noise", "-1"], "noise"),
     ],
 )
-def test_what_no_film_has(scan, options, message, capsys):
+def test_unsupported_options_of_films_are_refused(scan, options, message, capsys):
     assert execute(["animate", str(scan), "-o", str(scan.parent / "film"), *FILM, *options]) == 2
     said = capsys.readouterr().err
     assert message in said and len(said.splitlines()) == 1

@@ -1,4 +1,4 @@
-"""The order of imports: which room may import which, who may import Numba, and no circles."""
+"""Rules for imports: order of rooms, who may import Numba and Dask, and no cycles."""
 
 import graphlib
 import importlib
@@ -16,7 +16,7 @@ import pointray
 from helpers.architecture import FILES, FLOORS, PACKAGE, TOWER, arrows, upwards, users_of, within
 
 
-def test_every_room_has_its_floor():
+def test_every_room_has_a_place_in_the_order():
     assert {name.split(".")[0] for name in arrows()} <= set(TOWER)
 
 
@@ -32,13 +32,13 @@ def test_imports_inside_of_a_room_point_down(room):
     assert upwards(FLOORS[room], inside) == []
 
 
-def test_the_package_has_few_entries():
+def test_the_package_has_few_top_level_entries():
     files = {"__init__.py", "__init__.pyi", "__main__.py", "__pycache__", "py.typed"}
     entries = {path.name for path in PACKAGE.iterdir()} - files
     assert entries == {*TOWER} - {"__main__"} and len(entries) <= 18
 
 
-def test_no_files_import_each_other_in_a_circle():
+def test_imports_have_no_cycles():
     graphlib.TopologicalSorter({name: others & FILES.keys() for name, others in arrows().items()}).prepare()
 
 
@@ -47,7 +47,7 @@ def test_only_the_engine_imports_numba():
     assert {".".join(name.split(".")[:2]) for name in users} == {"engine.jit", "engine.simd"}
 
 
-def test_only_the_cluster_and_what_stands_above_it_import_it():
+def test_only_the_cluster_and_higher_rooms_import_the_cluster():
     users = {name.split(".")[0] for name, others in arrows().items() if any(o.startswith("cluster.") for o in others)}
     assert users <= {"cluster", "viewer", "cli"}
     assert {name.split(".")[0] for name in users_of("dask", "distributed")} == {"cluster"}
@@ -59,7 +59,7 @@ def test_importing_the_package_loads_nothing_heavy():
     assert done.stdout.strip() == "[]"
 
 
-def test_every_public_name_is_there():
+def test_every_public_name_exists():
     assert {"NormalsCheck", "Strays", "Viewer", "prepare", "__version__"} <= {*pointray.__all__} == {*dir(pointray)}
     for name in pointray.__all__:
         value = getattr(pointray, name)

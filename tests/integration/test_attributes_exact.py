@@ -1,4 +1,4 @@
-"""Attributes keep their dtypes and exact values wherever points go: files, models, pickles, subsets, hits, clicks."""
+"""Attributes keep dtypes and exact values in files, models, pickles, subsets, hits and clicks."""
 
 import copy
 import pickle
@@ -21,7 +21,7 @@ OTHERS = {"i1": np.int8, "u2": np.uint16, "i2": np.int16, "u4": np.uint32, "i4":
 
 
 def all_kinds():
-    """One attribute of each dtype, with values that the next smaller one does not hold."""
+    """Return one attribute of each dtype, with values that the next smaller dtype cannot represent."""
     rng, made = np.random.default_rng(8), {}
     for name, dtype in OTHERS.items():
         limits = np.iinfo(dtype)
@@ -51,7 +51,7 @@ def model(points):
 
 
 def same(found, want, georeference=True):
-    """Whether attributes have the same names, in the same order, dtypes and bits."""
+    """Return whether attributes have the same names, order, dtypes and bits."""
     assert list(found.attributes) == list(want.attributes)
     for name, values in want.attributes.items():
         assert found.attributes[name].dtype == values.dtype, name
@@ -59,7 +59,7 @@ def same(found, want, georeference=True):
     assert not georeference or found.georeference == want.georeference
 
 
-def test_points_keep_what_they_are_given(points):
+def test_points_keep_attributes_unchanged(points):
     for name, values in points.attributes.items():
         assert values.dtype.isnative and values.flags["C_CONTIGUOUS"], name
     assert len(np.unique(points.attributes["gps_time"])) == len(np.unique(points.attributes["id"])) == N
@@ -77,7 +77,7 @@ def test_pickles_copies_and_selections(rng, points):
         np.testing.assert_array_equal(some.attributes[name], values[rows])
 
 
-def test_other_byte_orders_and_floats(points):
+def test_other_byte_orders_and_floats_are_converted(points):
     swapped = {name: values.astype(values.dtype.newbyteorder(">")) for name, values in points.attributes.items()}
     same(points.changed(attributes=swapped), points)
     narrow = pr.Points(points.positions, attributes={"a": np.float16(points.positions[:, 0])})
@@ -85,12 +85,12 @@ def test_other_byte_orders_and_floats(points):
 
 
 @pytest.mark.filterwarnings("ignore:.* points belong to scans such as")
-def test_normals_radii_and_cleaning_leave_them(points, model):
+def test_normals_radii_and_cleaning_do_not_change_attributes(points, model):
     same(pr.estimate_normals(points), points)
     same(model.points, points)
 
 
-def test_models_as_files(tmp_path, points, model):
+def test_saved_models_keep_attributes(tmp_path, points, model):
     model.save(tmp_path / "a.pointray")
     same(pr.Model.load(tmp_path / "a.pointray").points, points)
     same(pickle.loads(pickle.dumps(model)).points, points)
@@ -170,7 +170,7 @@ def test_ply_reports_rounded_numbers(tmp_path, number):
     assert pr.read(tmp_path / "b.ply").attributes["id"].astype(np.int64).tolist() == [0, -(2**31), 2**53]
 
 
-def test_a_prepared_model_and_a_subsample(tmp_path, points):
+def test_prepared_models_and_subsamples_keep_attributes(tmp_path, points):
     plain = points.changed(attributes={n: v for n, v in points.attributes.items() if n not in ("u8", "id", "echo")})
     pr.write(tmp_path / "a.ply", plain.changed(georeference=Georeference(GEOREFERENCE.crs)))
     assert execute(["prepare", str(tmp_path / "a.ply"), "-o", str(tmp_path / "a.pointray"), "--normals", "file"]) == 0
@@ -195,7 +195,7 @@ def seen(model):
     return scene, camera, hits, hits.instance >= 0
 
 
-def test_hits_have_categories_as_they_are_and_blend_the_others(seen, points):
+def test_hits_have_exact_categories_and_blend_other_attributes(seen, points):
     _, _, hits, hit = seen
     narrow = {"i1", "u2", "i2", "echo", "reflectance"}
     for name, values in points.attributes.items():
@@ -209,14 +209,14 @@ def test_hits_have_categories_as_they_are_and_blend_the_others(seen, points):
             assert np.isnan(found[~hit]).all()
 
 
-def test_gps_times_are_blended_in_full(seen, points):
+def test_gps_times_are_blended_in_float64(seen, points):
     _, _, hits, hit = seen
     found, own = hits.attributes["gps_time"][hit], points.attributes["gps_time"]
     assert ((found >= own[0]) & (found <= own[-1])).all() and len(np.unique(found)) > 10
     assert (np.abs(found - own[hits.point[hit]]) > 1e-8).mean() > 0.5
 
 
-def test_a_click_tells_all_of_them(seen, points):
+def test_a_click_shows_all_attributes(seen, points):
     scene, camera, hits, hit = seen
     y, x = np.argwhere(hit)[hit.sum() // 2]
     lines = pick(scene, camera, (x + 0.5) / 24, (y + 0.5) / 24).lines
@@ -250,7 +250,7 @@ def test_a_click_tells_all_of_them(seen, points):
         (np.array([True, False]), "yes no"),
     ],
 )
-def test_how_values_are_printed(value, text):
+def test_values_are_printed_exactly(value, text):
     assert _format_value("a", value) == text
 
 
@@ -267,11 +267,11 @@ def test_classes_are_printed_by_name():
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.int64, np.float32, np.float64])
-def test_radii_of_any_numbers(dtype):
+def test_radii_may_have_any_dtype(dtype):
     few = pr.Points(np.eye(3), attributes={"radius": np.array([1, 2, 3], dtype)})
     assert radii_in(few).dtype == np.float32 and radii_in(few).tolist() == [1, 2, 3]
 
 
 @pytest.mark.parametrize("radius", [[1, 0, 2], [1, 1e-50, 1], [1, 1e50, 1], [True, True, True], [1, np.nan, 1]])
-def test_what_are_no_radii(radius):
+def test_invalid_radii_are_refused(radius):
     assert radii_in(pr.Points(np.eye(3), attributes={"radius": np.array(radius)})) is None

@@ -38,7 +38,7 @@ def _threads(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @cache
 def ring() -> pr.Points:
-    """A torus, red to the right and blue to the left, whose rows have no order."""
+    """Return a torus, red to the right and blue to the left, with shuffled rows."""
     points = pr.procedural("torus", 1000)
     points = points.select(np.random.default_rng(0).permutation(len(points)))
     x, y, _ = points.positions.T
@@ -59,7 +59,7 @@ def scan(tmp_path: Path, written: Path) -> Path:
 
 
 def run(capsys, *arguments):
-    """Exit status, output and messages of a command, but for the line about kernels, which come once."""
+    """Return exit status, output and messages of a command, without the line about kernels."""
     capsys.readouterr()
     status = execute([str(a) for a in arguments])
     out, err = capsys.readouterr()
@@ -67,14 +67,14 @@ def run(capsys, *arguments):
 
 
 def fail(capsys, *arguments) -> str:
-    """Run the command on bad input; returns the one line that it prints."""
+    """Run the command on invalid input and return the one line that it prints."""
     status, out, err = run(capsys, *arguments)
     assert (status, out) == (2, "") and err.startswith("pointray: ") and err.count("\n") == 1, (status, out, err)
     return err
 
 
 def scene_of(path: Path, lights: list, material=None) -> tuple[pr.Scene, int]:
-    """The scene that the commands make of a scan."""
+    """Return the scene that commands make of a scan."""
     scene = pr.Scene()
     number = scene.add(pr.Model(pr.read(path)), material=material)
     scene.lights = lights
@@ -82,13 +82,13 @@ def scene_of(path: Path, lights: list, material=None) -> tuple[pr.Scene, int]:
 
 
 def lights() -> list:
-    """What LIGHTS are."""
+    """Return the lights of LIGHTS."""
     return [pr.SunLight((1, 1, -1.5), 2.0), pr.EnvironmentLight((0.3, 0.5, 0.9))]
 
 
 @pytest.fixture
 def bakes(monkeypatch: pytest.MonkeyPatch) -> list:
-    """The scenes and settings of all bakes, whose work is made small."""
+    """The scenes and settings of all bakes, which run with little work."""
     calls, real = [], pr.bake
 
     def bake(scene, settings=None, progress=None, client=None):
@@ -103,7 +103,7 @@ def bakes(monkeypatch: pytest.MonkeyPatch) -> list:
 # ------------------------------------------------------------------------------------------------- points with light
 
 
-def test_the_attributes_are_those_of_the_light_in_the_order_of_the_file(scan, capsys):
+def test_light_is_stored_as_attributes_in_the_order_of_the_file(scan, capsys):
     out = scan.with_name("lit.ply")
     status, text, err = run(capsys, "bake", scan, "-o", out, *FEW, *LIGHTS)
     count = len(ring())
@@ -131,8 +131,8 @@ def test_other_programs_find_plain_floats(scan, capsys):
     assert all(types[name] == "f4" for name in NAMES) and list(types)[-4:] == list(NAMES)
 
 
-def test_a_scan_without_normals_far_from_the_origin_and_with_holes(tmp_path, capsys):
-    """What the file lacked it lacks afterwards; points that have no splat have no light."""
+def test_a_scan_without_normals_far_from_the_origin_is_baked(tmp_path, capsys):
+    """No normals are added to the file; points without a splat have no light."""
     rows = ring().positions + np.array([4e6, 5e6, 100.0])
     rows[5] = np.nan
     points = pr.Points(rows)
@@ -145,8 +145,8 @@ def test_a_scan_without_normals_far_from_the_origin_and_with_holes(tmp_path, cap
     assert (found.colors[5] == 255).all() and (found.colors[6] < 255).any()
 
 
-def test_wrong_normals_are_not_lit_and_stay_in_the_file(scan, capsys):
-    """The light is that of the fitted normals, which are used instead; the file keeps what it had."""
+def test_invalid_normals_are_not_used_but_kept_in_the_file(scan, capsys):
+    """The light is that of fitted normals; the file keeps its own."""
     wrong = np.roll(ring().normals, 1, axis=1)
     pr.write(scan, ring().with_normals(wrong))
     out = scan.with_name("lit.ply")
@@ -161,21 +161,21 @@ def test_wrong_normals_are_not_lit_and_stay_in_the_file(scan, capsys):
     assert np.array_equal(found.attributes["ao"], pr.bake(scene, BAKED).ambient_occlusion(number))
 
 
-def test_light_is_baked_again_into_the_same_file_by_force_only(scan, capsys):
+def test_baking_into_the_same_file_again_needs_force(scan, capsys):
     before = scan.read_bytes()
     assert "--force" in fail(capsys, "bake", scan, "-o", scan, *FEW)
     assert scan.read_bytes() == before
     for lamp in ("sky:1,1,1", "sky:2,2,2"):
         assert run(capsys, "bake", scan, "-o", scan, *FEW, "--force", "--light", lamp)[0] == 0
     twice = pr.read(scan).attributes
-    assert {*twice} == {*pr.read(scan).attributes} and len(twice) == 3 + len(NAMES)  # the pair's columns are two
+    assert {*twice} == {*pr.read(scan).attributes} and len(twice) == 3 + len(NAMES)  # the pair has two columns
     assert run(capsys, "bake", scan, "-o", scan.with_name("once.ply"), *FEW, "--light", "sky:1,1,1")[0] == 0
     once = pr.read(scan.with_name("once.ply")).attributes
     assert twice["irradiance_r"] == pytest.approx(2 * once["irradiance_r"], rel=1e-3)
 
 
-def test_a_saved_model(scan, capsys):
-    """The light is the same as that of the scan."""
+def test_a_saved_model_is_baked_like_its_scan(scan, capsys):
+    """The light equals that of the scan."""
     saved = scan.with_name("scan.pointray")
     assert run(capsys, "prepare", scan, "-o", saved, "--no-levels")[0] == 0
     for source, name in ((scan, "a.ply"), (saved, "b.ply")):
@@ -185,8 +185,8 @@ def test_a_saved_model(scan, capsys):
 
 
 @pytest.mark.parametrize(("paint", "curve"), [([150, 140, 120], "neutral"), ([60, 70, 250], "soft")])
-def test_colors_hold_the_light(scan, capsys, paint, curve):
-    """They are of medium brightness and not burnt; where a few would be, all are softened, as in pictures."""
+def test_colors_contain_the_light(scan, capsys, paint, curve):
+    """Their mean is medium grey and none are clipped: highlights are softened as in pictures."""
     points = ring()
     shade = np.where(points.positions[:, :1] > 1.2, np.uint8([paint]), np.uint8([[120, 110, 100]]))
     pr.write(scan, pr.Points(points.positions, points.normals, shade))
@@ -205,7 +205,7 @@ def test_colors_hold_the_light(scan, capsys, paint, curve):
 
 
 def test_colors_of_points_that_have_none_are_white_or_the_given_one(scan, capsys):
-    """Bounced light has no hue unless a material or a colour gives one."""
+    """Indirect light has no hue unless a material or colour has one."""
     points = ring()
     pr.write(scan, pr.Points(points.positions, points.normals))
     out, shown = scan.with_name("lit.ply"), {}
@@ -218,8 +218,8 @@ def test_colors_of_points_that_have_none_are_white_or_the_given_one(scan, capsys
     assert (shown["clay"][:, 0] > shown["clay"][:, 2]).all()
 
 
-def test_a_file_of_light_of_a_scan_without_colors_fits_its_pictures(scan, capsys):
-    """Pictures show clay, so that light in a file bounces from clay."""
+def test_light_of_a_scan_without_colors_fits_its_pictures(scan, capsys):
+    """Pictures show clay, so light is baked with clay."""
     points = ring()
     pr.write(scan, pr.Points(points.positions, points.normals))
     light = scan.with_name("lit.bake")
@@ -228,7 +228,7 @@ def test_a_file_of_light_of_a_scan_without_colors_fits_its_pictures(scan, capsys
     assert run(capsys, "render", scan, *picture)[0] == 0
 
 
-def test_no_light_gives_black_and_says_so(scan, capsys):
+def test_baking_without_lights_gives_black_and_a_message(scan, capsys):
     status, _, err = run(capsys, "bake", scan, "-o", scan.with_name("a.ply"), *FEW, "--light", "sky:0,0,0", "--colors")
     assert status == 0 and err == "pointray: note: the scene has no light: the baked light is black\n"
     vertex = PlyData.read(scan.with_name("a.ply"))["vertex"]
@@ -238,18 +238,18 @@ def test_no_light_gives_black_and_says_so(scan, capsys):
 # ------------------------------------------------------------------------------------------------------- the options
 
 
-def test_without_lights_there_are_suns_that_stand_still_and_a_sky(scan, bakes, capsys):
+def test_default_lights_are_fixed_suns_and_a_sky(scan, bakes, capsys):
     assert run(capsys, "bake", scan, "-o", scan.with_name("a.ply"), "--up", "z")[0] == 0
     sun, rim, sky = bakes[0][0].lights
     assert not sun.camera and sun.direction[2] < 0 and isinstance(sky, pr.EnvironmentLight)
     camera = pr.frame(bakes[0][0], up="z")
     right = np.cross(np.subtract(camera.target, camera.eye), (0, 0, 1))
-    assert right @ sun.direction > 0  # it comes from the left of the view that is found
+    assert right @ sun.direction > 0  # it comes from the left of the automatic view
     assert np.subtract(camera.target, camera.eye) @ sun.direction > 0  # and from in front
     assert right @ rim.direction < 0 > np.subtract(camera.target, camera.eye) @ rim.direction  # from behind, right
 
 
-def test_each_option_reaches_the_bake(scan, bakes, capsys):
+def test_each_option_is_passed_to_the_bake(scan, bakes, capsys):
     out = scan.with_name("a.ply")
     more = ["--noise", 0.1, "--links", 5, "--patches", 99, "--albedo-scale", 0.5, "--seed", 3, "--threads", 1]
     scene = ["--up", "y", "--material", "clay", "--ground", "--light", "point:0,0,2:7", "--fill", "0.5"]
@@ -305,7 +305,7 @@ def test_bad_options_are_reported_before_the_work(tmp_path, monkeypatch, capsys,
     assert [path.name for path in tmp_path.iterdir()] == ["broken.ply"]
 
 
-def test_a_bad_scan(tmp_path, monkeypatch, capsys):
+def test_an_invalid_scan_is_reported(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("broken.ply").write_text("nothing")
     assert "broken.ply" in fail(capsys, "bake", "broken.ply", "-o", "lit.ply")
@@ -314,7 +314,7 @@ def test_a_bad_scan(tmp_path, monkeypatch, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["broken.ply"]
 
 
-def test_a_full_disk_leaves_the_old_file(scan, capsys, monkeypatch):
+def test_a_full_disk_keeps_the_old_file(scan, capsys, monkeypatch):
     out = scan.with_name("lit.ply")
     out.write_text("old")
 
@@ -330,7 +330,7 @@ def test_a_full_disk_leaves_the_old_file(scan, capsys, monkeypatch):
 # ---------------------------------------------------------------------------------------------------------- pictures
 
 
-def test_render_bakes_first_and_says_so(scan, bakes, capsys):
+def test_render_bakes_first_and_reports_it(scan, bakes, capsys):
     out = scan.with_name("a.npz")
     status, _, err = run(capsys, "render", scan, "-o", out, *SMALL, "--integrator", "baked", *LIGHTS, "--seed", "4")
     assert status == 0 and err.startswith("pointray: note: baking light first (") and err.count("\n") == 1
@@ -342,7 +342,7 @@ def test_render_bakes_first_and_says_so(scan, bakes, capsys):
     assert np.array_equal(np.load(out)["radiance"], wanted)
 
 
-def test_a_file_of_light_is_shown_as_what_was_baked(scan, bakes, capsys):
+def test_light_from_a_file_equals_baked_light(scan, bakes, capsys):
     light, picture = scan.with_name("lit.bake"), scan.with_name("a.png")
     status, text, err = run(capsys, "bake", scan, "-o", light)
     assert status == 0 and err == "" and text.startswith(f"{light}: light of {len(ring()):,} points, ")
@@ -374,7 +374,7 @@ def test_light_that_does_not_fit_is_refused(program, scan, bakes, capsys):
 
 @pytest.mark.parametrize("program", ["render", "animate", "view"])
 @pytest.mark.parametrize("subject", ["scan.ply", "scene.toml"])
-def test_a_file_of_light_must_be_there(program, subject, scan, scene, capsys, monkeypatch):
+def test_a_missing_file_of_light_is_reported(program, subject, scan, scene, capsys, monkeypatch):
     monkeypatch.chdir(scan.parent)
     more = {"render": ["-o", "a.png"], "animate": ["-o", "frames"], "view": ["--no-open"]}[program]
     assert (
@@ -383,7 +383,7 @@ def test_a_file_of_light_must_be_there(program, subject, scan, scene, capsys, mo
 
 
 @pytest.mark.parametrize("program", ["render", "animate"])
-def test_a_file_of_light_must_be_one(program, scan, capsys):
+def test_an_invalid_file_of_light_is_reported(program, scan, capsys):
     out = scan.with_name("a.png" if program == "render" else "frames")
     said = fail(capsys, program, scan, "-o", out, *SMALL, "--bake", scan)
     assert said.startswith(f"pointray: {scan}: ")
@@ -399,7 +399,7 @@ def test_a_film_bakes_once(scan, bakes, capsys):
 
 
 def test_a_film_bakes_after_levels_of_detail_are_made(scan, bakes, capsys, monkeypatch):
-    """Light is kept for each level: a level that came later would be black."""
+    """Light is stored for each level: a level made later would be black."""
     made = []
     monkeypatch.setattr(pr.Model, "make_levels", lambda self, show: made.append(len(bakes)))
     monkeypatch.setattr("pointray.rendering.lod.is_far", lambda *_: True)
@@ -408,8 +408,8 @@ def test_a_film_bakes_after_levels_of_detail_are_made(scan, bakes, capsys, monke
     assert made == [0] and len(bakes) == 1
 
 
-def test_a_film_with_a_file_of_light(scan, bakes, capsys, monkeypatch):
-    """It bakes nothing, and makes no levels of detail, for which the file has no light."""
+def test_a_film_uses_a_file_of_light(scan, bakes, capsys, monkeypatch):
+    """It bakes nothing and makes no levels of detail, for which the file has no light."""
     light, frames = scan.with_name("lit.bake"), scan.with_name("frames")
     assert run(capsys, "bake", scan, "-o", light)[0] == 0
     del bakes[:]
@@ -422,7 +422,7 @@ def test_a_film_with_a_file_of_light(scan, bakes, capsys, monkeypatch):
 
 
 @pytest.mark.long
-def test_an_interrupted_film_goes_on_with_the_same_light_only(scan, bakes, capsys, monkeypatch):
+def test_an_interrupted_film_is_resumed_only_with_the_same_light(scan, bakes, capsys, monkeypatch):
     from pointray.rendering import sequence
 
     real, left = sequence.render_snapshot, [1]
@@ -482,7 +482,7 @@ def scene(scan: Path) -> Path:
     return scan.with_name("scene.toml")
 
 
-def test_a_scene_file_says_how_light_is_baked(scene, bakes, capsys):
+def test_a_scene_file_sets_how_light_is_baked(scene, bakes, capsys):
     out = scene.with_name("a.npz")
     status, _, err = run(capsys, "render", scene, "-o", out)
     assert status == 0 and err.startswith("pointray: note: baking light first (") and err.count("\n") == 1
@@ -508,8 +508,8 @@ def test_a_scene_file_without_the_table_bakes_with_its_seed(scene, bakes):
     assert [settings for _, settings in bakes] == [pr.BakeSettings(seed=6)]
 
 
-def test_a_scene_file_reads_its_light_if_that_is_there(scene, bakes, capsys):
-    """Options of `bake` stand before the table, and what is written is not read while it is baked."""
+def test_a_scene_file_reads_its_light_if_it_exists(scene, bakes, capsys):
+    """Options of `bake` override the table, and the output is not read while it is baked."""
     picture, light = scene.with_name("a.png"), scene.with_name("scene.bake")
     assert run(capsys, "render", scene, "-o", picture)[0] == 0
     before = picture.read_bytes()
@@ -568,7 +568,7 @@ def test_light_of_another_scene_is_reported_with_its_line(scene, bakes, capsys):
         ("[bake]", "[bakes]", "26: bakes: unknown key 'bakes' (did you mean 'bake'?)"),
     ],
 )
-def test_mistakes_in_the_table(scene, capsys, before, after, told):
+def test_errors_in_the_table_are_reported(scene, capsys, before, after, told):
     assert before in SCENE
     scene.write_text(SCENE.replace(before, after))
     assert f"pointray: {scene}:{told}" in fail(capsys, "render", scene, "-o", scene.with_name("a.png"))
@@ -581,7 +581,7 @@ def test_an_empty_scene_is_reported(scene, capsys):
     assert status == 2 and err.endswith(f"\npointray: {scene}: the scene is empty: nothing to bake\n")
 
 
-def test_the_points_of_a_scene_with_one_instance(scene, bakes, capsys):
+def test_points_of_a_scene_with_one_instance_are_baked(scene, bakes, capsys):
     out = scene.with_name("lit.ply")
     status, text, _ = run(capsys, "bake", scene, "-o", out, "--colors")
     assert status == 0 and text.startswith(f"{out}: {len(ring()):,} points with ao and irradiance, lit colours")
@@ -593,7 +593,7 @@ def test_the_points_of_a_scene_with_one_instance(scene, bakes, capsys):
 
 
 @pytest.mark.parametrize("more", ['[[instances]]\nmodel = "scan"\n', "many", "none"])
-def test_the_points_of_other_scenes_are_refused(scene, capsys, more):
+def test_points_of_other_scenes_cannot_be_baked(scene, capsys, more):
     text = SCENE + more
     if more == "many":
         np.save(scene.with_name("many.npy"), np.tile(np.eye(4), (3, 1, 1)))
@@ -608,7 +608,7 @@ def test_the_points_of_other_scenes_are_refused(scene, capsys, more):
 
 
 @pytest.mark.parametrize("option", ["--up z", "--light sun:1,1,1", "--material clay", "--surface imls", "--ground"])
-def test_a_scene_file_says_the_rest_itself(scene, capsys, option):
+def test_options_that_scene_files_contain_are_refused(scene, capsys, option):
     said = fail(capsys, "bake", scene, "-o", scene.with_name("lit.bake"), *option.split())
     assert "is not for a scene file" in said and option.split()[0] in said
 
@@ -617,7 +617,7 @@ def test_a_scene_file_says_the_rest_itself(scene, capsys, option):
 
 
 def viewed(files: list[Path], **options) -> tuple[object, list]:
-    """The shared scene of `pointray view`, loaded; and what it has said."""
+    """Return the loaded shared scene of `pointray view`, and its messages."""
     typed = {name: value for name, value in options.items() if name in ("bake", "integrator")}
     told = {"up": None, "light": None, "fill": None, "background": "auto", "ground": False, "normals": "auto"}
     told |= {"settings": pr.Settings("baked"), "bake": None, "quick": False}
@@ -631,14 +631,14 @@ def viewed(files: list[Path], **options) -> tuple[object, list]:
 
 
 def test_the_viewer_shows_a_scan_before_it_bakes(scan, bakes, capsys):
-    """The painter's baker makes the light, while pictures have direct light."""
+    """The painter's baker bakes in the background; pictures have direct light until then."""
     shared, _ = viewed([scan])
     assert shared.problem == "" and bakes == [] and shared.scene.baked is None
     assert "baked first" not in capsys.readouterr().err
 
 
-def test_what_the_viewer_shows_first_fits_the_light(scan):
-    """Its panel knows lights by angles and sRGB colours; as long as nobody changes them they are what they were."""
+def test_the_first_view_of_the_viewer_matches_the_light(scan):
+    """The panel stores lights as angles and sRGB colours; unchanged lights keep their exact values."""
     lights = ["sun:1,1,-1.5", "point:0.3,-3,4"]
     shared, _ = viewed([scan], light=lights)
     scene, up = shared.scene, shared.up
@@ -656,8 +656,8 @@ FAR = (412345.6, 5412345.7, 101.3)
     ("origin", "lights"),
     [((0, 0, 0), ["point:0.3,-3,4"]), long(FAR, None), long((0, 0, 0), None), long(FAR, ["point:0.3,-3,4"])],
 )
-def test_the_viewer_reads_what_bake_has_written(scan, bakes, capsys, lights, origin):
-    """Its lights and its ground are those of `render`, to the last bit."""
+def test_the_viewer_reads_a_file_of_bake(scan, bakes, capsys, lights, origin):
+    """Its lights and ground equal those of `render` to the last bit."""
     light = scan.with_name("lit.bake")
     pr.write(scan, pr.Points(ring().world + origin, ring().normals))
     more = [] if lights is None else ["--light", *lights]
@@ -672,8 +672,8 @@ def test_the_viewer_reads_what_bake_has_written(scan, bakes, capsys, lights, ori
 
 
 @pytest.mark.long
-def test_the_viewer_shows_a_large_scan_with_light_from_a_file_as_a_whole(scan, bakes, capsys, monkeypatch):
-    """No coarse version and no levels of detail, which that light is not of."""
+def test_the_viewer_shows_a_large_scan_with_light_from_a_file_in_full(scan, bakes, capsys, monkeypatch):
+    """There is no coarse version and no level of detail, as the file has no light for them."""
     monkeypatch.setattr("pointray.viewer.loading.LARGE_FROM", 100)
     made, shown = [], []
     monkeypatch.setattr(pr.Model, "make_levels", lambda self, show: made.append(self))
@@ -687,7 +687,7 @@ def test_the_viewer_shows_a_large_scan_with_light_from_a_file_as_a_whole(scan, b
     assert made == [] and bakes == []
 
 
-def test_the_viewer_of_a_scene_file(scene, bakes, capsys):
+def test_the_viewer_bakes_a_scene_file(scene, bakes, capsys):
     shared, stages = viewed([scene])
     assert shared.problem == "" and shared.scene.baked is not None and "baking light" in stages
     assert [settings.links for _, settings in bakes] == [7]

@@ -1,4 +1,4 @@
-"""The commands take models from the cache, and keep them there."""
+"""Commands load models from the cache and store them there."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def test_a_picture_is_the_same_from_the_cache(scan, tmp_path, monkeypatch):
 
 
 @pytest.mark.long
-def test_other_options_of_reading_and_building_are_other_models(scan, tmp_path):
+def test_other_options_of_reading_and_building_miss_the_cache(scan, tmp_path):
     for more in ([], ["--every", "2"], ["--samples", "5"], ["--normals", "fit"], ["--samples", "5"]):
         assert execute(["render", str(scan), "-o", str(tmp_path / "a.png"), *SIZE, *more]) == 0
     assert len(kept()) == 4
 
 
-def test_cache_tells_and_clears(scan, tmp_path, capsys):
+def test_cache_lists_and_clears(scan, tmp_path, capsys):
     assert execute(["render", str(scan), "-o", str(tmp_path / "a.png"), *SIZE]) == 0
     capsys.readouterr()
     assert execute(["cache"]) == 0
@@ -66,7 +66,7 @@ def test_cache_tells_and_clears(scan, tmp_path, capsys):
 
 
 class Shared:
-    """What a loader shows."""
+    """Records what a loader shows."""
 
     def __init__(self):
         self.shown = []
@@ -79,7 +79,7 @@ class Shared:
         self.shown.append((len(scene.models[0].points), len(scene.models[0].levels), coarse))
 
 
-def test_the_viewer_loads_what_it_has_kept(scan, monkeypatch):
+def test_the_viewer_loads_cached_models(scan, monkeypatch):
     monkeypatch.setattr(loading, "is_warm", lambda *_: True)
     monkeypatch.setattr(loading, "LARGE_FROM", 4000)
     monkeypatch.setattr(loading, "COARSE", 2000)

@@ -1,4 +1,4 @@
-"""Small files that failed once, whose kinds have tests of their own: counts, coordinates and colours of each."""
+"""Small files that failed once: counts, coordinates and colours of each."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ READ = {
 
 
 @pytest.mark.parametrize("name", READ)
-def test_what_is_read(name):
+def test_once_failing_files_are_read(name):
     count, size, is_colored, warning = READ[name]
     with warnings.catch_warnings(record=True) as given:
         warnings.simplefilter("always")

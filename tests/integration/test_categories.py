@@ -1,4 +1,4 @@
-"""Categories, which are few whole numbers, are never blended; legends show their names and swatches."""
+"""Categories (few distinct integers) are never blended; legends show their names and colours."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from pointray.shade.attributes import category_colors, category_name
 
 @pytest.fixture(scope="module")
 def scene():
-    """A sphere of ground below and water (ASPRS's 2 and 9) above, and its height."""
+    """A sphere with classes ground below and water above (2 and 9 of ASPRS), and its height."""
     points = pr.procedural("sphere", 3_000)
     high = points.positions[:, 2] > 0
     of_points = {"classification": np.where(high, 9, 2).astype(np.float32), "height": points.positions[:, 2]}
@@ -63,12 +63,12 @@ def test_pictures_show_their_colours_and_no_others(scene):
         (np.zeros((100, 2)), None),
     ],
 )
-def test_what_are_categories(values, found):
+def test_categories_are_recognised_by_values(values, found):
     assert categories_of(values) == found
 
 
 @pytest.mark.parametrize("name", ["classification", "scalar_Classification", "point_source_id", "scan"])
-def test_labels_are_categories_however_few_or_many(name):
+def test_labels_are_always_categories(name):
     assert categories_of(np.uint8([2, 6, 64]), name) == categories_of(np.float32([2, 64, 6]), name) == (2, 6, 64)
     assert categories_of(np.arange(256), name) == tuple(range(256))
     assert categories_of(np.arange(257), name) is categories_of(np.float32([2, 2.5]), name) is None
@@ -77,7 +77,7 @@ def test_labels_are_categories_however_few_or_many(name):
 
 
 @pytest.mark.parametrize("name", ["intensity", "scalar_Intensity", "Reflectance"])
-def test_measures_have_no_categories(name):
+def test_measurements_are_not_categories(name):
     values = np.arange(1000) % 3
     assert categories_of(values, name) is None and categories_of(values, "user_data") == (0, 1, 2)
 
@@ -88,7 +88,7 @@ def test_a_category_has_its_name_or_its_number():
     assert category_name(pr.Attribute("classification"), 77) == category_name(pr.Attribute("label"), 77) == "77"
 
 
-def test_bools_are_no_and_yes():
+def test_bools_are_shown_as_no_and_yes():
     shown = pr.Attribute("withheld", categories=(True, False))
     assert [category_name(shown, value) for value in shown.values] == ["no", "yes"]
     points = pr.procedural("sphere", 2000)
@@ -101,7 +101,7 @@ def test_bools_are_no_and_yes():
 
 
 def many_classes(count, n=4000):
-    """A sphere in `count` belts of classes, the highest of which are user-defined."""
+    """Return a sphere in `count` belts of classes, the highest of them user-defined."""
     points = pr.procedural("sphere", n)
     belt = np.clip(((points.positions[:, 2] + 1) / 2 * count).astype(int), 0, count - 1)
     classes = np.linspace(0, 255, count).astype(np.uint8)
@@ -109,8 +109,8 @@ def many_classes(count, n=4000):
 
 
 @pytest.mark.parametrize("count", [2, 12, 60, 256])
-def test_classes_as_las_has_them_are_shown_one_by_one(count):
-    """Pictures show the colours of classes alone, none in between, also where there are more than 32."""
+def test_las_classes_are_never_mixed(count):
+    """Pictures show only the colours of classes, none in between, even for more than 32."""
     points, _ = many_classes(count)
     scene = pr.Scene()
     scene.add(pr.Model(points), material=pr.Diffuse(pr.Attribute("classification")))
@@ -133,7 +133,7 @@ def test_colours_of_categories_differ(name, count):
     assert apart.min() >= (3 if count > 40 else 16)
 
 
-def test_few_points_have_classes_too():
+def test_few_points_may_have_classes():
     few = pr.procedural("sphere", 3000).select(np.arange(0, 3000, 300))
     scene = pr.Scene()
     kinds = {"classification": np.arange(10, dtype=np.uint8)}
@@ -143,7 +143,7 @@ def test_few_points_have_classes_too():
 
 
 @pytest.mark.parametrize(("name", "dtype"), [("return_number", np.uint8), ("intensity", np.uint16)])
-def test_other_whole_numbers_are_blended_if_they_are_many(name, dtype):
+def test_other_integers_are_blended_if_there_are_many(name, dtype):
     points = pr.procedural("sphere", 3000)
     values = np.arange(3000) % 5 + 1 if name == "return_number" else np.arange(3000)
     scene = pr.Scene()
@@ -157,7 +157,7 @@ def test_other_whole_numbers_are_blended_if_they_are_many(name, dtype):
 
 @pytest.mark.parametrize("count", [3, 33, 256])
 @pytest.mark.parametrize("height", [120, 400])
-def test_a_legend_of_many_classes_is_read_and_counts_what_does_not_fit(count, height):
+def test_a_legend_of_many_classes_counts_those_that_do_not_fit(count, height):
     rows, length = _entries(pr.Attribute("classification", categories=range(count)), max(height / 40, 10.0), height)
     assert length <= height and length / len(rows) >= 8
     assert len(rows) == count or rows[-1].text == f"and {count - len(rows) + 1} more"
@@ -165,7 +165,7 @@ def test_a_legend_of_many_classes_is_read_and_counts_what_does_not_fit(count, he
     assert draw_legend(image, pr.Attribute("classification", categories=range(count))).any()
 
 
-def test_a_picture_by_command_has_a_legend_of_classes(tmp_path):
+def test_render_draws_a_legend_of_classes(tmp_path):
     points, _ = many_classes(40)
     pr.write(tmp_path / "a.ply", points)
     assert execute(
@@ -183,7 +183,7 @@ def test_bad_categories_are_refused(categories):
 
 
 @pytest.mark.parametrize("attribute", [pr.Attribute("z", range=(0, 1)), pr.Attribute("label", categories=[1, 2, 6])])
-def test_a_legend_in_a_file_covers_nothing(tmp_path, attribute):
+def test_a_legend_in_a_file_does_not_cover_the_scan(tmp_path, attribute):
     image = np.random.default_rng(1).random((120, 200, 3)).astype(np.float32)
     pr.write_image(tmp_path / "without.png", image)
     pr.write_image(tmp_path / "with.png", image, legend=attribute)

@@ -1,4 +1,4 @@
-"""The command line: its output, its messages, and its exit status."""
+"""The command line: output, messages and exit status."""
 
 import json
 import os
@@ -37,14 +37,14 @@ def scan(tmp_path: Path) -> Path:
 
 
 def ascii_ply(path: Path, rows: np.ndarray, announced: int | None = None) -> Path:
-    """Positions as text, so that NaN and wrong counts can be written."""
+    """Write positions as text, which allows NaN and wrong counts."""
     lines = "".join(f"{x} {y} {z}\n" for x, y, z in rows)
     path.write_text(HEADER.format(len(rows) if announced is None else announced) + lines)
     return path
 
 
 def bad_input(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """Run the command; returns the one line that it prints."""
+    """Run the command and return the one line that it prints."""
     capsys.readouterr()
     assert execute(arguments) == 2
     out, err = capsys.readouterr()
@@ -61,7 +61,7 @@ ABSENT = "info absent.ply", 2, "", "pointray: absent.ply: No such file or direct
     ("module", "call"),
     [("pointray", VERSION), ("pointray.cli", VERSION), long("pointray", ABSENT), long("pointray.cli", ABSENT)],
 )
-def test_the_command_is_a_module_too(module: str, call: tuple[str, int, str, str]) -> None:
+def test_the_command_can_be_run_as_a_module(module: str, call: tuple[str, int, str, str]) -> None:
     words, *wanted = call
     command = [sys.executable, "-m", module, *words.split()]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -71,7 +71,7 @@ def test_the_command_is_a_module_too(module: str, call: tuple[str, int, str, str
 # ------------------------------------------------------------------------------------------------ what it makes
 
 
-def test_render_frames_and_lights_by_itself(scan: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_render_frames_and_lights_automatically(scan: Path, capsys: pytest.CaptureFixture[str]) -> None:
     picture = scan.with_name("a.png")
     assert execute(["render", str(scan), "-o", str(picture), *SMALL]) == 0
     first, second = capsys.readouterr().out.splitlines()
@@ -91,7 +91,7 @@ def test_render_without_background_is_transparent(scan: Path) -> None:
 
 
 def test_render_from_an_eye(scan: Path) -> None:
-    """The colours of normals show what the camera looks at."""
+    """Colours of normals show which side is visible."""
     picture = scan.with_name("a.png")
     view = ["--eye", "0,-4,0", "--target", "0,0,0", "--fov", "45", "--integrator", "normal"]
     assert execute(["render", str(scan), "-o", str(picture), *SMALL, *view, "--surface", "paper"]) == 0
@@ -108,7 +108,7 @@ def test_target_alone_moves_the_framed_camera(scan: Path) -> None:
     assert covered == [True, False]
 
 
-def test_ground_and_lights(scan: Path) -> None:
+def test_ground_lights_and_exposure_have_an_effect(scan: Path) -> None:
     """The sphere casts a shadow on the ground under a sun; more light and more exposure are brighter."""
 
     def mean(*more: str) -> float:
@@ -136,7 +136,7 @@ def test_each_projection_covers_its_part_of_the_picture(scan: Path) -> None:
     assert 0.1 < covered["perspective"] != covered["orthographic"] > 0.1
 
 
-def test_aperture_focus_and_filter(scan: Path) -> None:
+def test_aperture_focus_and_filter_have_an_effect(scan: Path) -> None:
     """The camera stands 4 in front of the sphere. A lens blurs its outline unless it is in focus."""
 
     def half_covered(*more: str) -> float:
@@ -152,7 +152,7 @@ def test_aperture_focus_and_filter(scan: Path) -> None:
     assert half_covered("--filter", "gaussian") > 1.2 * sharp
 
 
-def test_threads_and_seed_do_what_they_say(scan: Path) -> None:
+def test_threads_and_seed_have_an_effect(scan: Path) -> None:
     pictures = []
     for threads in ("1", "2"):
         picture = scan.with_name(f"{threads}.png")
@@ -161,7 +161,7 @@ def test_threads_and_seed_do_what_they_say(scan: Path) -> None:
     assert pictures[0] == pictures[1]
 
 
-def test_info_tells_what_is_there(scan: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_lists_facts(scan: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(["info", str(scan), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["points"] == 3000 and facts["normals"] and facts["colors"] and facts["missing"] == []
@@ -171,7 +171,7 @@ def test_info_tells_what_is_there(scan: Path, capsys: pytest.CaptureFixture[str]
     assert "3,000" in capsys.readouterr().out
 
 
-def test_info_tells_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_lists_missing_columns(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = sphere_points(500)
     rows[7] = np.nan
     rows[8] = rows[9]
@@ -219,20 +219,20 @@ def test_broken_files_are_named(name: str, command: str, tmp_path: Path, capsys:
 
 
 @pytest.mark.parametrize("count", [1, 10_000])
-def test_points_at_one_place(count: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_coincident_points_are_reported(count: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = ascii_ply(tmp_path / "one.ply", np.tile([1.0, 2.0, 3.0], (count, 1)))
     assert str(file) in bad_input(["render", str(file), "-o", str(tmp_path / "a.png")], capsys)
     assert os.listdir(tmp_path) == ["one.ply"]
 
 
-def test_no_such_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     missing = tmp_path / "missing.ply"
     for arguments in (["info", str(missing)], ["render", str(missing), "-o", str(tmp_path / "a.png")]):
         assert str(missing) in bad_input(arguments, capsys)
     assert str(tmp_path) in bad_input(["info", str(tmp_path)], capsys)
 
 
-def test_some_points_are_not_finite(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_points_that_are_not_finite_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = sphere_points(2000)
     rows[:5] = np.nan
     file = ascii_ply(tmp_path / "some.ply", rows)
@@ -298,7 +298,7 @@ def test_options_are_checked_first(option: str, value: str, tmp_path: Path, caps
     )
 
 
-def test_unknown_commands_and_options(capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_commands_and_options_are_reported(capsys: pytest.CaptureFixture[str]) -> None:
     bad_input(["sculpt"], capsys)
     bad_input(["info", "--loudly"], capsys)
     bad_input(["render"], capsys)
@@ -329,7 +329,7 @@ def test_a_defect_is_one_line(scan: Path, capsys: pytest.CaptureFixture[str], mo
     assert capsys.readouterr().err == "pointray: RuntimeError: something broke\n"
 
 
-def test_warnings_outside_stay_as_they_were(scan: Path) -> None:
+def test_warnings_of_the_caller_are_not_affected(scan: Path) -> None:
     before = warnings.showwarning, list(warnings.filters)
     assert execute(["info", str(scan)]) == 0
     assert (warnings.showwarning, list(warnings.filters)) == before
@@ -360,8 +360,8 @@ main()
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
 @pytest.mark.parametrize("command", ["render scan.ply -o a.png", "demo -o a.png --points 20000"])
-def test_interrupted_while_compiling(command: str, scan: Path, tmp_path: Path) -> None:
-    """The status is 130, nothing more is printed, and nothing is left behind."""
+def test_an_interrupt_while_compiling_ends_the_command(command: str, scan: Path, tmp_path: Path) -> None:
+    """The status is 130, nothing else is printed, and no files are left."""
     environment = {**os.environ, "POINTRAY_CACHE": str(tmp_path / "cache"), "POINTRAY_KERNELS": "jit"}
     words = [sys.executable, "-c", PROGRAM, *command.split()]
     with subprocess.Popen(words, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as process:
@@ -373,8 +373,8 @@ def test_interrupted_while_compiling(command: str, scan: Path, tmp_path: Path) -
     assert sorted(os.listdir(tmp_path)) == ["cache", "scan.ply"]
 
 
-def test_an_interrupt_while_a_class_is_made_is_one(monkeypatch, capsys):
-    """Python 3.11 makes a RuntimeError of it."""
+def test_an_interrupt_during_class_creation_is_recognised(monkeypatch, capsys):
+    """Python 3.11 turns it into a RuntimeError."""
 
     class Interrupted:
         def __set_name__(self, owner, name):

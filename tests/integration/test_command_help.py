@@ -1,4 +1,4 @@
-"""The declared options, `--help` of each command, and the closest matches of misspelt names."""
+"""Declared options, `--help` of each command, and suggestions for misspelt names."""
 
 import inspect
 from dataclasses import fields
@@ -23,7 +23,7 @@ WIDTH = 100
 
 
 def help_of(*words):
-    """The lines of a help text on a terminal of 100 columns."""
+    """Return the lines of a help text on a terminal of 100 columns."""
     result = CliRunner().invoke(app, [*words, "--help"], env={"COLUMNS": str(WIDTH), "TERMINAL_WIDTH": str(WIDTH)})
     assert result.exit_code == 0
     return [line.rstrip() for line in result.output.splitlines()]
@@ -38,7 +38,7 @@ def test_each_option_has_a_panel_and_help(group):
 
 
 def test_each_option_of_pictures_is_declared_once():
-    """No command has a parameter of its own for an option that the dataclass declares for it."""
+    """No command has its own parameter for an option that the dataclass declares."""
     declared = declarations(PictureOptions)
     for name in NAMES:
         command = getattr(commands, name)
@@ -59,8 +59,8 @@ def test_scene_files_have_the_keys_that_options_replace():
     assert names_of(IN_BAKE) == ("bake",) and "file" in light.WORDS
 
 
-def test_defaults_are_those_of_python():
-    """Except for samples, which a picture needs, and what is chosen automatically."""
+def test_defaults_equal_those_of_python():
+    """Exceptions are the number of samples and automatic choices."""
     options = {each.name: each.default for each in fields(PictureOptions)}
     automatic = {"spp", "integrator", "backfaces"}
     for name in set(names_of(IN_SETTINGS)) - automatic:
@@ -83,7 +83,7 @@ def test_help_fits_and_starts_with_two_examples(name):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_examples_of_help_parse(name):
-    """Up to the files, which are not there."""
+    """Only the files are missing."""
     lines = help_of(name)
     first = lines.index(" Examples:")
     for line in lines[first + 1 : first + 3]:
@@ -98,7 +98,7 @@ def test_render_has_its_panels_in_order():
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder with a scan, which has an attribute."""
+    """A folder with a scan that has an attribute."""
     rows = sphere_points(300)
     pr.write(tmp_path / "scan.ply", pr.Points(rows, rows, attributes={"intensity": rows[:, 0]}))
     monkeypatch.chdir(tmp_path)

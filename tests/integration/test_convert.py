@@ -1,4 +1,4 @@
-"""pointray convert: all that the target can hold goes along, and the rest is named."""
+"""`pointray convert`: all that the target can store is written, and the rest is reported."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ MARK = b"what was there before"
 
 @pytest.fixture
 def scan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> pr.Points:
-    """A map with all that points can have, in a.ply of the current folder."""
+    """Write a map with all columns to a.ply of the current folder."""
     monkeypatch.chdir(tmp_path)
     rng, rows = np.random.default_rng(1), sphere_points(500)
     attributes = {"gps_time": 3e8 + rng.random(500), "classification": (np.arange(500) % 7).astype(np.uint8)}
@@ -33,7 +33,7 @@ def run(capsys, *arguments):
     return status, *capsys.readouterr()
 
 
-def test_all_goes_along(scan, capsys):
+def test_all_columns_are_converted(scan, capsys):
     assert run(capsys, "a.ply", "b.ply") == (0, "b.ply: 500 points\n", "")
     one, other = pr.read("a.ply"), pr.read("b.ply")
     assert np.array_equal(one.world, other.world) and other.crs == "EPSG:25832"
@@ -43,13 +43,13 @@ def test_all_goes_along(scan, capsys):
     assert np.array_equal(other.attributes["gps_time"], scan.attributes["gps_time"])
 
 
-def test_several_files_and_options_of_reading(scan, capsys):
+def test_several_files_and_options_of_reading_are_supported(scan, capsys):
     assert run(capsys, "a.ply", "b.ply")[0] == 0
     assert run(capsys, "a.ply", "b.ply", "c.ply", "--keep", "classification=6") == (0, "c.ply: 142 points\n", "")
     assert run(capsys, ".", "d.ply", "--every", "10")[:2] == (0, "d.ply: 115 points\n")  # 50 of a and of b, 15 of c
 
 
-def test_a_saved_model_gives_its_points(scan, capsys):
+def test_points_of_a_saved_model_are_converted(scan, capsys):
     pr.Model(pr.read("a.ply")).save("a.pointray")
     assert run(capsys, "a.pointray", "b.ply")[:2] == (0, "b.ply: 500 points\n")
 
@@ -87,7 +87,7 @@ def test_force_overwrites_the_scan(scan, capsys):
     assert len(pr.read("a.ply")) == 250
 
 
-def test_a_failure_leaves_the_old_file(scan, capsys, monkeypatch):
+def test_a_failure_keeps_the_old_file(scan, capsys, monkeypatch):
     def full(stream, points, progress):
         stream.write(b"half")
         raise OSError(28, "No space left on device")

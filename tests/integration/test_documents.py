@@ -1,4 +1,4 @@
-"""The documents: what they name exists, and ARCHITECTURE.md describes the rooms as they are."""
+"""Documents: paths and links in them exist, and ARCHITECTURE.md matches the rooms."""
 
 import ast
 import re
@@ -58,7 +58,7 @@ def rooms() -> list[tuple[str, list[str]]]:
     return [(row[0].strip("`/").removesuffix(".py"), re.findall(r"[a-z_]+", row[2])) for row in rows]
 
 
-def test_the_checks_see_what_is_wrong():
+def test_the_checks_detect_errors():
     assert (
         missing(paths_in("`surface/tree/build.py`, `tree/build.p`, `bench/`, `docs/decisions/tree.md`, `x = 1`")) == []
     )
@@ -76,11 +76,11 @@ def test_the_architecture_is_short():
     assert len(ARCHITECTURE.splitlines()) <= MOST_LINES
 
 
-def test_the_table_has_the_rooms_in_their_order():
+def test_the_table_lists_the_rooms_in_order():
     assert [name for name, _ in rooms()] == TOWER
 
 
-def test_rooms_import_what_the_table_says_and_no_more():
+def test_rooms_import_exactly_what_the_table_lists():
     may = dict(rooms())
     for file, imported in arrows().items():
         room = file.split(".")[0]
@@ -99,7 +99,7 @@ def test_every_script_of_a_command_exists(document: Path):
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=title)
-def test_every_link_leads_somewhere(document: Path):
+def test_every_link_has_a_target(document: Path):
     for link in LINK.findall(document.read_text()):
         if link.startswith(("http:", "https:")):
             continue
@@ -109,19 +109,19 @@ def test_every_link_leads_somewhere(document: Path):
         assert not anchor or anchor in anchors(target.read_text()), link
 
 
-def test_every_topic_is_listed():
+def test_every_document_is_listed():
     folder = ROOT / "docs" / "decisions"
     listed = re.findall(r"^\| \[(\S+\.md)\]", (folder / "README.md").read_text(), re.MULTILINE)
     assert sorted(listed) == sorted(path.name for path in folder.glob("*.md") if path.name != "README.md")
 
 
 def modules_in(text: str) -> set[str]:
-    """The modules that a folder's docstring lists: `a, b : what they do; c : what it does`."""
+    """Return the modules that a folder's docstring lists: `a, b : what they do; c : what it does`."""
     lists = re.findall(r"(?:^|; )([a-z_0-9]+(?:, [a-z_0-9]+)*) : ", text, re.MULTILINE)
     return {name for names in lists for name in names.split(", ")}
 
 
-def test_the_map_of_each_folder_names_its_modules():
+def test_the_docstring_of_each_folder_lists_its_modules():
     assert modules_in("Rooms.\n\na, b : this; c : that\nBegin with a: it is short.") == {"a", "b", "c"}
     for path in PACKAGE.rglob("__init__.py"):
         here = {other.stem for other in path.parent.iterdir()}

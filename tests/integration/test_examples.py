@@ -1,4 +1,4 @@
-"""Every example runs and shows something, with few points and pixels."""
+"""Every example runs with few points and pixels and gives a picture."""
 
 import re
 import runpy
@@ -52,7 +52,7 @@ def picture_of(name: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> np.n
     return np.asarray(Image.open(folder / command[-1]).convert("RGB"))
 
 
-def test_they_are_numbered() -> None:
+def test_examples_are_numbered() -> None:
     assert len(EXAMPLES) >= 6
     assert all(re.match(r"\d\d_[a-z_]+\.(toml|py)$", name) for name in EXAMPLES)
 
@@ -65,7 +65,7 @@ def test_each_example_shows_its_object(name: str, tmp_path: Path, monkeypatch: p
     assert 20 < middle.mean() < 235 and middle.std() > 8
 
 
-def test_the_same_in_toml_and_in_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_example_in_toml_equals_that_in_python(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     one, other = (picture_of(name, tmp_path, monkeypatch) for name in ("01_statue.toml", "06_statue.py"))
     assert (one == other).all()
 
@@ -77,7 +77,7 @@ def test_the_notebook_runs(tmp_path: Path) -> None:
     for cell in book.cells:
         cell.source = cell.source.replace("50_000", "2_500").replace("spp=16", "spp=2")
     nbclient.NotebookClient(book, timeout=300, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    assert not list(tmp_path.iterdir())  # nothing is left beside the notebook
+    assert not list(tmp_path.iterdir())  # the notebook leaves no files
     shown = [part.data for cell in book.cells for part in cell.get("outputs", []) if "data" in part]
     assert any("<iframe src=" in data.get("text/html", "") for data in shown)
     assert any("image/png" in data for data in shown)

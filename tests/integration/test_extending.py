@@ -1,4 +1,4 @@
-"""Extending pointray: these tests add and use a format, an integrator and a material."""
+"""Extending pointray by a format, an integrator and a material."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ kind = "sun"
 direction = [1, 1, -1]
 """
 
-LINES = [  # what a kind of material adds to three other files: after which line, and what
+LINES = [  # lines that a kind of material adds to three other files: after which line, and the text
     ("engine/kernels/records.py", "MATERIAL_KIND = 0\n", "VELVET, VELVET_SHARE = 6, 5\n"),
     (
         "shade/bsdf.py",
@@ -173,7 +173,7 @@ def package(tmp_path: Path) -> Path:
 
 
 def run(package: Path, code: str, *arguments: str, **variables: str) -> str:
-    """Run a program that uses a copy of the package, with more environment variables; returns what it prints."""
+    """Run a program with a copy of the package and environment variables, and return its output."""
     environment = {**os.environ, "PYTHONPATH": str(package.parent), **variables}
     command = [sys.executable, "-c", code, *arguments]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=package.parent)
@@ -182,7 +182,7 @@ def run(package: Path, code: str, *arguments: str, **variables: str) -> str:
 
 
 @pytest.mark.long
-def test_a_format_is_its_own_file(tmp_path: Path, package: Path) -> None:
+def test_a_format_needs_one_file(tmp_path: Path, package: Path) -> None:
     """No kernel depends on it, so the copy uses the kernels compiled so far."""
     scan, again, broken = (tmp_path / f"{name}.cubes" for name in ("scan", "again", "broken"))
     rows = sphere_points(500)
@@ -198,7 +198,7 @@ def test_a_format_is_its_own_file(tmp_path: Path, package: Path) -> None:
 
 @inline
 def _integrate_facing(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Grey by how far the surface faces upwards."""
+    """Shade by how far the surface faces upwards."""
     trace_tile(world, scratch)
     for i in range(TILE):
         hit = tile_hit(scratch, i)
@@ -213,7 +213,7 @@ def facing_frame(work: Array, world: World, camera: Array, job: Pass, film: Arra
 
 
 @pytest.mark.long
-def test_an_integrator_is_its_own_file_and_two_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_integrator_needs_one_file_and_two_lines(monkeypatch: pytest.MonkeyPatch) -> None:
     """This compiles kernels for a minute."""
     with pytest.raises(ValueError, match="unknown integrator 'facing'"):
         pr.Settings("facing")
@@ -231,8 +231,8 @@ def test_an_integrator_is_its_own_file_and_two_lines(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.long
-def test_a_material_of_a_new_kind_is_its_own_file_and_lines_in_three(tmp_path: Path, package: Path) -> None:
-    """The new kind is in the kernel of pictures, which is compiled: a minute."""
+def test_a_new_kind_of_material_needs_one_file_and_lines_in_three(tmp_path: Path, package: Path) -> None:
+    """The kernel of pictures is compiled with the new kind, which takes a minute."""
     (package / "shade" / "materials" / "velvet.py").write_text(VELVET)
     for name, line, more in LINES:
         text = (package / name).read_text()
@@ -255,7 +255,7 @@ class Brass(Material):
         return Principled(BRASS, 1.0 - self.polish, 1.0).record()
 
 
-def test_a_material_of_a_kind_that_kernels_know_is_a_class(tmp_path: Path) -> None:
+def test_a_material_of_an_existing_kind_needs_one_class(tmp_path: Path) -> None:
     """Scene files can name it, with its parameters."""
     file = tmp_path / "scene.toml"
     file.write_text(SCENE)

@@ -1,4 +1,4 @@
-"""A scan far from the origin, as maps have it, looks as the one moved to zero: its millimetres survive."""
+"""A scan in map coordinates looks like the same scan at the origin: millimetres are kept."""
 
 import numpy as np
 import pytest
@@ -11,12 +11,12 @@ from pointray.cloud.points import Points
 
 FAR = np.array([512_345.678, 5_400_000.123, 321.5])
 SIZE = 200
-SHARE = 1e-4  # of the pixels that may differ, and of hits on edges that may fall beside
+SHARE = 1e-4  # of pixels that may differ, and of hits on edges that may become misses
 
 
 @pytest.fixture(scope="module", params=["torus", long("statue")])
 def scan(request):
-    """A body that is 2 m large, in whole millimetres; and its normals."""
+    """A body of 2 m, in whole millimetres, and its normals."""
     points = pr.procedural(request.param, 60_000 if request.param == "statue" else 10_000)
     rows = points.positions.astype(np.float64)
     rows -= rows.min(axis=0)
@@ -24,13 +24,13 @@ def scan(request):
 
 
 def at(scan, place, fitted=False):
-    """The scan at a place, in whole millimetres again."""
+    """Return the scan at a position, in whole millimetres."""
     return Points(np.round(scan[0] + place, 3), None if fitted else scan[1])
 
 
 @pytest.fixture(scope="module")
 def files(scan, tmp_path_factory):
-    """The scan at zero and far away, each as a PLY file with coordinates of 8 bytes."""
+    """The scan at zero and far away, each as a PLY file with float64 coordinates."""
     folder = tmp_path_factory.mktemp("far")
     fields = [(name, "<f8") for name in "xyz"] + [(f"n{name}", "<f4") for name in "xyz"]
     for name, place in (("near", 0), ("far", FAR)):
@@ -45,7 +45,7 @@ def files(scan, tmp_path_factory):
 
 
 def differing(files, *options):
-    """The share of pixels that differ, in levels, between the pictures of both files."""
+    """Return the share of pixels that differ between the pictures of both files."""
     images = []
     for name in ("near", "far"):
         picture = files / f"{name}.png"
@@ -79,24 +79,24 @@ def test_rays_hit_the_same_places(scan, fitted):
     turned = np.einsum("ij,ij->i", m[both], n[both])
     print(np.quantile(away, [0.5, 0.99, 0.999, 1]), (turned < 0.99).mean())
     assert np.median(away) < 2e-6
-    # Whole millimetres make many neighbours equally far; which of them a fit takes hangs on the last bit.
+    # With whole millimetres, many neighbours are equally far; which of them a fit uses depends on the last bit.
     assert np.quantile(away, 0.99) < (1e-4 if fitted else 4e-6)
     assert (turned < 0.99).mean() < (0.002 if fitted else SHARE)
 
 
-def test_the_headlight_shows_the_same(files):
+def test_pictures_with_the_headlight_are_the_same(files):
     levels, image = differing(files, "--light", "headlight")
     assert (image[..., :3].std(axis=(0, 1)) > 10).any()
     assert (levels > 0).mean() < 2 * SHARE and (levels > 1).mean() < SHARE
 
 
 @pytest.mark.long
-def test_fitted_normals_show_nearly_the_same(files):
+def test_pictures_of_fitted_normals_are_nearly_the_same(files):
     levels, _ = differing(files, "--light", "headlight", "--normals", "fit")
     assert (levels > 1).mean() < 10 * SHARE
 
 
 @pytest.mark.long
-def test_baked_light_shows_the_same(files):
+def test_pictures_of_baked_light_are_the_same(files):
     levels, _ = differing(files)
     assert (levels > 1).mean() < 0.01  # measured: 0.004; baked light has noise, which the last bits change

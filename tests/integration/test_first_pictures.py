@@ -1,4 +1,4 @@
-"""The first pictures of thirteen real scans, without any option, meet measures of a good picture."""
+"""The default pictures of thirteen real scans satisfy measures of a good picture."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_first_pictures_are_framed_and_exposed(name, tmp_path):
     print(name, found)
     assert found.off <= 0.02
     assert 0.01 <= found.margin <= 0.08
-    assert 0.18 <= found.mean <= 0.65  # the pump is dark, and stays so; all others are above 0.35
+    assert 0.18 <= found.mean <= 0.65  # the pump is dark; all others are above 0.35
     assert found.burnt <= 0.01
     assert found.black <= 0.05
     assert found.contrast >= 0.15
@@ -30,7 +30,7 @@ def test_first_pictures_are_framed_and_exposed(name, tmp_path):
         assert found.range >= 0.35
 
 
-def test_what_is_measured():
+def test_measures_of_a_known_picture_are_exact():
     levels, alpha = np.full((60, 80, 3), 100, np.uint8), np.zeros((60, 80), np.uint8)
     alpha[6:54, 30:40] = 255
     levels[6:30, 30:40] = 255

@@ -1,4 +1,4 @@
-"""pointray info: files, coordinate system, ranges of attributes, scanners."""
+"""`pointray info`: files, coordinate system, ranges of attributes, scanners."""
 
 import json
 
@@ -44,7 +44,7 @@ def test_json_has_all_facts(scan, capsys):
     assert ranges["reflectance"]["low"] == float(np.float32(-1.1))
 
 
-def test_as_a_table(scan, capsys, monkeypatch):
+def test_facts_are_printed_as_a_table(scan, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")
     assert execute(["info", str(scan)]) == 0
     out = capsys.readouterr().out
@@ -71,7 +71,7 @@ def test_it_ends_with_what_a_picture_shows(scan, capsys, tmp_path, rng):
     assert lines[4] == "normals estimated" and lines[5] == "ignored 0.1% of the points lie far from all others"
 
 
-def test_texts_of_files_do_not_control_the_terminal(tmp_path, capsys):
+def test_control_characters_of_files_are_escaped(tmp_path, capsys):
     laspy = pytest.importorskip("laspy")
     header = laspy.LasHeader(version="1.2", point_format=0)
     header.generating_software = "a\x1b[2Jb"
@@ -142,7 +142,7 @@ def test_facts_of_headers_of_several_kinds(capsys):
     assert "scans name one, points 1,200; name two, points 7" in out and "version 1.0" in out
 
 
-def test_blanks_can_be_seen(capsys):
+def test_blank_names_are_quoted(capsys):
     file = {"file": "a.xyz", "format": "Text", "bytes": 1, "rows": 3, "separator": " "}
     show_table({"file": "a.xyz", "points": 3, "files": [file]}, False)
     assert "separator blank" in " ".join(capsys.readouterr().out.split())
@@ -160,6 +160,6 @@ def test_coordinates_are_shown_with_the_decimals_of_the_file(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("command", [(), ("render",)])
-def test_h_asks_for_help(command, capsys):
+def test_h_prints_help(command, capsys):
     assert execute([*command, "-h"]) == 0
     assert "Usage: pointray" in capsys.readouterr().out

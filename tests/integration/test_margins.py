@@ -1,4 +1,4 @@
-"""Rays leave a smoothed surface by a margin: its bumps do not shade each other, edges do."""
+"""Rays leave a smoothed surface with a margin: bumps do not shade each other, edges do."""
 
 from functools import cache
 
@@ -12,7 +12,7 @@ from pointray.model.model import PrebuiltModel
 from pointray.surface.tree.indices import check_indices
 
 WIDE = 120.0  # in spacings, which are 1
-LOW = WIDE / 2 - 10  # where a box of 20 in its middle begins
+LOW = WIDE / 2 - 10  # lower bound of a box of 20 in its middle
 
 
 def ground(noise, box=0.0, seed=1):
@@ -32,7 +32,7 @@ def ground(noise, box=0.0, seed=1):
 
 @cache
 def smooth_ground(noise, box=0.0):
-    """A model that tests share: they change nothing in it."""
+    """Return a model that tests share and do not change."""
     return pr.Model(ground(noise, box), smooth="auto")
 
 
@@ -43,7 +43,7 @@ def without_margin(model):
 
 
 def seen_from_above(model, elevation, shadows=True, integrator="phong", **options):
-    """Brightness of the ground's middle part under a sun so many degrees above it."""
+    """Return the brightness of the ground's middle part under a sun at this elevation in degrees."""
     scene, angle = pr.Scene(), np.radians(elevation)
     scene.add(model)
     if integrator != "ao":
@@ -54,7 +54,7 @@ def seen_from_above(model, elevation, shadows=True, integrator="phong", **option
 
 
 def shaded_share(model, elevation, **options):
-    """Share of pixels that a shadow falls on."""
+    """Return the share of shadowed pixels."""
     lit, shaded = (seen_from_above(model, elevation, shadows, **options) for shadows in (False, True))
     return np.mean(shaded < 0.5 * lit)
 
@@ -77,7 +77,7 @@ def test_ambient_occlusion_does_not_see_the_noise():
 
 
 def shadow_of_box(model):
-    """Where a shadow to the left of the box begins and ends in nine lines, the sun at 45 degrees behind the box."""
+    """Return start and end of the box's shadow to the left in nine lines, with the sun at 45 degrees."""
     scene, found = pr.Scene(), []
     scene.add(model)
     scene.add_light(pr.SunLight((-1, 0, -1), (1, 1, 1)))
@@ -89,16 +89,16 @@ def shadow_of_box(model):
     return np.array(found).T
 
 
-def test_the_shadow_of_a_box_begins_where_it_stands():
+def test_the_shadow_of_a_box_begins_at_its_foot():
     model = smooth_ground(0.3, box=20.0)
     tips, feet = shadow_of_box(model)
     assert np.abs(feet - LOW).max() < 1.5  # no light between the box and its shadow
-    assert np.abs(tips - (LOW - 20)).max() < 2.2  # a spacing and more is the noise's, at the box's upper edge
+    assert np.abs(tips - (LOW - 20)).max() < 2.2  # more than a spacing is noise at the box's upper edge
     others, _ = shadow_of_box(without_margin(model))
     assert np.abs(tips - others).max() < 0.6
 
 
-def test_the_margin_is_kept_by_files_levels_and_other_settings(tmp_path):
+def test_files_levels_and_other_settings_keep_the_margin(tmp_path):
     model = pr.Model(ground(0.3))
     assert np.median(model.tree.noise) == pytest.approx(0.3, rel=0.25)
     model.make_levels()
@@ -124,7 +124,7 @@ def test_clean_points_have_no_margin():
     assert pr.Model(ground(0.3), smooth=0).tree.noise.size == 0
 
 
-def test_baked_light_begins_as_far_off():
+def test_baked_light_uses_the_margin():
     model, scene = smooth_ground(0.3), pr.Scene()
     scene.add(model, np.diag([2.0, 2.0, 2.0, 1.0]))
     sheet = find_surfaces(scene.snapshot(), 500, 1.0)[0]

@@ -1,4 +1,4 @@
-"""Pictures of meshes' vertices compared with Mitsuba's of the meshes, at sizes that take seconds."""
+"""Pictures of vertices of meshes compared with Mitsuba's pictures of the meshes, at small sizes."""
 
 import os
 import sys
@@ -17,7 +17,7 @@ from helpers.places import MODELS, shared_model
 
 
 def ring():
-    """A torus of few triangles: the files of the bench are far finer than small pictures need."""
+    """A torus of few triangles: the benchmark's files are much finer than small pictures need."""
     import trimesh
 
     mesh = trimesh.creation.torus(1.0, 0.4, 128, 64)
@@ -32,7 +32,7 @@ LARGE = [("torus", 96, 49), ("bunny", 96, 49)]
 
 @pytest.fixture(scope="module", params=[SMALL, long(LARGE[0]), long_scan(LARGE[1])], ids=str)
 def pair(request):
-    """A mesh, and how its pictures are rendered: pixels a side, and samples a pixel."""
+    """A mesh with the size and samples of its pictures."""
     for package in ("mitsuba", "trimesh"):
         pytest.importorskip(package)
     name, size, spp = request.param
@@ -40,7 +40,7 @@ def pair(request):
         shared_model("meshes/stanford_bunny_mesh.ply")
     choose_variant(arrays=False)  # old versions of LLVM end the process on processors with AVX-512
     pair = Pair(ring() if name == "ring" else body(name, MODELS / "meshes"), size, spp)
-    pair.theirs = cache(pair.theirs)  # a test that changes our side only has the same pictures beside it
+    pair.theirs = cache(pair.theirs)  # tests that change only our side use the same reference pictures
     return pair
 
 
@@ -58,7 +58,7 @@ def pair(request):
     ids=str,
     indirect=["pair"],
 )
-def test_direct_light_is_that_of_mitsuba(pair, light):
+def test_direct_light_equals_that_of_mitsuba(pair, light):
     row = compare(pair, Case(light, "diffuse"))
     assert row.met, row
     assert row.model.pixels > 0.11 * pair.camera.size[0] ** 2 and row.all.pixels > 0.54 * pair.camera.size[0] ** 2
@@ -67,19 +67,19 @@ def test_direct_light_is_that_of_mitsuba(pair, light):
 
 @pytest.mark.long
 @pytest.mark.parametrize("pair", [LARGE[0], scan(LARGE[1])], indirect=True, ids=str)
-def test_four_bounces_in_a_corner(pair):
+def test_four_bounces_in_a_corner_equal_those_of_mitsuba(pair):
     row = compare(pair, Case("rectangle", "diffuse", "corner", 4))
     assert row.met, row
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("pair", [LARGE[0], scan(LARGE[1])], indirect=True, ids=str)
-def test_mirrors_show_what_those_of_mitsuba_show(pair):
+def test_mirrors_equal_those_of_mitsuba(pair):
     row = compare(pair, Case("gradient", "mirror", "floor", 2))
     assert row.met, row
 
 
-def test_a_wrong_color_is_noticed(pair, monkeypatch):
+def test_a_wrong_color_is_detected(pair, monkeypatch):
     wrong = MATERIALS["diffuse"]()._replace(ours=pr.Diffuse([1.03 * c for c in COLOR]))
     monkeypatch.setitem(mitsuba_pairs.MATERIALS, "diffuse", lambda: wrong)
     row = compare(pair, Case("sun", "diffuse"))
@@ -92,7 +92,7 @@ def aborted(*arguments):
 
 
 @pytest.mark.long
-def test_where_mitsuba_ends_its_process_the_rest_goes_on(capfd):
+def test_an_abort_of_mitsuba_does_not_stop_the_benchmark(capfd):
     pytest.importorskip("mitsuba")
     from bench.light.mitsuba_speed import speed
 
@@ -103,13 +103,13 @@ def test_where_mitsuba_ends_its_process_the_rest_goes_on(capfd):
     assert [line.split(":")[0] for line in out[2:]] == ["path", "lit", "lit"]
 
 
-def test_how_a_child_ends():
+def test_the_end_of_a_child_process_is_reported():
     assert mitsuba_child.in_child(print) is None
     assert mitsuba_child.in_child(os.abort) == "SIGABRT"
     assert mitsuba_child.in_child(sys.exit, 3) == "status 3"
 
 
-def test_an_llvm_that_ends_its_process_is_not_taken(monkeypatch, capsys):
+def test_an_llvm_that_aborts_is_not_used(monkeypatch, capsys):
     pytest.importorskip("mitsuba")
     monkeypatch.setattr(mitsuba_child, "try_llvm", os.abort)
     assert choose_variant() == "scalar_rgb"

@@ -1,4 +1,4 @@
-"""Building the library of kernels, and whether its kernels do what Numba's do."""
+"""Building the library of kernels, whose results equal those of Numba."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def test_the_arguments_of_all_kernels_are_recorded():
     assert set(signatures.recorded()["kernels"]) == set(signatures.shipped())
 
 
-def test_types_and_their_texts():
+def test_types_are_written_and_parsed():
     signatures.import_all()
     recorded = signatures.recorded()
     for name, texts in recorded["kernels"].items():
@@ -63,7 +63,7 @@ SMALL = (
 
 
 def start(root: Path, folder: Path, jobs: int, *kernels: str) -> subprocess.Popen[str]:
-    """Build a library of some kernels; it prints the names of those that it compiles."""
+    """Start building a library of some kernels; the process prints the names of those it compiles."""
     folder.mkdir(exist_ok=True)
     script = folder / "build.py"
     script.write_text(BUILD)
@@ -73,7 +73,7 @@ def start(root: Path, folder: Path, jobs: int, *kernels: str) -> subprocess.Pope
 
 
 def built(root: Path, folder: Path, jobs: int, *kernels: str) -> list[str]:
-    """The names of the kernels that a build compiles."""
+    """Return the names of the kernels that a build compiles."""
     with start(root, folder, jobs, *kernels) as process:
         output, _ = process.communicate()
     assert process.returncode == 0
@@ -96,7 +96,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.long
 @needs_compiler
-def test_builds_in_other_folders_and_orders_are_the_same_to_the_last_byte(copy, tmp_path):
+def test_builds_are_reproducible_to_the_last_byte(copy, tmp_path):
     first, second = tmp_path / "first", tmp_path / "second"
     assert built(ROOT, first, 1, *SMALL) == sorted(SMALL)
     assert built(copy, second, 2, *reversed(SMALL)) == sorted(SMALL)
@@ -107,7 +107,7 @@ def test_builds_in_other_folders_and_orders_are_the_same_to_the_last_byte(copy, 
 
 @pytest.mark.long
 @needs_compiler
-def test_an_edited_kernel_is_compiled_anew_and_no_other(copy, tmp_path):
+def test_only_an_edited_kernel_is_compiled_again(copy, tmp_path):
     assert built(copy, tmp_path, 2, *SMALL) == sorted(SMALL)
     assert built(copy, tmp_path, 2, *SMALL) == []
     before = content(tmp_path)
@@ -123,7 +123,7 @@ def test_an_edited_kernel_is_compiled_anew_and_no_other(copy, tmp_path):
 
 @pytest.mark.long
 @needs_compiler
-def test_two_builds_at_once_make_one_library(tmp_path):
+def test_two_concurrent_builds_make_one_library(tmp_path):
     processes = [start(ROOT, tmp_path, 1, *SMALL[:2]) for _ in range(2)]
     printed = [process.communicate()[0].split() for process in processes]
     assert [process.returncode for process in processes] == [0, 0]
@@ -132,8 +132,8 @@ def test_two_builds_at_once_make_one_library(tmp_path):
 
 
 @needs_compiler
-def test_libraries_that_are_loaded_one_after_the_other_are_themselves(tmp_path):
-    """The loader knows libraries by their paths, and copies in memory had the same one."""
+def test_libraries_loaded_one_after_the_other_are_distinct(tmp_path):
+    """The loader identifies libraries by path, and copies in memory once had the same path."""
     found = []
     for k in (1, 2, 3):
         source, made = tmp_path / "level.c", tmp_path / f"{k}.so"
@@ -212,7 +212,7 @@ def results(scenes: Path, before: str = "", **variables: str) -> tuple[dict[str,
 
 @pytest.mark.long
 @needs_library
-def test_results_are_those_of_numba_to_the_last_bit(scenes, tmp_path):
+def test_results_equal_those_of_numba_to_the_last_bit(scenes, tmp_path):
     """Numba compiles for the same processor; this takes minutes."""
     found, compilations, why = results(scenes, POINTRAY_KERNELS="compiled")
     assert compilations == 0 and len(found) > 20
@@ -228,7 +228,7 @@ library.FOLDER, level = Path({folder!r}), {level!r}
 library._runs = lambda name, code: name == level
 library.choice.cache_clear()
 """
-# What is compared: with other vectors the last bits of sums differ.
+# Compared values: with other vector widths the last bits of sums differ.
 LEVEL = """
 import json, sys
 from pathlib import Path
@@ -252,7 +252,7 @@ print(jit.compilations(), library.choice()[1])
 """
 
 
-# Registers that kernels of a level use.
+# Registers used by kernels of a level.
 WIDEST = {"x86-64-v2": {"xmm"}, "x86-64-v3": {"xmm", "ymm"}}
 
 

@@ -1,4 +1,4 @@
-"""`bench/noise/compare.py`: its exact surfaces, its scans that go wrong, and a run at a size that takes seconds."""
+"""`bench/noise/compare.py`: exact surfaces, faulty scans, and a run at a small size."""
 
 import csv
 from dataclasses import replace
@@ -19,7 +19,7 @@ from bench.noise.tables import Figure, Limit, grouped, number, table_of, verdict
 
 
 def exact_rays(exact, error=0.0):
-    """A surface whose rays end `error` outside the exact one, found by small steps."""
+    """Return a surface whose rays end `error` outside the exact one, found in small steps."""
 
     def cast(origins, directions):
         t, hit = np.zeros(len(origins)), np.zeros(len(origins), np.bool_)
@@ -55,7 +55,7 @@ def test_random_points_are_uniform_in_area(rng):
     assert np.abs((np.abs(x) == 1).mean(axis=0) - 1 / 3).max() < 0.01
 
 
-def test_noise_is_alike_in_all_directions():
+def test_noise_is_isotropic():
     clean, moved = noisy(Torus(), 20_000, 0.0), noisy(Torus(), 20_000, 0.5)
     assert np.allclose((moved.positions - clean.positions).std(axis=0) / clean.h, 0.5, atol=0.01)
 
@@ -66,7 +66,7 @@ def test_distance_to_the_edges_of_a_cube():
 
 
 @pytest.mark.parametrize("exact", [Torus(), Cube()], ids=lambda exact: exact.name)
-def test_a_surface_elsewhere_has_its_bias(exact):
+def test_an_offset_surface_has_its_offset_as_bias(exact):
     """Hits 0.3 h outside have that bias, no roughness and exact normals; rays that miss are not lost."""
     cloud = noisy(exact, 10_000, 0.0)
     found = found_by(exact_rays(exact, 0.3 * cloud.h), cloud, lines(cloud.bounds, 4000, 1))
@@ -93,7 +93,7 @@ def test_rays_come_from_the_front(rng):
     assert ((-d * normals).sum(axis=1) > 0.49).all() and np.allclose(origins + d, targets)
 
 
-def test_scans_that_go_wrong():
+def test_faulty_scans_have_the_intended_faults():
     made = layers(2, n=5000)
     ghost = made.cloud.exact.compare(made.cloud.positions)[0][-500:]
     assert made.strays.sum() == 500 and abs(ghost.mean() / made.cloud.h - 2) < 0.05
@@ -108,7 +108,7 @@ def test_scans_that_go_wrong():
 
 
 @pytest.mark.long
-def test_a_veil_hangs_at_the_edges_of_what_stands_in_front():
+def test_mixed_returns_lie_at_foreground_edges():
     made = veil()
     x = made.cloud.positions[made.strays]
     assert 500 < len(x) < 5000 and made.good.mean() > 0.97
@@ -128,7 +128,7 @@ def test_shares_of_strays_found():
 
 
 @pytest.mark.parametrize(("value", "word"), [(-0.09, "aim"), (0.1, "met"), (0.12, "NOT met")])
-def test_a_figure_is_compared_with_its_aim_and_its_limit(value, word):
+def test_a_value_is_compared_with_its_target_and_limit(value, word):
     found = [Figure("torus", "a", "bias", OURS, value, Limit(1.0, 0.9, times=POISSON))]
     assert verdict(grouped(found)["torus", "a", "bias"]) == ""
     found.append(Figure("torus", "a", "bias", POISSON, -0.1))
@@ -153,7 +153,7 @@ def test_a_run_writes_its_table_and_plot(tmp_path, capsys, monkeypatch):
     assert "asked" in capsys.readouterr().out
 
 
-def test_a_smoothed_surface_gets_a_column_beside_that_without(monkeypatch):
+def test_a_smoothed_surface_has_its_own_column(monkeypatch):
     cloud = replace(noisy(Torus(), 2000, 0.1))
     assert [make().name for make in noise_surfaces.surfaces(cloud, [])][0] == OURS
     monkeypatch.setattr(noise_surfaces, "smooths", lambda: True)

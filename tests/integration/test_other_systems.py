@@ -1,6 +1,6 @@
-"""Libraries for other systems: they link, and where qemu or Wine can run them, their kernels do what ours do.
+"""Libraries for other systems link, and give the same results where qemu or Wine can run them.
 
-After `make wheels` all kernels are compared that take part in models and pictures, otherwise a few small ones.
+After `make wheels` all kernels of models and pictures are compared, otherwise a few small ones.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.long
 pytest.importorskip("ziglang", reason="it links for other systems (make wheel installs it)")
 ROOT = Path(pointray.__file__).parents[2]
 WHEELS = ROOT / "build" / "wheel"
-LEVEL = "x86-64-v3"  # whose results on Windows are those here
+LEVEL = "x86-64-v3"  # gives the same results on Windows as here
 FEW = (
     "pointray.cloud.neighbors.search.find_nearest",
     "pointray.surface.splats.borders._find_gaps",
@@ -72,7 +72,7 @@ if __name__ == "__main__":
 
 
 def fits(folder: Path) -> bool:
-    """Whether a folder has libraries of the sources of today, made as they are made today."""
+    """Return whether a folder contains libraries built from the current sources with the current builder."""
     try:
         manifest = json.loads((folder / library.MANIFEST).read_text())
         same = all(digest_of(PACKAGE / name) == digest for name, digest in manifest["sources"].items())
@@ -82,7 +82,7 @@ def fits(folder: Path) -> bool:
 
 
 def runnable() -> list[str]:
-    """The levels of x86-64 that this processor has."""
+    """Return the levels of x86-64 that this processor supports."""
     levels = list(SYSTEMS["linux-x86_64"].levels)
     best = best_level("linux-x86_64") if this_system() == "linux-x86_64" else None
     return levels[: levels.index(best) + 1] if best else []
@@ -96,7 +96,7 @@ def run(code: str, *arguments: object, **variables: str) -> None:
 
 
 def library_for(system: str, level: str, folder: Path) -> tuple[Path, tuple[str, ...]]:
-    """A library of a system, and its kernels if it has not all."""
+    """Return a library for a system, and its kernels if it does not contain all."""
     if fits(WHEELS / system):
         return next((WHEELS / system).glob(f"{level}-*")), ()
     script = folder / "build.py"
@@ -109,7 +109,7 @@ def library_for(system: str, level: str, folder: Path) -> tuple[Path, tuple[str,
 
 
 def replayed(system: str, command: list[str], made: Path, folder: Path, recording: Path) -> str:
-    """Repeat the calls on another system; returns the name of the file of results."""
+    """Repeat the calls on another system and return the name of the file of results."""
     driver, name = folder / "replay.exe", f"on-{system}"
     target = [*link.zig(system), str(ROOT / "tests" / "helpers" / "replay.c"), "-O1", "-o", str(driver)]
     subprocess.run([*target, *([] if system.startswith("windows") else ["-ldl"])], check=True)
@@ -130,7 +130,7 @@ EMULATORS = {
 
 
 @pytest.mark.parametrize("system", EMULATORS)
-def test_kernels_on_another_system_do_what_they_do_here(system, tmp_path):
+def test_kernels_on_other_systems_give_the_same_results(system, tmp_path):
     command = EMULATORS[system]
     if shutil.which(command[0]) is None or not Path(*command[2:]).exists():
         pytest.skip(f"no {command[0]}, or no libraries of that system for it")

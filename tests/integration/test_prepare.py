@@ -1,4 +1,4 @@
-"""`pointray prepare`: its output, its messages, and how `render` uses the output."""
+"""`pointray prepare`: output, messages, and how `render` uses the output."""
 
 import json
 import re
@@ -36,7 +36,7 @@ def run(capsys, *arguments):
     return status, out, re.sub(r"^Compiling .* kernels.*\n", "", err, flags=re.MULTILINE)
 
 
-def test_cleaned_and_made_smaller(scan, capsys):
+def test_a_scan_is_cleaned_and_subsampled(scan, capsys):
     small = scan.with_name("small.ply")
     status, out, _ = run(
         capsys, "prepare", scan, "-o", small, "--tolerance", "0.5%", "--drop-outliers", "--drop-duplicates"
@@ -72,7 +72,7 @@ def test_render_uses_the_radii(scan, capsys, tmp_path, monkeypatch):
     assert given[1] is None
 
 
-def test_normals_towards_the_viewpoint(scan, capsys):
+def test_normals_are_turned_to_the_viewpoint(scan, capsys):
     out = scan.with_name("out.ply")
     assert (
         run(capsys, "prepare", scan, "-o", out, "--estimate-normals", "--viewpoint", "0,0,0", "--drop-outliers")[0] == 0
@@ -82,7 +82,7 @@ def test_normals_towards_the_viewpoint(scan, capsys):
     assert not points.attributes
 
 
-def test_nothing_to_do_copies(scan, capsys):
+def test_without_options_the_scan_is_copied(scan, capsys):
     out = scan.with_name("out.ply")
     status, text, _ = run(capsys, "prepare", scan, "-o", out)
     assert (status, len(pr.read(out))) == (0, 5102) and "nothing to do" in text
@@ -90,7 +90,7 @@ def test_nothing_to_do_copies(scan, capsys):
 
 @pytest.mark.long
 def test_a_tolerance_is_printed_once(scan, capsys):
-    """If the tolerance is not met, only the line of the result tells the share that meets it."""
+    """If the tolerance is exceeded, only the last line reports the share within it."""
     out = scan.with_name("out.ply")
     status, text, err = run(capsys, "prepare", scan, "-o", out, "--tolerance", "0.01", "--drop-outliers")
     assert status == 0 and "of 5,100, within 0.01\n" in text and err == ""
@@ -115,7 +115,7 @@ def link_of(scan: Path, kind: str) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["same", "roundabout", "symlink", "hardlink"])
-def test_a_file_replaces_itself_by_force_only(scan, capsys, kind):
+def test_overwriting_the_input_needs_force(scan, capsys, kind):
     out, before = link_of(scan, kind), scan.read_bytes()
     status, text, err = run(capsys, "prepare", scan, "-o", out, "--drop-duplicates")
     assert (status, text) == (2, "") and err == f"pointray: {out}: is an input; use --force to overwrite it\n"
@@ -147,14 +147,14 @@ def test_bad_options_are_refused_and_leave_nothing(scan, capsys, options, words)
 @pytest.mark.parametrize(
     ("name", "words"), [("out.xyz", "supported: .las, .laz, .npy"), ("no/folder/out.ply", "folder not found")]
 )
-def test_bad_outputs_are_known_before_the_work(scan, capsys, name, words):
+def test_bad_outputs_are_reported_before_the_work(scan, capsys, name, words):
     status, _, err = run(capsys, "prepare", scan.with_name("absent.ply"), "-o", scan.parent / name)
     assert status == 2 and words in err
 
 
 @pytest.fixture(scope="module")
 def model_of_all(tmp_path_factory: pytest.TempPathFactory) -> tuple[pr.Points, Path]:
-    """A model with everything that points can hold, far from the origin and with levels of detail."""
+    """A model with all columns, far from the origin and with levels of detail."""
     torus = pr.procedural("torus", 12_000)
     n = len(torus)
     colors = np.random.default_rng(1).integers(0, 255, (n, 3), np.uint8)
@@ -175,7 +175,7 @@ def saved(model_of_all: tuple[pr.Points, Path], tmp_path: Path) -> tuple[pr.Poin
 
 
 @pytest.mark.long
-def test_the_points_of_a_model_come_back(saved, capsys):
+def test_points_of_a_model_can_be_extracted(saved, capsys):
     points, file = saved
     out = file.with_name("out.ply")
     status, text, err = run(capsys, "prepare", file, "-o", out)
@@ -191,8 +191,8 @@ def test_the_points_of_a_model_come_back(saved, capsys):
 
 
 @pytest.mark.long
-def test_a_model_stays_what_it_is(saved, capsys):
-    """Its surface stays even if points are dropped. If nothing is to be done, the file is the same."""
+def test_a_prepared_model_keeps_its_surface(saved, capsys):
+    """The surface is kept even if points are dropped. Without options the file is identical."""
     points, file = saved
     out = file.with_name("out.pointray")
     assert run(capsys, "prepare", file, "-o", out)[0] == 0
@@ -204,7 +204,7 @@ def test_a_model_stays_what_it_is(saved, capsys):
     assert run(capsys, "prepare", file, "-o", file)[0] == 2
 
 
-def test_info_of_a_model(saved, capsys):
+def test_info_describes_a_model(saved, capsys):
     points, file = saved
     status, out, _ = run(capsys, "info", file, "--json")
     facts = json.loads(out)
@@ -243,8 +243,8 @@ CLOUDS = {
 
 
 @pytest.mark.parametrize("name", [name if name in ("surface", "uneven", "stray") else long(name) for name in CLOUDS])
-def test_info_of_a_large_scan_asks_for_few_neighbours(name, monkeypatch):
-    """The spacing is that of a sample, nearly that of all. Few trees of few points are built for it."""
+def test_info_of_a_large_scan_searches_few_neighbours(name, monkeypatch):
+    """The spacing is that of a sample, close to that of all points, and needs few small trees."""
     points = pr.Points(CLOUDS[name](np.random.default_rng(3)))
     monkeypatch.setattr(report, "_count_isolated", lambda *given: 0)  # reads a model's normals and radii
     whole = report.describe(points, deep=True)
@@ -263,8 +263,8 @@ def test_info_of_a_large_scan_asks_for_few_neighbours(name, monkeypatch):
     assert all(facts[name] == whole[name] for name in same)
 
 
-def test_the_spacing_of_a_sample_is_that_of_its_points(monkeypatch):
-    """The sample's neighbours are searched among all points."""
+def test_the_spacing_of_a_sample_is_exact(monkeypatch):
+    """The sample's neighbours are searched in the whole cloud."""
     rows = sphere_points(60_000)
     monkeypatch.setattr(report, "SAMPLED", 60_000)
     found, count = report._sampled_spacing(rows)
@@ -273,7 +273,7 @@ def test_the_spacing_of_a_sample_is_that_of_its_points(monkeypatch):
     assert found == pytest.approx(np.median(cKDTree(rows).query(sample, 2)[0][:, 1]), rel=1e-5)
 
 
-def test_info_of_one_place(monkeypatch):
+def test_info_of_coincident_points_has_no_spacing(monkeypatch):
     monkeypatch.setattr(report, "FEW", 10)
     assert report.describe(pr.Points(np.ones((1000, 3))))["spacing"] == 0
     assert report.describe(pr.Points(np.repeat(np.eye(3), 500, axis=0)))["spacing"] == pytest.approx(np.sqrt(2))

@@ -1,4 +1,4 @@
-"""`bench/preparation/prepare.py`: its clock, and a run at a size that takes seconds."""
+"""`bench/preparation/prepare.py`: its clock, and a run at a small size."""
 
 import time
 
@@ -10,7 +10,7 @@ from bench.preparation.prepare import child, median_of, stage_table
 from bench.preparation.stages import STAGES, Clock
 
 
-def test_a_stage_inside_another_counts_for_both_and_is_the_inner_ones_own():
+def test_nested_stages_have_total_and_own_times():
     clock = Clock()
     with clock.stage("outer"):
         time.sleep(0.02)

@@ -1,4 +1,4 @@
-"""The options about reading, several files as one cloud, and folders; what a wrong one says."""
+"""Options of reading, several files as one cloud, folders, and messages about invalid options."""
 
 import json
 from pathlib import Path
@@ -35,7 +35,7 @@ def info(capsys, *arguments):
     return json.loads(capsys.readouterr().out)
 
 
-def test_texts_become_arguments():
+def test_option_texts_are_parsed():
     assert parsed(Reading, NONE) == Reading() and Reading().is_plain and Reading().arguments == {}
     given = {"columns": "x, y,z,-,r,g,b", "every": 2, "bounds": "-1,0,0,1,1,inf", "opacity": 0.5}
     given |= {"keep": ["classification=2,6", "classification=6,9", "a=b=1"], "intrinsics": "500,500,320,240,1000"}
@@ -68,7 +68,7 @@ def test_points_are_chosen(options, count, folder, capsys):
     assert info(capsys, "a.ply", *options.split())["points"] == count
 
 
-def test_bounds_leave_the_points_of_a_box(folder, capsys):
+def test_bounds_select_the_points_in_a_box(folder, capsys):
     facts = info(capsys, "a.ply", "b.ply", "--bounds", "0,-1,-1,1,1,1")
     rows = np.vstack([pr.read(name).positions for name in ("a.ply", "b.ply")])
     assert facts["points"] == (rows[:, 0] >= 0).sum() and facts["low"][0] >= 0
@@ -106,7 +106,7 @@ def test_invalid_values_are_reported_before_any_work(command, options, message, 
 
 
 @pytest.mark.parametrize("command", ["info", "render -o out.png", "prepare -o out.ply", "bake -o out.ply", "view"])
-def test_saved_models_and_scenes_refuse_them(command, folder, capsys):
+def test_saved_models_and_scenes_refuse_reading_options(command, folder, capsys):
     pr.Model(pr.read("a.ply")).save("a.pointray")
     Path("scene.toml").write_text('[models.a]\nfile = "a.ply"\n[[instances]]\nmodel = "a"\n')
     name, *rest = command.split()
@@ -162,7 +162,7 @@ def test_a_folder_stands_for_its_scans(folder, capsys):
         ("a.ply broken.ply", "broken.ply: invalid PLY file"),
     ],
 )
-def test_files_that_do_not_go_together(files, message, folder, capsys):
+def test_incompatible_files_are_refused(files, message, folder, capsys):
     for name in ("a.pointray", "scene.toml", "broken.ply"):
         (folder / name).write_text("nothing")
     assert execute(["render", *files.split(), "-o", "out.png"]) == 2
@@ -186,7 +186,7 @@ def test_a_film_depends_on_files_and_options(folder):
     assert len(two.read()) == 500
 
 
-def test_prepare_and_bake_take_several(folder, capsys):
+def test_prepare_and_bake_accept_several_files(folder, capsys):
     assert execute(["prepare", "a.ply", "b.ply", "-o", "c.ply", "--keep", "classification=1"]) == 0
     assert len(pr.read("c.ply")) == 200
     assert execute(["prepare", "a.ply", "b.ply", "-o", "b.ply"]) == 2
@@ -196,7 +196,7 @@ def test_prepare_and_bake_take_several(folder, capsys):
 # -------------------------------------------------------------------------------------------------- scene files
 
 
-def test_scene_files_have_them(folder):
+def test_scene_files_have_reading_options(folder):
     scene = folder / "scene.toml"
     scene.write_text(
         '[models.a]\nfile = "a.ply"\nevery = 2\nkeep = { classification = [2, 4] }\n[[instances]]\nmodel = "a"\n'
@@ -217,7 +217,7 @@ def test_scene_files_have_them(folder):
         ('columns = "x,y"', "scene.toml:3: models.a.columns: must name z once"),
     ],
 )
-def test_scene_files_check_them(line, message, folder):
+def test_scene_files_check_reading_options(line, message, folder):
     (folder / "scene.toml").write_text(f'[models.a]\nfile = "a.ply"\n{line}\n[[instances]]\nmodel = "a"\n')
     with pytest.raises(ValueError) as error:
         pr.load_scene("scene.toml")

@@ -1,4 +1,4 @@
-"""Everything that README.md tells people to type works."""
+"""All commands and programs of README.md work."""
 
 import re
 import shlex
@@ -38,7 +38,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def load_film(path: Path) -> None:
-    """Load a film; raises if it is none."""
+    """Load a film; raise an error if it is invalid."""
     import imageio_ffmpeg
 
     assert imageio_ffmpeg.count_frames_and_secs(str(path))[0] > 1
@@ -53,7 +53,7 @@ def see(arguments: list[str]) -> None:
         browser.close()
 
 
-def test_there_is_something_to_test() -> None:
+def test_the_readme_has_commands_and_programs() -> None:
     assert len(blocks("sh")) >= 3 and len(blocks("python")) >= 2
     assert set(re.findall(r"^```(\w+)", README, re.MULTILINE)) <= {"sh", "python"}
 
@@ -84,5 +84,5 @@ def test_programs_of_the_readme_run(block: str, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("link", re.findall(r"\]\((?!http)([^)#]+)\)", README))
-def test_links_of_the_readme_lead_to_files(link: str) -> None:
+def test_links_of_the_readme_exist(link: str) -> None:
     assert (ROOT / link).exists()

@@ -1,4 +1,4 @@
-"""`bench/scale/stages.py`: its city, its rows, what it watches, and each stage at a size that takes seconds."""
+"""`bench/scale/stages.py`: its city, rows and measurements, and each stage at a small size."""
 
 import io
 import json
@@ -28,7 +28,7 @@ MIB = 1 << 20
 
 @pytest.fixture(autouse=True)
 def one_template(monkeypatch):
-    """One cloud stands everywhere: each takes seconds to make."""
+    """Use the same cloud everywhere, as each takes seconds to make."""
     monkeypatch.setattr(scale_city, "TEMPLATES", 1)
 
 
@@ -39,7 +39,7 @@ def options_of(folder):
 # ------------------------------------------------------------------------------------------------------------- city
 
 
-def test_a_city_has_as_many_points_as_asked_for_all_of_them_distinct(tmp_path):
+def test_a_city_has_the_requested_number_of_distinct_points(tmp_path):
     paths = make(CITY, tmp_path / "tiles")
     points = [pr.read(path) for path in paths]
     world = np.concatenate([each.world for each in points])
@@ -56,8 +56,8 @@ def test_a_city_has_as_many_points_as_asked_for_all_of_them_distinct(tmp_path):
     np.testing.assert_allclose(-normals[is_ground][:, :2] / normals[is_ground][:, 2:], slope, atol=1e-3)
 
 
-def test_cells_are_the_same_whenever_they_are_made():
-    """Each has a statue of another place, turn and scale."""
+def test_cells_are_reproducible():
+    """Each has a statue with its own position, rotation and scale."""
     one, other = Sculptor(CITY), Sculptor(CITY)
     other.cell(0)
     for name, rows in one.cell(2).items():
@@ -70,7 +70,7 @@ def test_cells_are_the_same_whenever_they_are_made():
     assert 20 <= len(big.tiles()) <= 30 and big.width == big.side * EDGE
 
 
-def test_tiles_are_kept_if_they_are_of_the_same_city(tmp_path):
+def test_tiles_of_the_same_city_are_reused(tmp_path):
     first = make(CITY, tmp_path)
     first[1].unlink()
     before = first[0].stat().st_mtime_ns, first[1].parent.stat().st_ino
@@ -80,7 +80,7 @@ def test_tiles_are_kept_if_they_are_of_the_same_city(tmp_path):
     assert not first[0].exists() and pr.read(las[0]).normals is None
 
 
-def test_cameras_see_the_city():
+def test_cameras_look_at_the_city():
     scene = pr.Scene()
     cells = [Sculptor(CITY).cell(cell) for cell in range(CITY.cells)]
     positions, normals = (np.concatenate([cell[name] for cell in cells]) for name in ("positions", "normals"))
@@ -95,7 +95,7 @@ def test_cameras_see_the_city():
 # ------------------------------------------------------------------------------------------------------------- rows
 
 
-def test_rows_are_kept_by_name_and_size(tmp_path):
+def test_rows_are_stored_by_name_and_size(tmp_path):
     rows = Rows(tmp_path / "scale.json")
     rows.put([Row("a.x", 10, 1.0, "s", "x"), Row("a.y", 10, 2.0, "s", "y"), Row("b.x", 10, 3.0, "s", "x")])
     rows.put([Row("a.x", 100, 4.0, "s", "x")], "a")
@@ -138,7 +138,7 @@ sys.stdin.read()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the system does not tell what is of files")
-def test_memory_of_all_processes_is_seen(tmp_path):
+def test_memory_of_all_processes_is_measured(tmp_path):
     file = tmp_path / "file"
     file.write_bytes(bytes(40 * MIB))
     command = [sys.executable, "-c", HOLDER, file]
@@ -188,7 +188,7 @@ def test_a_command_that_fails_is_reported():
 # ----------------------------------------------------------------------------------------------------------- stages
 
 
-def test_parts_are_at_least_as_many_as_asked_for():
+def test_there_are_at_least_as_many_parts_as_requested():
     for points, parts in ((10_000_000, 8), (10_000_000, 64), (1 << 20, 8)):
         size = part_size(points, parts)
         assert size & (size - 1) == 0 and points / size >= parts > points / (2 * size)
@@ -262,7 +262,7 @@ def test_invalid_options_are_reported(words, tmp_path, capsys):
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore")
-def test_workers_make_the_same_at_a_small_size(tmp_path):
+def test_workers_give_the_same_results_at_a_small_size(tmp_path):
     pytest.importorskip("distributed")
     options, console = options_of(tmp_path), Console(quiet=True)
     for stage in ("cluster", "faults"):

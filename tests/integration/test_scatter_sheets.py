@@ -1,4 +1,4 @@
-"""The bench of contact sheets: its cameras are those of pointray, and sheets have a row a scan."""
+"""The benchmark of contact sheets: cameras equal those of pointray, and sheets have a row for each scan."""
 
 import sys
 
@@ -39,7 +39,7 @@ def _forward():
     return forward / np.linalg.norm(forward)
 
 
-def test_the_camera_is_that_of_the_options():
+def test_the_camera_equals_that_of_the_options():
     *vectors, fov, angle, size, shape = options_of(CAMERA)
     words = dict(word.removeprefix("--").split("=") for word in vectors)
     assert (fov, size, shape) == ("--fov", "--size", "40x30")
@@ -54,7 +54,7 @@ def test_points_that_cover_a_picture_are_small(rng):
 
 
 @pytest.mark.long
-def test_a_sheet_has_a_row_a_scan(tmp_path, monkeypatch, capsys):
+def test_a_sheet_has_a_row_for_each_scan(tmp_path, monkeypatch, capsys):
     for name in ("a", "b"):
         pr.write(tmp_path / f"{name}.ply", pr.procedural("torus", 500))
     words = [

@@ -1,4 +1,4 @@
-"""Scene files give the same scene as Python, and their errors are reported with file, line and key."""
+"""Scene files give the same scene as Python; errors are reported with file, line and key."""
 
 import re
 from pathlib import Path
@@ -158,7 +158,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def in_python(folder: Path) -> tuple[pr.Scene, pr.Camera, pr.Settings]:
-    """The scene of GOOD, made in Python."""
+    """Return the scene of GOOD, made in Python."""
     ball = pr.Model(pr.procedural("sphere", 2000), surface="imls", samples=5, refine=0, trim=None, radius_scale=1.2)
     points = pr.read(folder / "scan.ply")
     scan = pr.Model(points, points.attributes["radius"])
@@ -185,9 +185,9 @@ def in_python(folder: Path) -> tuple[pr.Scene, pr.Camera, pr.Settings]:
 # ---------------------------------------------------------------------------------------------- what it describes
 
 
-def test_a_transform_scales_turns_and_moves() -> None:
+def test_a_transform_scales_rotates_and_translates() -> None:
     matrix = pr.transform(translate=(1, 2, 3), rotate=90, scale=(2, 3, -1))
-    assert np.allclose(matrix @ (1, 0, 0, 1), (1, 4, 3, 1))  # x goes to y
+    assert np.allclose(matrix @ (1, 0, 0, 1), (1, 4, 3, 1))  # x is rotated to y
     assert np.allclose(matrix @ (0, 1, 0, 1), (-2, 2, 3, 1))
     assert np.allclose(matrix @ (0, 0, 1, 1), (1, 2, 2, 1))
     assert np.allclose(pr.transform(rotate=120, axis=(1, 1, 1))[:3, :3], [[0, 0, 1], [1, 0, 0], [0, 1, 0]])
@@ -198,12 +198,12 @@ def test_a_transform_scales_turns_and_moves() -> None:
     "wrong",
     [{"translate": 1}, {"rotate": np.nan}, {"rotate": "left"}, {"axis": (0, 0, 0)}, {"scale": 0}, {"scale": (1, 0, 1)}],
 )
-def test_a_transform_checks_its_words(wrong: dict) -> None:
+def test_a_transform_checks_its_keys(wrong: dict) -> None:
     with pytest.raises(ValueError, match=f"^{next(iter(wrong))} must"):
         pr.transform(**wrong)
 
 
-def test_the_same_as_in_python(folder: Path) -> None:
+def test_a_scene_file_gives_the_scene_of_python(folder: Path) -> None:
     scene, camera, settings = in_python(folder)
     made = pr.load_scene(folder / "scene.toml")
     assert made.camera == camera and made.settings == settings
@@ -239,7 +239,7 @@ def test_every_light_and_material_has_a_kind() -> None:
     assert {"diffuse", "phong", "mirror", "dielectric", "principled", "emissive"} <= set(shading.material_kinds())
 
 
-def test_a_camera_that_frames(folder: Path) -> None:
+def test_a_camera_may_frame_the_scene(folder: Path) -> None:
     text = re.sub(r"eye = .*\ntarget = .*\n", "direction = [0, -1, 0]\n", GOOD)
     (folder / "scene.toml").write_text(text)
     made = pr.load_scene(folder / "scene.toml")
@@ -255,7 +255,7 @@ def test_a_scene_file_gives_the_picture_of_its_program(folder: Path, capsys: pyt
     assert picture.read_bytes() == (folder / "b.png").read_bytes()
 
 
-def test_options_change_what_the_file_says(folder: Path) -> None:
+def test_options_override_the_file(folder: Path) -> None:
     picture = folder / "a.png"
     view = ["--eye", "0,-9,0", "--target", "0,0,1", "--fov", "30", "--size", "20x10"]
     options = ["--integrator", "normal", "--spp", "1", "--exposure", "0", "--background", "none", "--threads", "1"]
@@ -275,7 +275,7 @@ def test_a_scene_file_gives_layers(folder: Path) -> None:
     assert layers["radiance"].shape == (6, 8, 4) and layers["instance"].max() >= 4
 
 
-def test_a_saved_model(folder: Path) -> None:
+def test_a_saved_model_is_loaded(folder: Path) -> None:
     pr.Model(pr.procedural("sphere", 500)).save(folder / "ball.pointray")
     (folder / "scene.toml").write_text('[models.a]\nfile = "ball.pointray"\n[[instances]]\nmodel = "a"\n')
     picture = folder / "a.png"
@@ -284,7 +284,7 @@ def test_a_saved_model(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("saved", [False, True])
-def test_levels_of_detail(folder: Path, saved: bool) -> None:
+def test_levels_of_detail_are_used(folder: Path, saved: bool) -> None:
     table = 'procedural = "sphere"\npoints = 8_000\n'
     if saved:
         pr.Model(pr.procedural("sphere", 8000)).save(folder / "ball.pointray")
@@ -299,8 +299,8 @@ def test_levels_of_detail(folder: Path, saved: bool) -> None:
 # -------------------------------------------------------------------------------------------------- what is wrong
 
 
-def said(folder: Path, text: str, capsys: pytest.CaptureFixture[str], *options: str) -> str:
-    """The one line of error about a bad scene file, without the name of the folder."""
+def refusal(folder: Path, text: str, capsys: pytest.CaptureFixture[str], *options: str) -> str:
+    """Return the one-line error about an invalid scene file, without the folder's name."""
     (folder / "scene.toml").write_text(text)
     capsys.readouterr()
     assert execute(["render", str(folder / "scene.toml"), "-o", str(folder / "a.png"), *options]) == 2
@@ -310,11 +310,11 @@ def said(folder: Path, text: str, capsys: pytest.CaptureFixture[str], *options: 
 
 
 def line(text: str, start: str) -> int:
-    """The number of the line that starts with a text."""
+    """Return the number of the line that starts with a text."""
     return next(k for k, row in enumerate(text.split("\n"), 1) if row.startswith(start))
 
 
-# The text, its replacement, the key that the message names, and what it says. The line is that of the replacement.
+# The text, its replacement, the key that the message names, and the message. The line is that of the replacement.
 WRONG = {
     "unknown key": ("fov = 50", "fow = 50", "camera.fow", "unknown key 'fow' (did you mean 'fov'?); available: eye, "),
     "unknown table": ("[settings]", "[seting]", "seting", "unknown key 'seting' (did you mean 'settings'?)"),
@@ -388,14 +388,14 @@ WRONG = {
 
 
 @pytest.mark.parametrize("case", WRONG)
-def test_mistakes_are_found_before_a_scan_is_read(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """All of these are reported before any scan is read, as the scan is broken."""
+def test_errors_are_found_before_a_scan_is_read(case: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The scan is broken, so these errors must be reported before it is read."""
     (folder / "scan.ply").write_text("broken")
     old, new, key, message = WRONG[case]
     assert old in GOOD
     text = GOOD.replace(old, new, 1)
     start = GOOD[: GOOD.index(old)].count("\n") + 1
-    found = said(folder, text, capsys)
+    found = refusal(folder, text, capsys)
     location, rest = found.split(": ", 1)
     assert rest.startswith(f"{key}: ") and message in rest, found
     where = int(location.removeprefix("scene.toml:"))
@@ -430,12 +430,12 @@ def test_mistakes_are_found_before_a_scan_is_read(case: str, folder: Path, capsy
         ),
     ],
 )
-def test_files_that_are_no_scenes(text: str, message: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert said(folder, text, capsys).startswith(message)
+def test_other_files_are_refused(text: str, message: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert refusal(folder, text, capsys).startswith(message)
 
 
 @pytest.mark.parametrize("damage", ["cut", "nan"])
-def test_a_broken_picture_of_the_sky(damage: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_broken_sky_picture_is_reported(damage: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = folder / "sky.exr"
     if damage == "cut":
         file.write_bytes(file.read_bytes()[:-200])
@@ -444,7 +444,7 @@ def test_a_broken_picture_of_the_sky(damage: str, folder: Path, capsys: pytest.C
         pixels[3, 2] = np.nan
         pr.write_image(file, pixels)
     (folder / "scan.ply").write_text("broken")
-    found = said(folder, GOOD, capsys)
+    found = refusal(folder, GOOD, capsys)
     assert found.startswith(f"scene.toml:{line(GOOD, 'image = ')}: lights[5].image: sky.exr: "), found
     assert damage == "cut" or "row 3, column 2 has nan" in found
 
@@ -454,18 +454,18 @@ def test_broken_transforms_are_refused(folder: Path, capsys: pytest.CaptureFixtu
     flat = many()
     flat[1, 2, 2] = 0
     np.save(folder / "many.npy", flat)
-    assert said(folder, GOOD, capsys).startswith(f"{start}.row 1: transform is singular")
+    assert refusal(folder, GOOD, capsys).startswith(f"{start}.row 1: transform is singular")
     np.save(folder / "many.npy", flat[0])
-    assert said(folder, GOOD, capsys).startswith(
+    assert refusal(folder, GOOD, capsys).startswith(
         f"{start}: many.npy: expected transforms of shape (n, 4, 4), got (4, 4)"
     )
     np.save(folder / "many.npy", np.array([{}, 1], object), allow_pickle=True)
-    assert said(folder, GOOD, capsys).startswith(f"{start}: many.npy: not a valid .npy file of numbers")
+    assert refusal(folder, GOOD, capsys).startswith(f"{start}: many.npy: not a valid .npy file of numbers")
 
 
-def test_a_broken_scan(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_broken_scan_is_reported(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (folder / "scan.ply").write_text("broken")
-    assert said(folder, GOOD, capsys).startswith(f"scene.toml:{line(GOOD, 'file = ')}: models.scan.file: scan.ply: ")
+    assert refusal(folder, GOOD, capsys).startswith(f"scene.toml:{line(GOOD, 'file = ')}: models.scan.file: scan.ply: ")
 
 
 @pytest.mark.parametrize(
@@ -486,26 +486,26 @@ def test_options_are_checked_first(
     options: list[str], message: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "scan.ply").write_text("broken")
-    assert said(folder, GOOD, capsys, *options).startswith(message)
+    assert refusal(folder, GOOD, capsys, *options).startswith(message)
 
 
-def test_no_scene_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_scene_file_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert execute(["render", str(tmp_path / "x.toml"), "-o", str(tmp_path / "a.png")]) == 2
     assert capsys.readouterr().err == f"pointray: {tmp_path / 'x.toml'}: No such file or directory\n"
     with pytest.raises(FileNotFoundError):
         pr.load_scene(tmp_path / "x.toml")
 
 
-def test_the_example_of_the_manual_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_example_of_the_documentation_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The example of docs/scenes.md works, and its mistake gives the message shown there."""
     page = (ROOT / "docs" / "scenes.md").read_text()
     (text,) = re.findall(r"^```toml\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    small = text.replace("100_000", "2000").replace('"statue"', '"sphere"')  # whose mesh is made sooner
+    small = text.replace("100_000", "2000").replace('"statue"', '"sphere"')  # its mesh takes less time
     (tmp_path / "scene.toml").write_text(small)
     assert execute(["render", str(tmp_path / "scene.toml"), "-o", str(tmp_path / "a.png"), "--size", "16x12"]) == 0
     (tmp_path / "a.png").unlink()
     wrong = small.replace("direction = [1, 1, -1.5]", "direction = [0, 0, 0]")
-    assert f"    pointray: {said(tmp_path, wrong, capsys)}\n" in page
+    assert f"    pointray: {refusal(tmp_path, wrong, capsys)}\n" in page
 
 
 def test_errors_are_reported_in_one_line(tmp_path):

@@ -1,4 +1,4 @@
-"""The default light of a scan: a studio whose light is baked quickly."""
+"""The default light of a scan: a studio with quickly baked light."""
 
 import re
 import threading
@@ -51,7 +51,7 @@ def room(tmp_path):
 
 @pytest.fixture
 def bakes(monkeypatch):
-    """The settings of all bakes, whose work is made small."""
+    """The settings of all bakes, which run with little work."""
     calls, real = [], pr.bake
 
     def bake(scene, settings=None, progress=None, client=None):
@@ -63,7 +63,7 @@ def bakes(monkeypatch):
 
 
 def run(capsys, *arguments):
-    """What a command that works has said, but for the line about kernels."""
+    """Return the messages of a successful command, without the line about kernels."""
     capsys.readouterr()
     assert execute([str(a) for a in arguments]) == 0
     return re.sub(r"^Compiling .* kernels.*\n", "", capsys.readouterr().err, flags=re.MULTILINE)
@@ -73,7 +73,7 @@ def run(capsys, *arguments):
 
 
 @pytest.mark.parametrize("more", [[], *map(long, (["--light", "studio"], ["--material", "phong"], ["--ground"]))])
-def test_light_is_baked_quickly_and_a_line_tells_how_to_have_the_headlight(scan, bakes, capsys, more):
+def test_light_is_baked_quickly_and_the_headlight_option_is_named(scan, bakes, capsys, more):
     said = run(capsys, "render", scan, "-o", scan.with_name("a.png"), *SMALL, "--seed", "5", *more)
     (settings,) = bakes
     assert (settings.patches, settings.links) == (baked_light.QUICK_PATCHES, baked_light.QUICK_LINKS)
@@ -90,12 +90,12 @@ def test_light_is_baked_quickly_and_a_line_tells_how_to_have_the_headlight(scan,
         ["--material", "glass"],
     ],
 )
-def test_nothing_is_baked_where_something_else_is_chosen(scan, bakes, capsys, more):
+def test_nothing_is_baked_with_other_lights_or_integrators(scan, bakes, capsys, more):
     assert run(capsys, "render", scan, "-o", scan.with_name("a.png"), *SMALL, *more) == ""
     assert bakes == []
 
 
-def test_what_is_asked_for_is_baked_well(scan, bakes, capsys):
+def test_requested_baking_has_full_quality(scan, bakes, capsys):
     run(capsys, "render", scan, "-o", scan.with_name("a.png"), *SMALL, "--integrator", "baked")
     assert bakes == [pr.BakeSettings(threads=bakes[0].threads)]
 
@@ -106,8 +106,8 @@ def test_a_film_is_lit_once(scan, bakes, capsys):
     assert len(bakes) == 1
 
 
-def test_a_room_keeps_the_light_that_goes_with_the_camera(room, bakes, capsys):
-    """Sun and sky stay outside of it: baked, it would be black."""
+def test_a_room_keeps_the_camera_light(room, bakes, capsys):
+    """Sun and sky do not enter it: baked, it would be black."""
     pictures = [room.with_name(name) for name in ("a.npz", "b.npz")]
     for picture, more in zip(pictures, ([], ["--integrator", "phong"]), strict=True):
         assert "headlight" not in run(capsys, "render", room, "-o", picture, *SMALL, *more)
@@ -137,7 +137,7 @@ def test_a_headlight_is_a_scene_without_lights(scan, capsys):
         (["limelight"], None, "studio or headlight"),
     ],
 )
-def test_a_look_is_all_the_light_there_is(texts, fill, said):
+def test_a_look_excludes_other_lights(texts, fill, said):
     with pytest.raises(ValueError, match=said):
         ScanLights(texts, fill)
 
@@ -191,7 +191,7 @@ def test_the_viewer_of_a_headlight_and_of_a_room(scan, room):
     assert view.integrator == "phong" and view.look == "studio" and view.lamps[0].camera
 
 
-def test_the_lights_of_a_scene_are_a_choice_of_their_own():
+def test_the_lights_of_a_scene_are_a_separate_choice():
     scene = pr.Scene()
     scene.add(pr.Model(pr.procedural("sphere", 1_000)))
     scene.add_light(pr.SunLight([1, 1, -1]))
@@ -203,7 +203,7 @@ def test_the_lights_of_a_scene_are_a_choice_of_their_own():
 
 
 def ball():
-    """A scene whose model may get levels of detail, under a sky."""
+    """Return a scene under a sky, whose model may get levels of detail."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.procedural("torus", 12_000)), material=pr.Diffuse(0.5))
     scene.add_light(pr.EnvironmentLight())
@@ -219,7 +219,7 @@ def wait_for(condition):
 
 
 @pytest.mark.long
-def test_light_is_rough_while_models_are_built_and_levels_get_it_later():
+def test_light_is_rough_while_models_are_built_and_levels_are_lit_later():
     baker = Baker(lambda: None, lambda *said: None)
     first = ball()
     (model,) = first.models
@@ -242,7 +242,7 @@ def test_light_is_rough_while_models_are_built_and_levels_get_it_later():
     ("integrator", "lights", "told"),
     [("baked", studio(UP, 25.0), None), ("phong", (), "--light headlight"), ("phong", studio(UP), "--fill 0")],
 )
-def test_the_command_of_a_view_has_its_light(integrator, lights, told):
+def test_the_command_of_a_view_includes_its_light(integrator, lights, told):
     view = replace(ViewSettings().in_studio(lights, UP), integrator=integrator)
     request = FrameRequest(pr.Camera.look_at((0, -4, 0), (0, 0, 0)), view, pr.Scene(), (1, 0), UP, True, 0.0)
     command = _command(request, Output(), "scan.ply")
@@ -252,7 +252,7 @@ def test_the_command_of_a_view_has_its_light(integrator, lights, told):
 
 @pytest.mark.parametrize("bakes", [False, True])
 def test_a_coarse_version_is_not_baked(bakes):
-    """It would take the processors from the building of all points."""
+    """Baking would slow down building the full model."""
     scene, frames = ball(), []
     painter = Painter(frames.append, pytest.fail, lambda *said: None)
     view = replace(ViewSettings.of(SharedScene("a", scene), scene), integrator="baked", samples=1)
@@ -264,7 +264,7 @@ def test_a_coarse_version_is_not_baked(bakes):
 
 
 class Page:
-    """Takes what an export says."""
+    """Collects messages of an export."""
 
     def __init__(self):
         self.stages, self.made, self.is_local = [], threading.Event(), True
@@ -281,7 +281,7 @@ class Page:
 
 @pytest.mark.long
 @pytest.mark.parametrize("known", [False, long(True)])
-def test_an_export_bakes_with_a_bar_unless_there_is_light(known):
+def test_an_export_bakes_with_progress_unless_light_exists(known):
     scene, page = ball(), Page()
     light = pr.bake(scene, pr.BakeSettings(patches=300, links=8))
     exports = Exports(page, lambda scene: light if known else None)
@@ -293,8 +293,8 @@ def test_an_export_bakes_with_a_bar_unless_there_is_light(known):
     assert "picture" in page.stages
 
 
-def test_the_lights_of_a_loaded_scan_are_the_studio():
-    """Of the coarse version and of all points, whose lights are the same ones or others."""
+def test_the_lights_of_a_loaded_scan_are_those_of_the_studio():
+    """Tested for the coarse version and for all points, with equal or different lights."""
     shared = SharedScene("a")
     shared.look = "studio"
     display = Display(shared, MagicMock(), MagicMock(), MagicMock())

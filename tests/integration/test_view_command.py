@@ -1,4 +1,4 @@
-"""`pointray view` as a program: what it prints, what it shows of files, and how it ends."""
+"""`pointray view` as a program: output, files shown, and how it ends."""
 
 import logging
 import signal
@@ -28,7 +28,7 @@ def scan(tmp_path_factory):
 
 @pytest.fixture
 def browse():
-    """A function that runs `pointray view` in this process, and opens its page."""
+    """A function that runs `pointray view` in this process and opens its page."""
     with ExitStack() as left:
 
         def begin(*arguments, size=SIZE):
@@ -37,7 +37,7 @@ def browse():
         yield begin
 
 
-def test_it_shows_a_scan(scan, browse):
+def test_a_scan_is_shown(scan, browse):
     browser = browse(scan, "--light", "sun:1,1,-2", "--ground", size=(40, 30))
     browser.arrive()
     browser.refined(64)
@@ -47,7 +47,7 @@ def test_it_shows_a_scan(scan, browse):
 
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
-def test_it_shows_a_scan_until_it_is_interrupted(scan):
+def test_a_scan_is_shown_until_an_interrupt(scan):
     process, url, _ = serve(scan, "--light", "sun:1,1,-2", "--ground")
     try:
         with closing(Browser(url, (40, 30))) as browser:
@@ -64,7 +64,7 @@ def test_it_shows_a_scan_until_it_is_interrupted(scan):
         process.communicate()
 
 
-def test_a_taken_port_is_reported(scan, capsys):
+def test_a_port_in_use_is_reported(scan, capsys):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with view(scan, "--port", port) as url:
@@ -78,7 +78,7 @@ def test_listening_beyond_this_machine_is_reported(scan, capsys):
         Browser(url, SIZE).close()
 
 
-def test_several_files_and_saved_models_together(scan, browse, tmp_path):
+def test_several_files_and_saved_models_are_shown_together(scan, browse, tmp_path):
     points = pr.procedural("sphere", 1_000)
     pr.Model(pr.Points(points.positions + np.float32(3), points.normals)).save(tmp_path / "ball.pointray")
     browser = browse(scan, tmp_path / "ball.pointray", "--light", "headlight", size=(40, 30))
@@ -89,7 +89,7 @@ def test_several_files_and_saved_models_together(scan, browse, tmp_path):
     assert "copy.command" not in browser.controls()
 
 
-def test_a_scene_file(browse, tmp_path):
+def test_a_scene_file_is_shown(browse, tmp_path):
     text = """
         exposure = 1.0
         background = [0.2, 0.3, 0.4]
@@ -120,7 +120,7 @@ def test_a_scene_file(browse, tmp_path):
     assert controls["lamps.0.on"]["label"] == "1: SphereLight"
 
 
-def test_large_scans_are_shown_in_part_first(tmp_path, monkeypatch):
+def test_a_sample_of_large_scans_is_shown_first(tmp_path, monkeypatch):
     path = tmp_path / "statue.ply"
     pr.write(path, pr.procedural("statue", 5_000))
     monkeypatch.setattr(loading, "COARSE", 1_000)
@@ -136,7 +136,7 @@ def test_large_scans_are_shown_in_part_first(tmp_path, monkeypatch):
 
 
 def is_rather(frame, wanted, other):
-    """Whether a frame of full size is one picture and not the other, within the changes of JPEG."""
+    """Return whether a full-size frame is closer to one picture than to the other, up to JPEG errors."""
     seen = levels_in(frame[1])
     if seen.shape != wanted.shape:
         return False
@@ -156,13 +156,13 @@ def test_large_scans_get_levels_of_detail_last(tmp_path, monkeypatch, leveled):
     shared.load(loading.FileLoader([path], {}, lambda scene: None, leveled)).join(SECONDS)
     counts = [count for _, count in shown]
     assert counts == sorted(counts) and (counts[-1] >= 2) == leveled
-    if leveled:  # a scene of its own, because colouring counts the levels
+    if leveled:  # a separate scene, because colouring counts the levels
         scenes = list(dict.fromkeys(scene for scene, _ in shown if scene is not None))
         assert len(scenes) == 3 and scenes[1].models == scenes[2].models
 
 
 @pytest.mark.long
-def test_levels_in_the_panel(tmp_path, browse):
+def test_levels_are_switched_in_the_panel(tmp_path, browse):
     """The picture is that of `render` with levels, or with all points when levels are switched off."""
     model = pr.Model(pr.procedural("statue", 40_000))
     model.make_levels()

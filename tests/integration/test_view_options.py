@@ -1,4 +1,4 @@
-"""Options that the command line and the viewer's panel share: from the one into the other, and back as a command."""
+"""Options shared by the command line and the viewer's panel, and their copies as commands."""
 
 import shlex
 from dataclasses import replace
@@ -23,7 +23,7 @@ UP = (0.0, 0.0, 1.0)
 
 @pytest.fixture(scope="module")
 def bowl(tmp_path_factory):
-    """A file of a shallow bowl: one sees its back faces."""
+    """A file of a shallow bowl whose back faces are visible."""
     points = pr.procedural("sphere", 3_000)
     path = tmp_path_factory.mktemp("bowl") / "bowl.ply"
     pr.write(path, points.select(points.positions[:, 2] < -0.5))
@@ -46,7 +46,7 @@ def rows_of(view, shared):
     return {row.name: row for part in folders(view, shared, Output(), shared.scene) for row in part.controls}
 
 
-def test_the_panel_has_what_the_command_line_asks_for(bowl):
+def test_the_panel_shows_options_of_the_command_line(bowl):
     shared, view = viewed(bowl, "muted", False)
     rows = rows_of(view, shared)
     assert rows["backfaces"].value == "muted" and rows["contact_shadow"].value is False
@@ -57,7 +57,7 @@ def test_the_panel_has_what_the_command_line_asks_for(bowl):
     assert rows_of(changed, shared)["contact_shadow"].value is True
 
 
-def test_the_viewer_chooses_back_faces_if_nothing_is_asked(bowl):
+def test_the_viewer_chooses_back_faces_by_default(bowl):
     """The first view of a bowl is from above."""
     shared, view = viewed(bowl)
     assert view.backfaces == "same" and view.contact_shadow
@@ -72,7 +72,7 @@ def test_rows_without_effect_are_left_out(bowl):
         assert "contact_shadow" not in rows_of(other, shared)
     scene = pr.Scene()
     scene.add(pr.Model(pr.procedural("sphere", 500)))
-    given = SharedScene("a", scene)  # of Python or a scene file: nobody says that the scene stands
+    given = SharedScene("a", scene)  # of Python or a scene file, for which no contact shadow is computed
     lit = ViewSettings.of(given, scene).in_studio(studio(UP), UP)
     assert lit.look == "studio" and "contact_shadow" not in rows_of(lit, given)
 
@@ -85,7 +85,7 @@ def test_rows_without_effect_are_left_out(bowl):
         ({"contact_shadow": False}, "--no-contact-shadow", {}),
     ],
 )
-def test_what_the_panel_sets_is_copied(changes, told, settings):
+def test_settings_of_the_panel_are_copied(changes, told, settings):
     """The command parses, and Python code sets the same."""
     view = replace(ViewSettings().in_studio(studio(UP, 25.0), UP), **changes)
     request = FrameRequest(pr.Camera.look_at((0, -4, 0), (0, 0, 0)), view, pr.Scene(), (1, 0), UP, True, 0.0)
@@ -100,7 +100,7 @@ def test_what_the_panel_sets_is_copied(changes, told, settings):
     assert "--backfaces" not in of_scene and "contact" not in of_scene
 
 
-def test_the_surface_that_the_panel_sets_is_copied(tmp_path):
+def test_the_surface_of_the_panel_is_copied(tmp_path):
     points = pr.Points(np.random.default_rng(2).random((40, 3)))
     scene = pr.Scene()
     scene.add(pr.Model(points, surface="imls", scatter="discs", scatter_size=1.5, smooth=0.25))

@@ -81,7 +81,7 @@ def test_hits_are_whole(rng, name, surface):
 
 
 @pytest.mark.parametrize("size", [1e-150, 1e150])
-def test_normals_of_an_instance_of_any_size(size):
+def test_instances_of_any_size_have_unit_normals(size):
     """The squares of its transform's entries overflow or vanish."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.Points(GRID, np.tile(UP, (64, 1))), np.full(64, 1.5)), pr.transform(scale=size))
@@ -122,7 +122,7 @@ def test_a_power_of_two_in_the_direction_only_scales_t(rng, torus, exponent):
 
 
 @pytest.mark.parametrize("length", [5e-324, 1e-310, 1e-300, 1e-150, 1e150, 1e300, 1.7e308])
-def test_directions_of_any_length(length):
+def test_directions_may_have_any_length(length):
     """The shortest directions are a few steps of float64 long, but along an axis, where rounding does not turn them."""
     scene = pr.Scene()
     scene.add(pr.Model(pr.Points(GRID, np.tile(UP, (64, 1))), np.full(64, 1.5)))

@@ -1,4 +1,4 @@
-"""If the disk is full or the process is killed, the old file stays whole, and nothing is left beside it."""
+"""If the disk is full or the process is killed, the old file is kept, and no other files are left."""
 
 import importlib.util
 import json
@@ -137,7 +137,7 @@ def pictures(tmp_path, rng):
 def test_a_film_that_is_cut_off_does_not_replace_the_old_one(tmp_path, pictures):
     import imageio_ffmpeg
 
-    ffmpeg = tmp_path / "ffmpeg"  # a process that goes on when it meets the limit, as on a full disk
+    ffmpeg = tmp_path / "ffmpeg"  # a process that continues at the limit, as on a full disk
     ffmpeg.write_text(f"#!/bin/sh\ntrap '' XFSZ\nexec {imageio_ffmpeg.get_ffmpeg_exe()} \"$@\"\n")
     ffmpeg.chmod(0o755)
     sweep(tmp_path / "film", "film.mp4", pictures=pictures, IMAGEIO_FFMPEG_EXE=str(ffmpeg))
@@ -241,7 +241,7 @@ def test_the_command_line_says_that_the_disk_is_full(tmp_path, names):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 @pytest.mark.parametrize("words", ["--version", long("info scan.ply --json")])
-def test_a_table_that_nobody_gets_is_a_failure(tmp_path, words):
+def test_output_that_cannot_be_printed_is_a_failure(tmp_path, words):
     pr.write(tmp_path / "scan.ply", pr.Points(sphere_points(100)))
     command = [sys.executable, "-m", "pointray.cli", *words.split()]
     with open("/dev/full", "w") as full:
@@ -250,7 +250,7 @@ def test_a_table_that_nobody_gets_is_a_failure(tmp_path, words):
     assert done.stderr.endswith("No space left on device\n") and done.stderr.count("\n") == 1
 
 
-def test_an_error_that_a_library_swallows_is_raised_all_the_same(tmp_path, monkeypatch):
+def test_an_error_that_a_library_ignores_is_raised(tmp_path, monkeypatch):
     """The error is raised even if there is room again for what is written next."""
     file = tmp_path / "a.bin"
     file.write_bytes(b"old")
@@ -300,8 +300,8 @@ def names(folder):
     return sorted(p.name for p in folder.iterdir())
 
 
-def test_what_a_killed_process_leaves_goes_with_the_next_write(tmp_path, monkeypatch):
-    """Files of a living process and files with similar names stay."""
+def test_leftovers_of_a_killed_process_are_removed_by_the_next_write(tmp_path, monkeypatch):
+    """Files of a running process and files with similar names are kept."""
     foreign = [tmp_path / ".pointray-notes.txt", tmp_path / ".pointray-0123456789abcdef0.png", tmp_path / ".pointray"]
     for path in foreign:
         path.write_text("mine")
@@ -320,8 +320,8 @@ def test_what_a_killed_process_leaves_goes_with_the_next_write(tmp_path, monkeyp
     assert names(tmp_path) == sorted([*(p.name for p in foreign), ".pointray-0123456789abcdef", "b.png", "c.txt"])
 
 
-def test_a_process_that_lives_on_takes_away_too(tmp_path, monkeypatch):
-    """This works beside a thread that writes there, too: each file has a lock of its own."""
+def test_a_running_process_removes_leftovers(tmp_path, monkeypatch):
+    """This works while a thread writes there: each file has its own lock."""
     killed = begin_writing(tmp_path / "a.png")
     kill(killed)
     with replacing(tmp_path / "b.txt") as first:
@@ -333,8 +333,8 @@ def test_a_process_that_lives_on_takes_away_too(tmp_path, monkeypatch):
     assert names(tmp_path) == ["b.txt", "c.txt"]
 
 
-def test_a_film_whose_first_moment_was_its_last_goes_on(tmp_path):
-    """A leftover of an unfinished note is no reason to refuse the folder."""
+def test_a_film_killed_at_its_start_can_be_resumed(tmp_path):
+    """A leftover of an unfinished record does not cause the folder to be refused."""
     from pointray.cli.animate import film_output
 
     pytest.importorskip("imageio_ffmpeg")
@@ -350,7 +350,7 @@ def test_a_film_whose_first_moment_was_its_last_goes_on(tmp_path):
 
 
 @pytest.mark.long
-def test_many_writers_of_one_folder_do_not_take_each_others_files(tmp_path):
+def test_concurrent_writers_do_not_remove_each_others_files(tmp_path):
     """All processes clean up at every write, while all write."""
     code = """
 import sys

@@ -1,4 +1,4 @@
-"""Bad clouds give a model or a ValueError, and their time grows no faster than the number of points, nearly.
+"""Degenerate clouds give a model or a ValueError, in time nearly proportional to the number of points.
 
 Processor times of two sizes are compared, which other programs hardly affect. Sixteen times the points take some
 sixteen times as long; a search among all pairs would take 256 times.
@@ -80,7 +80,7 @@ CLOUDS = [in_few_places, on_a_line, in_a_plane, in_two_clusters, uneven_points, 
 
 @pytest.mark.parametrize("normals", [False, True])
 @pytest.mark.parametrize("cloud", WITHOUT_A_MODEL)
-def test_what_no_model_is_made_of(cloud, normals):
+def test_some_degenerate_clouds_are_refused(cloud, normals):
     made, _ = outcome(cloud(3000), normals)
     assert isinstance(made, ValueError)
     assert any(words in str(made) for words in WITHOUT_A_MODEL[cloud].split("|"))
@@ -88,8 +88,8 @@ def test_what_no_model_is_made_of(cloud, normals):
 
 @pytest.mark.parametrize("normals", [False, True])
 @pytest.mark.parametrize("cloud", CLOUDS)
-def test_what_a_model_is_made_of(cloud, normals):
-    """Every splat has a finite place and a radius, and no radius is as large as the cloud."""
+def test_other_degenerate_clouds_become_models(cloud, normals):
+    """Every splat has a finite position and a radius smaller than the cloud."""
     positions = cloud(2000)
     model, _ = outcome(positions, normals)
     splats, rows = model.splats
@@ -103,7 +103,7 @@ def test_what_a_model_is_made_of(cloud, normals):
 
 @pytest.mark.parametrize("normals", [False, True])
 @pytest.mark.parametrize("cloud", [in_one_place, in_few_places, *(long(cloud) for cloud in (*CLOUDS[1:], tiny))])
-def test_time_grows_with_the_points(cloud, normals):
-    outcome(cloud(3000), normals)  # compiles what is not
+def test_time_is_nearly_proportional_to_the_points(cloud, normals):
+    outcome(cloud(3000), normals)  # compiles missing kernels
     few = min(outcome(cloud(FEW), normals)[1] for _ in range(2))
     assert outcome(cloud(MANY), normals)[1] < MOST * max(few, LEAST)

@@ -1,4 +1,4 @@
-"""Commands with less and less memory do their work, or end with one line and status 1."""
+"""Commands with decreasing memory succeed, or end with one line and status 1."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_a_lack_of_memory_is_one_line_and_status_1(tmp_path: Path, command: str)
 def ended_well(status: int, said: str) -> bool:
     # What was found about the scan before memory ran out stays above the error.
     lines = [line for line in said.splitlines() if line and not line.startswith("pointray: note: ")]
-    if any("ignored in thread started by" in line for line in lines):  # Python's words where there is none for a frame
+    if any("ignored in thread started by" in line for line in lines):  # Python's, without memory for a frame
         lines = [line for line in lines if line.startswith("pointray: ")]
     if status == 0:
         return "not enough memory" not in said

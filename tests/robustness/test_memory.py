@@ -1,4 +1,4 @@
-"""Memory: how much is available, what is refused, and that pictures take no more than estimated."""
+"""Memory: the amount available, what is refused, and pictures within the estimate."""
 
 import os
 import re
@@ -21,11 +21,11 @@ GIB = 2**30
 
 @pytest.fixture
 def system(tmp_path, monkeypatch):
-    """Files like those of Linux; returns a function that sets their contents."""
+    """Return a function that sets the contents of files like those of Linux."""
     for name in ("MEMINFO", "OWN_CGROUPS", "CGROUPS"):
         monkeypatch.setattr(memory, name, tmp_path / name)
 
-    def say(free=None, own="", **groups):
+    def set_memory(free=None, own="", **groups):
         if free is not None:
             (tmp_path / "MEMINFO").write_text(f"MemTotal: 99999999 kB\nMemAvailable:   {free // 1024} kB\n")
         (tmp_path / "OWN_CGROUPS").write_text(own)
@@ -38,10 +38,10 @@ def system(tmp_path, monkeypatch):
             key = "total_inactive_file" if old else "inactive_file"
             (folder / "memory.stat").write_text(f"anon 7\n{key} {inactive}\nfile 9\n")
 
-    return say
+    return set_memory
 
 
-def test_what_is_available_is_the_least_of_machine_and_groups(system):
+def test_available_memory_is_the_least_of_machine_and_cgroups(system):
     system(free=8 * GIB)
     assert available_memory() == 8 * GIB
     system(own="0::/a/b\n", a__b=("max", GIB, 0), a=(4 * GIB, 3 * GIB, GIB // 2))
@@ -52,13 +52,13 @@ def test_what_is_available_is_the_least_of_machine_and_groups(system):
     assert available_memory() == 2 * GIB
 
 
-def test_the_older_kind_of_groups(system):
+def test_cgroups_version_1_are_read(system):
     own = "9:cpu,cpuacct:/x\n4:memory:/x/y\n0::/\n"
     system(free=8 * GIB, own=own, memory__x__y=(2**63 - 4096, GIB, 0), memory__x=(3 * GIB, 2 * GIB, GIB))
     assert available_memory() == 2 * GIB
 
 
-def test_what_is_not_known_is_not_refused(system, monkeypatch):
+def test_nothing_is_refused_if_memory_is_unknown(system, monkeypatch):
     monkeypatch.delattr(os, "sysconf", raising=False)
     assert available_memory() is None
     check_memory(10**18, "for nothing")
@@ -230,12 +230,12 @@ def test_a_model_that_does_not_fit_is_refused_at_once(little, monkeypatch, with_
         pr.Model(pr.Points(rows, rows if with_normals else None))
 
 
-def test_small_models_ask_for_no_memory(little, monkeypatch):
+def test_small_models_are_not_checked(little, monkeypatch):
     monkeypatch.setattr(memory, "available_memory", lambda: 0)
     assert len(pr.Model(sphere_points(2000)).points) == 2000
 
 
-def test_a_command_says_so_in_one_line(little, monkeypatch, tmp_path, capsys):
+def test_a_command_reports_a_lack_of_memory_in_one_line(little, monkeypatch, tmp_path, capsys):
     rows = sphere_points(100_000)
     pr.write(tmp_path / "a.ply", pr.Points(rows, rows))
     assert execute(["render", str(tmp_path / "a.ply"), "-o", str(tmp_path / "a.png")]) == 2
@@ -265,8 +265,8 @@ print(size("VmHWM") - before)
 @pytest.mark.long
 @pytest.mark.skipif(sys.platform != "linux", reason="how much memory a process took")
 @pytest.mark.parametrize("kind", ["with", "without", "noisy"])
-def test_models_take_about_what_is_asked_for(kind):
-    """Noisy points do: that is known only when work has begun."""
+def test_models_take_about_the_estimated_memory(kind):
+    """The estimate is that of noisy points; noise is known only after the work has started."""
     from pointray.cloud.preparation import PEAK
 
     done = subprocess.run([sys.executable, "-c", MODEL_PEAK, kind], capture_output=True, text=True, check=True)

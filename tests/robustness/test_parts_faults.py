@@ -1,4 +1,4 @@
-"""Folders of models in parts that are damaged, mixed, shared by two writers, or on a disk that fills."""
+"""Folders of models in parts that are damaged, mixed up, shared by two writers, or on a full disk."""
 
 import errno
 import json
@@ -95,14 +95,14 @@ def cut_off(folder: Path, other: Path) -> None:
 
 
 def absurd(folder: Path, other: Path) -> None:
-    """A tree whose numbers point to where nothing is."""
+    """Write a tree with indices out of range."""
     file = folder / "part-0001.pointray"
     found = file.read_bytes()
     file.write_bytes(found[:4096] + b"\xff" * (len(found) - 4096))
 
 
 @pytest.mark.parametrize("damage", [missing, foreign, swapped, newer, cut_off, absurd])
-def test_a_part_that_is_no_part_of_the_model_is_named(
+def test_a_part_of_another_model_is_named(
     damage: Callable[[Path, Path], None], folder: Path, paper: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     damage(folder, paper)
@@ -123,8 +123,8 @@ def test_an_index_of_another_version_is_reported(folder: Path) -> None:
 
 
 @pytest.mark.long
-def test_parts_of_the_same_have_the_same_id_and_others_another_one(scan: Path, whole: Path, tmp_path: Path) -> None:
-    """So a part of other points, settings or sizes is seen."""
+def test_the_id_depends_on_points_and_settings(scan: Path, whole: Path, tmp_path: Path) -> None:
+    """A part of other points, settings or sizes can thus be recognised."""
     shutil.copy(scan, tmp_path / "b.ply")
     again, others = prepared(scan, tmp_path / "again"), prepared(tmp_path / "b.ply", tmp_path / "others")
     assert again == {path.name: path.read_bytes() for path in whole.iterdir()}
@@ -157,7 +157,7 @@ def test_a_folder_that_has_just_been_finished_is_not_written_to(
 
 
 @pytest.mark.long
-def test_a_run_that_ends_before_it_has_tidied_up_goes_on(
+def test_a_run_that_ends_before_its_cleanup_can_be_resumed(
     scan: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def stop(*paths: Any) -> None:
@@ -187,7 +187,7 @@ def test_unfinished_work_of_another_version_is_refused(
 
 
 @pytest.mark.long
-def test_what_was_found_and_is_lost_is_named(scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_intermediate_results_are_named(scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(OutOfCoreBuilder, "_write", lambda self: 1 / 0)
         with pytest.raises(ZeroDivisionError):
@@ -223,7 +223,7 @@ def disk_of(folder: Path, size: int) -> Iterator[Callable[[int], None]]:
 def test_a_disk_that_fills_at_any_stage_is_reported_and_the_work_resumes(
     scan: Path, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever was half written is not taken for whole."""
+    """Partly written data is not used."""
     monkeypatch.setattr("pointray.io.spooling.spool._check_disk_space", lambda *about: None)
     size, named, runs = 1 << 19, [], 0
     with disk_of(tmp_path / "disk", size) as resize:

@@ -1,4 +1,4 @@
-"""Clouds that are hardly a surface, drawn with `scatter`: what comes out, or a message that names what to change."""
+"""Clouds that are hardly a surface, drawn with `scatter`, give a picture or a message that says what to change."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ CLOUDS = {
     "same": np.ones((50, 3)),
     "two places": np.repeat([[0.0, 0, 0], [1, 0, 0]], 20, axis=0),
 }
-TOLD = [  # cloud, whether it has normals, scatter, and the message; empty: there is a picture
+MESSAGES = [  # cloud, whether it has normals, scatter, and the message; empty: there is a picture
     ("one", False, "spheres", ONE_PLACE),
     ("one", False, "discs", ONE_PLACE),
     ("one", True, "spheres", ONE_PLACE),
@@ -41,12 +41,12 @@ def points_of(cloud, has_normals=False, **attributes):
     return pr.Points(positions, normals, attributes=attributes)
 
 
-@pytest.fixture(params=TOLD, ids=lambda case: "-".join([case[0], "normals" * case[1] or "plain", case[2]]))
+@pytest.fixture(params=MESSAGES, ids=lambda case: "-".join([case[0], "normals" * case[1] or "plain", case[2]]))
 def case(request):
     return request.param
 
 
-def test_a_few_points_in_python(case):
+def test_a_few_points_in_python_are_drawn_or_refused(case):
     cloud, has_normals, scatter, told = case
     points = points_of(cloud, has_normals)
     if not told:
@@ -66,7 +66,7 @@ def lines_of(capsys, *arguments):
     return status, [line for line in lines if not line.startswith("Compiling")]
 
 
-def test_a_few_points_on_the_command_line(case, tmp_path, capsys):
+def test_a_few_points_on_the_command_line_are_drawn_or_refused(case, tmp_path, capsys):
     cloud, has_normals, scatter, told = case
     pr.write(tmp_path / "scan.ply", points_of(cloud, has_normals))
     picture = ["-o", tmp_path / "a.png", "--size", "16x12", "--light", "headlight", "--scatter", scatter]
@@ -81,7 +81,7 @@ def test_a_few_points_on_the_command_line(case, tmp_path, capsys):
 @pytest.mark.parametrize("scatter", ["spheres", "discs"])
 @pytest.mark.parametrize("cloud", ["one", "same"])
 def test_points_at_one_place_with_radii(cloud, scatter, tmp_path, capsys):
-    """What the message advises works."""
+    """The advice of the message works."""
     points = points_of(cloud, True, radius=np.full(len(CLOUDS[cloud]), 0.5, np.float32))
     pr.write(tmp_path / "scan.ply", points)
     picture = ["-o", tmp_path / "a.png", "--size", "16x12", "--light", "headlight", "--scatter", scatter]

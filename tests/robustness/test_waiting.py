@@ -1,4 +1,4 @@
-"""A Ctrl-C at any moment of waiting for work is a KeyboardInterrupt, and nothing stands still after it."""
+"""Ctrl-C at any time while waiting for work raises KeyboardInterrupt and causes no hang."""
 
 import signal
 import subprocess
@@ -48,15 +48,15 @@ WAITS = {
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT")
 @pytest.mark.parametrize("module", WAITS)
 @pytest.mark.parametrize("count", [10, long(1_000)])
-def test_an_interrupt_at_any_moment_is_one(module: str, count: int) -> None:
-    """When the main thread still waited with an Event, one in some thousand hung or became a RuntimeError."""
+def test_an_interrupt_at_any_time_is_raised(module: str, count: int) -> None:
+    """When the main thread waited with an Event, about one in a thousand hung or became a RuntimeError."""
     program = PROGRAM.format(module=module, call=WAITS[module])
     done = subprocess.run([sys.executable, "-c", program, "1", str(count)], capture_output=True, timeout=600)
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-def test_an_error_that_an_interrupt_causes_is_one(monkeypatch, capsys):
-    """Python 3.11 makes a RuntimeError of one that meets a lock of `threading`."""
+def test_an_error_caused_by_an_interrupt_is_recognised(monkeypatch, capsys):
+    """Python 3.11 turns an interrupt during a lock of `threading` into a RuntimeError."""
 
     def app(*arguments, **options):
         try:
@@ -69,8 +69,8 @@ def test_an_error_that_an_interrupt_causes_is_one(monkeypatch, capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_a_thread_that_ends_without_a_word_is_a_lack_of_memory(monkeypatch):
-    """Its function never ran, or found no memory to tell of its error; both waited for ever."""
+def test_a_thread_that_ends_silently_is_a_lack_of_memory(monkeypatch):
+    """Its function never ran, or had no memory to report its error; both once hung."""
     start = alive.start
     for module in (threads, alive):
         monkeypatch.setattr(module, "start", lambda work: start(lambda: None))

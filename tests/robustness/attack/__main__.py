@@ -16,7 +16,7 @@ from attack.parts import PARTS
 from attack.pool import Attacker
 
 BATCHES = 200  # batches into which the inputs of a part are cut
-SAY = 15.0  # seconds between two messages of progress
+REPORT_INTERVAL = 15.0  # seconds between two messages of progress
 
 
 def spans_of(count: int) -> list[tuple[int, int]]:
@@ -59,7 +59,7 @@ def attack_part(ledger: Ledger, part: str, seed: int, count: int, jobs: int) -> 
         said = time.monotonic()
         while any(worker.is_alive() for worker in workers):
             time.sleep(0.1)
-            if time.monotonic() - said > SAY:
+            if time.monotonic() - said > REPORT_INTERVAL:
                 said = time.monotonic()
                 counts = ledger.of(part, seed)[0].counts
                 bad = counts["crashed"] + counts["hung"] + counts["failed"]
@@ -76,7 +76,7 @@ def attack_part(ledger: Ledger, part: str, seed: int, count: int, jobs: int) -> 
 
 
 def show_input(part: str, seed: int, index: int) -> int:
-    """Make one input in a child of its own and say what became of it."""
+    """Make one input in its own child process and print the outcome."""
     with Attacker(part, seed) as attacker:
         tally = attacker.make(index, index + 1)
     for failure in tally.failures:

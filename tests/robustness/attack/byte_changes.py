@@ -1,4 +1,4 @@
-"""Changes of a file of points: cut off, numbers that are believed, words, and damage behind valid checksums."""
+"""Changes of point files: truncation, changed numbers and words, and damage behind valid checksums."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from functools import cache
 from attack.mutate import WORDS, Rng, corrupt, pick
 
 NUMBERS = (0, 1, 2, 3, 127, 255, 2**15, 2**16 - 1, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**63, 2**64 - 1)
-HEADER, TAIL = 400, 3000  # bytes at both ends in which numbers are believed
+HEADER, TAIL = 400, 3000  # bytes at both ends whose numbers readers use
 TOKEN = re.compile(rb"[-+\w.]+")
 PAGE = 1024  # bytes of a page of an E57 file, with a checksum in the last four
 
@@ -38,7 +38,7 @@ def is_text(data: bytes) -> bool:
 
 
 def _numbers(rng: Rng, data: bytes) -> bytes:
-    """Some numbers are others: mostly in the header, in the tail's tables, or in what the header points to."""
+    """Change some numbers, mostly in the header, in tables at the end, or where the header points to."""
     out = bytearray(data)
     ends = [(0, min(HEADER, len(data))), (0, min(HEADER, len(data))), (max(len(data) - TAIL, 0), len(data))]
     for _ in range(int(rng.integers(1, 4))):
@@ -55,7 +55,7 @@ def _numbers(rng: Rng, data: bytes) -> bytes:
 
 
 def _words(rng: Rng, data: bytes) -> bytes:
-    """Some words or numbers of a text are others, gone, or there twice; half of them in the first lines."""
+    """Change, remove or double some words or numbers of a text, half of them in the first lines."""
     for _ in range(int(rng.integers(1, 4))):
         span = data[:HEADER] if rng.random() < 0.5 else data
         found = list(TOKEN.finditer(span))
@@ -68,7 +68,7 @@ def _words(rng: Rng, data: bytes) -> bytes:
 
 
 def _below(rng: Rng, data: bytes, name: str) -> bytes | None:
-    """A change of what is packed, with checksums that are right; None if nothing is."""
+    """Change compressed data, with valid checksums; None if there is none."""
     if data[:2] == b"\x1f\x8b":
         return gzip.compress(change(rng, gzip.decompress(data), name, False), 1, mtime=0)
     if data[:4] == b"\x28\xb5\x2f\xfd":

@@ -1,6 +1,6 @@
-"""The cache of models with damaged files: an entry, what lies beside it, and strangers in the folder.
+"""The cache of models with damaged files: entries, their neighbours, and foreign files in the folder.
 
-A damaged entry is no model and goes; nothing of it is an error of the caller. The listing of the cache works, and the
+A damaged entry is removed and never raises an error in the caller. The listing of the cache works, and the
 next model is kept.
 """
 
@@ -46,7 +46,7 @@ def change_json(rng: Rng, data: bytes) -> bytes:
 
 
 def strange(rng: Rng, entry: Path) -> None:
-    """Something else than a file where the cache has its files, or something beside them."""
+    """Replace files of the cache with other objects, or add foreign ones."""
     path = pick(rng, (entry, entry.with_suffix(".json"), entry.with_name(f"{'0' * 32}{entry.suffix}")))
     path.unlink(missing_ok=True)
     kind = int(rng.integers(4))

@@ -1,6 +1,6 @@
 """Arguments of compiled kernels: trees of numbers, arrays and tuples, right ones and ones with something wrong in them.
 
-What is right is packed as a plain twin packs it, to the bit; what is wrong is refused before a kernel could see it.
+Valid arguments are packed like a plain reference does, to the bit; invalid ones are refused before a kernel runs.
 """
 
 from __future__ import annotations
@@ -54,10 +54,10 @@ def value_of(rng: Rng, kind: Any) -> Any:
     return array
 
 
-def twin(kind: Any, value: Any) -> list[bytes]:
+def reference_slots(kind: Any, value: Any) -> list[bytes]:
     """The slots of a value."""
     if isinstance(kind, list):
-        return [slot for item, part in zip(kind, value, strict=True) for slot in twin(item, part)]
+        return [slot for item, part in zip(kind, value, strict=True) for slot in reference_slots(item, part)]
     dtype, bracket, shape = kind.removeprefix("const ").partition("[")
     if not bracket:
         return [np.array(value, dtype).tobytes().ljust(8, b"\0")]
@@ -81,9 +81,9 @@ def spoiled(rng: Rng, kind: Any, value: Any) -> Any:
 
 
 def _other_number(rng: Rng, dtype: str) -> Any:
-    """Something that is no number of a type; a truth value may be anything."""
+    """Return a value that is not a number of this type; a bool may be anything."""
     if dtype == "b1":
-        return (True, False)  # the argument is no tuple: a twin takes it for True
+        return (True, False)  # the argument is not a tuple: the reference treats it as True
     if dtype[0] == "f":
         return pick(rng, ("3", None, [], 1j, 10**400, object()))
     info = np.iinfo(dtype)
@@ -129,7 +129,7 @@ def begin(folder: Path) -> Attack:
     def attack(rng: Rng, index: int) -> bool:
         kinds = [kind_of(rng, 3) for _ in range(int(rng.integers(1, 6)))]
         values = [value_of(rng, kind) for kind in kinds]
-        pack, expected = packer(kinds, {}), b"".join(twin(kinds, values))
+        pack, expected = packer(kinds, {}), b"".join(reference_slots(kinds, values))
         if pack(*values) != expected:
             raise WrongError(f"{kinds}: {values}")
         if index % 2:

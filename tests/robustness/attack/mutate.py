@@ -21,7 +21,7 @@ FLOATS = (np.nan, -np.nan, np.inf, -np.inf, 3e38, -3e38, 1e30, -1e30, 1e-45, -1e
 
 
 def pick(rng: Rng, values: Sequence[T]) -> T:
-    """Choose one of them."""
+    """Choose one of the values."""
     return values[int(rng.integers(len(values)))]
 
 

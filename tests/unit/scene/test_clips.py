@@ -92,7 +92,7 @@ def test_the_same_as_rays_with_intervals(rng, scene, name, rays, limits):
 
 
 def rim_rays(rng, shape, inwards, off):
-    """Return rays across the unit sphere through points `off` inside it in the plane z = 0.3, and the points"""
+    """Return rays across the unit sphere's surface through points `off` inside it at z = 0.3; and the points."""
     turn = rng.uniform(0, 2 * np.pi, 600) if len(shape) == 1 else np.linspace(0, 0.1, 600)
     out = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
     through = out * (np.sqrt(1 - 0.3**2) - off) + 0.3 * UP

@@ -7,7 +7,7 @@ import pytest
 
 import pointray as pr
 from helpers.marks import long
-from helpers.naive import meet_scattered, walk
+from helpers.naive import intersect_scattered, walk
 from pointray.cloud.kd_ordering import compute_kd_ordering
 from pointray.cloud.statistics import CloudStatistics
 from pointray.engine.kernels.tree import NO_CHILD, SCATTERED, first_scattered
@@ -65,7 +65,7 @@ def rays_at(rng, n, size=1.2, away=5.0):
 def check_scattered(model, origins, directions):
     """Check that rays hit what they hit in the reference, and return the hits."""
     scene = scene_of(model)
-    hits, twin = scene.intersect(origins, directions), meet_scattered(model, origins, directions)
+    hits, twin = scene.intersect(origins, directions), intersect_scattered(model, origins, directions)
     sure = ~twin.doubtful
     assert 0.1 < np.isfinite(twin.t).mean()
     assert sure.mean() > 0.8
@@ -104,7 +104,7 @@ def test_points_off_any_surface_are_spheres_unless_radii_are_given(rng):
 def check_both(model, origins, directions):
     """Check that rays hit the surface or the scattered point that the references hit first."""
     hits = scene_of(model).intersect(origins, directions)
-    surface, met = walk(model, origins, directions), meet_scattered(model, origins, directions)
+    surface, met = walk(model, origins, directions), intersect_scattered(model, origins, directions)
     t = np.minimum(surface.t, met.t)
     spacing = np.median(model.radii)
     close = np.abs(np.minimum(surface.t, 1e3) - np.minimum(met.t, 1e3)) < 0.05 * spacing
