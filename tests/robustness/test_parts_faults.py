@@ -20,8 +20,7 @@ from pointray.cli import execute
 from pointray.io.files import request_of
 from pointray.io.selection import Selection
 from pointray.model.model_folder import INDEX, SURFACE_ONLY
-from pointray.model.out_of_core import exclusive_lock as alone_module
-from pointray.model.out_of_core import prepare as prepare_module
+from pointray.model.out_of_core import exclusive_lock as alone_module, prepare as prepare_module
 from pointray.model.out_of_core.builder import OutOfCoreBuilder
 from pointray.model.out_of_core.prepare import prepare, unfinished_part_points
 from pointray.surface.tree.settings import check_settings

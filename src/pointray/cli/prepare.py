@@ -17,8 +17,13 @@ from ..io.selection import Selection
 from ..io.trajectory import read_trajectory
 from ..model.model import SURFACE
 from ..model.model_file import SAVED
-from ..model.out_of_core.prepare import check_unfinished, fits, part_points_for, unfinished_part_points
-from ..model.out_of_core.prepare import prepare as prepare_parts
+from ..model.out_of_core.prepare import (
+    check_unfinished,
+    fits,
+    part_points_for,
+    prepare as prepare_parts,
+    unfinished_part_points,
+)
 from ..model.out_of_core.split import PART, check_new, split
 from ..surface.splats.radii import radii_in
 from ..surface.splats.scattered.spheres import Drawing
