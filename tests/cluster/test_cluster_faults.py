@@ -16,8 +16,7 @@ import pytest
 
 import pointray as pr
 from helpers.dask_clusters import ball, camera_of, cluster_of, scene_of
-from pointray.cluster import client as client_module
-from pointray.cluster import worker_pool as pool
+from pointray.cluster import client as client_module, worker_pool as pool
 from pointray.cluster.dispatch import Job
 from pointray.cluster.worker_pool import WorkerPool
 from pointray.rendering.sequence import render_each

@@ -18,9 +18,7 @@ from helpers.clouds import sphere_points
 from helpers.dask_clusters import cluster_of
 from pointray.base.disk_columns import Columns
 from pointray.cli import execute
-from pointray.cluster import client as client_module
-from pointray.cluster import shared_folder, worker
-from pointray.cluster import task_pool as tasks
+from pointray.cluster import client as client_module, shared_folder, task_pool as tasks, worker
 from pointray.cluster.client import UNPROFILED
 from pointray.cluster.recipe import pack, unpack
 from pointray.cluster.task_pool import THREADS, _Task, _thread_limit, stoppable

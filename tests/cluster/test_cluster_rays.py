@@ -13,8 +13,7 @@ import pytest
 
 import pointray as pr
 from helpers.dask_clusters import ball, camera_of, cluster_of, scene_of
-from pointray.cluster import dask_casting, worker
-from pointray.cluster import serialized_scene as stowed
+from pointray.cluster import dask_casting, serialized_scene as stowed, worker
 from pointray.cluster.scattered_objects import scattered_objects_of
 from pointray.scene import paged_rays as reached
 

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pointray.cloud.neighbors import kd_order
-from pointray.surface.splats.scattered import classification as scatter
-from pointray.surface.splats.scattered import rules as scatter_rules
+from pointray.surface.splats.scattered import classification as scatter, rules as scatter_rules
 from pointray.surface.splats.scattered.islands import CLOSED_IN, ISLANDS, SPECKS
 
 ISLAND_LIMITS = CLOSED_IN, SPECKS, ISLANDS

@@ -13,8 +13,7 @@ from plyfile import PlyData
 
 import pointray as pr
 from helpers.marks import long
-from pointray.cli import bake as command
-from pointray.cli import execute, serve
+from pointray.cli import bake as command, execute, serve
 from pointray.cli.commands.files import bake as bake_command
 from pointray.cli.read_options import Reading
 from pointray.cli.scan_surface import PLAIN

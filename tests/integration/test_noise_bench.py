@@ -8,8 +8,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from bench.helpers.measure import lines
-from bench.noise import compare as noise
-from bench.noise import surfaces as noise_surfaces
+from bench.noise import compare as noise, surfaces as noise_surfaces
 from bench.noise.clouds import Cube, Procedural, Torus, noisy
 from bench.noise.measure import aimed, found_by, row_of
 from bench.noise.scans import found_strays, rays_of

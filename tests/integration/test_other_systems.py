@@ -21,8 +21,7 @@ from native import link
 from native.__main__ import best_level, this_system
 from native.library import builder_key
 from native.targets import SYSTEMS
-from pointray.base.dependencies import ROOT as PACKAGE
-from pointray.base.dependencies import digest_of
+from pointray.base.dependencies import ROOT as PACKAGE, digest_of
 from pointray.engine.jit import library
 
 pytestmark = pytest.mark.long

@@ -13,8 +13,7 @@ import pytest
 from rich.console import Console
 
 import pointray as pr
-from bench.scale import city as scale_city
-from bench.scale import stages as scale
+from bench.scale import city as scale_city, stages as scale
 from bench.scale.city import EDGE, ORIGIN, City, Sculptor, ground, make
 from bench.scale.paper import lines, markdown
 from bench.scale.prepare import Options, asked

@@ -21,8 +21,7 @@ from pointray.cli import execute
 from pointray.image import write_layers
 from pointray.image.exr import _check_whole as check_exr_whole
 from pointray.image.frames import Frames
-from pointray.image.mp4 import _check_whole as check_mp4_whole
-from pointray.image.mp4 import write_mp4
+from pointray.image.mp4 import _check_whole as check_mp4_whole, write_mp4
 
 if os.name == "posix":
     import resource

@@ -11,8 +11,7 @@ import pytest
 from helpers.marks import long
 from pointray import cli
 from pointray.cli.waiting import in_background
-from pointray.engine.jit import c_threads as alive
-from pointray.engine.jit import threads
+from pointray.engine.jit import c_threads as alive, threads
 
 # Interrupts at random moments while another thread keeps the interpreter busy.
 PROGRAM = """

@@ -14,8 +14,8 @@ import numpy as np
 from ..engine.jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile
 from ..engine.kernels.records import World
 from ..engine.kernels.sampling import hash32
-from ..engine.kernels.vec import BLACK as NO_LIGHT
 from ..engine.kernels.vec import (
+    BLACK as NO_LIGHT,
     Vec3,
     add,
     dot,

@@ -9,28 +9,12 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.kernels.records import (
-    CATCHER,
-    DIELECTRIC,
-    INSTANCE,
-    KIND,
-    MATERIAL,
-    MATERIAL_KIND,
-    MATERIAL_SIZE,
-    MIRROR,
-    MODEL,
-    PLANE,
-    PLANE_CHECKER,
-    PLANE_COLOR,
-    PLANE_SIZE,
-    SHAPE_ROW,
-    TO_MODEL,
-)
+from ..engine.kernels import records as rec
 from ..model.model import Model
 from ..scene.world import Snapshot
 
-KINDS = {MODEL: "model", PLANE: "plane", CATCHER: "shadow catcher"}
-COLORED = slice(PLANE_COLOR, PLANE_CHECKER + 1)  # colours within a plane's record
+KINDS = {rec.MODEL: "model", rec.PLANE: "plane", rec.CATCHER: "shadow catcher"}
+COLORED = slice(rec.PLANE_COLOR, rec.PLANE_CHECKER + 1)  # colours within a plane's record
 
 _MODEL_KEYS: WeakKeyDictionary[Model, dict[str, str]] = WeakKeyDictionary()  # hashing a million points takes 0.1 s
 
@@ -53,11 +37,11 @@ def scene_keys(scene: Snapshot) -> Keys:
     world = scene.world
     models, planes = [_model_keys(model) for model in scene.models], _plane_keys(scene)
     shapes = {}
-    for number, record in zip(scene.keys[:-1].tolist(), world.instances.reshape(-1, INSTANCE), strict=True):
-        kind, shape = int(record[KIND]), int(record[SHAPE_ROW])
+    for number, record in zip(scene.keys[:-1].tolist(), world.instances.reshape(-1, rec.INSTANCE), strict=True):
+        kind, shape = int(record[rec.KIND]), int(record[rec.SHAPE_ROW])
         found = (
-            {**models[shape], "transform": _hex_digest(record[TO_MODEL:])}
-            if kind == MODEL
+            {**models[shape], "transform": _hex_digest(record[rec.TO_MODEL :])}
+            if kind == rec.MODEL
             else {"place": planes[shape]}
         )
         shapes[number] = {"kind": KINDS[kind], **found}
@@ -82,7 +66,7 @@ def _model_keys(model: Model) -> dict[str, str]:
 
 def _plane_keys(scene: Snapshot) -> list[str]:
     """Return the hash of the position of each plane."""
-    planes = np.delete(scene.world.planes.reshape(-1, PLANE_SIZE), COLORED, axis=1)
+    planes = np.delete(scene.world.planes.reshape(-1, rec.PLANE_SIZE), COLORED, axis=1)
     return [_hex_digest(plane) for plane in planes]
 
 
@@ -100,11 +84,11 @@ def difference(baked: list[dict[str, Any]], clips: Any, scene: Keys) -> str | No
 def geometry_key(scene: Snapshot) -> tuple[Any, ...]:
     """Return a key of what links depend on, valid in this process: geometry, mirrors and glass."""
     world = scene.world
-    records = world.instances.reshape(-1, INSTANCE).copy()
-    kinds = world.materials[MATERIAL_KIND::MATERIAL_SIZE][records[:, MATERIAL].astype(int)]
-    specular = np.where(np.isin(kinds, (MIRROR, DIELECTRIC)), kinds, -1.0)
-    records[:, MATERIAL : MATERIAL + 2] = 0.0
-    planes = np.delete(world.planes.reshape(-1, PLANE_SIZE), COLORED, axis=1)
+    records = world.instances.reshape(-1, rec.INSTANCE).copy()
+    kinds = world.materials[rec.MATERIAL_KIND :: rec.MATERIAL_SIZE][records[:, rec.MATERIAL].astype(int)]
+    specular = np.where(np.isin(kinds, (rec.MIRROR, rec.DIELECTRIC)), kinds, -1.0)
+    records[:, rec.MATERIAL : rec.MATERIAL + 2] = 0.0
+    planes = np.delete(world.planes.reshape(-1, rec.PLANE_SIZE), COLORED, axis=1)
     levels = tuple(model.levels for model in scene.models)
     return scene.models, levels, _digest(scene.keys, records, specular, planes, world.clips)
 
@@ -123,8 +107,8 @@ def light_key(scene: Snapshot) -> bytes:
 def material_key(scene: Snapshot) -> bytes:
     """Return a hash of the materials and colours of all surfaces."""
     world = scene.world
-    colors = world.planes.reshape(-1, PLANE_SIZE)[:, COLORED]
-    used = world.instances.reshape(-1, INSTANCE)[:, MATERIAL : MATERIAL + 2]
+    colors = world.planes.reshape(-1, rec.PLANE_SIZE)[:, COLORED]
+    used = world.instances.reshape(-1, rec.INSTANCE)[:, rec.MATERIAL : rec.MATERIAL + 2]
     return _digest(world.materials, used, colors, world.paints, world.map_positions, world.map_colors)
 
 

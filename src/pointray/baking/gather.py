@@ -12,34 +12,11 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.jit import Array, borrow, f32, f64, i32, i64, inline, keep_alive, kernel, next_tile
-from ..engine.kernels.records import (
-    INSTANCE,
-    KIND,
-    LIGHT,
-    LIGHT_AREA,
-    LIGHT_RADIUS,
-    MODEL,
-    PLANE_SIZE,
-    SHAPE_ROW,
-    World,
-    WorldHit,
-)
+from ..engine.kernels import records as rec, scratch as sc
+from ..engine.kernels.records import World, WorldHit
 from ..engine.kernels.sampling import ON_LIGHT, WHICH, hash32, sample_pair
-from ..engine.kernels.scratch import (
-    DIRECTION,
-    GAIN,
-    NEAREST,
-    ORIGIN,
-    RADIANCE,
-    THROUGHPUT,
-    TILE,
-    Scratch,
-    load3,
-    new_scratch,
-    store3,
-)
-from ..engine.kernels.vec import BLACK as NO_LIGHT
-from ..engine.kernels.vec import WHITE, Vec3, add, dot, load3_flat, multiply, scale
+from ..engine.kernels.scratch import Scratch, load3, new_scratch, store3
+from ..engine.kernels.vec import BLACK as NO_LIGHT, WHITE, Vec3, add, dot, load3_flat, multiply, scale
 from ..shade.bsdf import is_specular, sample_bsdf
 from ..shade.choice import choose_light, meets_lamp, nearest_lamp
 from ..shade.direct import shade_gains
@@ -127,10 +104,13 @@ def _patch_at(world: World, targets: Targets, hit: WorldHit, ray: tuple[Vec3, Ve
     first = targets.rows[row] if dot(hit.normal, ray[1]) < 0.0 else targets.rows[row + 1]
     if first < 0:
         return INSIDE
-    record = hit.instance * INSTANCE
-    if world.instances[record + KIND] == MODEL:
+    record = hit.instance * rec.INSTANCE
+    if world.instances[record + rec.KIND] == rec.MODEL:
         return i64(PATCHES + first + targets.patch_of[targets.rows[row + 2] + hit.slot])
-    plane, frame = int(world.instances[record + SHAPE_ROW]) * PLANE_SIZE, grid_frame(targets.frames, hit.instance)
+    plane, frame = (
+        int(world.instances[record + rec.SHAPE_ROW]) * rec.PLANE_SIZE,
+        grid_frame(targets.frames, hit.instance),
+    )
     return i64(PATCHES + first + grid_cell(world, plane, frame, add(ray[0], scale(ray[1], hit.t))))
 
 
@@ -141,8 +121,8 @@ def _continue_ray(world: World, i: int, key: int, depth: int, scratch: Scratch) 
     material, point = shading_point(world, scratch, i)
     which, _ = sample_pair(key, depth, WHICH)
     d, weight, _, side = sample_bsdf(world, material, point, which, 0.0, 0.0)
-    throughput = multiply(load3(points, THROUGHPUT + i), weight)
-    store3(points, THROUGHPUT + i, throughput)
+    throughput = multiply(load3(points, sc.THROUGHPUT + i), weight)
+    store3(points, sc.THROUGHPUT + i, throughput)
     set_ray_from(scratch, i, (start_of(scratch, i, side), d, 0.0, np.inf), side)
     return max(throughput[0], throughput[1], throughput[2]) > 0.0
 
@@ -150,11 +130,11 @@ def _continue_ray(world: World, i: int, key: int, depth: int, scratch: Scratch) 
 @inline
 def _resolve(world: World, targets: Targets, i: int, depth: int, key: int, scratch: Scratch) -> tuple[int, bool]:
     """Return (the link of ray i, whether the ray continues instead)."""
-    ray, hit = (load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
+    ray, hit = (load3(scratch.world, sc.ORIGIN + i), load3(scratch.world, sc.DIRECTION + i)), tile_hit(scratch, i)
     if depth > 0:
         light = nearest_lamp(world, ray, hit.t)[1]
         if light >= 0:
-            return i64(~(light // LIGHT)), False
+            return i64(~(light // rec.LIGHT)), False
     if hit.instance < 0:
         return i64(SKY + texel_of(ray[1])), False
     if is_specular(world, material_at(world, hit.instance)):
@@ -168,8 +148,8 @@ def _trace_links(
 ) -> None:
     """Trace the tile's rays, link k of each patch, through mirrors and glass."""
     count = rays.parts[0] * rays.parts[1]
-    for i in range(TILE):
-        store3(scratch.shading_points, THROUGHPUT + i, WHITE)
+    for i in range(sc.TILE):
+        store3(scratch.shading_points, sc.THROUGHPUT + i, WHITE)
     left, depth = i64(-1), 0
     while left != 0:
         trace_tile(world, scratch)
@@ -181,15 +161,15 @@ def _trace_links(
             if (left >> i) & 1 == 0:
                 continue
             at = (tile[0] + i) * count + k
-            if depth == 0 and scratch.world[NEAREST + i] > 0.0:
-                found.nearness[tile[0] + i] += f32(1.0 / scratch.world[NEAREST + i])
+            if depth == 0 and scratch.world[sc.NEAREST + i] > 0.0:
+                found.nearness[tile[0] + i] += f32(1.0 / scratch.world[sc.NEAREST + i])
             link, goes = _resolve(world, targets, i, depth, hash32((rays.seed + at) & 0xFFFFFFFF), scratch)
             found.links[at] = i32(link)
             if goes:
                 onward |= i64(1) << i
                 continue
             if rays.tinted:
-                found.tints[at] = i32(signed(pack_rgbe(load3(scratch.shading_points, THROUGHPUT + i))))
+                found.tints[at] = i32(signed(pack_rgbe(load3(scratch.shading_points, sc.THROUGHPUT + i))))
             set_ray(scratch, i, NO_RAY)
         left, depth = onward, depth + 1
 
@@ -206,7 +186,7 @@ def _find_links(
 ) -> None:
     """Find the links of the tile's patches."""
     for k in range(rays.parts[0] * rays.parts[1]):
-        for i in range(TILE):
+        for i in range(sc.TILE):
             set_ray(scratch, i, NO_RAY)
         for i in range(tile[1]):
             patch = patches.rows[tile[0] + i]
@@ -226,9 +206,9 @@ def normal_of(patches: Patches, patch: int) -> Vec3:
 @inline
 def _samples_to(world: World, light: int, rays: Rays) -> int:
     """Return the number of shadow rays that a patch sends to a light."""
-    if world.lights[light + LIGHT_AREA] > 0.0:
+    if world.lights[light + rec.LIGHT_AREA] > 0.0:
         return rays.samples
-    return SUN_SAMPLES if world.lights[light + LIGHT_RADIUS] > 0.0 else 1
+    return SUN_SAMPLES if world.lights[light + rec.LIGHT_RADIUS] > 0.0 else 1
 
 
 @inline
@@ -240,8 +220,8 @@ def _add_light(
     which : the light, or -1 to choose one at random; index of the sample; number of samples
     """
     points, lit = scratch.shading_points, False
-    for i in range(TILE):
-        store3(points, GAIN + i, NO_LIGHT)
+    for i in range(sc.TILE):
+        store3(points, sc.GAIN + i, NO_LIGHT)
         set_ray(scratch, i, NO_RAY)
     for i in range(tile[1]):
         patch = patches.rows[tile[0] + i]
@@ -249,21 +229,21 @@ def _add_light(
         key, light, chance = hash32((seed + patch) & 0xFFFFFFFF), which[0], 1.0
         if light < 0:
             light, chance = choose_light(world, sample_pair(key, which[1], WHICH)[0])
-            if chance == 0.0 or light * LIGHT >= world.lights.size:  # the sky is sampled by links
+            if chance == 0.0 or light * rec.LIGHT >= world.lights.size:  # the sky is sampled by links
                 continue
         u, v = sample_pair((key + light) & 0xFFFFFFFF, which[1], ON_LIGHT)
-        arriving = sample_light(world, light * LIGHT, x, u, v)
+        arriving = sample_light(world, light * rec.LIGHT, x, u, v)
         gain = scale(arriving.light, max(dot(n, arriving.wi), 0.0) / (chance * which[2]))
         end = arriving.distance * (1.0 - 1e-6)
         if gain[0] + gain[1] + gain[2] > 0.0 and not meets_lamp(world, (x, arriving.wi), end):
-            store3(points, GAIN + i, gain)
+            store3(points, sc.GAIN + i, gain)
             set_ray_from(scratch, i, (x, arriving.wi, 0.0, arriving.distance), f64(tile[2]))
             lit = True
     if lit:
         occlude_tile(world, scratch)
         shade_gains(scratch)
-        for i in range(TILE):
-            store3(points, RADIANCE + i, add(load3(points, RADIANCE + i), load3(points, GAIN + i)))
+        for i in range(sc.TILE):
+            store3(points, sc.RADIANCE + i, add(load3(points, sc.RADIANCE + i), load3(points, sc.GAIN + i)))
 
 
 @inline
@@ -272,19 +252,19 @@ def _find_direct(
 ) -> None:
     """Compute the irradiance of the tile's patches from lights other than sky and emissive surfaces."""
     points = scratch.shading_points
-    for i in range(TILE):
-        store3(points, RADIANCE + i, NO_LIGHT)
-    lights = world.lights.size // LIGHT
+    for i in range(sc.TILE):
+        store3(points, sc.RADIANCE + i, NO_LIGHT)
+    lights = world.lights.size // rec.LIGHT
     if lights > FEW_LIGHTS:
         for sample in range(MANY_LIGHT_SAMPLES):
             _add_light(world, patches, tile, (-1, sample, MANY_LIGHT_SAMPLES), rays.seed, scratch)
     else:
         for light in range(lights):
-            samples = _samples_to(world, light * LIGHT, rays)
+            samples = _samples_to(world, light * rec.LIGHT, rays)
             for sample in range(samples):
                 _add_light(world, patches, tile, (light, sample, samples), rays.seed, scratch)
     for i in range(tile[1]):
-        light_at = load3(points, RADIANCE + i)
+        light_at = load3(points, sc.RADIANCE + i)
         for c in range(3):
             found.direct[3 * (tile[0] + i) + c] = f32(light_at[c])
 
@@ -297,7 +277,7 @@ def _find_suns(
     count = rays.suns.size // 3
     for sun in range(count):
         d, lit = load3_flat(rays.suns, 3 * sun), False
-        for i in range(TILE):
+        for i in range(sc.TILE):
             set_ray(scratch, i, NO_RAY)
         for i in range(tile[1]):
             patch = patches.rows[tile[0] + i]

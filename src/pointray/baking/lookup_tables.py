@@ -8,29 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.jit import Array
-from ..engine.kernels.records import (
-    BAKED,
-    BAKED_BACK,
-    BAKED_COUNT,
-    BAKED_FRAME,
-    BAKED_FRONT,
-    BAKED_SPREAD,
-    BAKED_SPREAD_COUNT,
-    BAKED_UNIT,
-    GRID_EDGE,
-    GRID_HALF,
-    GRID_MIDDLE,
-    INSTANCE,
-    KIND,
-    MODEL,
-    SHAPE_ROW,
-    SPREAD,
-)
+from ..engine.kernels import records as rec
 from ..scene.world import Snapshot
 from .patches import BLOCK_SPLATS
 from .planes import Grid
 
-COLUMNS = {1: BAKED_FRONT, -1: BAKED_BACK}  # by the sign of a side
+COLUMNS = {1: rec.BAKED_FRONT, -1: rec.BAKED_BACK}  # by the sign of a side
 
 
 class _Addresses(bytearray):
@@ -63,28 +46,31 @@ class LightTables(NamedTuple):
 
         A model that is not the one that was baked renders black: its splats have no records.
         """
-        rows, frames = np.zeros((len(levels), BAKED), np.int64), np.zeros((len(levels), BAKED_FRAME))
+        rows, frames = np.zeros((len(levels), rec.BAKED), np.int64), np.zeros((len(levels), rec.BAKED_FRAME))
         memory = _Addresses(rows.nbytes)
         memory.kept = []
         for k, (number, shown, slots) in enumerate(zip(scene.keys, levels, _slots(scene, levels), strict=False)):
             grid, spread, level = self.grids.get(int(number)), self.spreads.get(int(number)), int(shown)
             if spread is not None:
-                if level >= len(spread) or spread[level].size // SPREAD * BLOCK_SPLATS != slots:
+                if level >= len(spread) or spread[level].size // rec.SPREAD * BLOCK_SPLATS != slots:
                     continue
                 memory.kept.append(spread[level])
-                rows[k, BAKED_SPREAD], rows[k, BAKED_SPREAD_COUNT] = spread[level].ctypes.data, spread[level].size
+                rows[k, rec.BAKED_SPREAD], rows[k, rec.BAKED_SPREAD_COUNT] = (
+                    spread[level].ctypes.data,
+                    spread[level].size,
+                )
                 level = 0
             if grid is not None:
-                frames[k, GRID_MIDDLE : GRID_MIDDLE + 2] = grid.middle
-                frames[k, GRID_HALF], frames[k, GRID_EDGE] = grid.half, grid.edge
-            frames[k, BAKED_UNIT] = self.unit
+                frames[k, rec.GRID_MIDDLE : rec.GRID_MIDDLE + 2] = grid.middle
+                frames[k, rec.GRID_HALF], frames[k, rec.GRID_EDGE] = grid.half, grid.edge
+            frames[k, rec.BAKED_UNIT] = self.unit
             for sign, column in COLUMNS.items():
                 records = self.records.get((int(number), sign, level))
                 if records is None:
                     continue
                 if spread is not None or len(records) == (slots if grid is None else grid.edge**2):
                     memory.kept.append(records)
-                    rows[k, column], rows[k, BAKED_COUNT] = records.ctypes.data, len(records)
+                    rows[k, column], rows[k, rec.BAKED_COUNT] = records.ctypes.data, len(records)
         memory[:] = rows.tobytes()
         return np.frombuffer(memory, np.int64), frames.reshape(-1)
 
@@ -95,7 +81,7 @@ class LightTables(NamedTuple):
     def slots_of(self, number: int) -> int:
         """Return the number of slots of an instance's model, or of cells of a plane."""
         spread = self.spreads.get(number)
-        return len(self.records[number, 1, 0]) if spread is None else spread[0].size // SPREAD * BLOCK_SPLATS
+        return len(self.records[number, 1, 0]) if spread is None else spread[0].size // rec.SPREAD * BLOCK_SPLATS
 
     @property
     def nbytes(self) -> int:
@@ -107,8 +93,8 @@ class LightTables(NamedTuple):
 def _slots(scene: Snapshot, levels: NDArray[np.int64]) -> list[int]:
     """Return the number of slots of the tree that each instance shows; 0 for planes."""
     families = [(model, *model.levels) for model in scene.models]
-    kinds, shapes = scene.world.instances.reshape(-1, INSTANCE)[:, [KIND, SHAPE_ROW]].astype(int).T
+    kinds, shapes = scene.world.instances.reshape(-1, rec.INSTANCE)[:, [rec.KIND, rec.SHAPE_ROW]].astype(int).T
     return [
-        families[shape][level].tree.order.size if kind == MODEL else 0
+        families[shape][level].tree.order.size if kind == rec.MODEL else 0
         for kind, shape, level in zip(kinds, shapes, levels, strict=True)
     ]

@@ -8,15 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.jit import run
-from ..engine.kernels.records import (
-    DISK_LIGHT,
-    LIGHT,
-    LIGHT_KIND,
-    LIGHT_POWER,
-    RECT_LIGHT,
-    SPHERE_LIGHT,
-    World,
-)
+from ..engine.kernels import records as rec
+from ..engine.kernels.records import World
 from ..engine.kernels.vec import LUMINANCE
 from ..shade.environment import harmonics
 from .bounces import BLUE, CHUNK, FACTS, PER_SOURCE, RED, SEES_SKY, add_facts, add_irradiance, reflect
@@ -24,8 +17,7 @@ from .directions import cell_moments
 from .gather import PATCHES, SKY
 from .settings import BakeSettings
 from .sky import Sky
-from .smooth import CHUNK as SMOOTHED
-from .smooth import smooth
+from .smooth import CHUNK as SMOOTHED, smooth
 from .transport import Transport
 
 # All bounces but the last follow one link in FEW; the last follows all links and averages their noise.
@@ -49,9 +41,9 @@ class ArrivingLight(NamedTuple):
 
 def lamp_radiances(world: World) -> NDArray[np.float64]:
     """Return the radiance of each light that rays can hit, (lights, 3); black for other lights."""
-    records = world.lights.reshape(-1, LIGHT)
-    seen = np.isin(records[:, LIGHT_KIND], (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT))
-    return np.where(seen[:, None], records[:, LIGHT_POWER : LIGHT_POWER + 3], 0.0)
+    records = world.lights.reshape(-1, rec.LIGHT)
+    seen = np.isin(records[:, rec.LIGHT_KIND], (rec.RECT_LIGHT, rec.DISK_LIGHT, rec.SPHERE_LIGHT))
+    return np.where(seen[:, None], records[:, rec.LIGHT_POWER : rec.LIGHT_POWER + 3], 0.0)
 
 
 class Lights(NamedTuple):

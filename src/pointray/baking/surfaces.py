@@ -10,27 +10,8 @@ from numpy.typing import NDArray
 
 from ..base.progress import Progress, report_progress
 from ..engine.jit import run
-from ..engine.kernels.records import (
-    BAKED_FRAME,
-    BASE_COLOR,
-    EMISSIVE,
-    EMITTED,
-    INSTANCE,
-    KIND,
-    LIGHT,
-    LIGHT_KIND,
-    LIGHT_POSITION,
-    MATERIAL,
-    MATERIAL_KIND,
-    MATERIAL_SIZE,
-    MODEL,
-    OWN_COLOR,
-    PLANE_SIZE,
-    SHAPE_ROW,
-    SUN_LIGHT,
-    TO_MODEL,
-    World,
-)
+from ..engine.kernels import records as rec
+from ..engine.kernels.records import World
 from ..scene.world import Snapshot
 from ..surface.trace.cast import closest_hits
 from .gather import TARGET, Targets
@@ -74,7 +55,7 @@ def find_surfaces(
 ) -> list[BakeSurface]:
     """Divide all instances into about `most` patches in total."""
     world = scene.world
-    records = world.instances.reshape(-1, INSTANCE)
+    records = world.instances.reshape(-1, rec.INSTANCE)
     counts, edge = _shares(scene, most)
     sets = []
     for k, (model, count) in enumerate(zip(scene.models, counts, strict=True)):
@@ -82,11 +63,13 @@ def find_surfaces(
         report_progress(progress, (k + 1) / len(counts))
     bounds, surfaces = around(scene), []
     for k, record in enumerate(records):
-        if record[KIND] == MODEL:
-            found = sets[int(record[SHAPE_ROW])]
+        if record[rec.KIND] == rec.MODEL:
+            found = sets[int(record[rec.SHAPE_ROW])]
             patches: PatchSet | Grid = found
             positions, normals, own, lost = _all_on_surface(world, k, found)
-            margins = _margins(scene.models[int(record[SHAPE_ROW])].tree.noise, found) / _model_scale(record, normals)
+            margins = _margins(scene.models[int(record[rec.SHAPE_ROW])].tree.noise, found) / _model_scale(
+                record, normals
+            )
         else:
             plane = _plane_of(world, record)
             patches = fit_grid(plane, bounds, edge)
@@ -109,13 +92,13 @@ def _margins(noise: NDArray[np.float32], patches: PatchSet) -> NDArray[np.float3
 
 def _model_scale(record: Floats, normals: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the scale from world lengths to lengths in an instance's model, along normals, (m,)."""
-    to_model = record[TO_MODEL:][:12].reshape(3, 4)[:, :3]
+    to_model = record[rec.TO_MODEL :][:12].reshape(3, 4)[:, :3]
     return np.maximum(np.linalg.norm(normals @ to_model.T, axis=1), 1e-30).astype(np.float32)
 
 
 def with_materials(scene: Snapshot, surfaces: list[BakeSurface], albedo_scale: float) -> list[BakeSurface]:
     """Return the same surfaces with the current materials and colours of the scene."""
-    records = scene.world.instances.reshape(-1, INSTANCE)
+    records = scene.world.instances.reshape(-1, rec.INSTANCE)
     out = []
     for surface in surfaces:
         if isinstance(surface.patches, Grid):
@@ -128,10 +111,10 @@ def with_materials(scene: Snapshot, surfaces: list[BakeSurface], albedo_scale: f
 
 def with_levels(scene: Snapshot, surfaces: list[BakeSurface]) -> list[BakeSurface]:
     """Return the same surfaces with interpolation for the current levels of detail of their models."""
-    records, sets, out = scene.world.instances.reshape(-1, INSTANCE), {}, []
+    records, sets, out = scene.world.instances.reshape(-1, rec.INSTANCE), {}, []
     for surface in surfaces:
         if not isinstance(surface.patches, Grid):
-            row, count = int(records[surface.instance, SHAPE_ROW]), len(surface.positions)
+            row, count = int(records[surface.instance, rec.SHAPE_ROW]), len(surface.positions)
             if row not in sets:  # gives the same patches: they depend only on the model's tree and their number
                 model = scene.models[row]
                 sets[row] = choose_patches([model.tree, *(level.tree for level in model.levels)], count)
@@ -141,37 +124,43 @@ def with_levels(scene: Snapshot, surfaces: list[BakeSurface]) -> list[BakeSurfac
 
 
 def _plane_of(world: World, record: Floats) -> Floats:
-    return world.planes[int(record[SHAPE_ROW]) * PLANE_SIZE :][:PLANE_SIZE]
+    return world.planes[int(record[rec.SHAPE_ROW]) * rec.PLANE_SIZE :][: rec.PLANE_SIZE]
 
 
 def _shaded(scene: Snapshot, surfaces: list[BakeSurface], albedo_scale: float) -> list[BakeSurface]:
     """Return surfaces with albedo and emission, given surfaces whose `albedo` holds the surface's own colours."""
     world = scene.world
-    records = world.instances.reshape(-1, INSTANCE)
-    reflectances = np.zeros(world.materials.size // MATERIAL_SIZE * 2)
+    records = world.instances.reshape(-1, rec.INSTANCE)
+    reflectances = np.zeros(world.materials.size // rec.MATERIAL_SIZE * 2)
     run(find_reflectances, len(reflectances) // 2, world, reflectances)
     out = []
     for surface in surfaces:
-        which = int(records[surface.instance, MATERIAL])
-        material, own = world.materials.reshape(-1, MATERIAL_SIZE)[which], surface.albedo
+        which = int(records[surface.instance, rec.MATERIAL])
+        material, own = world.materials.reshape(-1, rec.MATERIAL_SIZE)[which], surface.albedo
         if not isinstance(surface.patches, Grid):
             own = np.minimum(own, np.float32(BRIGHTEST)) * np.float32(albedo_scale)
-        color = own if material[OWN_COLOR] else np.broadcast_to(material[BASE_COLOR : BASE_COLOR + 3], own.shape)
+        color = (
+            own
+            if material[rec.OWN_COLOR]
+            else np.broadcast_to(material[rec.BASE_COLOR : rec.BASE_COLOR + 3], own.shape)
+        )
         black, more = reflectances[2 * which :][:2]
         emitted = np.zeros(own.shape, np.float32)
-        if material[MATERIAL_KIND] == EMISSIVE:
-            emitted[:] = material[EMITTED : EMITTED + 3]
+        if material[rec.MATERIAL_KIND] == rec.EMISSIVE:
+            emitted[:] = material[rec.EMITTED : rec.EMITTED + 3]
         out.append(surface._replace(albedo=(black + more * color).astype(np.float32), emitted=emitted))
     return out
 
 
 def _shares(scene: Snapshot, most: int) -> tuple[list[int], int]:
     """Return the number of patches of each model, and the number of cells along each side of planes' grids."""
-    records = scene.world.instances.reshape(-1, INSTANCE)
-    planes = int((records[:, KIND] != MODEL).sum())
+    records = scene.world.instances.reshape(-1, rec.INSTANCE)
+    planes = int((records[:, rec.KIND] != rec.MODEL).sum())
     edge = int(np.clip(np.sqrt(most * PLANES_SHARE / max(planes, 1)), LEAST_EDGE, MOST_EDGE))
     edge -= edge % 2  # records are read four at a time
-    copies = np.bincount(records[records[:, KIND] == MODEL, SHAPE_ROW].astype(int), minlength=len(scene.models))
+    copies = np.bincount(
+        records[records[:, rec.KIND] == rec.MODEL, rec.SHAPE_ROW].astype(int), minlength=len(scene.models)
+    )
     splats = np.array([len(model.points) for model in scene.models])
     share = min(1.0, most / max(int((copies * splats).sum()), 1))
     least = min(LEAST_PATCHES, max(most // max(int(copies.sum()), 1), 1))
@@ -207,10 +196,10 @@ def _selected(surface: BakeSurface, rows: NDArray[np.int64], patches: PatchSet |
 def around(scene: Snapshot) -> Floats:
     """Return bounds of models and positioned lights, (2, 3); -1 to 1 if there are only planes."""
     world = scene.world
-    boxes = scene.boxes[world.instances.reshape(-1, INSTANCE)[:, KIND] == MODEL].reshape(-1, 2, 3)
-    lights = world.lights.reshape(-1, LIGHT)
-    lights = lights[lights[:, LIGHT_KIND] != SUN_LIGHT]
-    middles = lights[:, LIGHT_POSITION : LIGHT_POSITION + 3]
+    boxes = scene.boxes[world.instances.reshape(-1, rec.INSTANCE)[:, rec.KIND] == rec.MODEL].reshape(-1, 2, 3)
+    lights = world.lights.reshape(-1, rec.LIGHT)
+    lights = lights[lights[:, rec.LIGHT_KIND] != rec.SUN_LIGHT]
+    middles = lights[:, rec.LIGHT_POSITION : rec.LIGHT_POSITION + 3]
     low, high = np.concatenate([boxes[:, 0], middles]), np.concatenate([boxes[:, 1], middles])
     return np.stack([low.min(axis=0), high.max(axis=0)]) if len(low) else np.array([[-1.0] * 3, [1.0] * 3])
 
@@ -234,7 +223,7 @@ def _on_surface(
     world: World, row: int, patches: PatchSet
 ) -> tuple[Floats, NDArray[np.float32], Floats, NDArray[np.bool_]]:
     """Project an instance's patches onto its surface: positions, normals, colours, and which found no surface."""
-    to_model = world.instances[row * INSTANCE + TO_MODEL :][:12].reshape(3, 4)
+    to_model = world.instances[row * rec.INSTANCE + rec.TO_MODEL :][:12].reshape(3, 4)
     to_world = np.linalg.inv(to_model[:, :3])
     splats = (patches.positions - to_model[:, 3]) @ to_world.T
     normals = patches.normals @ to_model[:, :3]
@@ -256,7 +245,7 @@ def _on_surface(
 def find_targets(surfaces: list[BakeSurface], firsts: dict[tuple[int, int], int]) -> Targets:
     """Return the tables that map a hit to a patch. firsts : first patch by (instance row, sign), else dark"""
     rows = np.zeros((len(surfaces), TARGET), np.int64)
-    frames = np.zeros((len(surfaces), BAKED_FRAME))
+    frames = np.zeros((len(surfaces), rec.BAKED_FRAME))
     tables: list[NDArray[np.int32]] = []
     begins: dict[int, int] = {}
     end = 0

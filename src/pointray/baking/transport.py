@@ -10,17 +10,8 @@ from numpy.typing import NDArray
 from ..base.executor import Executor, SharedValue
 from ..base.progress import Progress
 from ..engine.jit import run, uncompiled
-from ..engine.kernels.records import (
-    DIELECTRIC,
-    INSTANCE,
-    MATERIAL_KIND,
-    MATERIAL_SIZE,
-    MIRROR,
-    PLANE_SIZE,
-    SHAPE_ROW,
-    World,
-)
-from ..engine.kernels.scratch import TILE
+from ..engine.kernels import records as rec, scratch as sc
+from ..engine.kernels.records import World
 from ..scene.world import Snapshot
 from ..shade.grid import MOST_WALLS
 from .bounces import CHUNK, Links, bytes_of, hide_links
@@ -147,12 +138,12 @@ class Transport:
         of = np.searchsorted([side.first for side in self.sides], rows, side="right") - 1
         begins = np.flatnonzero(np.diff(of, prepend=-1))
         counts = np.diff(np.append(begins, len(rows)))
-        tiles = -(-counts // TILE)
-        at = (np.arange(tiles.sum()) - np.repeat(np.cumsum(tiles) - tiles, tiles)) * TILE
+        tiles = -(-counts // sc.TILE)
+        at = (np.arange(tiles.sum()) - np.repeat(np.cumsum(tiles) - tiles, tiles)) * sc.TILE
         signs = np.array([side.sign for side in self.sides])[of[begins]]
         table = np.empty((len(at), ONE_TILE), np.int64)
         table[:, 0] = at + np.repeat(begins, tiles)
-        table[:, 1] = np.minimum(TILE, np.repeat(counts, tiles) - at)
+        table[:, 1] = np.minimum(sc.TILE, np.repeat(counts, tiles) - at)
         table[:, 2] = np.repeat(signs, tiles)
         starts = self.positions
         if self._margins.any():
@@ -161,8 +152,8 @@ class Transport:
 
     def send(self, rows: NDArray[np.int32], links: int, progress: Progress | None = None) -> None:
         """Find `links` more links for some patches; all links of a patch have equal weight."""
-        kinds = self._world.materials[MATERIAL_KIND::MATERIAL_SIZE]
-        tinted = bool(np.isin(kinds, (MIRROR, DIELECTRIC)).any())
+        kinds = self._world.materials[rec.MATERIAL_KIND :: rec.MATERIAL_SIZE]
+        tinted = bool(np.isin(kinds, (rec.MIRROR, rec.DIELECTRIC)).any())
         found = Found(
             np.zeros(len(rows) * links, np.int32),
             np.zeros(len(rows) * links if tinted else 0, np.int32),
@@ -255,7 +246,7 @@ def _neighbors_of(world: World, surface: BakeSurface) -> NDArray[np.int32]:
     """Return the neighbours of a surface's patches, (count, NEAR)."""
     if not isinstance(surface.patches, Grid):
         return surface.patches.near
-    planes = world.planes.reshape(-1, PLANE_SIZE)
-    own = int(world.instances[surface.instance * INSTANCE + SHAPE_ROW])
+    planes = world.planes.reshape(-1, rec.PLANE_SIZE)
+    own = int(world.instances[surface.instance * rec.INSTANCE + rec.SHAPE_ROW])
     walls = [plane for k, plane in enumerate(planes) if k != own] if len(planes) <= MOST_WALLS else []
     return grid_neighbors(surface.patches, NEAR, surface.positions, walls)

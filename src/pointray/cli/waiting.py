@@ -28,8 +28,7 @@ class Progress:
 
     def __enter__(self) -> Progress:
         from rich.console import Console
-        from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
-        from rich.progress import Progress as Bars
+        from rich.progress import BarColumn, Progress as Bars, TextColumn, TimeRemainingColumn
 
         console = Console(stderr=True)
         columns = TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn()

@@ -32,8 +32,13 @@ from ..surface.splats.radii import radii_in
 from ..surface.splats.subsample import NOISY, SHARE, Subsample, find_subsample
 from ..surface.tree.settings import check_settings
 from .model import SURFACE, Model
-from .out_of_core.prepare import check_unfinished, fits, part_points_for, unfinished_part_points
-from .out_of_core.prepare import prepare as prepare_parts
+from .out_of_core.prepare import (
+    check_unfinished,
+    fits,
+    part_points_for,
+    prepare as prepare_parts,
+    unfinished_part_points,
+)
 from .out_of_core.split import PART, split
 from .preparation_options import SEPARATORS, Cleaning, NormalsChoice, PreparationOptions, ReadOptions, Storage
 from .scan_inputs import check_not_input, check_scan, files_of, is_saved

@@ -20,18 +20,7 @@ from ..base.arguments import (
     wrong,
 )
 from ..base.choices import PROJECTIONS, number_of
-from ..engine.kernels.records import (
-    ACROSS,
-    CAMERA,
-    EYE,
-    FORWARD,
-    LENS_RADIUS,
-    NEARNESS,
-    ORTHOGRAPHIC,
-    PANORAMA,
-    PROJECTION,
-    UPWARD,
-)
+from ..engine.kernels import records as rec
 
 SIZE = (640, 480)
 LARGEST = 32768  # pixels a side
@@ -223,17 +212,17 @@ class Camera:
 
     def record(self) -> NDArray[np.float64]:
         """Return the record for kernels, (16,) float64, see `records.CAMERA`."""
-        out = np.zeros(CAMERA)
+        out = np.zeros(rec.CAMERA)
         eye = np.asarray(self.eye)
         forward, right, up = view_axes(np.asarray(self.target) - eye, np.asarray(self.up))
         width, height = self.size
         distance = math.dist(self.eye, self.target)
         half = np.tan(np.radians(self.fov) / 2) * (distance if self.projection == "orthographic" else 1.0)
         across, upward = (1.0, 1.0) if self.projection == "panorama" else (half * width / height, half)
-        out[EYE : EYE + 3], out[FORWARD : FORWARD + 3] = eye, forward
-        out[ACROSS : ACROSS + 3], out[UPWARD : UPWARD + 3] = right * across, up * upward
-        out[PROJECTION] = number_of(PROJECTIONS, self.projection)
-        out[LENS_RADIUS], out[NEARNESS] = self.aperture / 2, 1 / (self.focus or distance)
+        out[rec.EYE : rec.EYE + 3], out[rec.FORWARD : rec.FORWARD + 3] = eye, forward
+        out[rec.ACROSS : rec.ACROSS + 3], out[rec.UPWARD : rec.UPWARD + 3] = right * across, up * upward
+        out[rec.PROJECTION] = number_of(PROJECTIONS, self.projection)
+        out[rec.LENS_RADIUS], out[rec.NEARNESS] = self.aperture / 2, 1 / (self.focus or distance)
         return out
 
     def rays(self, rows: slice = slice(None)) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -298,16 +287,16 @@ class Camera:
         (2, 3)
         """
         record = self.record()
-        eye, forward, right, up = (record[k : k + 3] for k in (EYE, FORWARD, ACROSS, UPWARD))
+        eye, forward, right, up = (record[k : k + 3] for k in (rec.EYE, rec.FORWARD, rec.ACROSS, rec.UPWARD))
         u, v = (check_numbers(a, name).astype(np.float64)[..., None] for a, name in ((u, "u"), (v, "v")))
         try:
             np.broadcast_shapes(u.shape, v.shape)
         except ValueError:
             raise ValueError(f"u and v do not broadcast: {u.shape[:-1]} and {v.shape[:-1]}") from None
-        if record[PROJECTION] == ORTHOGRAPHIC:
+        if record[rec.PROJECTION] == rec.ORTHOGRAPHIC:
             origins = eye + u * right + v * up
             return origins, np.broadcast_to(forward, origins.shape).copy()
-        if record[PROJECTION] == PANORAMA:
+        if record[rec.PROJECTION] == rec.PANORAMA:
             turn, tilt = np.pi * u, np.pi / 2 * v
             directions = np.cos(tilt) * (np.cos(turn) * forward + np.sin(turn) * right) + np.sin(tilt) * up
         else:

@@ -12,29 +12,9 @@ from typing import TypeAlias
 import numpy as np
 
 from ..engine.jit import Array, f32, inline
-from ..engine.kernels.records import LENS_RADIUS, ORTHOGRAPHIC, PANORAMA, PERSPECTIVE, PROJECTION
+from ..engine.kernels import records as rec, scratch as sc
 from ..engine.kernels.sampling import ON_LENS, on_disc, pixel_key, sample_pair
-from ..engine.kernels.scratch import (
-    CAUGHT,
-    DIRECTION,
-    IMAGE_X,
-    IMAGE_Y,
-    KEY,
-    LIT,
-    ORIGIN,
-    RADIANCE,
-    TILE,
-    TOTAL,
-    TOTAL_CAUGHT,
-    TOTAL_LIT,
-    TOTAL_MET,
-    TOTAL_SQUARE,
-    TOTAL_UNLIT,
-    UNLIT,
-    Scratch,
-    load3,
-    store3,
-)
+from ..engine.kernels.scratch import Scratch, load3, store3
 from ..engine.kernels.vec import Vec3, add, along_curve, luminance, scale, unit
 from ..engine.simd import Bits, count_trailing_zeros
 from ..surface.trace.world import set_ray
@@ -61,33 +41,33 @@ def pixel_of(corner: Corner, i: int) -> Corner:
 @inline
 def begin_tile(corner: Corner, size: Size, seed: int, scratch: Scratch) -> None:
     """Set the random keys of a tile's pixels; pixels beyond the image's edge repeat its last ones."""
-    for i in range(TILE):
+    for i in range(sc.TILE):
         x, y = pixel_of(corner, i)
-        scratch.shading_points[KEY + i] = pixel_key(min(x, size[0] - 1), min(y, size[1] - 1), seed)
+        scratch.shading_points[sc.KEY + i] = pixel_key(min(x, size[0] - 1), min(y, size[1] - 1), seed)
 
 
 @inline
 def _middles(corner: Corner, size: Size, wide: Array) -> None:
-    for i in range(TILE):
+    for i in range(sc.TILE):
         x, y = pixel_of(corner, i)
-        wide[IMAGE_X + i], wide[IMAGE_Y + i] = min(x, size[0] - 1) + 0.5, min(y, size[1] - 1) + 0.5
+        wide[sc.IMAGE_X + i], wide[sc.IMAGE_Y + i] = min(x, size[0] - 1) + 0.5, min(y, size[1] - 1) + 0.5
 
 
 @inline
 def _move(sample: int, shape: int, scratch: Scratch) -> None:
     """Move positions from the pixel centres to those of a sample."""
-    for i in range(TILE):
-        right, down = position_in_pixel(int(scratch.shading_points[KEY + i]), sample, shape)
-        scratch.world[IMAGE_X + i] += right
-        scratch.world[IMAGE_Y + i] += down
+    for i in range(sc.TILE):
+        right, down = position_in_pixel(int(scratch.shading_points[sc.KEY + i]), sample, shape)
+        scratch.world[sc.IMAGE_X + i] += right
+        scratch.world[sc.IMAGE_Y + i] += down
 
 
 @inline
 def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> None:
     """Set rays from positions in the image; directions are not normalized."""
     wide = scratch.world
-    for i in range(TILE):
-        u, v = on_screen(size, wide[IMAGE_X + i], wide[IMAGE_Y + i])
+    for i in range(sc.TILE):
+        u, v = on_screen(size, wide[sc.IMAGE_X + i], wide[sc.IMAGE_Y + i])
         o, d = project(camera, projection, u, v)
         set_ray(scratch, i, (o, d, 0.0, np.inf))
 
@@ -96,11 +76,11 @@ def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> No
 def _blur(camera: Array, sample: int, scratch: Scratch) -> None:
     """Move the rays to sampled points on the lens."""
     wide = scratch.world
-    for i in range(TILE):
-        u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_LENS)
-        o, d = through_lens(camera, (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i)), on_disc(u, v))
-        store3(wide, ORIGIN + i, o)
-        store3(wide, DIRECTION + i, d)
+    for i in range(sc.TILE):
+        u, v = sample_pair(int(scratch.shading_points[sc.KEY + i]), sample, ON_LENS)
+        o, d = through_lens(camera, (load3(wide, sc.ORIGIN + i), load3(wide, sc.DIRECTION + i)), on_disc(u, v))
+        store3(wide, sc.ORIGIN + i, o)
+        store3(wide, sc.DIRECTION + i, d)
 
 
 @inline
@@ -122,16 +102,16 @@ def set_pixel_rays(
             _move(sample, GAUSSIAN, scratch)
         else:
             _move(sample, BLACKMAN_HARRIS, scratch)
-    if camera[PROJECTION] == PERSPECTIVE:
-        _project(camera, size, PERSPECTIVE, scratch)
-    elif camera[PROJECTION] == ORTHOGRAPHIC:
-        _project(camera, size, ORTHOGRAPHIC, scratch)
+    if camera[rec.PROJECTION] == rec.PERSPECTIVE:
+        _project(camera, size, rec.PERSPECTIVE, scratch)
+    elif camera[rec.PROJECTION] == rec.ORTHOGRAPHIC:
+        _project(camera, size, rec.ORTHOGRAPHIC, scratch)
     else:
-        _project(camera, size, PANORAMA, scratch)
-    if camera[LENS_RADIUS] > 0.0 and spp > 1:
+        _project(camera, size, rec.PANORAMA, scratch)
+    if camera[rec.LENS_RADIUS] > 0.0 and spp > 1:
         _blur(camera, sample, scratch)
-    for i in range(TILE):
-        store3(scratch.world, DIRECTION + i, unit(load3(scratch.world, DIRECTION + i)))
+    for i in range(sc.TILE):
+        store3(scratch.world, sc.DIRECTION + i, unit(load3(scratch.world, sc.DIRECTION + i)))
 
 
 @inline
@@ -141,11 +121,11 @@ def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> Non
     sums[:] = 0.0
     if first == 0:
         return
-    for i in range(TILE):
+    for i in range(sc.TILE):
         x, y = pixel_of(corner, i)
         if x < film.shape[1] and y < film.shape[0]:
             for c in range(film.shape[2]):
-                sums[c * TILE + i] = film[y, x, c]
+                sums[c * sc.TILE + i] = film[y, x, c]
 
 
 @inline
@@ -168,25 +148,25 @@ def add_color(scratch: Scratch, i: int, color: Vec3) -> None:
 @inline
 def _add(sums: Array, i: int, color: Vec3, met: float) -> None:
     light = luminance(color)
-    red, green, blue = load3(sums, TOTAL + i)
-    store3(sums, TOTAL + i, (red + color[0], green + color[1], blue + color[2]))
-    sums[TOTAL_MET + i] += met
-    sums[TOTAL_SQUARE + i] += light * light
+    red, green, blue = load3(sums, sc.TOTAL + i)
+    store3(sums, sc.TOTAL + i, (red + color[0], green + color[1], blue + color[2]))
+    sums[sc.TOTAL_MET + i] += met
+    sums[sc.TOTAL_SQUARE + i] += light * light
 
 
 @inline
 def add_sample(met: Bits, scratch: Scratch) -> None:
     """Add a sample of the tile's radiance to its pixels. met : rays that have hit anything (bits)"""
-    points, sums, caught = scratch.shading_points, scratch.sums, scratch.counts[CAUGHT]
+    points, sums, caught = scratch.shading_points, scratch.sums, scratch.counts[sc.CAUGHT]
     met &= ~caught
-    for i in range(TILE):
-        _add(sums, i, load3(points, RADIANCE + i), float((met >> i) & 1))
+    for i in range(sc.TILE):
+        _add(sums, i, load3(points, sc.RADIANCE + i), float((met >> i) & 1))
     while caught != 0:
         i = count_trailing_zeros(caught)
         caught &= caught - 1
-        sums[TOTAL_CAUGHT + i] += 1.0
-        sums[TOTAL_UNLIT + i] += points[UNLIT + i]
-        sums[TOTAL_LIT + i] += points[LIT + i]
+        sums[sc.TOTAL_CAUGHT + i] += 1.0
+        sums[sc.TOTAL_UNLIT + i] += points[sc.UNLIT + i]
+        sums[sc.TOTAL_LIT + i] += points[sc.LIT + i]
 
 
 @inline
@@ -196,12 +176,12 @@ def _average(done: int, background: Background, sums: Array) -> None:
     Shadow catchers cover a pixel by the blocked fraction of their light.
     """
     share = 1.0 / done
-    for i in range(TILE):
-        unlit = sums[TOTAL_UNLIT + i]
-        dark = 1.0 - sums[TOTAL_LIT + i] / unlit if unlit > 0.0 else 0.0
-        covered = (sums[TOTAL_MET + i] + sums[TOTAL_CAUGHT + i] * dark) * share
-        store3(sums, TOTAL + i, add(scale(load3(sums, TOTAL + i), share), scale(background[:3], 1.0 - covered)))
-        sums[TOTAL_MET + i] = covered + (1.0 - covered) * background[3]
+    for i in range(sc.TILE):
+        unlit = sums[sc.TOTAL_UNLIT + i]
+        dark = 1.0 - sums[sc.TOTAL_LIT + i] / unlit if unlit > 0.0 else 0.0
+        covered = (sums[sc.TOTAL_MET + i] + sums[sc.TOTAL_CAUGHT + i] * dark) * share
+        store3(sums, sc.TOTAL + i, add(scale(load3(sums, sc.TOTAL + i), share), scale(background[:3], 1.0 - covered)))
+        sums[sc.TOTAL_MET + i] = covered + (1.0 - covered) * background[3]
 
 
 @inline
@@ -218,14 +198,14 @@ def finish_sums(corner: Corner, done: int, background: Background, film: Array, 
     """Store the sums of a tile's pixels in the film, if any, and write their means over the background to the image."""
     sums, height, width = scratch.sums, image.shape[0], image.shape[1]
     if film.size > 0:
-        for i in range(TILE):
+        for i in range(sc.TILE):
             x, y = pixel_of(corner, i)
             if x < width and y < height:
                 for c in range(film.shape[2]):
-                    film[y, x, c] = sums[c * TILE + i]
+                    film[y, x, c] = sums[c * sc.TILE + i]
     _average(done, background, sums)
-    for i in range(TILE):
+    for i in range(sc.TILE):
         x, y = pixel_of(corner, i)
         if x < width and y < height:
             for c in range(4):
-                image[y, x, c] = sums[c * TILE + i]
+                image[y, x, c] = sums[c * sc.TILE + i]

@@ -19,21 +19,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..engine.jit import Array, borrow, cancelled, i64, inline, keep_alive, kernel, next_tile
+from ..engine.kernels import scratch as sc
 from ..engine.kernels.records import World, WorldHit
-from ..engine.kernels.scratch import (
-    CAUGHT,
-    COST_DIRECTION,
-    COST_ORIGIN,
-    COUNT_LEAVES,
-    COUNT_NODES,
-    DIRECTION,
-    ORIGIN,
-    TILE,
-    Scratch,
-    load3,
-    new_scratch,
-    store3,
-)
+from ..engine.kernels.scratch import Scratch, load3, new_scratch, store3
 from ..engine.kernels.vec import Vec3, add, scale
 from ..engine.simd import Bits
 from ..shade.ambient import see_sky
@@ -130,7 +118,7 @@ def render_tiles(
     height, width = image.shape[:2]
     block = next_tile(work)
     while block >= 0:
-        for tile in range(BLOCK_EDGE * BLOCK_EDGE // TILE):
+        for tile in range(BLOCK_EDGE * BLOCK_EDGE // sc.TILE):
             corner = _corner(block, tile, width)
             if corner[0] >= width or corner[1] >= height:
                 continue
@@ -153,7 +141,7 @@ def render_tiles(
 
 @inline
 def _tile_ray(scratch: Scratch, i: int) -> RayPair:
-    return load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)
+    return load3(scratch.world, sc.ORIGIN + i), load3(scratch.world, sc.DIRECTION + i)
 
 
 @inline
@@ -170,12 +158,12 @@ def _look(world: World, hit: WorldHit, ray: RayPair, camera: Array, integrator: 
 @inline
 def _cost(world: World, ray: RayPair, scratch: Scratch) -> Vec3:
     """Return the nodes and leaves that a single ray visits, as a colour."""
-    scratch.counts[COUNT_NODES], scratch.counts[COUNT_LEAVES] = 0, 0
+    scratch.counts[sc.COUNT_NODES], scratch.counts[sc.COUNT_LEAVES] = 0, 0
     set_ray(scratch, 0, (ray[0], ray[1], 0.0, np.inf))
-    for k in range(1, TILE):
+    for k in range(1, sc.TILE):
         set_ray(scratch, k, NO_RAY)
     trace_tile(world, scratch)
-    nodes, leaves = float(scratch.counts[COUNT_NODES]), float(scratch.counts[COUNT_LEAVES])
+    nodes, leaves = float(scratch.counts[sc.COUNT_NODES]), float(scratch.counts[sc.COUNT_LEAVES])
     return nodes, leaves, (nodes + leaves) / 64.0
 
 
@@ -183,13 +171,13 @@ def _cost(world: World, ray: RayPair, scratch: Scratch) -> Vec3:
 def _add_costs(world: World, scratch: Scratch) -> None:
     """Add the traversal costs of the tile's rays, traced one by one."""
     points = scratch.shading_points
-    for i in range(TILE):
+    for i in range(sc.TILE):
         o, d = _tile_ray(scratch, i)
-        store3(points, COST_ORIGIN + i, o)
-        store3(points, COST_DIRECTION + i, d)
-    for i in range(TILE):
+        store3(points, sc.COST_ORIGIN + i, o)
+        store3(points, sc.COST_DIRECTION + i, d)
+    for i in range(sc.TILE):
         add_color(
-            scratch, i, _cost(world, (load3(points, COST_ORIGIN + i), load3(points, COST_DIRECTION + i)), scratch)
+            scratch, i, _cost(world, (load3(points, sc.COST_ORIGIN + i), load3(points, sc.COST_DIRECTION + i)), scratch)
         )
 
 
@@ -204,7 +192,7 @@ def _integrate_first_hit(world: World, camera: Array, job: Pass, sample: int, sc
         return
     if job.integrator == COLOR:
         describe_tile(world, True, scratch)
-    for i in range(TILE):
+    for i in range(sc.TILE):
         hit = tile_hit(scratch, i)
         if hit.instance >= 0:
             add_color(scratch, i, _look(world, hit, _tile_ray(scratch, i), camera, job.integrator))
@@ -222,16 +210,16 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
     first = True
     while True:
         store_shading_points(world, scratch)
-        for i in range(TILE):
+        for i in range(sc.TILE):
             hit = is_shaded(scratch, i)
             if first and (hit or job.sky_shows):
                 met |= i64(1) << i
             if not hit and (job.sky_shows or not first):
-                d = load3(scratch.world, DIRECTION + i)
+                d = load3(scratch.world, sc.DIRECTION + i)
                 seen = sky_radiance(world, d) if has_sky(world) or job.sky_shows else job.background[:3]
                 add_radiance(scratch, i, seen)
         if first and find_caught(world, scratch) != 0:
-            catch_direct(world, scratch.counts[CAUGHT], job.shadows, scratch)
+            catch_direct(world, scratch.counts[sc.CAUGHT], job.shadows, scratch)
             show_caught(world, job.sky_shows, scratch)
         # Shadow rays overwrite the tile's rays, so specular rays are stored first.
         spawn_specular(world, job.max_depth, scratch)
@@ -264,11 +252,11 @@ def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, sc
     describe_tile(world, True, scratch)
     met = i64(0)
     store_shading_points(world, scratch)
-    for i in range(TILE):
+    for i in range(sc.TILE):
         hit = is_shaded(scratch, i)
         met |= i64(hit or job.sky_shows) << i
         if not hit and job.sky_shows:
-            add_radiance(scratch, i, sky_radiance(world, load3(scratch.world, DIRECTION + i)))
+            add_radiance(scratch, i, sky_radiance(world, load3(scratch.world, sc.DIRECTION + i)))
     caught = find_caught(world, scratch)
     see_sky(world, sample, job.ao_distance, scratch)
     catch_occlusion(caught, scratch)

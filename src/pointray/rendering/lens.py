@@ -12,17 +12,7 @@ import numpy as np
 
 from ..base.choices import FILTERS, number_of
 from ..engine.jit import Array, inline
-from ..engine.kernels.records import (
-    ACROSS,
-    EYE,
-    FORWARD,
-    LENS_RADIUS,
-    NEARNESS,
-    ORTHOGRAPHIC,
-    PANORAMA,
-    PROJECTION,
-    UPWARD,
-)
+from ..engine.kernels import records as rec
 from ..engine.kernels.sampling import IN_PIXEL, sample_pair
 from ..engine.kernels.vec import Vec3, add, dot, load3_flat, scale, sub, unit
 
@@ -99,14 +89,14 @@ def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, V
 
     The component of d along the view is 1; for a panorama d is a unit vector.
     """
-    eye, forward = load3_flat(camera, EYE), load3_flat(camera, FORWARD)
-    across, upward = load3_flat(camera, ACROSS), load3_flat(camera, UPWARD)
-    if projection == PANORAMA:
+    eye, forward = load3_flat(camera, rec.EYE), load3_flat(camera, rec.FORWARD)
+    across, upward = load3_flat(camera, rec.ACROSS), load3_flat(camera, rec.UPWARD)
+    if projection == rec.PANORAMA:
         turn, tilt = math.pi * u, 0.5 * math.pi * v
         level = add(scale(forward, math.cos(turn)), scale(across, math.sin(turn)))
         return eye, add(scale(level, math.cos(tilt)), scale(upward, math.sin(tilt)))
     aside = add(scale(across, u), scale(upward, v))
-    if projection == ORTHOGRAPHIC:
+    if projection == rec.ORTHOGRAPHIC:
         return add(eye, aside), forward
     return eye, add(forward, aside)
 
@@ -114,12 +104,12 @@ def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, V
 @inline
 def through_lens(camera: Array, ray: tuple[Vec3, Vec3], position: tuple[float, float]) -> tuple[Vec3, Vec3]:
     """Move a ray (o, d) to a point of the lens, given on the unit disc; both rays meet in the plane in focus."""
-    x, y = position[0] * camera[LENS_RADIUS], position[1] * camera[LENS_RADIUS]
-    aside = add(scale(unit(load3_flat(camera, ACROSS)), x), scale(unit(load3_flat(camera, UPWARD)), y))
-    return add(ray[0], aside), sub(ray[1], scale(aside, camera[NEARNESS]))
+    x, y = position[0] * camera[rec.LENS_RADIUS], position[1] * camera[rec.LENS_RADIUS]
+    aside = add(scale(unit(load3_flat(camera, rec.ACROSS)), x), scale(unit(load3_flat(camera, rec.UPWARD)), y))
+    return add(ray[0], aside), sub(ray[1], scale(aside, camera[rec.NEARNESS]))
 
 
 @inline
 def depth_of(camera: Array, ray: tuple[Vec3, Vec3], t: float) -> float:
     """Return the depth along the view of a point on a camera ray (o, d); in a panorama the distance from the eye."""
-    return t if camera[PROJECTION] == PANORAMA else t * dot(ray[1], load3_flat(camera, FORWARD))
+    return t if camera[rec.PROJECTION] == rec.PANORAMA else t * dot(ray[1], load3_flat(camera, rec.FORWARD))

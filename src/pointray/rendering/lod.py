@@ -8,19 +8,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.kernels.records import (
-    BY_COORDINATE,
-    INSTANCE,
-    KIND,
-    MODEL,
-    PAINT,
-    PAINT_COARSER,
-    PAINT_KIND,
-    PAINT_SIZE,
-    SHAPE_ROW,
-    TO_MODEL,
-    World,
-)
+from ..engine.kernels import records as rec
+from ..engine.kernels.records import World
 from ..model.levels_of_detail import COARSER
 from ..model.model import Model
 from ..scene.visible_trees import instances_of, world_showing
@@ -72,12 +61,12 @@ def at_distance(
         Rows of instances to open. Rays miss other instances whose models are on disk. None: all.
     """
     families = [(model, *model.levels) for model in scene.models]
-    shown = np.zeros(scene.world.instances.size // INSTANCE, np.int64)
+    shown = np.zeros(scene.world.instances.size // rec.INSTANCE, np.int64)
     waits = fetch is None or not any(model.source for model in scene.models)
     if waits and all(len(family) == 1 for family in families):
         return scene.opened(held).world, shown
     records = instances_of(scene.world).copy()
-    rows = np.flatnonzero(records[:, KIND] == MODEL)
+    rows = np.flatnonzero(records[:, rec.KIND] == rec.MODEL)
     fitting = Fitting(scene, camera, rows, families)
     wanted = fitting.levels(_finest(spp))
     if fetch is not None:
@@ -86,11 +75,11 @@ def at_distance(
     for k, family in enumerate(families):
         mine = rows[fitting.shapes == k]
         shown[mine] = _repaint(scene.world, records, mine, wanted[fitting.shapes == k], len(family) - 1)
-        records[mine, SHAPE_ROW] = first[k] + shown[mine]
+        records[mine, rec.SHAPE_ROW] = first[k] + shown[mine]
     models = [level for family in families for level in family]
-    needed, records[rows, SHAPE_ROW] = np.unique(records[rows, SHAPE_ROW].astype(int), return_inverse=True)
+    needed, records[rows, rec.SHAPE_ROW] = np.unique(records[rows, rec.SHAPE_ROW].astype(int), return_inverse=True)
     models = [models[k] for k in needed]
-    used = set(records[rows if held is None else held, SHAPE_ROW].astype(int).tolist())
+    used = set(records[rows if held is None else held, rec.SHAPE_ROW].astype(int).tolist())
     if fetch is not None:
         used = {k for k in used if (source := models[k].source) is None or source.is_open}
     return world_showing(scene.world, records, models, used, scene.painting), shown
@@ -115,7 +104,7 @@ class Fitting:
         self, scene: Snapshot, camera: Camera, rows: NDArray[np.int64], families: list[tuple[Model, ...]]
     ) -> None:
         records, boxes = instances_of(scene.world)[rows], scene.boxes[rows]
-        self.families, self.shapes = families, records[:, SHAPE_ROW].astype(int)
+        self.families, self.shapes = families, records[:, rec.SHAPE_ROW].astype(int)
         self.pixels = _pixel_sizes(camera, boxes) * _scales(records)
         self._seen = camera, boxes
 
@@ -194,17 +183,17 @@ def _repaint(
 
     count : levels of each model, which may have been made after the paints
     """
-    painted = np.flatnonzero(instances[rows, PAINT] >= 0)
-    records = world.paints.reshape(-1, PAINT_SIZE)[instances[rows[painted], PAINT].astype(int)]
-    by_splats = records[:, PAINT_KIND] != BY_COORDINATE
-    level[painted[by_splats & (records[:, PAINT_COARSER] != count)]] = 0
-    instances[rows[painted[by_splats]], PAINT] += level[painted[by_splats]]
+    painted = np.flatnonzero(instances[rows, rec.PAINT] >= 0)
+    records = world.paints.reshape(-1, rec.PAINT_SIZE)[instances[rows[painted], rec.PAINT].astype(int)]
+    by_splats = records[:, rec.PAINT_KIND] != rec.BY_COORDINATE
+    level[painted[by_splats & (records[:, rec.PAINT_COARSER] != count)]] = 0
+    instances[rows[painted[by_splats]], rec.PAINT] += level[painted[by_splats]]
     return level
 
 
 def _scales(instances: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the scale factors of the transforms from world to model space, (n,)."""
-    a, b, c = (instances[:, TO_MODEL + 4 * k : TO_MODEL + 4 * k + 3].T for k in range(3))
+    a, b, c = (instances[:, rec.TO_MODEL + 4 * k : rec.TO_MODEL + 4 * k + 3].T for k in range(3))
     volume = sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
     return np.asarray(np.cbrt(np.abs(volume)))
 

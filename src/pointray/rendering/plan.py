@@ -6,20 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..base.choices import EXPOSED, FILTERS, INTEGRATORS, MUTED, NOISY, number_of
-from ..engine.kernels.records import (
-    DISK_LIGHT,
-    EMISSIVE,
-    INSTANCE,
-    LIGHT,
-    LIGHT_KIND,
-    MATERIAL_KIND,
-    MATERIAL_SIZE,
-    NO_SKY,
-    RECT_LIGHT,
-    SKY_KIND,
-    SPHERE_LIGHT,
-    World,
-)
+from ..engine.kernels import records as rec
+from ..engine.kernels.records import World
 from ..scene.world import Snapshot
 from ..shade.environment import EnvironmentLight
 from .camera import Camera
@@ -31,7 +19,7 @@ from .window import EVERYWHERE, window_of
 
 AO_SHARE = 0.2  # default length of ambient occlusion rays, relative to the scene's diagonal
 MOST_SPECULAR = 32  # maximum number of successive mirrors and glass surfaces
-SIZED_LIGHTS = (RECT_LIGHT, DISK_LIGHT, SPHERE_LIGHT)  # lights visible to paths
+SIZED_LIGHTS = (rec.RECT_LIGHT, rec.DISK_LIGHT, rec.SPHERE_LIGHT)  # lights visible to paths
 
 
 def plan(
@@ -48,7 +36,7 @@ def plan(
     if settings.levels or fetch is not None:
         world, levels = at_distance(scene, camera, settings.most if settings.levels else None, fetch, held)
     else:
-        world, levels = scene.opened(held).world, np.zeros(scene.world.instances.size // INSTANCE, np.int64)
+        world, levels = scene.opened(held).world, np.zeros(scene.world.instances.size // rec.INSTANCE, np.int64)
     color = scene.background
     integrator = number_of(INTEGRATORS, settings.integrator)
     lit = integrator == PATH or (integrator == AO and scene.shows_sky)
@@ -58,7 +46,7 @@ def plan(
             raise ValueError("the scene has no baked light: set scene.baked = pr.bake(scene)")
         baked, frames = scene.baked.tables(scene, levels)
         world = world._replace(baked=baked, baked_frames=frames)
-    looks_up = integrator == PHONG and settings.sky_rays > 0 and world.sky[SKY_KIND] != NO_SKY
+    looks_up = integrator == PHONG and settings.sky_rays > 0 and world.sky[rec.SKY_KIND] != rec.NO_SKY
     job = Pass(
         integrator=integrator,
         shadows=settings.shadows,
@@ -86,7 +74,7 @@ def _ao_distance(scene: Snapshot, settings: Settings) -> float:
 
 def _window(camera: Camera, world: World, job: Pass) -> Window:
     """Return the part of the image in which rays may hit anything, known if only models can be hit."""
-    lights = job.integrator == PATH and np.isin(world.lights[LIGHT_KIND::LIGHT], SIZED_LIGHTS).any()
+    lights = job.integrator == PATH and np.isin(world.lights[rec.LIGHT_KIND :: rec.LIGHT], SIZED_LIGHTS).any()
     if job.integrator == COST or job.sky_shows or lights or world.planes.size > 0 or world.table.size == 0:
         return EVERYWHERE
     return window_of(camera, world.top)
@@ -94,9 +82,9 @@ def _window(camera: Camera, world: World, job: Pass) -> Window:
 
 def _lit(world: World) -> World:
     """Return the world, with a uniform white sky if nothing emits light."""
-    if world.lights.size > 0 or world.sky[SKY_KIND] != NO_SKY:
+    if world.lights.size > 0 or world.sky[rec.SKY_KIND] != rec.NO_SKY:
         return world
-    if (world.materials[MATERIAL_KIND::MATERIAL_SIZE] == EMISSIVE).any():
+    if (world.materials[rec.MATERIAL_KIND :: rec.MATERIAL_SIZE] == rec.EMISSIVE).any():
         return world
     sky, colors, rows, columns, mean = EnvironmentLight().tables()
     return world._replace(sky=sky, sky_colors=colors, sky_rows=rows, sky_columns=columns, sky_mean=mean)

@@ -28,8 +28,7 @@ from ..scene.world import Snapshot
 from ..shade.environment import EnvironmentLight
 from ..shade.lights import SphereLight
 from .camera import Camera
-from .picture import KERNELS as INTEGRATOR_KERNELS
-from .picture import kernel_for, render
+from .picture import KERNELS as INTEGRATOR_KERNELS, kernel_for, render
 from .settings import Settings
 
 PACKAGE = (__package__ or "").split(".")[0]

@@ -22,25 +22,7 @@ from ..base.arguments import (
     vector,
     wrong_type,
 )
-from ..engine.kernels.records import (
-    CATCHER,
-    INSTANCE,
-    KIND,
-    MATERIAL,
-    MODEL,
-    PAINT,
-    PLANE,
-    PLANE_CHECKER,
-    PLANE_COLOR,
-    PLANE_INSTANCE,
-    PLANE_NORMAL,
-    PLANE_POINT,
-    PLANE_SIZE,
-    PLANE_U,
-    PLANE_V,
-    SHAPE_ROW,
-    TO_MODEL,
-)
+from ..engine.kernels import records as rec
 from ..model.model import Model
 from ..shade.materials.base import Material
 from ..shade.materials.diffuse import Diffuse
@@ -124,7 +106,7 @@ class Instances:
     """
 
     def __init__(self) -> None:
-        self._records, self._boxes = np.zeros((8, INSTANCE)), np.zeros((8, 6))
+        self._records, self._boxes = np.zeros((8, rec.INSTANCE)), np.zeros((8, 6))
         self._numbers = np.zeros(8, np.int64)
         self.shapes: list[Model | Plane] = []
         self.materials: list[Material] = []
@@ -180,15 +162,15 @@ class Instances:
     def move(self, row: int, matrix: NDArray[np.float64]) -> None:
         """Set the transform of a row."""
         shape = self.shapes[row]
-        self._records[row, :TO_MODEL] = 0.0
+        self._records[row, : rec.TO_MODEL] = 0.0
         if isinstance(shape, Plane):
-            self._records[row, KIND] = CATCHER if shape.shadow_catcher else PLANE
-            self._records[row, TO_MODEL:] = matrix[:3].reshape(-1)  # a plane stores the transform to world space
+            self._records[row, rec.KIND] = rec.CATCHER if shape.shadow_catcher else rec.PLANE
+            self._records[row, rec.TO_MODEL :] = matrix[:3].reshape(-1)  # a plane stores the transform to world space
             return
         to_model = np.linalg.inv(matrix)[:3]
         to_model[:, 3] -= shape.points.origin
-        self._records[row, KIND] = MODEL
-        self._records[row, TO_MODEL:] = to_model.reshape(-1)
+        self._records[row, rec.KIND] = rec.MODEL
+        self._records[row, rec.TO_MODEL :] = to_model.reshape(-1)
         low, high = shape.bounds
         corners = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
         world = corners @ matrix[:3, :3].T + matrix[:3, 3]
@@ -207,7 +189,7 @@ class Instances:
         for row, shape in enumerate(twin.shapes):
             if isinstance(shape, Model) and parts[rows[row]]:
                 bounds = shape.bounds - shape.points.origin
-                twin._boxes[row] = boxes_around(twin.records[row, TO_MODEL:].reshape(1, 3, 4), bounds[None])[0]
+                twin._boxes[row] = boxes_around(twin.records[row, rec.TO_MODEL :].reshape(1, 3, 4), bounds[None])[0]
         return twin
 
     def detach(self) -> None:
@@ -256,27 +238,27 @@ class Instances:
         """
         models, rows = _distinct([shape for shape in self.shapes if isinstance(shape, Model)])
         materials, kinds = _distinct(self.materials)
-        is_model = self.records[:, KIND] == MODEL
-        self.records[is_model, SHAPE_ROW] = rows
-        self.records[:, MATERIAL] = kinds
+        is_model = self.records[:, rec.KIND] == rec.MODEL
+        self.records[is_model, rec.SHAPE_ROW] = rows
+        self.records[:, rec.MATERIAL] = kinds
         flat = np.flatnonzero(~is_model)
-        self.records[flat, SHAPE_ROW] = np.arange(len(flat))
-        planes = [_plane_record(self.shapes[row], self.records[row, TO_MODEL:], int(row)) for row in flat]
+        self.records[flat, rec.SHAPE_ROW] = np.arange(len(flat))
+        planes = [_plane_record(self.shapes[row], self.records[row, rec.TO_MODEL :], int(row)) for row in flat]
         material_records = np.concatenate([*(m.record() for m in materials), []])
         return models, np.concatenate([*planes, []]), material_records, self._finish_paints()
 
     def _finish_paints(self) -> PaintTables:
         """Store the row of each instance's paint in the records, and return the tables of paints."""
-        self.records[:, PAINT] = -1
+        self.records[:, rec.PAINT] = -1
         rows = [row for row, material in enumerate(self.materials) if material.attribute is not None]
         colored = [self._colored_instance(row) for row in rows]
-        self.records[rows, PAINT], tables = self.paints.finish(colored)
+        self.records[rows, rec.PAINT], tables = self.paints.finish(colored)
         return tables
 
     def _colored_instance(self, row: int) -> ColoredInstance:
         shape, attribute = self.shapes[row], self.materials[row].attribute
         assert isinstance(shape, Model) and attribute is not None
-        return ColoredInstance(attribute, shape, self.records[row, TO_MODEL:].reshape(3, 4))
+        return ColoredInstance(attribute, shape, self.records[row, rec.TO_MODEL :].reshape(3, 4))
 
 
 def _with_surface(parts: tuple[Model, ...]) -> tuple[Model, ...]:
@@ -303,13 +285,13 @@ def _plane_record(shape: Any, transform: NDArray[np.float64], row: int) -> NDArr
     normal /= np.linalg.norm(normal)
     u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     u /= np.linalg.norm(u)
-    out = np.zeros(PLANE_SIZE)
-    out[PLANE_POINT : PLANE_POINT + 3] = matrix[:, :3] @ vector(shape.point, "point") + matrix[:, 3]
-    out[PLANE_NORMAL : PLANE_NORMAL + 3] = normal
-    out[PLANE_COLOR : PLANE_COLOR + 3] = rgb(shape.color, "color")
-    out[PLANE_CHECKER] = shape.checker or 0.0
-    out[PLANE_U : PLANE_U + 3], out[PLANE_V : PLANE_V + 3] = u, np.cross(normal, u)
-    out[PLANE_INSTANCE] = row
+    out = np.zeros(rec.PLANE_SIZE)
+    out[rec.PLANE_POINT : rec.PLANE_POINT + 3] = matrix[:, :3] @ vector(shape.point, "point") + matrix[:, 3]
+    out[rec.PLANE_NORMAL : rec.PLANE_NORMAL + 3] = normal
+    out[rec.PLANE_COLOR : rec.PLANE_COLOR + 3] = rgb(shape.color, "color")
+    out[rec.PLANE_CHECKER] = shape.checker or 0.0
+    out[rec.PLANE_U : rec.PLANE_U + 3], out[rec.PLANE_V : rec.PLANE_V + 3] = u, np.cross(normal, u)
+    out[rec.PLANE_INSTANCE] = row
     return out
 
 

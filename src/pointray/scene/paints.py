@@ -12,19 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cloud.points import Points, categories_of, spread_rows
-from ..engine.kernels.records import (
-    BLENDED,
-    BY_COORDINATE,
-    CLASSES,
-    PAINT_ALONG,
-    PAINT_COARSER,
-    PAINT_COLORS,
-    PAINT_COUNT,
-    PAINT_KIND,
-    PAINT_POSITIONS,
-    PAINT_SIZE,
-    PAINT_START,
-)
+from ..engine.kernels import records as rec
 from ..image.tone import srgb_to_linear
 from ..model.model import Model
 from ..shade.attributes import COORDINATES, Attribute, category_colors
@@ -127,14 +115,14 @@ class Paints:
         here = [(attribute, model) for attribute, model in paints if model is not None and model.source is None]
         colors = [np.concatenate([_table(a), [NEUTRAL]]).astype(np.uint8) for a in self.shown]
         starts = dict(zip(self.shown, np.cumsum([0, *(c.size for c in colors)]), strict=False))
-        records = np.zeros((len(paints), PAINT_SIZE))
+        records = np.zeros((len(paints), rec.PAINT_SIZE))
         for record, (attribute, model) in zip(records, paints, strict=True):
-            record[PAINT_COLORS], record[PAINT_COUNT] = starts[attribute], len(_table(attribute))
+            record[rec.PAINT_COLORS], record[rec.PAINT_COUNT] = starts[attribute], len(_table(attribute))
             if model is None:
                 _record_coordinate(record, attribute)
                 continue
-            record[PAINT_KIND] = CLASSES if _has_classes(attribute) else BLENDED
-            record[PAINT_COARSER] = len(_coarser(attribute, model))
+            record[rec.PAINT_KIND] = rec.CLASSES if _has_classes(attribute) else rec.BLENDED
+            record[rec.PAINT_COARSER] = len(_coarser(attribute, model))
         linear = srgb_to_linear(np.concatenate([*colors, np.zeros((0, 3), np.uint8)]))
         self.paint_sources = paints
         tables = PaintTables(*self.place(records.reshape(-1), paints, here), linear.reshape(-1))
@@ -153,10 +141,10 @@ class Paints:
         found = self._join(painted)
         lengths = [len(model.tree.order) for _, model in painted]
         starts = dict(zip(painted, np.cumsum([0, *lengths]).tolist(), strict=False))
-        records = paints.reshape(-1, PAINT_SIZE).copy()
+        records = paints.reshape(-1, rec.PAINT_SIZE).copy()
         for record, (attribute, model) in zip(records, paint_sources, strict=True):
             if model is not None:
-                record[PAINT_POSITIONS] = starts.get((attribute, model), 0)
+                record[rec.PAINT_POSITIONS] = starts.get((attribute, model), 0)
         return records.reshape(-1), found
 
     def _find_ranges(self, colored: list[ColoredInstance]) -> dict[Attribute, Attribute]:
@@ -278,6 +266,6 @@ def _record_coordinate(record: NDArray[np.float64], attribute: Attribute) -> Non
     assert attribute.range is not None
     low, high = attribute.range
     scale = len(colormap(attribute.colormap)) / (high - low)
-    record[PAINT_KIND] = BY_COORDINATE
-    record[PAINT_ALONG + COORDINATES.index(attribute.name)] = scale
-    record[PAINT_START] = -low * scale
+    record[rec.PAINT_KIND] = rec.BY_COORDINATE
+    record[rec.PAINT_ALONG + COORDINATES.index(attribute.name)] = scale
+    record[rec.PAINT_START] = -low * scale

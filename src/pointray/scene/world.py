@@ -8,20 +8,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.kernels.records import (
-    ACROSS,
-    CATCHER,
-    EYE,
-    FORWARD,
-    INSTANCE,
-    KIND,
-    MODEL,
-    SHAPE_ROW,
-    TO_MODEL,
-    UPWARD,
-    LightTree,
-    World,
-)
+from ..engine.kernels import records as rec
+from ..engine.kernels.records import LightTree, World
 from ..image.tone import srgb_to_linear
 from ..model.model import Model
 from ..shade.attributes import Attribute
@@ -101,7 +89,7 @@ class Snapshot(NamedTuple):
     @property
     def bounds(self) -> NDArray[np.float64]:
         """Bounds of all models, see `Scene.bounds`."""
-        return bounds_of(self.world.instances.reshape(-1, INSTANCE), self.boxes)
+        return bounds_of(self.world.instances.reshape(-1, rec.INSTANCE), self.boxes)
 
     @property
     def on_disk(self) -> NDArray[np.int64]:
@@ -110,7 +98,7 @@ class Snapshot(NamedTuple):
         if not shapes:
             return np.zeros(0, np.int64)
         records = instances_of(self.world)
-        return np.flatnonzero((records[:, KIND] == MODEL) & np.isin(records[:, SHAPE_ROW], list(shapes)))
+        return np.flatnonzero((records[:, rec.KIND] == rec.MODEL) & np.isin(records[:, rec.SHAPE_ROW], list(shapes)))
 
     def opened(self, rows: NDArray[np.int64] | None = None) -> Snapshot:
         """Return the scene with parts on disk opened: all, or those of some rows of instances.
@@ -124,7 +112,7 @@ class Snapshot(NamedTuple):
         if not len(rows):
             return self
         records = instances_of(self.world)
-        used = set(records[rows, SHAPE_ROW].astype(int).tolist())
+        used = set(records[rows, rec.SHAPE_ROW].astype(int).tolist())
         return self._replace(world=world_showing(self.world, records, self.models, used, self.painting))
 
     def for_camera(self, record: NDArray[np.float64]) -> Snapshot:
@@ -134,9 +122,11 @@ class Snapshot(NamedTuple):
         """
         if not any(follows_camera(light) for light in self.lamps):
             return self
-        right, up, ahead = (record[k : k + 3] / np.linalg.norm(record[k : k + 3]) for k in (ACROSS, UPWARD, FORWARD))
+        right, up, ahead = (
+            record[k : k + 3] / np.linalg.norm(record[k : k + 3]) for k in (rec.ACROSS, rec.UPWARD, rec.FORWARD)
+        )
         axes = np.stack([right, up, -ahead])
-        placed = self._with_lamps(tuple(fixed(light, record[EYE : EYE + 3], axes) for light in self.lamps))
+        placed = self._with_lamps(tuple(fixed(light, record[rec.EYE : rec.EYE + 3], axes) for light in self.lamps))
         return placed._replace(lamps=self.lamps)
 
     def without_camera_lights(self) -> Snapshot:
@@ -148,7 +138,7 @@ class Snapshot(NamedTuple):
     def _with_lamps(self, lamps: tuple[Light, ...]) -> Snapshot:
         """Return the scene with other lamps."""
         world = self.world
-        bounds = _model_bounds(world.instances.reshape(-1, INSTANCE), self.boxes)
+        bounds = _model_bounds(world.instances.reshape(-1, rec.INSTANCE), self.boxes)
         lights = _light_tables(lamps, world.sky, world.sky_mean, bounds)
         return self._replace(world=world._replace(**lights._asdict()), lamps=lamps)
 
@@ -163,7 +153,7 @@ def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArr
 
 def _model_bounds(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the same as `bounds_of`, but an infinite, inverted box without models."""
-    boxes = boxes[records[:, KIND] == MODEL]
+    boxes = boxes[records[:, rec.KIND] == rec.MODEL]
     return np.stack([boxes[:, :3].min(axis=0, initial=np.inf), boxes[:, 3:].max(axis=0, initial=-np.inf)])
 
 
@@ -201,7 +191,7 @@ def take_snapshot(
         *paints,
         srgb_to_linear(np.arange(256, dtype=np.uint8)),
         longest,
-        int((instances.records[:, KIND] == CATCHER).sum()),
+        int((instances.records[:, rec.KIND] == rec.CATCHER).sum()),
         clip_records(clips),
         np.zeros(0, np.int64),
         np.zeros(0),
@@ -232,7 +222,7 @@ def _top(instances: Instances, models: list[Model]) -> tuple[NDArray[np.float64]
     Its boxes bound the surfaces of the full models; coarser levels that extend beyond them are clipped. Boxes around
     the levels too, whose supports are large, made 10,000 statues 12% slower, with the same picture.
     """
-    rows = np.flatnonzero(instances.records[:, KIND] == MODEL)
+    rows = np.flatnonzero(instances.records[:, rec.KIND] == rec.MODEL)
     return build_top(surface_boxes(instances.records, models, rows), rows)
 
 
@@ -243,7 +233,7 @@ def surface_boxes(
 
     They have a margin, so that a ray enters a box before its hits and the order of instances does not matter.
     """
-    records = records.reshape(-1, INSTANCE)[rows]
+    records = records.reshape(-1, rec.INSTANCE)[rows]
     reaches = [model.surface_bounds + [[-model.step], [model.step]] for model in models]
-    bounds = np.array(reaches).reshape(-1, 2, 3)[records[:, SHAPE_ROW].astype(int)]
-    return boxes_around(records[:, TO_MODEL:].reshape(-1, 3, 4), bounds)
+    bounds = np.array(reaches).reshape(-1, 2, 3)[records[:, rec.SHAPE_ROW].astype(int)]
+    return boxes_around(records[:, rec.TO_MODEL :].reshape(-1, 3, 4), bounds)

@@ -8,40 +8,9 @@ light has fewer records than splats: each splat blends four of them, see `record
 from __future__ import annotations
 
 from ..engine.jit import Array, array_at, borrow, f32, f64, i32, i64, inline, routine
-from ..engine.kernels.records import (
-    BAKED,
-    BAKED_BACK,
-    BAKED_COUNT,
-    BAKED_FRAME,
-    BAKED_FRONT,
-    BAKED_SPREAD,
-    BAKED_SPREAD_COUNT,
-    BAKED_UNIT,
-    DIRECT,
-    INDIRECT,
-    INSTANCE,
-    KIND,
-    MODEL,
-    PLANE_SIZE,
-    RECORD,
-    SHAPE_ROW,
-    World,
-)
-from ..engine.kernels.scratch import (
-    ARRIVING,
-    COUNT_NEAR,
-    INSTANCE_OF,
-    LANES,
-    LEAF_OF,
-    LOCAL,
-    SHADING_NORMAL,
-    SHADING_POINT,
-    SHADING_SIDE,
-    TILE,
-    Scratch,
-    load3,
-    store3,
-)
+from ..engine.kernels import records as rec, scratch as sc
+from ..engine.kernels.records import World
+from ..engine.kernels.scratch import Scratch, load3, store3
 from ..engine.kernels.tree import BLOCK, LEAF, NX, NY, NZ, SCATTERED, SHEETED, Tree, tree_at
 from ..engine.kernels.vec import BLACK
 from ..engine.simd import (
@@ -80,25 +49,25 @@ from .lobes import is_wide, lobe_of
 @inline
 def _records(world: World, instance: int, side: float) -> Array:
     """Return the records of one side of an instance; empty if the side is dark."""
-    row = instance * BAKED
-    address = world.baked[row + (BAKED_FRONT if side > 0.0 else BAKED_BACK)]
-    return array_at(address, RECORD * world.baked[row + BAKED_COUNT] if address != 0 else i64(0), i32(0))
+    row = instance * rec.BAKED
+    address = world.baked[row + (rec.BAKED_FRONT if side > 0.0 else rec.BAKED_BACK)]
+    return array_at(address, rec.RECORD * world.baked[row + rec.BAKED_COUNT] if address != 0 else i64(0), i32(0))
 
 
 @inline
 def _spread(world: World, instance: int) -> Array:
     """Return the table from splats to records of an instance; empty if each splat has its own record."""
-    row = instance * BAKED
-    return array_at(world.baked[row + BAKED_SPREAD], world.baked[row + BAKED_SPREAD_COUNT], i32(0))
+    row = instance * rec.BAKED
+    return array_at(world.baked[row + rec.BAKED_SPREAD], world.baked[row + rec.BAKED_SPREAD_COUNT], i32(0))
 
 
 @inline
 def _normals(world: World, instance: int, four: Four, scratch: Scratch) -> FourPoints:
     """Return the front-facing unit normals of four hits in model space, a quarter of each vector for each hit."""
-    points, m = scratch.shading_points, of_size_one(matrix_at(world, instance * INSTANCE))
-    side = points[SHADING_SIDE + four[0]]
-    a, b = load3(points, SHADING_NORMAL + four[0]), load3(points, SHADING_NORMAL + four[1])
-    c, d = load3(points, SHADING_NORMAL + four[2]), load3(points, SHADING_NORMAL + four[3])
+    points, m = scratch.shading_points, of_size_one(matrix_at(world, instance * rec.INSTANCE))
+    side = points[sc.SHADING_SIDE + four[0]]
+    a, b = load3(points, sc.SHADING_NORMAL + four[0]), load3(points, sc.SHADING_NORMAL + four[1])
+    c, d = load3(points, sc.SHADING_NORMAL + four[2]), load3(points, sc.SHADING_NORMAL + four[3])
     x = quarters(f32(a[0]), f32(b[0]), f32(c[0]), f32(d[0])) * f32(side)
     y = quarters(f32(a[1]), f32(b[1]), f32(c[1]), f32(d[1])) * f32(side)
     z = quarters(f32(a[2]), f32(b[2]), f32(c[2]), f32(d[2])) * f32(side)
@@ -117,9 +86,9 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
     scattered point has its own record.
     """
     part, splats = scratch.part, scratch.splats
-    leaf, instance = scratch.numbers[LEAF_OF + four[0]], scratch.numbers[INSTANCE_OF + four[0]]
+    leaf, instance = scratch.numbers[sc.LEAF_OF + four[0]], scratch.numbers[sc.INSTANCE_OF + four[0]]
     if leaf >= SCATTERED:
-        scratch.counts[COUNT_NEAR] = 0
+        scratch.counts[sc.COUNT_NEAR] = 0
         for r in range(4):
             part[SUM_WEIGHTS + 4 * r] = f32(1.0)
             list_record((leaf - SCATTERED) // 4, r, (leaf - SCATTERED) % 4, 1.0, scratch)
@@ -129,7 +98,7 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
     places = list_around(tree, four, scratch)
     total = zero = broadcast16(ZERO)
     count = 0
-    for k in range(scratch.counts[COUNT_NEAR]):
+    for k in range(scratch.counts[sc.COUNT_NEAR]):
         block = i64(scratch.near[k])
         w = weights_seen(tree, block, places, sheet, part)
         if bits(w > zero) == 0:  # saves reading its records
@@ -143,15 +112,15 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
         w = w * (gate * gate)
         total = total + w
         scratch.near[count] = block
-        store(splats, count * LANES, w)
+        store(splats, count * sc.LANES, w)
         count += 1
-    scratch.counts[COUNT_NEAR] = count
+    scratch.counts[sc.COUNT_NEAR] = count
     store(part, SUM_WEIGHTS, total)
     for r in range(4):
         at = SUM_WEIGHTS + 4 * r
         part[at] = part[at] + part[at + 1] + part[at + 2] + part[at + 3]
         if not part[at] > ZERO:
-            x = load3(scratch.world, LOCAL + four[r])
+            x = load3(scratch.world, sc.LOCAL + four[r])
             slot = nearest_slot(tree, leaf, f32(x[0]), f32(x[1]), f32(x[2]))
             list_record(slot // 4, r, slot % 4, 1.0, scratch)
             part[at] = f32(1.0)
@@ -160,15 +129,15 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
 @inline
 def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
     """List the four cells around each of four hits on a plane, and store their weights, as `_weigh` does."""
-    instance = scratch.numbers[INSTANCE_OF + four[0]]
-    plane = int(world.instances[instance * INSTANCE + SHAPE_ROW]) * PLANE_SIZE
+    instance = scratch.numbers[sc.INSTANCE_OF + four[0]]
+    plane = int(world.instances[instance * rec.INSTANCE + rec.SHAPE_ROW]) * rec.PLANE_SIZE
     frame = grid_frame(world.baked_frames, instance)
-    scratch.counts[COUNT_NEAR] = 0
+    scratch.counts[sc.COUNT_NEAR] = 0
     for r in range(4):
         scratch.part[SUM_WEIGHTS + 4 * r] = f32(1.0)
         if r > 0 and four[r] == four[0]:  # a repeated hit: its sums are not used
             continue
-        x, total = load3(scratch.shading_points, SHADING_POINT + four[r]), 0.0
+        x, total = load3(scratch.shading_points, sc.SHADING_POINT + four[r]), 0.0
         for corner in range(4):
             cell, share = corner_cell(world, plane, frame, x, corner)
             total += share
@@ -183,15 +152,17 @@ def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
 @inline
 def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
     """Store the light that arrives at four hits on the same side of one leaf or plane."""
-    instance, points = scratch.numbers[INSTANCE_OF + four[0]], scratch.shading_points
-    records = _records(world, instance, points[SHADING_SIDE + four[0]])
+    instance, points = scratch.numbers[sc.INSTANCE_OF + four[0]], scratch.shading_points
+    records = _records(world, instance, points[sc.SHADING_SIDE + four[0]])
     if records.size == 0:
         for r in range(4):
-            store3(points, ARRIVING + four[r], BLACK)
+            store3(points, sc.ARRIVING + four[r], BLACK)
         return
-    if world.instances[instance * INSTANCE + KIND] == MODEL:
-        _weigh(world, tree_at(world.table, i64(world.instances[instance * INSTANCE + SHAPE_ROW])), four, scratch)
-        if world.baked[instance * BAKED + BAKED_SPREAD] != 0:
+    if world.instances[instance * rec.INSTANCE + rec.KIND] == rec.MODEL:
+        _weigh(
+            world, tree_at(world.table, i64(world.instances[instance * rec.INSTANCE + rec.SHAPE_ROW])), four, scratch
+        )
+        if world.baked[instance * rec.BAKED + rec.BAKED_SPREAD] != 0:
             spread_out(_spread(world, instance), scratch)
     else:
         _weigh_cells(world, four, scratch)
@@ -200,10 +171,10 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
     if moments:
         sum_moments(records, scratch)
     else:
-        sum_light(records, INDIRECT, SUM_LIGHT, scratch)
+        sum_light(records, rec.INDIRECT, SUM_LIGHT, scratch)
     if not first:
-        sum_light(records, DIRECT, SUM_DIRECT, scratch)
-    unit_of = world.baked_frames[instance * BAKED_FRAME + BAKED_UNIT]
+        sum_light(records, rec.DIRECT, SUM_DIRECT, scratch)
+    unit_of = world.baked_frames[instance * rec.BAKED_FRAME + rec.BAKED_UNIT]
     for r in range(4):
         if r == 0 or four[r] != four[0]:
             store_light(four[r], r, unit_of, not first, scratch)
@@ -214,17 +185,17 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
 @inline
 def _same_side(points: Array, i: int, k: int) -> int:
     """Return k if hits k and i are on the same side, else i."""
-    return k if points[SHADING_SIDE + k] == points[SHADING_SIDE + i] else i
+    return k if points[sc.SHADING_SIDE + k] == points[sc.SHADING_SIDE + i] else i
 
 
 @inline
 def _is_sheeted(world: World, i: int, scratch: Scratch) -> bool:
     """Return whether a hit is in a leaf with two sheets: weights then depend on the sheet that a ray meets."""
-    instance = scratch.numbers[INSTANCE_OF + i] * INSTANCE
-    if world.instances[instance + KIND] != MODEL:
+    instance = scratch.numbers[sc.INSTANCE_OF + i] * rec.INSTANCE
+    if world.instances[instance + rec.KIND] != rec.MODEL:
         return False
-    tree = tree_at(world.table, i64(world.instances[instance + SHAPE_ROW]))
-    leaf = scratch.numbers[LEAF_OF + i]
+    tree = tree_at(world.table, i64(world.instances[instance + rec.SHAPE_ROW]))
+    leaf = scratch.numbers[sc.LEAF_OF + i]
     return leaf < SCATTERED and tree.leaves[leaf * LEAF + SHEETED] != ZERO
 
 
@@ -237,8 +208,8 @@ def find_baked(world: World, first: bool, scratch: Scratch) -> None:
     """
     scratch, world = borrow(scratch), borrow(world)
     numbers, points, left = scratch.numbers, scratch.shading_points, i64(0)
-    for i in range(TILE):
-        left |= i64(numbers[INSTANCE_OF + i] >= 0) << i
+    for i in range(sc.TILE):
+        left |= i64(numbers[sc.INSTANCE_OF + i] >= 0) << i
     while left != 0:
         a = count_trailing_zeros(left)
         left &= left - 1

@@ -9,22 +9,10 @@ from __future__ import annotations
 import math
 
 from ..engine.jit import i64, inline
+from ..engine.kernels import scratch as sc
 from ..engine.kernels.records import LIGHT, LIGHT_KIND, PHONG, World
 from ..engine.kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, sample_pair
-from ..engine.kernels.scratch import (
-    ARRIVING,
-    DIRECTION,
-    GAIN,
-    KEY,
-    ORIGIN,
-    SHADING_INSTANCE,
-    SHADING_SIDE,
-    THROUGHPUT,
-    TILE,
-    Scratch,
-    load3,
-    store3,
-)
+from ..engine.kernels.scratch import Scratch, load3, store3
 from ..engine.kernels.vec import BLACK, Vec3, add, around, dot, mirrored, multiply, scale
 from ..engine.simd import Bits
 from ..surface.trace.hits import tile_hit
@@ -45,12 +33,12 @@ def meet_lamps(world: World, scratch: Scratch) -> Bits:
     met = i64(0)
     if world.lamps.lights.size == 0:
         return met
-    for i in range(TILE):
-        ray, hit = (load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
+    for i in range(sc.TILE):
+        ray, hit = (load3(scratch.world, sc.ORIGIN + i), load3(scratch.world, sc.DIRECTION + i)), tile_hit(scratch, i)
         light = nearest_lamp(world, ray, hit.t)[1]
         if light >= 0:
             add_radiance(scratch, i, light_radiance(world, light))
-            scratch.shading_points[SHADING_INSTANCE + i] = -1.0
+            scratch.shading_points[sc.SHADING_INSTANCE + i] = -1.0
             met |= i64(1) << i
     return met
 
@@ -62,14 +50,14 @@ def _reflect_narrow(world: World, i: int, gloss: Vec3, lobe: Lobe, sample: int, 
     point = shading_point(world, scratch, i)[1]
     d = mirrored(point.wo, point.normal)
     if sample >= 0:
-        u, v = sample_pair(int(points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
+        u, v = sample_pair(int(points[sc.KEY + i]), sample, ON_PATH + DIRECTION_OF)
         d = around(d, (1.0 - u) ** (1.0 / (e + 1.0)), v)
     cosine = dot(d, point.normal)
     if cosine <= 0.0:
         return
     share = cosine * (e + 2.0) / (e + 1.0) if kind == PHONG else 1.0
-    weight = multiply(load3(points, THROUGHPUT + i), scale(gloss, share))
-    push_ray(scratch, i, d, weight, points[SHADING_SIDE + i])
+    weight = multiply(load3(points, sc.THROUGHPUT + i), scale(gloss, share))
+    push_ray(scratch, i, d, weight, points[sc.SHADING_SIDE + i])
 
 
 @inline
@@ -81,14 +69,14 @@ def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
     sample : sample index; -1: rays follow the centre of a lobe
     """
     find_baked(world, first, scratch)
-    for i in range(TILE):
+    for i in range(sc.TILE):
         if not is_shaded(scratch, i):
             continue
         material, point = shading_point(world, scratch, i)
         even, gloss = lobes_of(world, material, point)
         if not first:
             even, gloss = add(even, gloss), BLACK
-        arriving = load3(scratch.shading_points, ARRIVING + i)
+        arriving = load3(scratch.shading_points, sc.ARRIVING + i)
         light = add(emitted(world, material), scale(multiply(even, arriving), 1.0 / math.pi))
         if gloss[0] + gloss[1] + gloss[2] > 0.0:
             lobe = lobe_of(world, material)
@@ -104,8 +92,8 @@ def add_baked(world: World, first: bool, sample: int, scratch: Scratch) -> None:
 def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
     """Set the gain of one light at the camera's first hits and its shadow rays; return whether it adds any light."""
     points, lit = scratch.shading_points, False
-    for i in range(TILE):
-        store3(points, GAIN + i, BLACK)
+    for i in range(sc.TILE):
+        store3(points, sc.GAIN + i, BLACK)
         set_ray(scratch, i, NO_RAY)
         if not is_shaded(scratch, i):
             continue
@@ -113,11 +101,11 @@ def _set_light(world: World, light: int, sample: int, scratch: Scratch) -> bool:
         x = start_of(scratch, i, point.side)
         incoming = from_center(world, light, world.lights[light + LIGHT_KIND], x)
         if sample >= 0:
-            u, v = sample_pair(int(points[KEY + i]), sample, ON_PATH + ON_LIGHT + PER_SCATTERING * (light // LIGHT))
+            u, v = sample_pair(int(points[sc.KEY + i]), sample, ON_PATH + ON_LIGHT + PER_SCATTERING * (light // LIGHT))
             incoming = sample_light(world, light, x, u, v)
         gain = multiply(eval_bsdf(world, material, point, incoming.wi)[0], incoming.light)
         if gain[0] + gain[1] + gain[2] > 0.0:
-            store3(points, GAIN + i, gain)
+            store3(points, sc.GAIN + i, gain)
             set_ray_from(scratch, i, (x, incoming.wi, 0.0, incoming.distance), point.side)
             lit = True
     return lit
@@ -135,5 +123,5 @@ def add_live(world: World, shadows: bool, sample: int, scratch: Scratch) -> None
         if shadows:
             occlude_tile(world, scratch)
             shade_gains(scratch)
-        for i in range(TILE):
-            add_radiance(scratch, i, load3(scratch.shading_points, GAIN + i))
+        for i in range(sc.TILE):
+            add_radiance(scratch, i, load3(scratch.shading_points, sc.GAIN + i))

@@ -11,60 +11,51 @@ from __future__ import annotations
 from typing import TypeAlias
 
 from ..engine.jit import Array, f32, f64, i64, inline
-from ..engine.kernels.records import DIRECT, INDIRECT, MOMENTS, RECORD, SPREAD, SPREAD_RECORDS, SPREAD_SHARES
-from ..engine.kernels.scratch import (
-    ARRIVING,
-    ARRIVING_COLORS,
-    ARRIVING_MOMENTS,
-    COUNT_NEAR,
-    LANES,
-    TILE,
-    Scratch,
-    store3,
-)
+from ..engine.kernels import records as rec, scratch as sc
+from ..engine.kernels.scratch import Scratch, store3
 from ..engine.kernels.vec import add, scale
 from ..engine.simd import F16, ZERO, broadcast16, columns, load16_int, repeat4, store, sums_of_fours
 from .baked_code import COLORS, MOMENTS_OF_GRAY, REACH_1, REACH_2, REACH_COLOR, unpack_moments
 from .rgbe import unpack_four
 
 Sums: TypeAlias = tuple[F16, F16, F16, F16]  # of four points
-FOUR = 4 * RECORD  # length of a group of records
+FOUR = 4 * rec.RECORD  # length of a group of records
 ONE_SHARE = f32(1.0 / 255.0)  # see `records.SPREAD_SHARES`
 # Offsets of the sums: four vectors of moments, indirect irradiance, direct irradiance, weights.
-SUM_MOMENTS, SUM_LIGHT, SUM_DIRECT, SUM_WEIGHTS = 0, 4 * LANES, 5 * LANES, 6 * LANES
+SUM_MOMENTS, SUM_LIGHT, SUM_DIRECT, SUM_WEIGHTS = 0, 4 * sc.LANES, 5 * sc.LANES, 6 * sc.LANES
 
 
 @inline
 def list_record(four: int, r: int, k: int, share: float, scratch: Scratch) -> None:
     """Add a weight for record k of a group at point r, listing the group if needed."""
-    count, at = scratch.counts[COUNT_NEAR], 0
+    count, at = scratch.counts[sc.COUNT_NEAR], 0
     while at < count and i64(scratch.near[at]) != four:  # neighbours on a plane mostly share their cells
         at += 1
     if at == count:
         scratch.near[count] = four
-        store(scratch.splats, count * LANES, broadcast16(ZERO))
-        scratch.counts[COUNT_NEAR] = count + 1
-    scratch.splats[at * LANES + 4 * r + k] += f32(share)
+        store(scratch.splats, count * sc.LANES, broadcast16(ZERO))
+        scratch.counts[sc.COUNT_NEAR] = count + 1
+    scratch.splats[at * sc.LANES + 4 * r + k] += f32(share)
 
 
 @inline
 def spread_out(spread: Array, scratch: Scratch) -> None:
     """Replace the listed blocks by the records of coarser light that they blend, see `records.SPREAD`."""
-    blocks, splats, count = scratch.listed, scratch.splats, scratch.counts[COUNT_NEAR]
-    kept = splats.size - count * LANES  # the buffer holds four times as many, plus these
+    blocks, splats, count = scratch.listed, scratch.splats, scratch.counts[sc.COUNT_NEAR]
+    kept = splats.size - count * sc.LANES  # the buffer holds four times as many, plus these
     for m in range(count):
         blocks[m] = scratch.near[m]
-        for lane in range(LANES):
-            splats[kept + m * LANES + lane] = splats[m * LANES + lane]
-    scratch.counts[COUNT_NEAR] = 0
+        for lane in range(sc.LANES):
+            splats[kept + m * sc.LANES + lane] = splats[m * sc.LANES + lane]
+    scratch.counts[sc.COUNT_NEAR] = 0
     for m in range(count):
-        at, weights = i64(blocks[m]) * SPREAD, kept + m * LANES
+        at, weights = i64(blocks[m]) * rec.SPREAD, kept + m * sc.LANES
         for k in range(4):
-            record = i64(spread[at + SPREAD_RECORDS + k])
+            record = i64(spread[at + rec.SPREAD_RECORDS + k])
             for r in range(4):
                 share = ZERO
                 for j in range(4):
-                    part = (i64(spread[at + SPREAD_SHARES + j]) >> (8 * k)) & 255
+                    part = (i64(spread[at + rec.SPREAD_SHARES + j]) >> (8 * k)) & 255
                     share += splats[weights + 4 * r + j] * f32(part)
                 if share > ZERO:
                     list_record(record // 4, r, record % 4, share * ONE_SHARE, scratch)
@@ -92,10 +83,10 @@ def sum_light(records: Array, column: int, to: int, scratch: Scratch) -> None:
     """Sum weighted RGB irradiance over the listed records. column : INDIRECT or DIRECT; to : see `_store`"""
     zero = broadcast16(ZERO)
     sums = zero, zero, zero, zero
-    for k in range(scratch.counts[COUNT_NEAR]):
+    for k in range(scratch.counts[sc.COUNT_NEAR]):
         words = columns(load16_int(records, i64(scratch.near[k]) * FOUR))
-        light = unpack_four(words[INDIRECT] if column == INDIRECT else words[DIRECT])
-        sums = _add(sums, light, scratch.splats, k * LANES)
+        light = unpack_four(words[rec.INDIRECT] if column == rec.INDIRECT else words[rec.DIRECT])
+        sums = _add(sums, light, scratch.splats, k * sc.LANES)
     _store(to, sums, scratch)
 
 
@@ -104,18 +95,18 @@ def sum_moments(records: Array, scratch: Scratch) -> None:
     """Sum weighted indirect irradiance and the moments of `unpack_moments` in SUM_LIGHT and SUM_MOMENTS."""
     zero = broadcast16(ZERO)
     sums = a = b = c = d = (zero, zero, zero, zero)
-    for k in range(scratch.counts[COUNT_NEAR]):
-        words, at = columns(load16_int(records, i64(scratch.near[k]) * FOUR)), k * LANES
-        light = unpack_four(words[INDIRECT])
-        values = unpack_moments(light, words[MOMENTS], words[MOMENTS + 1])
+    for k in range(scratch.counts[sc.COUNT_NEAR]):
+        words, at = columns(load16_int(records, i64(scratch.near[k]) * FOUR)), k * sc.LANES
+        light = unpack_four(words[rec.INDIRECT])
+        values = unpack_moments(light, words[rec.MOMENTS], words[rec.MOMENTS + 1])
         sums = _add(sums, light, scratch.splats, at)
         a, b = _add(a, values[0], scratch.splats, at), _add(b, values[1], scratch.splats, at)
         c, d = _add(c, values[2], scratch.splats, at), _add(d, values[3], scratch.splats, at)
     _store(SUM_LIGHT, sums, scratch)
     _store(SUM_MOMENTS, a, scratch)
-    _store(SUM_MOMENTS + LANES, b, scratch)
-    _store(SUM_MOMENTS + 2 * LANES, c, scratch)
-    _store(SUM_MOMENTS + 3 * LANES, d, scratch)
+    _store(SUM_MOMENTS + sc.LANES, b, scratch)
+    _store(SUM_MOMENTS + 2 * sc.LANES, c, scratch)
+    _store(SUM_MOMENTS + 3 * sc.LANES, d, scratch)
 
 
 @inline
@@ -127,7 +118,7 @@ def store_light(i: int, r: int, unit_of: float, also_direct: bool, scratch: Scra
     if also_direct:
         direct = f64(part[SUM_DIRECT + r]), f64(part[SUM_DIRECT + 4 + r]), f64(part[SUM_DIRECT + 8 + r])
         light = add(light, direct)
-    store3(scratch.shading_points, ARRIVING + i, scale(light, share))
+    store3(scratch.shading_points, sc.ARRIVING + i, scale(light, share))
 
 
 @inline
@@ -136,8 +127,8 @@ def store_moments(i: int, r: int, unit_of: float, scratch: Scratch) -> None:
     part, points, at = scratch.part, scratch.shading_points, SUM_MOMENTS + r
     share = unit_of / f64(part[SUM_WEIGHTS + 4 * r])
     for k in range(MOMENTS_OF_GRAY):
-        points[ARRIVING_MOMENTS + k * TILE + i] = f64(part[at + 4 * k]) * share * (REACH_1 if k < 3 else REACH_2)
+        points[sc.ARRIVING_MOMENTS + k * sc.TILE + i] = f64(part[at + 4 * k]) * share * (REACH_1 if k < 3 else REACH_2)
     for c in range(2):
         for k in range(COLORS):
-            value = f64(part[at + (2 + c) * LANES + 4 * k]) * share * REACH_COLOR
-            points[ARRIVING_COLORS + (COLORS * c + k) * TILE + i] = value
+            value = f64(part[at + (2 + c) * sc.LANES + 4 * k]) * share * REACH_COLOR
+            points[sc.ARRIVING_COLORS + (COLORS * c + k) * sc.TILE + i] = value

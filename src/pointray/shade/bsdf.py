@@ -9,22 +9,8 @@ a closed body and regain it on leaving: the same image, unless a light is inside
 from __future__ import annotations
 
 from ..engine.jit import inline
-from ..engine.kernels.records import (
-    ALPHA,
-    BASE_COLOR,
-    DIELECTRIC,
-    EMISSIVE,
-    EMITTED,
-    EXPONENT,
-    MATERIAL_KIND,
-    MIRROR,
-    OWN_COLOR,
-    PHONG,
-    PRINCIPLED,
-    SPECULAR,
-    ShadingPoint,
-    World,
-)
+from ..engine.kernels import records as rec
+from ..engine.kernels.records import ShadingPoint, World
 from ..engine.kernels.vec import BLACK, Vec3, dot, load3_flat, scale
 from .materials.diffuse import eval_diffuse, sample_diffuse
 from .materials.phong import eval_phong, lobes_of_phong, sample_phong
@@ -37,24 +23,24 @@ LEAST_PDF = 1e-200  # smaller ones may overflow as divisors
 @inline
 def base_color(world: World, material: int, color: Vec3) -> Vec3:
     """Return the material's colour, or the given surface colour if the material has none."""
-    if world.materials[material + OWN_COLOR] != 0.0:
+    if world.materials[material + rec.OWN_COLOR] != 0.0:
         return color
-    return load3_flat(world.materials, material + BASE_COLOR)
+    return load3_flat(world.materials, material + rec.BASE_COLOR)
 
 
 @inline
 def emitted(world: World, material: int) -> Vec3:
     """Return the radiance that the surface emits, on both sides."""
-    if world.materials[material + MATERIAL_KIND] == EMISSIVE:
-        return load3_flat(world.materials, material + EMITTED)
+    if world.materials[material + rec.MATERIAL_KIND] == rec.EMISSIVE:
+        return load3_flat(world.materials, material + rec.EMITTED)
     return BLACK
 
 
 @inline
 def is_specular(world: World, material: int) -> bool:
     """Return whether the BSDF consists of delta distributions only."""
-    kind = world.materials[material + MATERIAL_KIND]
-    return kind in (MIRROR, DIELECTRIC)
+    kind = world.materials[material + rec.MATERIAL_KIND]
+    return kind in (rec.MIRROR, rec.DIELECTRIC)
 
 
 @inline
@@ -62,7 +48,11 @@ def ambient(world: World, material: int, point: ShadingPoint) -> Vec3:
     """Return the diffuse albedo; black for specular materials."""
     if is_specular(world, material):
         return BLACK
-    share = 1.0 - world.materials[material + SPECULAR] if world.materials[material + MATERIAL_KIND] == PHONG else 1.0
+    share = (
+        1.0 - world.materials[material + rec.SPECULAR]
+        if world.materials[material + rec.MATERIAL_KIND] == rec.PHONG
+        else 1.0
+    )
     return scale(point.color, share)
 
 
@@ -74,10 +64,10 @@ def lobes_of(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Ve
     """
     if is_specular(world, material):
         return BLACK, BLACK
-    kind = world.materials[material + MATERIAL_KIND]
-    if kind == PHONG:
+    kind = world.materials[material + rec.MATERIAL_KIND]
+    if kind == rec.PHONG:
         return lobes_of_phong(world, material, point)
-    if kind == PRINCIPLED:
+    if kind == rec.PRINCIPLED:
         return lobes_of_principled(world, material, point)
     return point.color, BLACK
 
@@ -85,10 +75,10 @@ def lobes_of(world: World, material: int, point: ShadingPoint) -> tuple[Vec3, Ve
 @inline
 def lobe_exponent(world: World, material: int) -> float:
     """Return the exponent of a material's lobe about the mirrored direction, or -1.0 without such a lobe."""
-    kind = world.materials[material + MATERIAL_KIND]
-    if kind == PHONG:
-        return world.materials[material + EXPONENT] if world.materials[material + SPECULAR] > 0.0 else -1.0
-    return exponent_of_facets(world.materials[material + ALPHA]) if kind == PRINCIPLED else -1.0
+    kind = world.materials[material + rec.MATERIAL_KIND]
+    if kind == rec.PHONG:
+        return world.materials[material + rec.EXPONENT] if world.materials[material + rec.SPECULAR] > 0.0 else -1.0
+    return exponent_of_facets(world.materials[material + rec.ALPHA]) if kind == rec.PRINCIPLED else -1.0
 
 
 @inline
@@ -100,10 +90,10 @@ def eval_bsdf(world: World, material: int, point: ShadingPoint, wi: Vec3) -> tup
     cosine = dot(point.normal, wi)
     if cosine <= 0.0 or dot(point.normal, point.wo) <= 0.0 or is_specular(world, material):
         return BLACK, 0.0
-    kind = world.materials[material + MATERIAL_KIND]
-    if kind == PHONG:
+    kind = world.materials[material + rec.MATERIAL_KIND]
+    if kind == rec.PHONG:
         return eval_phong(world, material, point, wi, cosine)
-    if kind == PRINCIPLED:
+    if kind == rec.PRINCIPLED:
         return eval_principled(world, material, point, wi, cosine)
     return eval_diffuse(point, cosine)
 
@@ -111,10 +101,10 @@ def eval_bsdf(world: World, material: int, point: ShadingPoint, wi: Vec3) -> tup
 @inline
 def _direction(world: World, material: int, point: ShadingPoint, which: float, u: float, v: float) -> Vec3:
     """Sample a direction with the pdf of `eval_bsdf`; it may lie below the surface."""
-    kind = world.materials[material + MATERIAL_KIND]
-    if kind == PHONG:
+    kind = world.materials[material + rec.MATERIAL_KIND]
+    if kind == rec.PHONG:
         return sample_phong(world, material, point, which, u, v)
-    if kind == PRINCIPLED:
+    if kind == rec.PRINCIPLED:
         return sample_principled(world, material, point, which, u, v)
     return sample_diffuse(point.normal, u, v)
 

@@ -12,25 +12,10 @@ import math
 import numpy as np
 
 from ..engine.jit import i64, inline
+from ..engine.kernels import scratch as sc
 from ..engine.kernels.records import CATCHER, INSTANCE, KIND, LIGHT, LIGHT_KIND, World
 from ..engine.kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, sample_pair
-from ..engine.kernels.scratch import (
-    CAUGHT,
-    GAIN,
-    KEY,
-    LIT,
-    RADIANCE,
-    SHADING_INSTANCE,
-    SHADING_NORMAL,
-    SHADING_POINT,
-    SHADING_SIDE,
-    SHADING_WO,
-    TILE,
-    UNLIT,
-    Scratch,
-    load3,
-    store3,
-)
+from ..engine.kernels.scratch import Scratch, load3, store3
 from ..engine.kernels.vec import BLACK, Vec3, dot, luminance, scale
 from ..engine.simd import Bits, count_trailing_zeros
 from ..surface.trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
@@ -46,28 +31,28 @@ def find_caught(world: World, scratch: Scratch) -> Bits:
     """Store in CAUGHT which of the camera's first hits are on catchers; return them (bits)."""
     bits, points = i64(0), scratch.shading_points
     if world.catchers > 0:
-        for i in range(TILE):
-            instance = int(points[SHADING_INSTANCE + i])
+        for i in range(sc.TILE):
+            instance = int(points[sc.SHADING_INSTANCE + i])
             if instance >= 0 and world.instances[instance * INSTANCE + KIND] == CATCHER:
                 bits |= i64(1) << i
-                points[UNLIT + i] = points[LIT + i] = 0.0
-    scratch.counts[CAUGHT] = bits
+                points[sc.UNLIT + i] = points[sc.LIT + i] = 0.0
+    scratch.counts[sc.CAUGHT] = bits
     return bits
 
 
 @inline
 def _clear_rays(scratch: Scratch) -> None:
-    for i in range(TILE):
+    for i in range(sc.TILE):
         set_ray(scratch, i, NO_RAY)
 
 
 @inline
 def _set_shadow_ray(scratch: Scratch, i: int, light: float, wi: Vec3, distance: float) -> None:
     """Store the unoccluded light at catcher i, and set its shadow ray."""
-    scratch.shading_points[GAIN + i] = light
+    scratch.shading_points[sc.GAIN + i] = light
     if light > 0.0:
-        ray = load3(scratch.shading_points, SHADING_POINT + i), wi, 0.0, distance
-        set_ray_from(scratch, i, ray, scratch.shading_points[SHADING_SIDE + i])
+        ray = load3(scratch.shading_points, sc.SHADING_POINT + i), wi, 0.0, distance
+        set_ray_from(scratch, i, ray, scratch.shading_points[sc.SHADING_SIDE + i])
 
 
 @inline
@@ -79,43 +64,43 @@ def _add_unblocked(world: World, caught: Bits, shadows: bool, scratch: Scratch) 
     while caught != 0:
         i = count_trailing_zeros(caught)
         caught &= caught - 1
-        points[UNLIT + i] += points[GAIN + i]
+        points[sc.UNLIT + i] += points[sc.GAIN + i]
         if not shadows or not is_blocked(scratch, i):
-            points[LIT + i] += points[GAIN + i]
+            points[sc.LIT + i] += points[sc.GAIN + i]
 
 
 @inline
 def _exclude(caught: Bits, scratch: Scratch) -> None:
     """Exclude catchers from shading."""
-    for i in range(TILE):
+    for i in range(sc.TILE):
         if (caught >> i) & 1 != 0:
-            scratch.shading_points[SHADING_INSTANCE + i] = -1.0
-            store3(scratch.shading_points, RADIANCE + i, BLACK)
+            scratch.shading_points[sc.SHADING_INSTANCE + i] = -1.0
+            store3(scratch.shading_points, sc.RADIANCE + i, BLACK)
 
 
 @inline
 def _unshadowed(world: World, i: int, scratch: Scratch) -> float:
     """Return the light at catcher i that casts no shadows in direct lighting: of the sky, or of the headlight."""
     if has_sky(world):
-        return luminance(sky_irradiance(world, load3(scratch.shading_points, SHADING_NORMAL + i)))
+        return luminance(sky_irradiance(world, load3(scratch.shading_points, sc.SHADING_NORMAL + i)))
     return 1.0 if world.lights.size == 0 else 0.0
 
 
 @inline
 def catch_direct(world: World, caught: Bits, shadows: bool, scratch: Scratch) -> None:
     """Compute direct light at the tile's catchers (bits), from the centre of each light. Overwrites the tile's rays."""
-    for i in range(TILE):
+    for i in range(sc.TILE):
         if (caught >> i) & 1 != 0:
             light = _unshadowed(world, i, scratch)
-            scratch.shading_points[UNLIT + i], scratch.shading_points[LIT + i] = light, light
+            scratch.shading_points[sc.UNLIT + i], scratch.shading_points[sc.LIT + i] = light, light
     for at in range(0, world.lights.size, LIGHT):
         _clear_rays(scratch)
-        for i in range(TILE):
+        for i in range(sc.TILE):
             if (caught >> i) & 1 != 0:
                 incoming = from_center(
-                    world, at, world.lights[at + LIGHT_KIND], load3(scratch.shading_points, SHADING_POINT + i)
+                    world, at, world.lights[at + LIGHT_KIND], load3(scratch.shading_points, sc.SHADING_POINT + i)
                 )
-                cosine = max(dot(load3(scratch.shading_points, SHADING_NORMAL + i), incoming.wi), 0.0)
+                cosine = max(dot(load3(scratch.shading_points, sc.SHADING_NORMAL + i), incoming.wi), 0.0)
                 _set_shadow_ray(scratch, i, luminance(incoming.light) * cosine, incoming.wi, incoming.distance)
         _add_unblocked(world, caught, shadows, scratch)
     _exclude(caught, scratch)
@@ -124,18 +109,21 @@ def catch_direct(world: World, caught: Bits, shadows: bool, scratch: Scratch) ->
 @inline
 def catch_occlusion(caught: Bits, scratch: Scratch) -> None:
     """Store the result of traced ambient occlusion rays at catchers."""
-    for i in range(TILE):
+    for i in range(sc.TILE):
         if (caught >> i) & 1 != 0:
-            scratch.shading_points[UNLIT + i] = 1.0
-            scratch.shading_points[LIT + i] = 0.0 if is_blocked(scratch, i) else 1.0
+            scratch.shading_points[sc.UNLIT + i] = 1.0
+            scratch.shading_points[sc.LIT + i] = 0.0 if is_blocked(scratch, i) else 1.0
     _exclude(caught, scratch)
 
 
 @inline
 def _sample_lamp_at(world: World, light: int, i: int, sample: int, scratch: Scratch) -> None:
     """Sample a point on a light at catcher i, and set its shadow ray."""
-    x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
-    u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + ON_LIGHT)
+    x, normal = (
+        load3(scratch.shading_points, sc.SHADING_POINT + i),
+        load3(scratch.shading_points, sc.SHADING_NORMAL + i),
+    )
+    u, v = sample_pair(int(scratch.shading_points[sc.KEY + i]), sample, ON_PATH + ON_LIGHT)
     incoming = sample_light(world, light, x, u, v)
     cosine = max(dot(normal, incoming.wi), 0.0)
     _set_shadow_ray(scratch, i, luminance(incoming.light) * cosine, incoming.wi, incoming.distance)
@@ -144,8 +132,11 @@ def _sample_lamp_at(world: World, light: int, i: int, sample: int, scratch: Scra
 @inline
 def _sample_sky_at(world: World, i: int, sample: int, scratch: Scratch) -> None:
     """Sample the environment light at catcher i, by its image if it has one, else by the cosine; set the shadow ray."""
-    x, normal = load3(scratch.shading_points, SHADING_POINT + i), load3(scratch.shading_points, SHADING_NORMAL + i)
-    u, v = sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + DIRECTION_OF)
+    x, normal = (
+        load3(scratch.shading_points, sc.SHADING_POINT + i),
+        load3(scratch.shading_points, sc.SHADING_NORMAL + i),
+    )
+    u, v = sample_pair(int(scratch.shading_points[sc.KEY + i]), sample, ON_PATH + DIRECTION_OF)
     if is_importance_sampled(world):
         incoming = sample_sky(world, u, v)
         d, light = incoming.wi, scale(incoming.light, max(dot(normal, incoming.wi), 0.0))
@@ -166,12 +157,12 @@ def catch_paths(world: World, sample: int, sky_shows: bool, scratch: Scratch) ->
     sky_shows : whether the sky is visible behind catchers, which then darken it. Else they stay in CAUGHT and become
         alpha.
     """
-    caught, sky = scratch.counts[CAUGHT], world.lights.size
+    caught, sky = scratch.counts[sc.CAUGHT], world.lights.size
     for light in range(0, sky + LIGHT, LIGHT):
         if light == sky and not has_sky(world):
             continue
         _clear_rays(scratch)
-        for i in range(TILE):
+        for i in range(sc.TILE):
             if (caught >> i) & 1 != 0:
                 if light == sky:
                     _sample_sky_at(world, i, sample, scratch)
@@ -188,14 +179,16 @@ def show_caught(world: World, sky_shows: bool, scratch: Scratch) -> Bits:
 
     Returns the catchers left in CAUGHT, which become alpha.
     """
-    caught, points = scratch.counts[CAUGHT], scratch.shading_points
+    caught, points = scratch.counts[sc.CAUGHT], scratch.shading_points
     if not sky_shows:
         return caught
-    scratch.counts[CAUGHT] = 0
-    for i in range(TILE):
+    scratch.counts[sc.CAUGHT] = 0
+    for i in range(sc.TILE):
         if (caught >> i) & 1 != 0:
-            behind = sky_radiance(world, scale(load3(points, SHADING_WO + i), -1.0))
+            behind = sky_radiance(world, scale(load3(points, sc.SHADING_WO + i), -1.0))
             add_radiance(
-                scratch, i, scale(behind, points[LIT + i] / points[UNLIT + i] if points[UNLIT + i] > 0.0 else 1.0)
+                scratch,
+                i,
+                scale(behind, points[sc.LIT + i] / points[sc.UNLIT + i] if points[sc.UNLIT + i] > 0.0 else 1.0),
             )
     return i64(0)

@@ -8,18 +8,9 @@ from __future__ import annotations
 import math
 
 from ..engine.jit import inline
+from ..engine.kernels import scratch as sc
 from ..engine.kernels.records import LIGHT, LIGHT_KIND, POINT_LIGHT, SUN_LIGHT, World
-from ..engine.kernels.scratch import (
-    DIRECTION,
-    GAIN,
-    SHADING_NORMAL,
-    SHADING_SIDE,
-    SKY_SEEN,
-    TILE,
-    Scratch,
-    load3,
-    store3,
-)
+from ..engine.kernels.scratch import Scratch, load3, store3
 from ..engine.kernels.vec import BLACK, either, multiply, scale
 from ..surface.trace.world import NO_RAY, is_blocked, occlude_tile, set_ray, set_ray_from
 from .ambient import find_sky_seen
@@ -36,11 +27,11 @@ def _arrive(world: World, light: int, kind: float, scratch: Scratch) -> None:
     Rays without a surface point are computed too: a loop without branches is vectorized.
     """
     points = scratch.shading_points
-    for i in range(TILE):
-        x = start_of(scratch, i, points[SHADING_SIDE + i])
+    for i in range(sc.TILE):
+        x = start_of(scratch, i, points[sc.SHADING_SIDE + i])
         incoming = from_center(world, light, kind, x)
-        store3(points, GAIN + i, incoming.light)
-        set_ray_from(scratch, i, (x, incoming.wi, 0.0, incoming.distance), points[SHADING_SIDE + i])
+        store3(points, sc.GAIN + i, incoming.light)
+        set_ray_from(scratch, i, (x, incoming.wi, 0.0, incoming.distance), points[sc.SHADING_SIDE + i])
 
 
 @inline
@@ -53,13 +44,13 @@ def _light_from(world: World, light: int, scratch: Scratch) -> bool:
         _arrive(world, light, SUN_LIGHT, scratch)
     else:
         _arrive(world, light, kind, scratch)
-    for i in range(TILE):
+    for i in range(sc.TILE):
         gain = BLACK
         if is_shaded(scratch, i):
             material, point = shading_point(world, scratch, i)
-            wi = load3(scratch.world, DIRECTION + i)
-            gain = multiply(eval_bsdf(world, material, point, wi)[0], load3(points, GAIN + i))
-        store3(points, GAIN + i, gain)
+            wi = load3(scratch.world, sc.DIRECTION + i)
+            gain = multiply(eval_bsdf(world, material, point, wi)[0], load3(points, sc.GAIN + i))
+        store3(points, sc.GAIN + i, gain)
         if gain[0] + gain[1] + gain[2] > 0.0:
             lit = True
         else:
@@ -71,8 +62,8 @@ def _light_from(world: World, light: int, scratch: Scratch) -> bool:
 def shade_gains(scratch: Scratch) -> None:
     """Clear the gain where traced shadow rays are blocked. Branchless, so that it is vectorized."""
     points = scratch.shading_points
-    for i in range(TILE):
-        store3(points, GAIN + i, either(is_blocked(scratch, i), BLACK, load3(points, GAIN + i)))
+    for i in range(sc.TILE):
+        store3(points, sc.GAIN + i, either(is_blocked(scratch, i), BLACK, load3(points, sc.GAIN + i)))
 
 
 @inline
@@ -85,15 +76,15 @@ def light_tile(world: World, shadows: bool, look: tuple[int, int, float], scratc
     dark = world.lights.size == 0 and not has_sky(world)
     if has_sky(world):
         find_sky_seen(world, look, scratch)
-    for i in range(TILE):
+    for i in range(sc.TILE):
         if is_shaded(scratch, i):
             material, point = shading_point(world, scratch, i)
             add_radiance(scratch, i, emitted(world, material))
             if dark:
                 add_radiance(scratch, i, scale(eval_bsdf(world, material, point, point.wo)[0], math.pi))
             elif has_sky(world):
-                even = sky_irradiance(world, load3(scratch.shading_points, SHADING_NORMAL + i))
-                share = scratch.shading_points[SKY_SEEN + i] / math.pi
+                even = sky_irradiance(world, load3(scratch.shading_points, sc.SHADING_NORMAL + i))
+                share = scratch.shading_points[sc.SKY_SEEN + i] / math.pi
                 add_radiance(scratch, i, multiply(ambient(world, material, point), scale(even, share)))
     for light in range(0, world.lights.size, LIGHT):
         if not _light_from(world, light, scratch):
@@ -101,5 +92,5 @@ def light_tile(world: World, shadows: bool, look: tuple[int, int, float], scratc
         if shadows:
             occlude_tile(world, scratch)
             shade_gains(scratch)
-        for i in range(TILE):
-            add_radiance(scratch, i, load3(scratch.shading_points, GAIN + i))
+        for i in range(sc.TILE):
+            add_radiance(scratch, i, load3(scratch.shading_points, sc.GAIN + i))

@@ -11,21 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.jit import inline
-from ..engine.kernels.records import (
-    DISK_LIGHT,
-    LIGHT_AREA,
-    LIGHT_FACING,
-    LIGHT_KIND,
-    LIGHT_POSITION,
-    LIGHT_POWER,
-    LIGHT_RADIUS,
-    LIGHT_U,
-    LIGHT_V,
-    POINT_LIGHT,
-    SPHERE_LIGHT,
-    SUN_LIGHT,
-    World,
-)
+from ..engine.kernels import records as rec
+from ..engine.kernels.records import World
 from ..engine.kernels.sampling import on_disc
 from ..engine.kernels.vec import BLACK, Vec3, add, dot, length, load3_flat, scale, sub, tangents, turned
 
@@ -65,8 +52,8 @@ def _in_cone(axis: Vec3, missing: float, u: float, v: float) -> Vec3:
 @inline
 def _cone_of_sphere(world: World, light: int, x: Vec3) -> tuple[Vec3, float, float]:
     """Return (unit direction to a sphere's centre, distance, 1 - cosine of its half angle; 0 inside the sphere)."""
-    v = sub(load3_flat(world.lights, light + LIGHT_POSITION), x)
-    distance, radius = length(v), world.lights[light + LIGHT_RADIUS]
+    v = sub(load3_flat(world.lights, light + rec.LIGHT_POSITION), x)
+    distance, radius = length(v), world.lights[light + rec.LIGHT_RADIUS]
     if distance <= radius:
         return v, distance, 0.0
     share = (radius / distance) ** 2
@@ -76,52 +63,55 @@ def _cone_of_sphere(world: World, light: int, x: Vec3) -> tuple[Vec3, float, flo
 @inline
 def from_center(world: World, light: int, kind: float, x: Vec3) -> LightSample:
     """Return the light at x as if all of it came from the centre of the light: hard shadows."""
-    position, power = load3_flat(world.lights, light + LIGHT_POSITION), load3_flat(world.lights, light + LIGHT_POWER)
-    if kind == SUN_LIGHT:
+    position, power = (
+        load3_flat(world.lights, light + rec.LIGHT_POSITION),
+        load3_flat(world.lights, light + rec.LIGHT_POWER),
+    )
+    if kind == rec.SUN_LIGHT:
         return LightSample(scale(position, -1.0), np.inf, power, 0.0)
     v = sub(position, x)
     square = max(dot(v, v), TINY)
     distance = math.sqrt(square)
     wi = scale(v, 1.0 / distance)
-    if kind == POINT_LIGHT:
+    if kind == rec.POINT_LIGHT:
         return LightSample(wi, distance, scale(power, 1.0 / square), 0.0)
-    if kind == SPHERE_LIGHT:
-        radius = world.lights[light + LIGHT_RADIUS]
+    if kind == rec.SPHERE_LIGHT:
+        radius = world.lights[light + rec.LIGHT_RADIUS]
         if distance <= radius:
             return _nothing()
         return LightSample(wi, distance - radius, scale(power, math.pi * radius * radius / square), 0.0)
-    cosine = max(-dot(load3_flat(world.lights, light + LIGHT_FACING), wi), 0.0)
+    cosine = max(-dot(load3_flat(world.lights, light + rec.LIGHT_FACING), wi), 0.0)
     # On its axis a disk of radius r at distance d gives pi r^2 / (d^2 + r^2); 1 / d^2 alone is too bright close by.
-    area = world.lights[light + LIGHT_AREA]
+    area = world.lights[light + rec.LIGHT_AREA]
     return LightSample(wi, distance, scale(power, area * cosine / (square + area / math.pi)), 0.0)
 
 
 @inline
 def sample_light(world: World, light: int, x: Vec3, u: float, v: float) -> LightSample:
     """Return the unoccluded light at x from a point on a light, chosen by two random numbers in [0, 1)."""
-    kind, power = world.lights[light + LIGHT_KIND], load3_flat(world.lights, light + LIGHT_POWER)
-    position = load3_flat(world.lights, light + LIGHT_POSITION)
-    if kind == POINT_LIGHT:
+    kind, power = world.lights[light + rec.LIGHT_KIND], load3_flat(world.lights, light + rec.LIGHT_POWER)
+    position = load3_flat(world.lights, light + rec.LIGHT_POSITION)
+    if kind == rec.POINT_LIGHT:
         return from_center(world, light, kind, x)
-    if kind == SUN_LIGHT:
-        missing = world.lights[light + LIGHT_RADIUS]
+    if kind == rec.SUN_LIGHT:
+        missing = world.lights[light + rec.LIGHT_RADIUS]
         if missing == 0.0:
             return from_center(world, light, kind, x)
         wi = _in_cone(scale(position, -1.0), missing, u, v)
         return LightSample(wi, np.inf, _sun_share(power, missing), 1.0 / (2.0 * math.pi * missing))
-    if kind == SPHERE_LIGHT:
+    if kind == rec.SPHERE_LIGHT:
         axis, distance, missing = _cone_of_sphere(world, light, x)
         if missing == 0.0:
             return _nothing()
         wi = _in_cone(axis, missing, u, v)
         pdf = 1.0 / (2.0 * math.pi * missing)
-        t = _intersect_sphere(scale(axis, distance), world.lights[light + LIGHT_RADIUS], wi)
+        t = _intersect_sphere(scale(axis, distance), world.lights[light + rec.LIGHT_RADIUS], wi)
         return LightSample(wi, min(t, distance), scale(power, 1.0 / pdf), pdf)
     a, b = 2.0 * u - 1.0, 2.0 * v - 1.0
-    if kind == DISK_LIGHT:
+    if kind == rec.DISK_LIGHT:
         a, b = on_disc(u, v)
     aside = add(
-        scale(load3_flat(world.lights, light + LIGHT_U), a), scale(load3_flat(world.lights, light + LIGHT_V), b)
+        scale(load3_flat(world.lights, light + rec.LIGHT_U), a), scale(load3_flat(world.lights, light + rec.LIGHT_V), b)
     )
     to_position = add(sub(position, x), aside)
     distance = length(to_position)
@@ -144,8 +134,8 @@ def _sun_share(irradiance: Vec3, missing: float) -> Vec3:
 @inline
 def _flat_pdf(world: World, light: int, wi: Vec3, distance: float) -> float:
     """Return the pdf of a direction to a point on a flat light at a distance; 0 behind the light."""
-    cosine = -dot(load3_flat(world.lights, light + LIGHT_FACING), wi)
-    return distance * distance / (cosine * world.lights[light + LIGHT_AREA]) if cosine > 1e-12 else 0.0
+    cosine = -dot(load3_flat(world.lights, light + rec.LIGHT_FACING), wi)
+    return distance * distance / (cosine * world.lights[light + rec.LIGHT_AREA]) if cosine > 1e-12 else 0.0
 
 
 @inline
@@ -161,30 +151,30 @@ def _intersect_sphere(to_middle: Vec3, radius: float, d: Vec3) -> float:
 @inline
 def intersect_light(world: World, light: int, o: Vec3, d: Vec3) -> float:
     """Return t of a ray of unit direction with the front of a light; inf for a miss and for lights without size."""
-    kind, position = world.lights[light + LIGHT_KIND], load3_flat(world.lights, light + LIGHT_POSITION)
-    if kind in (POINT_LIGHT, SUN_LIGHT):
+    kind, position = world.lights[light + rec.LIGHT_KIND], load3_flat(world.lights, light + rec.LIGHT_POSITION)
+    if kind in (rec.POINT_LIGHT, rec.SUN_LIGHT):
         return np.inf
-    if kind == SPHERE_LIGHT:
-        return _intersect_sphere(sub(position, o), world.lights[light + LIGHT_RADIUS], d)
-    facing = load3_flat(world.lights, light + LIGHT_FACING)
+    if kind == rec.SPHERE_LIGHT:
+        return _intersect_sphere(sub(position, o), world.lights[light + rec.LIGHT_RADIUS], d)
+    facing = load3_flat(world.lights, light + rec.LIGHT_FACING)
     fall = -dot(facing, d)
     if fall <= 1e-12:
         return np.inf
     t = dot(facing, sub(o, position)) / fall
     x = sub(add(o, scale(d, t)), position)
-    u, v = load3_flat(world.lights, light + LIGHT_U), load3_flat(world.lights, light + LIGHT_V)
+    u, v = load3_flat(world.lights, light + rec.LIGHT_U), load3_flat(world.lights, light + rec.LIGHT_V)
     # Coordinates along u and v, which need not be orthogonal.
     uu, uv, vv, xu, xv = dot(u, u), dot(u, v), dot(v, v), dot(x, u), dot(x, v)
     whole = uu * vv - uv * uv
     a, b = (xu * vv - xv * uv) / whole, (xv * uu - xu * uv) / whole
-    inside = a * a + b * b <= 1.0 if kind == DISK_LIGHT else max(abs(a), abs(b)) <= 1.0
+    inside = a * a + b * b <= 1.0 if kind == rec.DISK_LIGHT else max(abs(a), abs(b)) <= 1.0
     return t if t > 0.0 and inside else np.inf
 
 
 @inline
 def light_pdf(world: World, light: int, o: Vec3, d: Vec3, t: float) -> float:
     """Return the pdf of `sample_light` at o for the direction d, in which the light is hit at t."""
-    if world.lights[light + LIGHT_KIND] == SPHERE_LIGHT:
+    if world.lights[light + rec.LIGHT_KIND] == rec.SPHERE_LIGHT:
         missing = _cone_of_sphere(world, light, o)[2]
         return 1.0 / (2.0 * math.pi * missing) if missing > 0.0 else 0.0
     return _flat_pdf(world, light, d, t)
@@ -193,16 +183,16 @@ def light_pdf(world: World, light: int, o: Vec3, d: Vec3, t: float) -> float:
 @inline
 def light_radiance(world: World, light: int) -> Vec3:
     """Return the radiance of a light that a ray hits."""
-    return load3_flat(world.lights, light + LIGHT_POWER)
+    return load3_flat(world.lights, light + rec.LIGHT_POWER)
 
 
 @inline
 def sun_in(world: World, light: int, d: Vec3) -> tuple[Vec3, float]:
     """Return (radiance, pdf) of a sun's disk in a direction; black outside the disk and for other lights."""
-    missing = world.lights[light + LIGHT_RADIUS]
-    if world.lights[light + LIGHT_KIND] != SUN_LIGHT or missing == 0.0:
+    missing = world.lights[light + rec.LIGHT_RADIUS]
+    if world.lights[light + rec.LIGHT_KIND] != rec.SUN_LIGHT or missing == 0.0:
         return BLACK, 0.0
-    if 1.0 + dot(load3_flat(world.lights, light + LIGHT_POSITION), d) > missing:
+    if 1.0 + dot(load3_flat(world.lights, light + rec.LIGHT_POSITION), d) > missing:
         return BLACK, 0.0
     pdf = 1.0 / (2.0 * math.pi * missing)
-    return scale(_sun_share(load3_flat(world.lights, light + LIGHT_POWER), missing), pdf), pdf
+    return scale(_sun_share(load3_flat(world.lights, light + rec.LIGHT_POWER), missing), pdf), pdf

@@ -12,20 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_numbers, rgb, unit_vector, wrong_type
-from ..engine.kernels.records import (
-    GRADIENT_SKY,
-    NO_SKY,
-    PICTURE_SKY,
-    SKY,
-    SKY_GROUND,
-    SKY_HORIZON,
-    SKY_KIND,
-    SKY_WIDTH,
-    SKY_X,
-    SKY_Y,
-    SKY_Z,
-    SKY_ZENITH,
-)
+from ..engine.kernels import records as rec
 from .lights import Light
 from .pictures import read_picture
 
@@ -95,28 +82,28 @@ class EnvironmentLight:
 
     def tables(self) -> tuple[NDArray[Any], ...]:
         """Return the tables for kernels: sky, sky_colors, sky_rows, sky_columns, sky_mean, see `records.World`."""
-        sky, scale = np.zeros(SKY), rgb(self.radiance, "radiance")
+        sky, scale = np.zeros(rec.SKY), rgb(self.radiance, "radiance")
         x, y, z = _axes(unit_vector(self.up, "up"))
-        sky[SKY_X : SKY_X + 3], sky[SKY_Y : SKY_Y + 3], sky[SKY_Z : SKY_Z + 3] = x, y, z
+        sky[rec.SKY_X : rec.SKY_X + 3], sky[rec.SKY_Y : rec.SKY_Y + 3], sky[rec.SKY_Z : rec.SKY_Z + 3] = x, y, z
         if self.image is None:
-            sky[SKY_KIND] = GRADIENT_SKY
+            sky[rec.SKY_KIND] = rec.GRADIENT_SKY
             ground = self.horizon if self.ground is None else self.ground
             horizon = self.ground if self.horizon is None else self.horizon
-            sky[SKY_ZENITH : SKY_ZENITH + 3] = scale
-            sky[SKY_HORIZON : SKY_HORIZON + 3] = scale if horizon is None else rgb(horizon, "horizon")
-            sky[SKY_GROUND : SKY_GROUND + 3] = scale if ground is None else rgb(ground, "ground")
+            sky[rec.SKY_ZENITH : rec.SKY_ZENITH + 3] = scale
+            sky[rec.SKY_HORIZON : rec.SKY_HORIZON + 3] = scale if horizon is None else rgb(horizon, "horizon")
+            sky[rec.SKY_GROUND : rec.SKY_GROUND + 3] = scale if ground is None else rgb(ground, "ground")
             return sky, np.zeros(0, np.float32), np.zeros(0), np.zeros(0), _irradiance(_gradient(sky), (x, y, z))
         colors = np.asarray(self.image, np.float32) * scale.astype(np.float32)
-        sky[SKY_KIND], sky[SKY_WIDTH] = PICTURE_SKY, colors.shape[1]
+        sky[rec.SKY_KIND], sky[rec.SKY_WIDTH] = rec.PICTURE_SKY, colors.shape[1]
         rows, columns = _shares(colors)
         if rows[-1] == 0.0:  # a black image
-            sky[SKY_KIND] = NO_SKY
+            sky[rec.SKY_KIND] = rec.NO_SKY
         return sky, colors.reshape(-1), rows, columns, _irradiance(colors, (x, y, z))
 
 
 def no_sky() -> tuple[NDArray[Any], ...]:
     """Return the tables of a scene without environment light."""
-    return np.zeros(SKY), np.zeros(0, np.float32), np.zeros(0), np.zeros(0), np.zeros(27)
+    return np.zeros(rec.SKY), np.zeros(0, np.float32), np.zeros(0), np.zeros(0), np.zeros(27)
 
 
 def _check_image(image: Any) -> NDArray[np.float32]:
@@ -151,7 +138,7 @@ def _axes(up: Floats) -> tuple[Floats, Floats, Floats]:
 def _gradient(sky: Floats) -> Floats:
     """Return the gradient as an image, (rows, 2 rows, 3)."""
     height = np.cos((np.arange(FINE) + 0.5) / FINE * np.pi)[:, None]
-    zenith, horizon, ground = (sky[k : k + 3] for k in (SKY_ZENITH, SKY_HORIZON, SKY_GROUND))
+    zenith, horizon, ground = (sky[k : k + 3] for k in (rec.SKY_ZENITH, rec.SKY_HORIZON, rec.SKY_GROUND))
     rows = np.where(height >= 0, horizon + height * (zenith - horizon), ground)
     return np.repeat(rows[:, None], 2 * FINE, axis=1)
 

@@ -9,18 +9,8 @@ from __future__ import annotations
 import math
 
 from ..engine.jit import Array, inline
-from ..engine.kernels.records import (
-    BAKED_FRAME,
-    GRID_EDGE,
-    GRID_HALF,
-    GRID_MIDDLE,
-    PLANE_NORMAL,
-    PLANE_POINT,
-    PLANE_SIZE,
-    PLANE_U,
-    PLANE_V,
-    World,
-)
+from ..engine.kernels import records as rec
+from ..engine.kernels.records import World
 from ..engine.kernels.vec import Vec3, add, dot, load3_flat, scale, sub
 
 MOST_WALLS = 64  # with more planes, cells are not tested for planes in between
@@ -37,16 +27,21 @@ def to_grid(x: float) -> float:
 @inline
 def grid_frame(frames: Array, instance: int) -> Frames:
     """Return the grid of a plane: centre (u, v), half width, cells a side. frames : see `records.BAKED_FRAME`"""
-    k = instance * BAKED_FRAME
-    return frames[k + GRID_MIDDLE], frames[k + GRID_MIDDLE + 1], frames[k + GRID_HALF], frames[k + GRID_EDGE]
+    k = instance * rec.BAKED_FRAME
+    return (
+        frames[k + rec.GRID_MIDDLE],
+        frames[k + rec.GRID_MIDDLE + 1],
+        frames[k + rec.GRID_HALF],
+        frames[k + rec.GRID_EDGE],
+    )
 
 
 @inline
 def grid_place(world: World, plane: int, frame: Frames, x: Vec3) -> tuple[float, float]:
     """Return (column, row) of a point of a plane in its grid; cell edges are at whole numbers."""
-    v = sub(x, load3_flat(world.planes, plane + PLANE_POINT))
-    a = (dot(v, load3_flat(world.planes, plane + PLANE_U)) - frame[0]) / frame[2]
-    b = (dot(v, load3_flat(world.planes, plane + PLANE_V)) - frame[1]) / frame[2]
+    v = sub(x, load3_flat(world.planes, plane + rec.PLANE_POINT))
+    a = (dot(v, load3_flat(world.planes, plane + rec.PLANE_U)) - frame[0]) / frame[2]
+    b = (dot(v, load3_flat(world.planes, plane + rec.PLANE_V)) - frame[1]) / frame[2]
     return (to_grid(a) * 0.5 + 0.5) * frame[3], (to_grid(b) * 0.5 + 0.5) * frame[3]
 
 
@@ -67,20 +62,20 @@ def cell_center(world: World, plane: int, frame: Frames, cell: int) -> Vec3:
     edge = int(frame[3])
     a = _from_grid((cell % edge + 0.5) / frame[3] * 2.0 - 1.0) * frame[2] + frame[0]
     b = _from_grid((cell // edge + 0.5) / frame[3] * 2.0 - 1.0) * frame[2] + frame[1]
-    u, v = load3_flat(world.planes, plane + PLANE_U), load3_flat(world.planes, plane + PLANE_V)
-    return add(load3_flat(world.planes, plane + PLANE_POINT), add(scale(u, a), scale(v, b)))
+    u, v = load3_flat(world.planes, plane + rec.PLANE_U), load3_flat(world.planes, plane + rec.PLANE_V)
+    return add(load3_flat(world.planes, plane + rec.PLANE_POINT), add(scale(u, a), scale(v, b)))
 
 
 @inline
 def _is_walled_off(world: World, plane: int, x: Vec3, y: Vec3) -> bool:
     """Return whether another plane separates two points of a plane."""
-    if world.planes.size > MOST_WALLS * PLANE_SIZE:
+    if world.planes.size > MOST_WALLS * rec.PLANE_SIZE:
         return False
-    for other in range(0, world.planes.size, PLANE_SIZE):
+    for other in range(0, world.planes.size, rec.PLANE_SIZE):
         if other != plane:
             normal, point = (
-                load3_flat(world.planes, other + PLANE_NORMAL),
-                load3_flat(world.planes, other + PLANE_POINT),
+                load3_flat(world.planes, other + rec.PLANE_NORMAL),
+                load3_flat(world.planes, other + rec.PLANE_POINT),
             )
             if dot(normal, sub(x, point)) * dot(normal, sub(y, point)) < 0.0:
                 return True
@@ -99,7 +94,7 @@ def corner_cell(world: World, plane: int, frame: Frames, x: Vec3, corner: int) -
     right, below = corner % 2, corner // 2
     cell = in_grid(int(top) + below, int(left) + right, int(frame[3]))
     share = (across if right == 1 else 1.0 - across) * (down if below == 1 else 1.0 - down)
-    if world.planes.size > PLANE_SIZE and _is_walled_off(world, plane, x, cell_center(world, plane, frame, cell)):
+    if world.planes.size > rec.PLANE_SIZE and _is_walled_off(world, plane, x, cell_center(world, plane, frame, cell)):
         share = 0.0
     return cell, share
 

@@ -8,22 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import LEAST_LENGTH, check_flag, check_number, rgb, unit_vector, vector
-from ..engine.kernels.records import (
-    DISK_LIGHT,
-    LIGHT,
-    LIGHT_AREA,
-    LIGHT_FACING,
-    LIGHT_KIND,
-    LIGHT_POSITION,
-    LIGHT_POWER,
-    LIGHT_RADIUS,
-    LIGHT_U,
-    LIGHT_V,
-    POINT_LIGHT,
-    RECT_LIGHT,
-    SPHERE_LIGHT,
-    SUN_LIGHT,
-)
+from ..engine.kernels import records as rec
 
 
 def length_of(value: float, name: str) -> float:
@@ -43,9 +28,9 @@ class _Checked:
 
 
 def _record(kind: int, position: NDArray[np.float64], power: NDArray[np.float64]) -> NDArray[np.float64]:
-    out = np.zeros(LIGHT)
-    out[LIGHT_KIND] = kind
-    out[LIGHT_POSITION : LIGHT_POSITION + 3], out[LIGHT_POWER : LIGHT_POWER + 3] = position, power
+    out = np.zeros(rec.LIGHT)
+    out[rec.LIGHT_KIND] = kind
+    out[rec.LIGHT_POSITION : rec.LIGHT_POSITION + 3], out[rec.LIGHT_POWER : rec.LIGHT_POWER + 3] = position, power
     return out
 
 
@@ -55,9 +40,9 @@ def _flat_record(
     """Return the record of a light spanned by u and v, which emits on the side of u x v."""
     out = _record(kind, center, rgb(radiance, "radiance"))
     cross = np.cross(u, v)
-    out[LIGHT_U : LIGHT_U + 3], out[LIGHT_V : LIGHT_V + 3] = u, v
-    out[LIGHT_FACING : LIGHT_FACING + 3] = cross / np.linalg.norm(cross)
-    out[LIGHT_AREA] = np.linalg.norm(cross) * (4.0 if kind == RECT_LIGHT else np.pi)
+    out[rec.LIGHT_U : rec.LIGHT_U + 3], out[rec.LIGHT_V : rec.LIGHT_V + 3] = u, v
+    out[rec.LIGHT_FACING : rec.LIGHT_FACING + 3] = cross / np.linalg.norm(cross)
+    out[rec.LIGHT_AREA] = np.linalg.norm(cross) * (4.0 if kind == rec.RECT_LIGHT else np.pi)
     return out
 
 
@@ -95,7 +80,7 @@ class PointLight(_Checked):
     def record(self) -> NDArray[np.float64]:
         """Return the record for kernels, (18,) float64."""
         check_flag(self.camera, "camera")
-        return _record(POINT_LIGHT, vector(self.position, "position"), rgb(self.intensity, "intensity"))
+        return _record(rec.POINT_LIGHT, vector(self.position, "position"), rgb(self.intensity, "intensity"))
 
 
 @dataclass(frozen=True)
@@ -137,8 +122,8 @@ class SunLight(_Checked):
         """Return the record for kernels, (18,) float64."""
         check_flag(self.camera, "camera")
         angle = check_number(self.angle, "angle", "from 0 to 180 degrees", lambda x: 0 <= x <= 180)
-        out = _record(SUN_LIGHT, unit_vector(self.direction, "direction"), rgb(self.irradiance, "irradiance"))
-        out[LIGHT_RADIUS] = 2.0 * np.sin(np.radians(angle) / 4.0) ** 2
+        out = _record(rec.SUN_LIGHT, unit_vector(self.direction, "direction"), rgb(self.irradiance, "irradiance"))
+        out[rec.LIGHT_RADIUS] = 2.0 * np.sin(np.radians(angle) / 4.0) ** 2
         return out
 
 
@@ -180,7 +165,7 @@ class RectLight(_Checked):
         across = np.cross(unit_vector(u, "u"), unit_vector(v, "v"))
         if np.linalg.norm(across) < 1e-9:
             raise ValueError(f"u and v must not be parallel: the light has no area ({self.u!r}, {self.v!r})")
-        return _flat_record(RECT_LIGHT, vector(self.center, "center"), u, v, self.radiance)
+        return _flat_record(rec.RECT_LIGHT, vector(self.center, "center"), u, v, self.radiance)
 
 
 @dataclass(frozen=True)
@@ -220,7 +205,7 @@ class DiskLight(_Checked):
         normal, radius = unit_vector(self.normal, "normal"), length_of(self.radius, "radius")
         u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
         u *= radius / np.linalg.norm(u)
-        return _flat_record(DISK_LIGHT, vector(self.center, "center"), u, np.cross(normal, u), self.radiance)
+        return _flat_record(rec.DISK_LIGHT, vector(self.center, "center"), u, np.cross(normal, u), self.radiance)
 
 
 @dataclass(frozen=True)
@@ -256,9 +241,9 @@ class SphereLight(_Checked):
 
     def record(self) -> NDArray[np.float64]:
         """Return the record for kernels, (18,) float64."""
-        out = _record(SPHERE_LIGHT, vector(self.center, "center"), rgb(self.radiance, "radiance"))
-        out[LIGHT_RADIUS] = radius = length_of(self.radius, "radius")
-        out[LIGHT_AREA] = 4.0 * np.pi * radius * radius
+        out = _record(rec.SPHERE_LIGHT, vector(self.center, "center"), rgb(self.radiance, "radiance"))
+        out[rec.LIGHT_RADIUS] = radius = length_of(self.radius, "radius")
+        out[rec.LIGHT_AREA] = 4.0 * np.pi * radius * radius
         return out
 
 

@@ -10,25 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..engine.jit import i64, inline
+from ..engine.kernels import scratch as sc
 from ..engine.kernels.records import LIGHT, World
 from ..engine.kernels.sampling import DIRECTION_OF, ON_LIGHT, ON_PATH, PER_SCATTERING, ROULETTE, WHICH, sample_pair
-from ..engine.kernels.scratch import (
-    DIRECTION,
-    GAIN,
-    KEY,
-    NEXT,
-    NEXT_PDF,
-    NEXT_SIDE,
-    NEXT_THROUGHPUT,
-    ORIGIN,
-    PDF,
-    SHADING_INSTANCE,
-    THROUGHPUT,
-    TILE,
-    Scratch,
-    load3,
-    store3,
-)
+from ..engine.kernels.scratch import Scratch, load3, store3
 from ..engine.kernels.vec import BLACK, Vec3, add, multiply, scale
 from ..engine.simd import Bits
 from ..surface.trace.hits import describe_tile, tile_hit
@@ -47,8 +32,8 @@ FAINT = 0.05  # below this throughput Russian roulette ends a path or raises it 
 @inline
 def begin_paths(scratch: Scratch) -> None:
     """Start paths with the tile's camera rays."""
-    for i in range(TILE):
-        scratch.shading_points[PDF + i] = 0.0
+    for i in range(sc.TILE):
+        scratch.shading_points[sc.PDF + i] = 0.0
 
 
 @inline
@@ -66,7 +51,7 @@ def mis_weight(pdf: float, other: float) -> float:
 @inline
 def _add_distant(world: World, i: int, ray: tuple[Vec3, Vec3], scratch: Scratch) -> None:
     """Add the light of sky and suns along ray i, which has hit nothing."""
-    pdf = scratch.shading_points[PDF + i]
+    pdf = scratch.shading_points[sc.PDF + i]
     light = scale(sky_radiance(world, ray[1]), mis_weight(pdf, sky_pdf(world, ray[1]) * sky_probability(world)))
     k = 0
     while True:
@@ -85,18 +70,18 @@ def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits
     """
     points, met = scratch.shading_points, i64(0)
     store_shading_points(world, scratch)
-    for i in range(TILE):
-        weight = load3(points, THROUGHPUT + i)
+    for i in range(sc.TILE):
+        weight = load3(points, sc.THROUGHPUT + i)
         if weight[0] + weight[1] + weight[2] == 0.0:
-            points[SHADING_INSTANCE + i] = -1.0
+            points[sc.SHADING_INSTANCE + i] = -1.0
             continue
-        ray, hit = (load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)), tile_hit(scratch, i)
+        ray, hit = (load3(scratch.world, sc.ORIGIN + i), load3(scratch.world, sc.DIRECTION + i)), tile_hit(scratch, i)
         t, light = nearest_lamp(world, ray, hit.t)
         if light >= 0:
             chosen = light_pdf(world, light, ray[0], ray[1], t) * light_probability(world, light // LIGHT)
             radiance = light_radiance(world, light)
-            add_radiance(scratch, i, scale(radiance, mis_weight(points[PDF + i], chosen)))
-            points[SHADING_INSTANCE + i] = -1.0
+            add_radiance(scratch, i, scale(radiance, mis_weight(points[sc.PDF + i], chosen)))
+            points[sc.SHADING_INSTANCE + i] = -1.0
             met |= i64(1) << i
         elif hit.instance < 0:
             if depth > 0 or sky_shows:
@@ -111,7 +96,7 @@ def receive(world: World, depth: int, sky_shows: bool, scratch: Scratch) -> Bits
 @inline
 def _pair(scratch: Scratch, i: int, sample: int, depth: int, which: int) -> tuple[float, float]:
     """Return two random numbers in [0, 1) for a decision at a bounce."""
-    return sample_pair(int(scratch.shading_points[KEY + i]), sample, ON_PATH + depth * PER_SCATTERING + which)
+    return sample_pair(int(scratch.shading_points[sc.KEY + i]), sample, ON_PATH + depth * PER_SCATTERING + which)
 
 
 @inline
@@ -130,23 +115,23 @@ def _continue(world: World, i: int, sample: int, depth: int, lobe: float, scratc
     material, point = shading_point(world, scratch, i)
     u, v = _pair(scratch, i, sample, depth, DIRECTION_OF)
     d, weight, pdf, side = sample_bsdf(world, material, point, lobe, u, v)
-    weight = multiply(load3(points, THROUGHPUT + i), weight)
+    weight = multiply(load3(points, sc.THROUGHPUT + i), weight)
     largest = max(weight[0], weight[1], weight[2])
     if largest < FAINT:
         share = largest / FAINT
         weight = scale(weight, 1.0 / share) if _pair(scratch, i, sample, depth, ROULETTE)[0] < share else BLACK
-    store3(points, NEXT + i, d)
-    store3(points, NEXT_THROUGHPUT + i, weight)
-    points[NEXT_PDF + i], points[NEXT_SIDE + i] = pdf, side
+    store3(points, sc.NEXT + i, d)
+    store3(points, sc.NEXT_THROUGHPUT + i, weight)
+    points[sc.NEXT_PDF + i], points[sc.NEXT_SIDE + i] = pdf, side
 
 
 @inline
 def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> None:
     """Sample one light with a shadow ray and the next ray of the path, at each of the tile's surface points."""
     points, lit = scratch.shading_points, False
-    for i in range(TILE):
-        store3(points, GAIN + i, BLACK)
-        store3(points, NEXT_THROUGHPUT + i, BLACK)
+    for i in range(sc.TILE):
+        store3(points, sc.GAIN + i, BLACK)
+        store3(points, sc.NEXT_THROUGHPUT + i, BLACK)
         set_ray(scratch, i, NO_RAY)
         if not is_shaded(scratch, i):
             continue
@@ -163,27 +148,27 @@ def scatter_paths(world: World, sample: int, depth: int, scratch: Scratch) -> No
         # Paths end at the front of a light, so other lights must block this one too.
         end = incoming.distance * (1.0 - 1e-6)
         if gain[0] + gain[1] + gain[2] > 0.0 and not meets_lamp(world, (x, incoming.wi), end):
-            store3(points, GAIN + i, gain)
+            store3(points, sc.GAIN + i, gain)
             set_ray_from(scratch, i, (x, incoming.wi, 0.0, incoming.distance), point.side)
             lit = True
     if lit:
         occlude_tile(world, scratch)
         shade_gains(scratch)
-        for i in range(TILE):
-            add_radiance(scratch, i, load3(points, GAIN + i))
+        for i in range(sc.TILE):
+            add_radiance(scratch, i, load3(points, sc.GAIN + i))
 
 
 @inline
 def follow(scratch: Scratch) -> bool:
     """Set the tile's rays to the next rays of the paths; return whether there are any."""
     points, some = scratch.shading_points, False
-    for i in range(TILE):
-        weight = load3(points, NEXT_THROUGHPUT + i)
-        store3(points, THROUGHPUT + i, weight)
+    for i in range(sc.TILE):
+        weight = load3(points, sc.NEXT_THROUGHPUT + i)
+        store3(points, sc.THROUGHPUT + i, weight)
         if weight[0] + weight[1] + weight[2] > 0.0:
-            side = points[NEXT_SIDE + i]
-            set_ray_from(scratch, i, (start_of(scratch, i, side), load3(points, NEXT + i), 0.0, np.inf), side)
-            points[PDF + i] = points[NEXT_PDF + i]
+            side = points[sc.NEXT_SIDE + i]
+            set_ray_from(scratch, i, (start_of(scratch, i, side), load3(points, sc.NEXT + i), 0.0, np.inf), side)
+            points[sc.PDF + i] = points[sc.NEXT_PDF + i]
             some = True
         else:
             set_ray(scratch, i, NO_RAY)

@@ -3,29 +3,9 @@
 from __future__ import annotations
 
 from ..engine.jit import f64, i64, inline
+from ..engine.kernels import scratch as sc
 from ..engine.kernels.records import INSTANCE, SHAPE_ROW, ShadingPoint, World
-from ..engine.kernels.scratch import (
-    COLOR,
-    DIRECTION,
-    INSTANCE_OF,
-    LEAF_OF,
-    NEAREST,
-    NORMAL,
-    ORIGIN,
-    RADIANCE,
-    SHADING_COLOR,
-    SHADING_INSTANCE,
-    SHADING_MARGIN,
-    SHADING_NORMAL,
-    SHADING_POINT,
-    SHADING_SIDE,
-    SHADING_WO,
-    THROUGHPUT,
-    TILE,
-    Scratch,
-    load3,
-    store3,
-)
+from ..engine.kernels.scratch import Scratch, load3, store3
 from ..engine.kernels.tree import BLOCK, NX, NY, NZ, SCATTER, SCATTERED, SPHERES, tree_at
 from ..engine.kernels.vec import (
     BLACK,
@@ -51,16 +31,18 @@ LEAST_COSINE = 0.05  # smallest cosine between that normal and the direction to 
 @inline
 def begin_radiance(scratch: Scratch) -> None:
     """Reset radiance to 0 and throughput to 1 for the camera's rays."""
-    for i in range(TILE):
-        store3(scratch.shading_points, RADIANCE + i, BLACK)
-        store3(scratch.shading_points, THROUGHPUT + i, WHITE)
+    for i in range(sc.TILE):
+        store3(scratch.shading_points, sc.RADIANCE + i, BLACK)
+        store3(scratch.shading_points, sc.THROUGHPUT + i, WHITE)
 
 
 @inline
 def add_radiance(scratch: Scratch, i: int, light: Vec3) -> None:
     """Add radiance along ray i, weighted by its throughput."""
     points = scratch.shading_points
-    store3(points, RADIANCE + i, add(load3(points, RADIANCE + i), multiply(load3(points, THROUGHPUT + i), light)))
+    store3(
+        points, sc.RADIANCE + i, add(load3(points, sc.RADIANCE + i), multiply(load3(points, sc.THROUGHPUT + i), light))
+    )
 
 
 @inline
@@ -70,7 +52,7 @@ def _margin(world: World, scratch: Scratch, i: int) -> float:
     Smoothing leaves bumps of a quarter of the noise, which shadow each other under a grazing sun. At 2 degrees, on a
     wall with noise of 0.3 spacings, 23% is in shadow without an offset, 0.3% with half of it, none with all of it.
     """
-    instance, leaf = scratch.numbers[INSTANCE_OF + i], scratch.numbers[LEAF_OF + i]
+    instance, leaf = scratch.numbers[sc.INSTANCE_OF + i], scratch.numbers[sc.LEAF_OF + i]
     if instance < 0 or leaf < 0 or leaf >= SCATTERED:
         return 0.0
     offset = instance * INSTANCE
@@ -78,7 +60,7 @@ def _margin(world: World, scratch: Scratch, i: int) -> float:
     if tree.noise.size == 0:
         return 0.0
     noise = tree.noise[tree.refs[16 * i64(tree.spans[2 * leaf])]]
-    return noise / length(transform(matrix_at(world, offset), load3(scratch.world, NORMAL + i)))
+    return noise / length(transform(matrix_at(world, offset), load3(scratch.world, sc.NORMAL + i)))
 
 
 @inline
@@ -87,20 +69,20 @@ def _soften(world: World, scratch: Scratch, i: int) -> None:
 
     This gives tree crowns smooth shading instead of speckle. The normal stays on the side of the eye.
     """
-    points, offset = scratch.shading_points, scratch.numbers[INSTANCE_OF + i] * INSTANCE
+    points, offset = scratch.shading_points, scratch.numbers[sc.INSTANCE_OF + i] * INSTANCE
     tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
-    if tree.head[SCATTER] != SPHERES or points[SHADING_SIDE + i] < 0.0:
+    if tree.head[SCATTER] != SPHERES or points[sc.SHADING_SIDE + i] < 0.0:
         return
-    slot = scratch.numbers[LEAF_OF + i] - SCATTERED
+    slot = scratch.numbers[sc.LEAF_OF + i] - SCATTERED
     at = slot // 4 * BLOCK + slot % 4
     mean = f64(tree.blocks[at + NX]), f64(tree.blocks[at + NY]), f64(tree.blocks[at + NZ])
     mean = transform_transposed(of_size_one(matrix_at(world, offset)), mean)
-    wo, normal = load3(points, SHADING_WO + i), load3(points, SHADING_NORMAL + i)
+    wo, normal = load3(points, sc.SHADING_WO + i), load3(points, sc.SHADING_NORMAL + i)
     soft = add(scale(normal, 1.0 - SOFTNESS), scale(unit(mean), SOFTNESS))
     cosine = dot(soft, wo)
     if cosine < LEAST_COSINE:
         soft = add(soft, scale(wo, LEAST_COSINE - cosine))
-    store3(points, SHADING_NORMAL + i, unit(soft))
+    store3(points, sc.SHADING_NORMAL + i, unit(soft))
 
 
 @inline
@@ -110,21 +92,21 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
     The main loop has no branches, so that it is vectorized; rays without a hit only need SHADING_INSTANCE.
     """
     points, wide = scratch.shading_points, scratch.world
-    for i in range(TILE):
-        points[SHADING_INSTANCE + i] = scratch.numbers[INSTANCE_OF + i]
-    for i in range(TILE):
-        d, normal = load3(wide, DIRECTION + i), load3(wide, NORMAL + i)
+    for i in range(sc.TILE):
+        points[sc.SHADING_INSTANCE + i] = scratch.numbers[sc.INSTANCE_OF + i]
+    for i in range(sc.TILE):
+        d, normal = load3(wide, sc.DIRECTION + i), load3(wide, sc.NORMAL + i)
         wo = scale(unit(d), -1.0)
         # Side of the eye: shadow rays start there, and the normal is flipped to it.
         side = 1.0 if dot(normal, wo) >= 0.0 else -1.0
-        store3(points, SHADING_POINT + i, add(load3(wide, ORIGIN + i), scale(d, wide[NEAREST + i])))
-        store3(points, SHADING_NORMAL + i, scale(normal, side))
-        store3(points, SHADING_WO + i, wo)
-        store3(points, SHADING_COLOR + i, load3(wide, COLOR + i))
-        points[SHADING_SIDE + i] = side
-    for i in range(TILE):
-        points[SHADING_MARGIN + i] = _margin(world, scratch, i)
-        if scratch.numbers[LEAF_OF + i] >= SCATTERED and scratch.numbers[INSTANCE_OF + i] >= 0:
+        store3(points, sc.SHADING_POINT + i, add(load3(wide, sc.ORIGIN + i), scale(d, wide[sc.NEAREST + i])))
+        store3(points, sc.SHADING_NORMAL + i, scale(normal, side))
+        store3(points, sc.SHADING_WO + i, wo)
+        store3(points, sc.SHADING_COLOR + i, load3(wide, sc.COLOR + i))
+        points[sc.SHADING_SIDE + i] = side
+    for i in range(sc.TILE):
+        points[sc.SHADING_MARGIN + i] = _margin(world, scratch, i)
+        if scratch.numbers[sc.LEAF_OF + i] >= SCATTERED and scratch.numbers[sc.INSTANCE_OF + i] >= 0:
             _soften(world, scratch, i)
 
 
@@ -132,22 +114,22 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
 def start_of(scratch: Scratch, i: int, side: float) -> Vec3:
     """Return the origin of rays that leave surface point i on one side, +1 or -1: offset by its margin."""
     points = scratch.shading_points
-    away = side * points[SHADING_SIDE + i] * points[SHADING_MARGIN + i]
-    return add(load3(points, SHADING_POINT + i), scale(load3(points, SHADING_NORMAL + i), away))
+    away = side * points[sc.SHADING_SIDE + i] * points[sc.SHADING_MARGIN + i]
+    return add(load3(points, sc.SHADING_POINT + i), scale(load3(points, sc.SHADING_NORMAL + i), away))
 
 
 @inline
 def is_shaded(scratch: Scratch, i: int) -> bool:
     """Return whether ray i of the tile has hit a surface to shade."""
-    return scratch.shading_points[SHADING_INSTANCE + i] >= 0.0
+    return scratch.shading_points[sc.SHADING_INSTANCE + i] >= 0.0
 
 
 @inline
 def shading_point(world: World, scratch: Scratch, i: int) -> tuple[int, ShadingPoint]:
     """Return (offset of the material in world.materials, `ShadingPoint`) of a surface point."""
     points = scratch.shading_points
-    material = material_at(world, int(points[SHADING_INSTANCE + i]))
-    color = base_color(world, material, load3(points, SHADING_COLOR + i))
+    material = material_at(world, int(points[sc.SHADING_INSTANCE + i]))
+    color = base_color(world, material, load3(points, sc.SHADING_COLOR + i))
     return material, ShadingPoint(
-        load3(points, SHADING_NORMAL + i), load3(points, SHADING_WO + i), color, points[SHADING_SIDE + i]
+        load3(points, sc.SHADING_NORMAL + i), load3(points, sc.SHADING_WO + i), color, points[sc.SHADING_SIDE + i]
     )

@@ -7,19 +7,8 @@ import math
 import numpy as np
 
 from ..engine.jit import f64, inline
-from ..engine.kernels.records import (
-    NO_SKY,
-    PICTURE_SKY,
-    SKY_GROUND,
-    SKY_HORIZON,
-    SKY_KIND,
-    SKY_WIDTH,
-    SKY_X,
-    SKY_Y,
-    SKY_Z,
-    SKY_ZENITH,
-    World,
-)
+from ..engine.kernels import records as rec
+from ..engine.kernels.records import World
 from ..engine.kernels.sampling import find_share
 from ..engine.kernels.vec import BLACK, Vec3, add, dot, load3_flat, scale, sub
 from .emitters import LightSample
@@ -28,26 +17,26 @@ from .emitters import LightSample
 @inline
 def has_sky(world: World) -> bool:
     """Return whether there is an environment light."""
-    return world.sky[SKY_KIND] != NO_SKY
+    return world.sky[rec.SKY_KIND] != rec.NO_SKY
 
 
 @inline
 def is_importance_sampled(world: World) -> bool:
     """Return whether the sky is importance sampled: only images are; for others BSDF sampling is as good."""
-    return world.sky[SKY_KIND] == PICTURE_SKY
+    return world.sky[rec.SKY_KIND] == rec.PICTURE_SKY
 
 
 @inline
 def _size(world: World) -> tuple[int, int]:
     """Return height and width of the image."""
-    return world.sky_rows.size - 1, int(world.sky[SKY_WIDTH])
+    return world.sky_rows.size - 1, int(world.sky[rec.SKY_WIDTH])
 
 
 @inline
 def _image_position(world: World, d: Vec3) -> tuple[float, float]:
     """Return (row, column) of a unit direction in the image, in pixels from the upper left corner."""
     height, width = _size(world)
-    axes = load3_flat(world.sky, SKY_X), load3_flat(world.sky, SKY_Y), load3_flat(world.sky, SKY_Z)
+    axes = load3_flat(world.sky, rec.SKY_X), load3_flat(world.sky, rec.SKY_Y), load3_flat(world.sky, rec.SKY_Z)
     x, y, z = dot(axes[0], d), dot(axes[1], d), dot(axes[2], d)
     polar = math.acos(min(max(z, -1.0), 1.0))
     return polar / math.pi * height, (math.atan2(x, y) / (2.0 * math.pi) + 0.5) * width
@@ -66,14 +55,14 @@ def _pixel(world: World, row: int, column: int) -> Vec3:
 @inline
 def sky_radiance(world: World, d: Vec3) -> Vec3:
     """Return the radiance from a unit direction."""
-    if world.sky[SKY_KIND] != PICTURE_SKY:
-        if world.sky[SKY_KIND] == NO_SKY:
+    if world.sky[rec.SKY_KIND] != rec.PICTURE_SKY:
+        if world.sky[rec.SKY_KIND] == rec.NO_SKY:
             return BLACK
-        up = dot(load3_flat(world.sky, SKY_Z), d)
-        horizon = load3_flat(world.sky, SKY_HORIZON)
+        up = dot(load3_flat(world.sky, rec.SKY_Z), d)
+        horizon = load3_flat(world.sky, rec.SKY_HORIZON)
         if up < 0.0:
-            return load3_flat(world.sky, SKY_GROUND)
-        return add(horizon, scale(sub(load3_flat(world.sky, SKY_ZENITH), horizon), up))
+            return load3_flat(world.sky, rec.SKY_GROUND)
+        return add(horizon, scale(sub(load3_flat(world.sky, rec.SKY_ZENITH), horizon), up))
     row, column = _image_position(world, d)
     row, column = row - 0.5, column - 0.5
     top, left = math.floor(row), math.floor(column)
@@ -87,7 +76,7 @@ def sky_radiance(world: World, d: Vec3) -> Vec3:
 @inline
 def sky_pdf(world: World, d: Vec3) -> float:
     """Return the pdf of `sample_sky` for a direction; 0 without an image."""
-    if world.sky[SKY_KIND] != PICTURE_SKY:
+    if world.sky[rec.SKY_KIND] != rec.PICTURE_SKY:
         return 0.0
     height, width = _size(world)
     row, column = _image_position(world, d)
@@ -121,8 +110,8 @@ def sample_sky(world: World, u: float, v: float) -> LightSample:
     s = math.sqrt(max(1.0 - z * z, 0.0))
     around = ((column + along) / width - 0.5) * 2.0 * math.pi
     x, y = s * math.sin(around), s * math.cos(around)
-    right_hand, ahead = scale(load3_flat(world.sky, SKY_X), x), scale(load3_flat(world.sky, SKY_Y), y)
-    d = add(right_hand, add(ahead, scale(load3_flat(world.sky, SKY_Z), z)))
+    right_hand, ahead = scale(load3_flat(world.sky, rec.SKY_X), x), scale(load3_flat(world.sky, rec.SKY_Y), y)
+    d = add(right_hand, add(ahead, scale(load3_flat(world.sky, rec.SKY_Z), z)))
     pdf = (high - low) * (right - left) / _solid_angle(row, height, width)
     if pdf <= 0.0:
         return LightSample(d, np.inf, BLACK, 0.0)

@@ -11,24 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..engine.kernels.records import (
-    DISK_LIGHT,
-    LIGHT,
-    LIGHT_AREA,
-    LIGHT_KIND,
-    LIGHT_POSITION,
-    LIGHT_POWER,
-    LIGHT_RADIUS,
-    LIGHT_U,
-    LIGHT_V,
-    PICTURE_SKY,
-    POINT_LIGHT,
-    RECT_LIGHT,
-    SKY_KIND,
-    SPHERE_LIGHT,
-    SUN_LIGHT,
-    LightTree,
-)
+from ..engine.kernels import records as rec
+from ..engine.kernels.records import LightTree
 from ..surface.tree.instance_bvh import build_top
 
 Floats = NDArray[np.float64]
@@ -64,9 +48,9 @@ def light_shares(lights: Floats, sky: Floats, sky_mean: Floats, bounds: Floats) 
     Suns and the sky have infinite power. Instead the flux through a disk is used, whose diameter is the diagonal of the
     box around all models and lights with a position, or 2 if that is zero: an upper bound of what reaches the scene.
     """
-    records = lights.reshape(-1, LIGHT)
+    records = lights.reshape(-1, rec.LIGHT)
     power = _powers(records, _radius(records, bounds))
-    if sky[SKY_KIND] == PICTURE_SKY:
+    if sky[rec.SKY_KIND] == rec.PICTURE_SKY:
         power = np.append(power, _disk(_radius(records, bounds)) * _brightest(sky_mean[:3]) / EVEN_SKY)
     shines = power > 0
     if not shines.any():
@@ -80,10 +64,10 @@ def light_shares(lights: Floats, sky: Floats, sky_mean: Floats, bounds: Floats) 
 
 def light_trees(lights: Floats) -> tuple[LightTree, LightTree]:
     """Return trees of the lights that rays can hit: area lights in the world, and suns with a disk, by direction."""
-    records = lights.reshape(-1, LIGHT)
-    kind = records[:, LIGHT_KIND]
-    sized = np.flatnonzero((kind != POINT_LIGHT) & (kind != SUN_LIGHT))
-    disks = np.flatnonzero((kind == SUN_LIGHT) & (records[:, LIGHT_RADIUS] > 0))
+    records = lights.reshape(-1, rec.LIGHT)
+    kind = records[:, rec.LIGHT_KIND]
+    sized = np.flatnonzero((kind != rec.POINT_LIGHT) & (kind != rec.SUN_LIGHT))
+    disks = np.flatnonzero((kind == rec.SUN_LIGHT) & (records[:, rec.LIGHT_RADIUS] > 0))
     return _tree(_boxes(records[sized]), sized), _tree(_caps(records[disks]), disks)
 
 
@@ -97,16 +81,16 @@ def _disk(radius: float) -> float:
 
 def _powers(records: Floats, radius: float) -> Floats:
     """Return the power of each light, W, in its brightest channel. radius : of the disk for suns"""
-    kind, area = records[:, LIGHT_KIND], records[:, LIGHT_AREA]
-    factor = np.select([kind == POINT_LIGHT, kind == SUN_LIGHT], [4.0 * np.pi, _disk(radius)], np.pi * area)
-    power = _brightest(records[:, LIGHT_POWER : LIGHT_POWER + 3])
+    kind, area = records[:, rec.LIGHT_KIND], records[:, rec.LIGHT_AREA]
+    factor = np.select([kind == rec.POINT_LIGHT, kind == rec.SUN_LIGHT], [4.0 * np.pi, _disk(radius)], np.pi * area)
+    power = _brightest(records[:, rec.LIGHT_POWER : rec.LIGHT_POWER + 3])
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(np.where(power > 0, np.nan_to_num(factor * power, nan=np.inf), 0.0))
 
 
 def _radius(records: Floats, bounds: Floats) -> float:
     """Return half the diagonal of the box around all models and lights with a position; 1 if that is zero."""
-    boxes = _boxes(records[records[:, LIGHT_KIND] != SUN_LIGHT])
+    boxes = _boxes(records[records[:, rec.LIGHT_KIND] != rec.SUN_LIGHT])
     low = np.minimum(bounds[0], boxes[:, :3].min(axis=0, initial=np.inf))
     high = np.maximum(bounds[1], boxes[:, 3:].max(axis=0, initial=-np.inf))
     radius = 0.5 * float(np.linalg.norm(np.maximum(high - low, 0.0)))
@@ -115,12 +99,12 @@ def _radius(records: Floats, bounds: Floats) -> float:
 
 def _boxes(records: Floats) -> Floats:
     """Return the world bounds of lights with a position, (n, 6)."""
-    kind, center = records[:, LIGHT_KIND, None], records[:, LIGHT_POSITION : LIGHT_POSITION + 3]
-    u, v = np.abs(records[:, LIGHT_U : LIGHT_U + 3]), np.abs(records[:, LIGHT_V : LIGHT_V + 3])
+    kind, center = records[:, rec.LIGHT_KIND, None], records[:, rec.LIGHT_POSITION : rec.LIGHT_POSITION + 3]
+    u, v = np.abs(records[:, rec.LIGHT_U : rec.LIGHT_U + 3]), np.abs(records[:, rec.LIGHT_V : rec.LIGHT_V + 3])
     with np.errstate(over="ignore"):
         aside = np.select(
-            [kind == SPHERE_LIGHT, kind == RECT_LIGHT, kind == DISK_LIGHT],
-            [np.broadcast_to(records[:, LIGHT_RADIUS, None], center.shape), u + v, np.hypot(u, v)],
+            [kind == rec.SPHERE_LIGHT, kind == rec.RECT_LIGHT, kind == rec.DISK_LIGHT],
+            [np.broadcast_to(records[:, rec.LIGHT_RADIUS, None], center.shape), u + v, np.hypot(u, v)],
             0.0,
         )
         aside = aside + PAD * (np.abs(center) + aside)
@@ -129,9 +113,11 @@ def _boxes(records: Floats) -> Floats:
 
 def _caps(records: Floats) -> Floats:
     """Return the bounds of suns' disks on the unit sphere, (n, 6)."""
-    middle = -records[:, LIGHT_POSITION : LIGHT_POSITION + 3]
+    middle = -records[:, rec.LIGHT_POSITION : rec.LIGHT_POSITION + 3]
     turn = np.arccos(np.clip(middle, -1.0, 1.0))
-    half = np.arccos(np.clip(1.0 - records[:, LIGHT_RADIUS, None], -1.0, 1.0)) + 1e-7  # covers the rounding of cosines
+    half = (
+        np.arccos(np.clip(1.0 - records[:, rec.LIGHT_RADIUS, None], -1.0, 1.0)) + 1e-7
+    )  # covers the rounding of cosines
     low = np.cos(np.minimum(turn + half, np.pi))
     high = np.cos(np.maximum(turn - half, 0.0))
     return np.asarray(np.concatenate([low - PAD, high + PAD], axis=1))

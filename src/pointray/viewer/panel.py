@@ -10,8 +10,7 @@ from ..model.model import SURFACE
 from ..scene.scene import Scene
 from ..shade.attributes import COORDINATES
 from .controls import Control, Folder
-from .light_control import MAX_LIGHTS, POINT, SKY, SUN, LightControl
-from .light_control import OWN as OWN_LIGHT
+from .light_control import MAX_LIGHTS, OWN as OWN_LIGHT, POINT, SKY, SUN, LightControl
 from .shared_scene import Build, SharedScene
 from .view_settings import CHANGED, CONSTANT, MATERIALS, OWN, ViewSettings, color_attributes
 

@@ -13,8 +13,7 @@ import pointray as pr
 from helpers.kernel_cache import linked_cache
 from helpers.places import ROOT
 from pointray.engine import jit
-from pointray.engine.jit import backlog
-from pointray.engine.jit import second_process as beside
+from pointray.engine.jit import backlog, second_process as beside
 from pointray.engine.jit.backlog import Backlog
 from pointray.rendering import warmup
 from pointray.viewer.time_left import TimeLeft

@@ -18,8 +18,7 @@ from websockets.sync.client import connect
 import pointray as pr
 from helpers.marks import long
 from helpers.viewer_client import SECONDS, SIZE, Browser, compile_kernels, scene_of, socket_of
-from pointray.viewer import outbox, painter, session
-from pointray.viewer import queries as lookups
+from pointray.viewer import outbox, painter, queries as lookups, session
 from pointray.viewer.connection import MAX_WAITING, is_loopback
 from pointray.viewer.light_control import MAX_LIGHTS
 from pointray.viewer.messages import pack

@@ -9,8 +9,7 @@ import pointray as pr
 from helpers.viewer_client import SECONDS, SIZE, Browser
 from pointray.auto_view.framing import Lens, frame_points
 from pointray.auto_view.sample import sample_of
-from pointray.viewer import loading
-from pointray.viewer import sketch as sketch_of
+from pointray.viewer import loading, sketch as sketch_of
 from pointray.viewer.shared_scene import SharedScene
 from pointray.viewer.sketch import Sketch
 from pointray.viewer.viewer import Viewer

@@ -15,8 +15,7 @@ import pointray as pr
 from helpers.viewer_client import CLOSE, SECONDS, SIZE, Browser, compile_kernels, expected, levels_in, scene_of
 from pointray.auto_view.direction import axes_of
 from pointray.engine.kernels.records import ACROSS, FORWARD, UPWARD
-from pointray.viewer import queries as lookups
-from pointray.viewer import session
+from pointray.viewer import queries as lookups, session
 from pointray.viewer.controls import Control
 from pointray.viewer.light_control import SUN, LightControl, light_controls_of
 from pointray.viewer.messages import camera_of, free_of, parse, size_of

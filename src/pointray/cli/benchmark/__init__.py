@@ -8,6 +8,4 @@ Begin with frames.
 """
 
 from .frames import measure as measure
-from .show import check_plot as check_plot
-from .show import plot as plot
-from .show import show_rows as show_rows
+from .show import check_plot as check_plot, plot as plot, show_rows as show_rows

@@ -88,8 +88,7 @@ def animate(
     Only the camera moves: light is baked, or read, once for all frames. An interrupted film continues when the same
     command is run again.
     """
-    from ..animate import CameraPath, film_output, scan_source
-    from ..animate import animate as work
+    from ..animate import CameraPath, animate as work, film_output, scan_source
     from ..scan_scene import staged
     from ..scene_file import animate_scene, scene_of
 

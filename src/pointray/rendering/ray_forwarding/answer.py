@@ -7,18 +7,9 @@ from typing import TypeAlias
 import numpy as np
 
 from ...engine.jit import Array, borrow, i64, keep_alive, kernel, next_tile, run
+from ...engine.kernels import scratch as sc
 from ...engine.kernels.records import World
-from ...engine.kernels.scratch import (
-    COLOR,
-    INSTANCE_OF,
-    NEAREST,
-    SHADING_MARGIN,
-    SHADING_NORMAL,
-    SHADING_SIDE,
-    TILE,
-    load3,
-    new_scratch,
-)
+from ...engine.kernels.scratch import load3, new_scratch
 from ...engine.kernels.vec import load3_flat, scale
 from ...shade.shading_points import store_shading_points
 from ...surface.trace.cast import PLAIN, Pace
@@ -49,7 +40,7 @@ def _answer(
     batch = next_tile(work)
     while batch >= 0:
         for tile in range(batch * BATCH, min((batch + 1) * BATCH, begins.size - 1)):
-            for k in range(TILE):
+            for k in range(sc.TILE):
                 set_ray(scratch, k, NO_RAY)
             for i in range(begins[tile], begins[tile + 1]):
                 ray = load3_flat(origins, 3 * i), load3_flat(directions, 3 * i), 0.0, ends[i]
@@ -65,14 +56,14 @@ def _answer(
                 if any_hit:
                     instances[i] = 0 if is_blocked(scratch, k) else -1
                     continue
-                instances[i] = scratch.numbers[INSTANCE_OF + k]
+                instances[i] = scratch.numbers[sc.INSTANCE_OF + k]
                 if instances[i] >= 0:
                     # For spheres the blended normal, which is on the eye's side as the exact one is.
-                    side = scratch.shading_points[SHADING_SIDE + k]
-                    normal = scale(load3(scratch.shading_points, SHADING_NORMAL + k), side)
-                    color = load3(scratch.world, COLOR + k)
-                    facts[8 * i] = scratch.world[NEAREST + k]
-                    facts[8 * i + 7] = scratch.shading_points[SHADING_MARGIN + k]
+                    side = scratch.shading_points[sc.SHADING_SIDE + k]
+                    normal = scale(load3(scratch.shading_points, sc.SHADING_NORMAL + k), side)
+                    color = load3(scratch.world, sc.COLOR + k)
+                    facts[8 * i] = scratch.world[sc.NEAREST + k]
+                    facts[8 * i + 7] = scratch.shading_points[sc.SHADING_MARGIN + k]
                     for c in range(3):
                         facts[8 * i + 1 + c], facts[8 * i + 4 + c] = normal[c], color[c]
         batch = next_tile(work)

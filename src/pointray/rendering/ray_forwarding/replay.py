@@ -18,24 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...engine.jit import Array, borrow, i64, inline, kernel, routine, uncompiled
+from ...engine.kernels import scratch as sc
 from ...engine.kernels.records import World
-from ...engine.kernels.scratch import (
-    COLOR,
-    DIRECTION,
-    INSTANCE_OF,
-    LEAF_OF,
-    LOCAL,
-    NEAREST,
-    NORMAL,
-    ORIGIN,
-    SHADING_MARGIN,
-    SIDE_OF,
-    T_MIN,
-    TILE,
-    Scratch,
-    load3,
-    store3,
-)
+from ...engine.kernels.scratch import Scratch, load3, store3
 from ...engine.kernels.vec import load3_flat
 from ...engine.simd import Bits
 from ...shade.shading_points import store_shading_points
@@ -168,7 +153,7 @@ def _unit_of(recall: ReplayTable, stack: Array) -> int:
 @inline
 def _is_open(scratch: Scratch, i: int) -> bool:
     """Return whether ray i may hit models, after planes are intersected."""
-    return scratch.world[T_MIN + i] <= scratch.world[NEAREST + i]
+    return scratch.world[sc.T_MIN + i] <= scratch.world[sc.NEAREST + i]
 
 
 @inline
@@ -187,8 +172,8 @@ def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
     scratch, world = borrow(scratch), borrow(world)
     recall, stack = world.recall, scratch.stack
     asked = i64(0)
-    for i in range(TILE):
-        scratch.world[LOCAL + i] = 0.0  # margin of the hit
+    for i in range(sc.TILE):
+        scratch.world[sc.LOCAL + i] = 0.0  # margin of the hit
         asked |= i64(_is_open(scratch, i)) << i
     unit, turn = _unit_of(recall, stack), i64(stack[TURN])
     if recall.turns > 0 and not recall.last and recall.begins[(recall.turns - 1) * recall.units + unit] < 0:
@@ -202,8 +187,8 @@ def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
         _ask(recall, unit, asked, any_hit, scratch)
         stack[SILENT] = 1
     if stack[SILENT] != 0:
-        for i in range(TILE):
-            scratch.numbers[INSTANCE_OF + i] = -1
+        for i in range(sc.TILE):
+            scratch.numbers[sc.INSTANCE_OF + i] = -1
 
 
 @inline
@@ -211,23 +196,23 @@ def _take(recall: ReplayTable, begin: int, any_hit: bool, scratch: Scratch) -> N
     """Read the answers to a tile's query."""
     wide, numbers = scratch.world, scratch.numbers
     k = begin
-    for i in range(TILE):
+    for i in range(sc.TILE):
         if not _is_open(scratch, i):
             continue
         row = recall.found[k]
         k += 1
         if row < 0:
             continue
-        numbers[LEAF_OF + i] = -1
+        numbers[sc.LEAF_OF + i] = -1
         if any_hit:
-            numbers[INSTANCE_OF + i] = 0
+            numbers[sc.INSTANCE_OF + i] = 0
             continue
         at = row * FACTS
-        numbers[INSTANCE_OF + i] = i64(recall.facts[at + FACT_INSTANCE])
-        wide[NEAREST + i] = recall.facts[at + FACT_T]
-        store3(wide, NORMAL + i, load3_flat(recall.facts, at + FACT_NORMAL))
-        store3(wide, COLOR + i, load3_flat(recall.facts, at + FACT_COLOR))
-        wide[LOCAL + i] = recall.facts[at + FACT_MARGIN]
+        numbers[sc.INSTANCE_OF + i] = i64(recall.facts[at + FACT_INSTANCE])
+        wide[sc.NEAREST + i] = recall.facts[at + FACT_T]
+        store3(wide, sc.NORMAL + i, load3_flat(recall.facts, at + FACT_NORMAL))
+        store3(wide, sc.COLOR + i, load3_flat(recall.facts, at + FACT_COLOR))
+        wide[sc.LOCAL + i] = recall.facts[at + FACT_MARGIN]
 
 
 @inline
@@ -235,15 +220,15 @@ def _ask(recall: ReplayTable, unit: int, asked: Bits, any_hit: bool, scratch: Sc
     """Store some of the tile's rays (bits) as the query of a sample."""
     recall.asked[unit] = asked
     recall.kinds[unit] = 1 if any_hit else 0
-    for i in range(TILE):
+    for i in range(sc.TILE):
         if (asked >> i) & 1 != 0:
-            at = (unit * TILE + i) * RAY
-            o, d = load3(scratch.world, ORIGIN + i), load3(scratch.world, DIRECTION + i)
+            at = (unit * sc.TILE + i) * RAY
+            o, d = load3(scratch.world, sc.ORIGIN + i), load3(scratch.world, sc.DIRECTION + i)
             for c in range(3):
                 recall.rays[at + RAY_ORIGIN + c] = o[c]
                 recall.rays[at + RAY_DIRECTION + c] = d[c]
-            recall.rays[at + RAY_END] = scratch.world[NEAREST + i]
-            recall.rays[at + RAY_SIDE] = scratch.world[SIDE_OF + i]
+            recall.rays[at + RAY_END] = scratch.world[sc.NEAREST + i]
+            recall.rays[at + RAY_SIDE] = scratch.world[sc.SIDE_OF + i]
 
 
 @inline
@@ -269,8 +254,8 @@ def _recalled_colors(world: Any, seen_only: bool, scratch: Scratch) -> None:
 def _store_with_margins(world: Any, scratch: Scratch) -> None:
     """Replace `store_shading_points`: margins are part of the answers."""
     store_shading_points(world, scratch)
-    for i in range(TILE):
-        scratch.shading_points[SHADING_MARGIN + i] = scratch.world[LOCAL + i]
+    for i in range(sc.TILE):
+        scratch.shading_points[sc.SHADING_MARGIN + i] = scratch.world[sc.LOCAL + i]
 
 
 _RECALLED = {
@@ -315,5 +300,5 @@ def empty_table(units: int, first_block: int, across: int, samples: tuple[int, i
         np.zeros(0),
         np.zeros(units, np.int64),
         np.zeros(units, np.uint8),
-        np.empty(units * TILE * RAY),
+        np.empty(units * sc.TILE * RAY),
     )

@@ -12,21 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ...engine.jit import Array, f32, f64, i64, inline, routine
-from ...engine.kernels.scratch import (
-    AT_DX,
-    AT_DY,
-    AT_DZ,
-    AT_HALF,
-    AT_X,
-    AT_Y,
-    AT_Z,
-    COUNT_NEAR,
-    COUNT_SPLATS,
-    GATHERED,
-    LANES,
-    Scratch,
-    slot_of,
-)
+from ...engine.kernels import scratch as sc
+from ...engine.kernels.scratch import Scratch, slot_of
 from ...engine.kernels.tree import BLOCK, EMPTY, FAR, GROUP, INV_R2, PX, PY, PZ, Tree
 from ...engine.kernels.vec import Vec3
 from ...engine.simd import (
@@ -89,8 +76,16 @@ def around(part: Array, ends: tuple[int, int], frame: Frame, half: F16 | float, 
     frame, half : the parts as vectors: here the frame's positions are their centres; active : mask of valid lanes
     """
     i, j = ends
-    px, py, pz = part[AT_X + i] + part[AT_X + j], part[AT_Y + i] + part[AT_Y + j], part[AT_Z + i] + part[AT_Z + j]
-    ax, ay, az = part[AT_DX + i] + part[AT_DX + j], part[AT_DY + i] + part[AT_DY + j], part[AT_DZ + i] + part[AT_DZ + j]
+    px, py, pz = (
+        part[sc.AT_X + i] + part[sc.AT_X + j],
+        part[sc.AT_Y + i] + part[sc.AT_Y + j],
+        part[sc.AT_Z + i] + part[sc.AT_Z + j],
+    )
+    ax, ay, az = (
+        part[sc.AT_DX + i] + part[sc.AT_DX + j],
+        part[sc.AT_DY + i] + part[sc.AT_DY + j],
+        part[sc.AT_DZ + i] + part[sc.AT_DZ + j],
+    )
     scale = ONE / f32(math.sqrt(ax * ax + ay * ay + az * az))
     px, py, pz, ax, ay, az = HALF * px, HALF * py, HALF * pz, ax * scale, ay * scale, az * scale
     # Centres and half lengths are split into components across the axis and along it.
@@ -129,7 +124,7 @@ def list_blocks(tree: Tree, leaf: int, capsule: Capsule, scratch: Scratch) -> No
         )
         limit = SLACK * load16(tree.spheres, offset + 48) + capsule.spread  # NaN in an empty slot
         n += pack(square < limit * limit, tree.refs, i64(group) * 16, scratch.near, n)
-    scratch.counts[COUNT_NEAR] = n
+    scratch.counts[sc.COUNT_NEAR] = n
 
 
 @routine
@@ -157,7 +152,7 @@ def nearest_slot(tree: Tree, leaf: int, x: float, y: float, z: float) -> int:
 @inline
 def lists_sheets(tree: Tree, scratch: Scratch) -> bool:
     """Return whether any of the listed splats belongs to a sheet with another one close by."""
-    for k in range(scratch.counts[COUNT_SPLATS]):
+    for k in range(scratch.counts[sc.COUNT_SPLATS]):
         row = 3 * slot_of(scratch, i64(scratch.listed[k]))
         if (tree.facing[row] | tree.facing[row + 1] | tree.facing[row + 2]) != 0:
             return True
@@ -172,7 +167,7 @@ def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought_side: float, r
     sought_side : 1 to see splats that face a ray, -1 to see splats that face away
     """
     first, n = count_trailing_zeros(rays), 0
-    for k in range(scratch.counts[COUNT_SPLATS]):
+    for k in range(scratch.counts[sc.COUNT_SPLATS]):
         offset = i64(scratch.listed[k])
         row = 3 * slot_of(scratch, offset)
         along = frame.dx * tree.facing[row] + frame.dy * tree.facing[row + 1] + frame.dz * tree.facing[row + 2]
@@ -183,20 +178,20 @@ def keep_sheet(tree: Tree, scratch: Scratch, frame: Frame, sought_side: float, r
             n += 1
         else:
             rays &= ~seeing
-    scratch.counts[COUNT_SPLATS] = n
+    scratch.counts[sc.COUNT_SPLATS] = n
     return rays
 
 
 @inline
 def gather(tree: Tree, scratch: Scratch) -> None:
     """Copy the listed blocks' splats into groups of 16 that are tested at once; empty slots hold splats far away."""
-    n = scratch.counts[COUNT_NEAR]
+    n = scratch.counts[sc.COUNT_NEAR]
     for k in range(n):
-        block, offset = i64(scratch.near[k]) * BLOCK, k // 4 * GATHERED + k % 4 * 4
+        block, offset = i64(scratch.near[k]) * BLOCK, k // 4 * sc.GATHERED + k % 4 * 4
         for row in range(7):
             move4(tree.blocks, block + 4 * row, scratch.splats, offset + 16 * row)
     for k in range(n, (n + 3) // 4 * 4):
-        offset = k // 4 * GATHERED + k % 4 * 4
+        offset = k // 4 * sc.GATHERED + k % 4 * 4
         for i in range(4):
             scratch.splats[offset + i] = EMPTY
             scratch.splats[offset + 4 * INV_R2 + i] = ONE
@@ -206,34 +201,34 @@ def gather(tree: Tree, scratch: Scratch) -> None:
 def list_splats(scratch: Scratch, capsule: Capsule) -> None:
     """List the gathered splats whose support meets a part of a ray, given as a capsule without spread."""
     n, splats = 0, scratch.splats
-    for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
-        offset = group * GATHERED
+    for group in range((scratch.counts[sc.COUNT_NEAR] + 3) // 4):
+        offset = group * sc.GATHERED
         x, y, z = load16(splats, offset + 4 * PX), load16(splats, offset + 4 * PY), load16(splats, offset + 4 * PZ)
         near = _distances(capsule, x, y, z) * load16(splats, offset + 4 * INV_R2) < NEAR
-        n += pack(near, scratch.offsets, group * LANES, scratch.listed, n)
-    scratch.counts[COUNT_SPLATS] = n
+        n += pack(near, scratch.offsets, group * sc.LANES, scratch.listed, n)
+    scratch.counts[sc.COUNT_SPLATS] = n
 
 
 @inline
 def list_splats_of(scratch: Scratch, first: int, end: int) -> None:
     """List the gathered splats whose support meets one of the rays in `scratch.part`."""
     n, splats, part = 0, scratch.splats, scratch.part
-    for group in range((scratch.counts[COUNT_NEAR] + 3) // 4):
-        offset = group * GATHERED
+    for group in range((scratch.counts[sc.COUNT_NEAR] + 3) // 4):
+        offset = group * sc.GATHERED
         x, y, z = load16(splats, offset + 4 * PX), load16(splats, offset + 4 * PY), load16(splats, offset + 4 * PZ)
         square = broadcast16(INF)
         for k in range(first, end):
             ray = Capsule(
-                broadcast_from(part, AT_X + k),
-                broadcast_from(part, AT_Y + k),
-                broadcast_from(part, AT_Z + k),
-                broadcast_from(part, AT_DX + k),
-                broadcast_from(part, AT_DY + k),
-                broadcast_from(part, AT_DZ + k),
-                broadcast_from(part, AT_HALF + k),
+                broadcast_from(part, sc.AT_X + k),
+                broadcast_from(part, sc.AT_Y + k),
+                broadcast_from(part, sc.AT_Z + k),
+                broadcast_from(part, sc.AT_DX + k),
+                broadcast_from(part, sc.AT_DY + k),
+                broadcast_from(part, sc.AT_DZ + k),
+                broadcast_from(part, sc.AT_HALF + k),
                 ZERO,
             )
             square = vmin(square, _distances(ray, x, y, z))
         near = square * load16(splats, offset + 4 * INV_R2) < NEAR
-        n += pack(near, scratch.offsets, group * LANES, scratch.listed, n)
-    scratch.counts[COUNT_SPLATS] = n
+        n += pack(near, scratch.offsets, group * sc.LANES, scratch.listed, n)
+    scratch.counts[sc.COUNT_SPLATS] = n

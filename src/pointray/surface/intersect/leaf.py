@@ -3,45 +3,8 @@
 from __future__ import annotations
 
 from ...engine.jit import Array, i64, inline
-from ...engine.kernels.scratch import (
-    AT_BEGIN,
-    AT_DX,
-    AT_DY,
-    AT_DZ,
-    AT_FIRST,
-    AT_HALF,
-    AT_LAST,
-    AT_OX,
-    AT_OY,
-    AT_OZ,
-    AT_SIDE,
-    AT_T,
-    AT_X,
-    AT_Y,
-    AT_Z,
-    BEGIN,
-    COUNT_SPLATS,
-    DX,
-    DY,
-    DZ,
-    ENTER,
-    FIRST,
-    FOUND,
-    HIT_T,
-    IX,
-    LANES,
-    LAST,
-    LENGTH,
-    NX,
-    NY,
-    NZ,
-    OX,
-    OY,
-    OZ,
-    SIDE,
-    TILE,
-    Scratch,
-)
+from ...engine.kernels import scratch as sc
+from ...engine.kernels.scratch import Scratch
 from ...engine.kernels.tree import DISC, LEAF, SHEETED, SURFACE, Hit, Ray, Tree
 from ...engine.simd import (
     F16,
@@ -127,7 +90,7 @@ def search_alone(
             sought_side = ZERO  # the leaf has sheets, but not near this ray
         if sought_side != ZERO:
             keep_sheet(tree, scratch, frame, sought_side, 1)
-        if scratch.counts[COUNT_SPLATS] > 0:
+        if scratch.counts[sc.COUNT_SPLATS] > 0:
             found = search_one(tree, leaf, frame, sampled, (sought_side, lifts), scratch)
             lifted = max(lifted, found.lift)
             if found.t < hit.t:
@@ -142,11 +105,11 @@ def search_alone(
 @inline
 def _along(axes: Axes, rows: Array, v: int) -> Along[F16]:
     """Load 16 rays of the tile, from index v on, along the axes of a leaf's columns: see `narrow`."""
-    x, y, z = axes[0] * TILE + v, axes[1] * TILE + v, axes[2] * TILE + v
+    x, y, z = axes[0] * sc.TILE + v, axes[1] * sc.TILE + v, axes[2] * sc.TILE + v
     return (
-        (load16(rows, OX + x), load16(rows, OX + y), load16(rows, OX + z)),
-        (load16(rows, DX + x), load16(rows, DX + y), load16(rows, DX + z)),
-        (load16(rows, IX + x), load16(rows, IX + y)),
+        (load16(rows, sc.OX + x), load16(rows, sc.OX + y), load16(rows, sc.OX + z)),
+        (load16(rows, sc.DX + x), load16(rows, sc.DX + y), load16(rows, sc.DX + z)),
+        (load16(rows, sc.IX + x), load16(rows, sc.IX + y)),
     )
 
 
@@ -158,36 +121,38 @@ def _take(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
     """
     rows, part, n, taken = scratch.model, scratch.part, 0, i64(0)
     axes = axes_of(tree, leaf)
-    for v in range(0, TILE, LANES):
+    for v in range(0, sc.TILE, sc.LANES):
         word = (passing >> v) & 0xFFFF
         if word == 0:
             continue
-        low, high = narrow(tree, leaf, axes, _along(axes, rows, v), (load16(rows, FIRST + v), load16(rows, LAST + v)))
+        low, high = narrow(
+            tree, leaf, axes, _along(axes, rows, v), (load16(rows, sc.FIRST + v), load16(rows, sc.LAST + v))
+        )
         met = low <= high
-        interval = load16(rows, ENTER + v), select(met, low, broadcast16(ZERO)), select(met, high, broadcast16(ZERO))
-        sampled, fine = sample_range(tree, leaf, interval, load16(rows, BEGIN + v))
+        interval = load16(rows, sc.ENTER + v), select(met, low, broadcast16(ZERO)), select(met, high, broadcast16(ZERO))
+        sampled, fine = sample_range(tree, leaf, interval, load16(rows, sc.BEGIN + v))
         word &= bits(fine & met)
         if word == 0:
             continue
         active = mask16(word)
         first, last = span(tree, leaf, sampled)
         center, half = HALF * (first + last), HALF * (last - first)
-        dx, dy, dz = load16(rows, DX + v), load16(rows, DY + v), load16(rows, DZ + v)
-        store_packed(part, AT_X + n, active, load16(rows, OX + v) + center * dx)
-        store_packed(part, AT_Y + n, active, load16(rows, OY + v) + center * dy)
-        store_packed(part, AT_Z + n, active, load16(rows, OZ + v) + center * dz)
-        store_packed(part, AT_DX + n, active, dx)
-        store_packed(part, AT_DY + n, active, dy)
-        store_packed(part, AT_DZ + n, active, dz)
-        store_packed(part, AT_OX + n, active, load16(rows, OX + v))
-        store_packed(part, AT_OY + n, active, load16(rows, OY + v))
-        store_packed(part, AT_OZ + n, active, load16(rows, OZ + v))
-        store_packed(part, AT_HALF + n, active, half)
-        store_packed(part, AT_T + n, active, broadcast16(INF))
-        store_packed(part, AT_FIRST + n, active, sampled.first)
-        store_packed(part, AT_LAST + n, active, sampled.last)
-        store_packed(part, AT_BEGIN + n, active, sampled.begin)
-        store_packed(part, AT_SIDE + n, active, load16(rows, SIDE + v))
+        dx, dy, dz = load16(rows, sc.DX + v), load16(rows, sc.DY + v), load16(rows, sc.DZ + v)
+        store_packed(part, sc.AT_X + n, active, load16(rows, sc.OX + v) + center * dx)
+        store_packed(part, sc.AT_Y + n, active, load16(rows, sc.OY + v) + center * dy)
+        store_packed(part, sc.AT_Z + n, active, load16(rows, sc.OZ + v) + center * dz)
+        store_packed(part, sc.AT_DX + n, active, dx)
+        store_packed(part, sc.AT_DY + n, active, dy)
+        store_packed(part, sc.AT_DZ + n, active, dz)
+        store_packed(part, sc.AT_OX + n, active, load16(rows, sc.OX + v))
+        store_packed(part, sc.AT_OY + n, active, load16(rows, sc.OY + v))
+        store_packed(part, sc.AT_OZ + n, active, load16(rows, sc.OZ + v))
+        store_packed(part, sc.AT_HALF + n, active, half)
+        store_packed(part, sc.AT_T + n, active, broadcast16(INF))
+        store_packed(part, sc.AT_FIRST + n, active, sampled.first)
+        store_packed(part, sc.AT_LAST + n, active, sampled.last)
+        store_packed(part, sc.AT_BEGIN + n, active, sampled.begin)
+        store_packed(part, sc.AT_SIDE + n, active, load16(rows, sc.SIDE + v))
         n += count_bits(word)
         taken |= word << v
     return taken
@@ -198,17 +163,17 @@ def _gather_for(tree: Tree, leaf: int, first: int, count: int, scratch: Scratch)
     """List and gather the blocks near up to 16 of the rays in `scratch.part`."""
     part = scratch.part
     frame = Frame(
-        load16(part, AT_X + first),
-        load16(part, AT_Y + first),
-        load16(part, AT_Z + first),
-        load16(part, AT_DX + first),
-        load16(part, AT_DY + first),
-        load16(part, AT_DZ + first),
-        load16(part, AT_FIRST + first),
-        load16(part, AT_SIDE + first),
+        load16(part, sc.AT_X + first),
+        load16(part, sc.AT_Y + first),
+        load16(part, sc.AT_Z + first),
+        load16(part, sc.AT_DX + first),
+        load16(part, sc.AT_DY + first),
+        load16(part, sc.AT_DZ + first),
+        load16(part, sc.AT_FIRST + first),
+        load16(part, sc.AT_SIDE + first),
     )
     active, ends = mask16((1 << count) - 1), (first, first + count - 1)
-    list_blocks(tree, leaf, around(part, ends, frame, load16(part, AT_HALF + first), active), scratch)
+    list_blocks(tree, leaf, around(part, ends, frame, load16(part, sc.AT_HALF + first), active), scratch)
     gather(tree, scratch)
 
 
@@ -216,17 +181,17 @@ def _gather_for(tree: Tree, leaf: int, first: int, count: int, scratch: Scratch)
 def _four(tree: Tree, leaf: int, part: Array, first: int) -> tuple[Frame, SampleRange]:
     """Load the frame and the samples of the rays first to first + 3 in `scratch.part`."""
     sampled = SampleRange(
-        repeat4(part, AT_FIRST + first), repeat4(part, AT_LAST + first), repeat4(part, AT_BEGIN + first)
+        repeat4(part, sc.AT_FIRST + first), repeat4(part, sc.AT_LAST + first), repeat4(part, sc.AT_BEGIN + first)
     )
     frame = Frame(
-        repeat4(part, AT_OX + first),
-        repeat4(part, AT_OY + first),
-        repeat4(part, AT_OZ + first),
-        repeat4(part, AT_DX + first),
-        repeat4(part, AT_DY + first),
-        repeat4(part, AT_DZ + first),
+        repeat4(part, sc.AT_OX + first),
+        repeat4(part, sc.AT_OY + first),
+        repeat4(part, sc.AT_OZ + first),
+        repeat4(part, sc.AT_DX + first),
+        repeat4(part, sc.AT_DY + first),
+        repeat4(part, sc.AT_DZ + first),
         base_spacing(tree, leaf),
-        repeat4(part, AT_SIDE + first),
+        repeat4(part, sc.AT_SIDE + first),
     )
     return frame, sampled
 
@@ -239,16 +204,16 @@ def _keep(leaf: int, found: Found, asked: Bits, rays: Bits, first: int, scratch:
         takes four steps, so that lanes are compile-time constants, which saves 1 to 2% of the time
     """
     rows, part, lifted = scratch.model, scratch.part, i64(0)
-    hits, lifts = bits(found.t < repeat4(part, AT_T + first)) & asked, bits(found.lift > ZERO) & asked
+    hits, lifts = bits(found.t < repeat4(part, sc.AT_T + first)) & asked, bits(found.lift > ZERO) & asked
     for i in range(4):
         k = count_trailing_zeros(rays | BEYOND)
         rays &= rays - 1
         lifted |= ((lifts >> i) & 1) << k
         if (hits >> i) & 1 != 0:
-            rows[HIT_T + k] = part[AT_T + first + i] = lane(found.t, i)
-            rows[LENGTH + k] = rows[ENTER + k]
-            rows[NX + k], rows[NY + k], rows[NZ + k] = lane(found.nx, i), lane(found.ny, i), lane(found.nz, i)
-            scratch.numbers[FOUND + k] = leaf
+            rows[sc.HIT_T + k] = part[sc.AT_T + first + i] = lane(found.t, i)
+            rows[sc.LENGTH + k] = rows[sc.ENTER + k]
+            rows[sc.NX + k], rows[sc.NY + k], rows[sc.NZ + k] = lane(found.nx, i), lane(found.ny, i), lane(found.nz, i)
+            scratch.numbers[sc.FOUND + k] = leaf
     return lifted
 
 
@@ -264,8 +229,8 @@ def search_together(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> B
     none = broadcast16(ZERO)
     sheeted = tree.leaves[leaf * LEAF + SHEETED] != ZERO
     while left != 0:
-        if first % LANES == 0:
-            _gather_for(tree, leaf, first, min(count_bits(left), LANES), scratch)
+        if first % sc.LANES == 0:
+            _gather_for(tree, leaf, first, min(count_bits(left), sc.LANES), scratch)
         four = i64(0)
         for _ in range(4):
             four |= left & -left

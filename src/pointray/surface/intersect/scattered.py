@@ -15,42 +15,9 @@ import math
 from typing import TypeAlias
 
 from ...engine.jit import Array, f32, i64, inline
-from ...engine.kernels.scratch import (
-    BEGIN,
-    DX,
-    DY,
-    DZ,
-    FOUND,
-    HIT_T,
-    NX,
-    OX,
-    OY,
-    OZ,
-    SCATTER_END,
-    SCATTER_SLOT,
-    SCATTER_T,
-    SIDE,
-    Scratch,
-    store3,
-)
-from ...engine.kernels.tree import (
-    BLOCK,
-    FAR,
-    INV_R2,
-    LEAF_BLOCKS,
-    PX,
-    PY,
-    PZ,
-    SCATTER,
-    SCATTERED,
-    SPHERES,
-    Hit,
-    Ray,
-    Tree,
-)
-from ...engine.kernels.tree import NX as MEAN_X
-from ...engine.kernels.tree import NY as MEAN_Y
-from ...engine.kernels.tree import NZ as MEAN_Z
+from ...engine.kernels import scratch as sc, tree as tr
+from ...engine.kernels.scratch import Scratch, store3
+from ...engine.kernels.tree import Hit, Ray, Tree
 from ...engine.kernels.vec import Vec3
 from ...engine.simd import (
     F8,
@@ -128,7 +95,7 @@ def meet_disc(
 @inline
 def _row(tree: Tree, at: int) -> F8:
     """Load a row of two blocks."""
-    return join2(tree.blocks, at, at + BLOCK)
+    return join2(tree.blocks, at, at + tr.BLOCK)
 
 
 @inline
@@ -137,13 +104,13 @@ def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int)
 
     nearest, slot : the earlier hit, or the end of the search and -1. Of points at the same t the first slot wins.
     """
-    at = block * BLOCK
-    to = _row(tree, at + PX) - ray.ox, _row(tree, at + PY) - ray.oy, _row(tree, at + PZ) - ray.oz
-    d, square, begin = (ray.dx, ray.dy, ray.dz), ONE / _row(tree, at + INV_R2), broadcast8(ray.t_min)
-    if tree.head[SCATTER] == SPHERES:
+    at = block * tr.BLOCK
+    to = _row(tree, at + tr.PX) - ray.ox, _row(tree, at + tr.PY) - ray.oy, _row(tree, at + tr.PZ) - ray.oz
+    d, square, begin = (ray.dx, ray.dy, ray.dz), ONE / _row(tree, at + tr.INV_R2), broadcast8(ray.t_min)
+    if tree.head[tr.SCATTER] == tr.SPHERES:
         t = meet_sphere(approach(to, d, square), (begin, broadcast8(ray.side)), square)
     else:
-        t = meet_disc(to, d, begin, (_row(tree, at + MEAN_X), _row(tree, at + MEAN_Y), _row(tree, at + MEAN_Z), square))
+        t = meet_disc(to, d, begin, (_row(tree, at + tr.NX), _row(tree, at + tr.NY), _row(tree, at + tr.NZ), square))
     left = bits(t <= nearest)
     while left != 0:
         k = count_trailing_zeros(left)
@@ -157,9 +124,9 @@ def nearest_of_leaf(tree: Tree, block: int, ray: Ray, nearest: float, slot: int)
 def begin_scattered(rows: Array, numbers: Array, length: int, span: tuple[int, int]) -> None:
     """Reset the hits of a span of the tile's rays in a model. length : the row of how far they are followed"""
     for k in range(span[0], span[1]):
-        rows[SCATTER_T + k] = rows[HIT_T + k] = INF
-        rows[SCATTER_END + k] = rows[length + k]
-        numbers[SCATTER_SLOT + k] = -1
+        rows[sc.SCATTER_T + k] = rows[sc.HIT_T + k] = INF
+        rows[sc.SCATTER_END + k] = rows[length + k]
+        numbers[sc.SCATTER_SLOT + k] = -1
 
 
 @inline
@@ -169,50 +136,50 @@ def search_leaf(tree: Tree, block: int, passing: Bits, v: int, scratch: Scratch)
     passing : the rays, as bits; return those with a new hit, and perhaps some with one at the same t
     """
     rows, numbers = scratch.model, scratch.numbers
-    ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
-    d = load16(rows, DX + v), load16(rows, DY + v), load16(rows, DZ + v)
-    begin, side, found = load16(rows, BEGIN + v), load16(rows, SIDE + v), i64(0)
-    for j in range(4 * LEAF_BLOCKS):
-        at = (block + j // 4) * BLOCK + j % 4
-        if tree.blocks[at + PX] > FAR:
+    ox, oy, oz = load16(rows, sc.OX + v), load16(rows, sc.OY + v), load16(rows, sc.OZ + v)
+    d = load16(rows, sc.DX + v), load16(rows, sc.DY + v), load16(rows, sc.DZ + v)
+    begin, side, found = load16(rows, sc.BEGIN + v), load16(rows, sc.SIDE + v), i64(0)
+    for j in range(4 * tr.LEAF_BLOCKS):
+        at = (block + j // 4) * tr.BLOCK + j % 4
+        if tree.blocks[at + tr.PX] > tr.FAR:
             break
-        to = tree.blocks[at + PX] - ox, tree.blocks[at + PY] - oy, tree.blocks[at + PZ] - oz
-        square = ONE / tree.blocks[at + INV_R2]
-        if tree.head[SCATTER] == SPHERES:
+        to = tree.blocks[at + tr.PX] - ox, tree.blocks[at + tr.PY] - oy, tree.blocks[at + tr.PZ] - oz
+        square = ONE / tree.blocks[at + tr.INV_R2]
+        if tree.head[tr.SCATTER] == tr.SPHERES:
             chord = approach(to, d, square)
             if bits(chord[1] >= ZERO) & passing == 0:  # saves 6% of the time in distant views; no gain for one ray
                 continue
             t = meet_sphere(chord, (begin, side), square)
         else:
-            m = tree.blocks[at + MEAN_X], tree.blocks[at + MEAN_Y], tree.blocks[at + MEAN_Z]
+            m = tree.blocks[at + tr.NX], tree.blocks[at + tr.NY], tree.blocks[at + tr.NZ]
             t = meet_disc(to, d, begin, (*m, square))
-        left, slot = bits(t <= load16(rows, SCATTER_END + v)) & passing, 4 * block + j
+        left, slot = bits(t <= load16(rows, sc.SCATTER_END + v)) & passing, 4 * block + j
         found |= left
         while left != 0:
             k = count_trailing_zeros(left) + v
             left &= left - 1
             t_k = lane(t, k - v)
-            if t_k < rows[SCATTER_END + k] or slot < numbers[SCATTER_SLOT + k]:
-                rows[SCATTER_T + k] = rows[SCATTER_END + k] = t_k
-                numbers[SCATTER_SLOT + k] = slot
+            if t_k < rows[sc.SCATTER_END + k] or slot < numbers[sc.SCATTER_SLOT + k]:
+                rows[sc.SCATTER_T + k] = rows[sc.SCATTER_END + k] = t_k
+                numbers[sc.SCATTER_SLOT + k] = slot
     return found
 
 
 @inline
 def hit_scattered(tree: Tree, slot: int, t: float, o: Vec3, d: Vec3) -> Hit:
     """Return a ray's hit with a scattered point. Its normal is exact; that of a sphere points outwards."""
-    at = slot // 4 * BLOCK + slot % 4
-    if tree.head[SCATTER] == SPHERES:
+    at = slot // 4 * tr.BLOCK + slot % 4
+    if tree.head[tr.SCATTER] == tr.SPHERES:
         # From the ray's nearest point to the centre: differences of small vectors, at any distance from the origin.
-        x, y, z = tree.blocks[at + PX] - o[0], tree.blocks[at + PY] - o[1], tree.blocks[at + PZ] - o[2]
+        x, y, z = tree.blocks[at + tr.PX] - o[0], tree.blocks[at + tr.PY] - o[1], tree.blocks[at + tr.PZ] - o[2]
         along = x * d[0] + y * d[1] + z * d[2]
         x, y, z = x - along * d[0], y - along * d[1], z - along * d[2]
         rest = t - along
         nx, ny, nz = rest * d[0] - x, rest * d[1] - y, rest * d[2] - z
     else:
-        nx, ny, nz = tree.blocks[at + MEAN_X], tree.blocks[at + MEAN_Y], tree.blocks[at + MEAN_Z]
+        nx, ny, nz = tree.blocks[at + tr.NX], tree.blocks[at + tr.NY], tree.blocks[at + tr.NZ]
     size = ONE / f32(math.sqrt(nx * nx + ny * ny + nz * nz))
-    return Hit(t, nx * size, ny * size, nz * size, SCATTERED + slot)
+    return Hit(t, nx * size, ny * size, nz * size, tr.SCATTERED + slot)
 
 
 @inline
@@ -220,9 +187,12 @@ def finish_scattered(tree: Tree, span: tuple[int, int], scratch: Scratch) -> Non
     """Make the nearest scattered points the hits of a span of rays, except where the surface is at least as near."""
     rows, numbers = scratch.model, scratch.numbers
     for k in range(span[0], span[1]):
-        slot, t = numbers[SCATTER_SLOT + k], rows[SCATTER_T + k]
-        if slot >= 0 and (numbers[FOUND + k] < 0 or t < rows[HIT_T + k]):
-            o, d = (rows[OX + k], rows[OY + k], rows[OZ + k]), (rows[DX + k], rows[DY + k], rows[DZ + k])
+        slot, t = numbers[sc.SCATTER_SLOT + k], rows[sc.SCATTER_T + k]
+        if slot >= 0 and (numbers[sc.FOUND + k] < 0 or t < rows[sc.HIT_T + k]):
+            o, d = (
+                (rows[sc.OX + k], rows[sc.OY + k], rows[sc.OZ + k]),
+                (rows[sc.DX + k], rows[sc.DY + k], rows[sc.DZ + k]),
+            )
             hit = hit_scattered(tree, slot, t, o, d)
-            rows[HIT_T + k], numbers[FOUND + k] = t, hit.leaf
-            store3(rows, NX + k, (hit.nx, hit.ny, hit.nz))
+            rows[sc.HIT_T + k], numbers[sc.FOUND + k] = t, hit.leaf
+            store3(rows, sc.NX + k, (hit.nx, hit.ny, hit.nz))

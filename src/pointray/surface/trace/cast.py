@@ -10,18 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...engine.jit import Array, borrow, f32, i64, inline, keep_alive, kernel, next_tile, run
+from ...engine.kernels import scratch as sc
 from ...engine.kernels.records import INSTANCE, SHAPE_ROW, World
-from ...engine.kernels.scratch import (
-    COUNT_NEAR,
-    DIRECTION,
-    NEAREST,
-    T_MIN,
-    TILE,
-    Scratch,
-    load3,
-    new_scratch,
-    store3,
-)
+from ...engine.kernels.scratch import Scratch, load3, new_scratch, store3
 from ...engine.kernels.tree import SCATTERED, tree_at
 from ...engine.kernels.vec import Vec3, add, along_curve, dot, load3_flat, scale
 from ...engine.simd import lane
@@ -109,7 +100,7 @@ def _set_rays(
     rays : origins, directions, limits; start : the batch, and the offset of the tile in it
     """
     origins, directions, limits = rays
-    for k in range(TILE):
+    for k in range(sc.TILE):
         i = ray_at(shape, start[0], start[1] + k)
         if i >= 0:
             o, d = load3_flat(origins, 3 * i), load3_flat(directions, 3 * i)
@@ -117,16 +108,16 @@ def _set_rays(
         else:
             set_ray(scratch, k, NO_RAY)
     wide, odd = scratch.world, False
-    for k in range(TILE):
-        d = load3(wide, DIRECTION + k)
+    for k in range(sc.TILE):
+        d = load3(wide, sc.DIRECTION + k)
         odd |= not _is_ordinary(dot(d, d))
     if odd:
-        for k in range(TILE):
-            d = load3(wide, DIRECTION + k)
+        for k in range(sc.TILE):
+            d = load3(wide, sc.DIRECTION + k)
             exponent = _exponent(d)
-            store3(wide, DIRECTION + k, _times_power(d, -exponent))
-            limits_k = _times_power((wide[T_MIN + k], wide[NEAREST + k], 0.0), exponent)
-            wide[T_MIN + k], wide[NEAREST + k] = limits_k[0], limits_k[1]
+            store3(wide, sc.DIRECTION + k, _times_power(d, -exponent))
+            limits_k = _times_power((wide[sc.T_MIN + k], wide[sc.NEAREST + k], 0.0), exponent)
+            wide[sc.T_MIN + k], wide[sc.NEAREST + k] = limits_k[0], limits_k[1]
     return odd
 
 
@@ -141,11 +132,11 @@ def _closest(
     scratch, world = borrow(memory), borrow(world)
     batch = next_tile(work)
     while batch >= 0:
-        for first in range(0, BATCH, TILE):
+        for first in range(0, BATCH, sc.TILE):
             odd = _set_rays((origins, directions, limits), shape, (batch, first), scratch)
             trace_tile(world, scratch)
             describe_tile(world, False, scratch)
-            for k in range(TILE):
+            for k in range(sc.TILE):
                 i = ray_at(shape, batch, first + k)
                 if i < 0:
                     continue
@@ -181,10 +172,10 @@ def _occluded(
     scratch, world = borrow(memory), borrow(world)
     batch = next_tile(work)
     while batch >= 0:
-        for first in range(0, BATCH, TILE):
+        for first in range(0, BATCH, sc.TILE):
             _set_rays((origins, directions, limits), shape, (batch, first), scratch)
             occlude_tile(world, scratch)
-            for k in range(TILE):
+            for k in range(sc.TILE):
                 i = ray_at(shape, batch, first + k)
                 if i >= 0:
                     out[i] = is_blocked(scratch, k)
@@ -211,13 +202,13 @@ def _blend_attribute(
         for h in range(block * BATCH, min((block + 1) * BATCH, hits.size)):
             i = hits[h]
             x = (f32(local[3 * i]), f32(local[3 * i + 1]), f32(local[3 * i + 2]))
-            scratch.counts[COUNT_NEAR] = 0
+            scratch.counts[sc.COUNT_NEAR] = 0
             if leaf[i] < SCATTERED:  # a scattered point has its own value
                 list_blocks(tree, leaf[i], segment(x, (one, zero, zero), zero, zero), scratch)
             total = 0.0
             for c in range(width):
                 out[h * width + c] = 0.0
-            for k in range(scratch.counts[COUNT_NEAR]):
+            for k in range(scratch.counts[sc.COUNT_NEAR]):
                 weights = weights_of_block(tree, scratch.near[k], x[0], x[1], x[2])
                 for j in range(4):
                     w = lane(weights, j)

@@ -9,25 +9,8 @@ from __future__ import annotations
 import math
 
 from ...engine.jit import Array, f32, i64, inline
-from ...engine.kernels.scratch import (
-    BEGIN,
-    DX,
-    END,
-    FOUND,
-    FOUND_SAVED,
-    HIT_T,
-    IX,
-    LANES,
-    LENGTH,
-    NX,
-    NY,
-    NZ,
-    OX,
-    SAVED_ROWS,
-    SIDE,
-    TILE,
-    Scratch,
-)
+from ...engine.kernels import scratch as sc
+from ...engine.kernels.scratch import Scratch
 from ...engine.kernels.tree import SCATTER_LEAVES, Tree
 from ...engine.simd import (
     ONE,
@@ -52,8 +35,13 @@ WIDEST = f32(0.2)  # largest difference of the directions' components
 # 35%.
 SCATTERED = f32(4.0)
 FEWEST = 4  # rays in the smallest group
-RAY_ROWS = (*range(OX, LENGTH, TILE), END, SIDE, BEGIN)  # the rows that are packed with a ray, besides LENGTH
-FOUND_ROWS = (HIT_T, NX, NY, NZ)
+RAY_ROWS = (
+    *range(sc.OX, sc.LENGTH, sc.TILE),
+    sc.END,
+    sc.SIDE,
+    sc.BEGIN,
+)  # the rows that are packed with a ray, besides LENGTH
+FOUND_ROWS = (sc.HIT_T, sc.NX, sc.NY, sc.NZ)
 FAILURES = 4  # after this many rays with too few similar neighbours the others are traced singly too
 
 
@@ -72,10 +60,10 @@ def coherent(edge: float, rows: Array) -> bool:
     edge : width of a leaf
     """
     for c in range(3):
-        low, high = range_of(rows, DX + c * TILE, (0, TILE))
+        low, high = range_of(rows, sc.DX + c * sc.TILE, (0, sc.TILE))
         if (low < ZERO and high > ZERO) or high - low > WIDEST:
             return False
-        low, high = range_of(rows, OX + c * TILE, (0, TILE))
+        low, high = range_of(rows, sc.OX + c * sc.TILE, (0, sc.TILE))
         if high - low > SCATTERED * edge:
             return False
     return True
@@ -84,16 +72,16 @@ def coherent(edge: float, rows: Array) -> bool:
 @inline
 def similar_rays(edge: float, rows: Array, left: Bits) -> Bits:
     """Return those of the given saved rays (bits) that may be traced together with the first of them."""
-    i, rays = SAVED_ROWS + count_trailing_zeros(left), i64(0)
+    i, rays = sc.SAVED_ROWS + count_trailing_zeros(left), i64(0)
     far, wide = f32(0.5) * SCATTERED * edge, f32(0.5) * WIDEST
-    for v in range(0, TILE, LANES):
-        word, offset = (left >> v) & 0xFFFF, SAVED_ROWS + v
+    for v in range(0, sc.TILE, sc.LANES):
+        word, offset = (left >> v) & 0xFFFF, sc.SAVED_ROWS + v
         if word == 0:
             continue
-        for c in range(0, 3 * TILE, TILE):
-            o, d = load16(rows, OX + c + offset), load16(rows, DX + c + offset)
-            word &= bits((vabs(o - rows[OX + c + i]) <= far) & (vabs(d - rows[DX + c + i]) <= wide))
-            word &= bits(load16(rows, IX + c + offset) * rows[IX + c + i] > ZERO)
+        for c in range(0, 3 * sc.TILE, sc.TILE):
+            o, d = load16(rows, sc.OX + c + offset), load16(rows, sc.DX + c + offset)
+            word &= bits((vabs(o - rows[sc.OX + c + i]) <= far) & (vabs(d - rows[sc.DX + c + i]) <= wide))
+            word &= bits(load16(rows, sc.IX + c + offset) * rows[sc.IX + c + i] > ZERO)
         rays |= word << v
     return rays
 
@@ -101,7 +89,7 @@ def similar_rays(edge: float, rows: Array, left: Bits) -> Bits:
 @inline
 def _copy(rows: Array, source: int, target: int, row: int) -> None:
     """Copy one row of all rays."""
-    for v in range(0, TILE, LANES):
+    for v in range(0, sc.TILE, sc.LANES):
         store(rows, target + row + v, load16(rows, source + row + v))
 
 
@@ -109,21 +97,21 @@ def _copy(rows: Array, source: int, target: int, row: int) -> None:
 def save_rays(scratch: Scratch) -> None:
     """Save the rows of all rays, without hits."""
     for row in RAY_ROWS:
-        _copy(scratch.model, 0, SAVED_ROWS, row)
-    _copy(scratch.model, 0, SAVED_ROWS, LENGTH)
-    for i in range(TILE):
-        scratch.numbers[FOUND_SAVED + i] = -1
+        _copy(scratch.model, 0, sc.SAVED_ROWS, row)
+    _copy(scratch.model, 0, sc.SAVED_ROWS, sc.LENGTH)
+    for i in range(sc.TILE):
+        scratch.numbers[sc.FOUND_SAVED + i] = -1
 
 
 @inline
 def _pack_row(rows: Array, row: int, rays: Bits, last: float) -> None:
     """Pack one row of the given saved rays; fill the rest of the last 16 slots with `last`."""
     n = i64(0)
-    for v in range(0, TILE, LANES):
+    for v in range(0, sc.TILE, sc.LANES):
         word = (rays >> v) & 0xFFFF
-        store_packed(rows, row + n, mask16(word), load16(rows, SAVED_ROWS + row + v))
+        store_packed(rows, row + n, mask16(word), load16(rows, sc.SAVED_ROWS + row + v))
         n += count_bits(word)
-    offset = (n - 1) // LANES * LANES
+    offset = (n - 1) // sc.LANES * sc.LANES
     store(rows, row + offset, select(mask16((1 << (n - offset)) - 1), load16(rows, row + offset), broadcast16(last)))
 
 
@@ -133,13 +121,13 @@ def pack_rays(rays: Bits, scratch: Scratch) -> int:
 
     Unused slots hold copies of the first ray that have already ended, so that they do not widen the group.
     """
-    rows, first = scratch.model, SAVED_ROWS + count_trailing_zeros(rays)
+    rows, first = scratch.model, sc.SAVED_ROWS + count_trailing_zeros(rays)
     for row in RAY_ROWS:
         _pack_row(rows, row, rays, rows[row + first])
-    _pack_row(rows, LENGTH, rays, -ONE)
-    end = (count_bits(rays) + LANES - 1) // LANES * LANES
+    _pack_row(rows, sc.LENGTH, rays, -ONE)
+    end = (count_bits(rays) + sc.LANES - 1) // sc.LANES * sc.LANES
     for k in range(end):
-        scratch.numbers[FOUND + k] = -1
+        scratch.numbers[sc.FOUND + k] = -1
     return end
 
 
@@ -150,10 +138,10 @@ def save_hits(rays: Bits, lifted: Bits, scratch: Scratch) -> Bits:
     while rays != 0:
         i = count_trailing_zeros(rays)
         rays &= rays - 1
-        if numbers[FOUND + k] >= 0:
-            numbers[FOUND_SAVED + i] = numbers[FOUND + k]
+        if numbers[sc.FOUND + k] >= 0:
+            numbers[sc.FOUND_SAVED + i] = numbers[sc.FOUND + k]
             for row in FOUND_ROWS:
-                rows[SAVED_ROWS + row + i] = rows[row + k]
+                rows[sc.SAVED_ROWS + row + i] = rows[row + k]
         back |= ((lifted >> k) & 1) << i
         k += 1
     return back
@@ -163,8 +151,8 @@ def save_hits(rays: Bits, lifted: Bits, scratch: Scratch) -> Bits:
 def restore_rays(scratch: Scratch) -> None:
     """Restore all rays to their slots, with their hits."""
     for row in RAY_ROWS:
-        _copy(scratch.model, SAVED_ROWS, 0, row)
+        _copy(scratch.model, sc.SAVED_ROWS, 0, row)
     for row in FOUND_ROWS:
-        _copy(scratch.model, SAVED_ROWS, 0, row)
-    for i in range(TILE):
-        scratch.numbers[FOUND + i] = scratch.numbers[FOUND_SAVED + i]
+        _copy(scratch.model, sc.SAVED_ROWS, 0, row)
+    for i in range(sc.TILE):
+        scratch.numbers[sc.FOUND + i] = scratch.numbers[sc.FOUND_SAVED + i]

@@ -5,22 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...engine.jit import Array, borrow, f32, f64, i64, inline, routine
+from ...engine.kernels import scratch as sc
 from ...engine.kernels.records import INSTANCE, MATERIAL, MATERIAL_SIZE, OWN_COLOR, PAINT, SHAPE_ROW, World, WorldHit
-from ...engine.kernels.scratch import (
-    COLOR,
-    COUNT_NEAR,
-    INSTANCE_OF,
-    LANES,
-    LEAF_OF,
-    LOCAL,
-    NEAREST,
-    NORMAL,
-    SLOT_OF,
-    TILE,
-    Scratch,
-    load3,
-    store3,
-)
+from ...engine.kernels.scratch import Scratch, load3, store3
 from ...engine.kernels.tree import LEAF, SCATTERED, SHEETED, Tree, tree_at
 from ...engine.kernels.vec import transform
 from ...engine.simd import (
@@ -48,18 +35,23 @@ from .space import matrix_at
 def tile_hit(scratch: Scratch, i: int) -> WorldHit:
     """Return the nearest hit of ray i of the tile. Colour and slot on a model require `describe_tile`."""
     wide, numbers, zero = scratch.world, scratch.numbers, (0.0, 0.0, 0.0)
-    instance = numbers[INSTANCE_OF + i]
+    instance = numbers[sc.INSTANCE_OF + i]
     if instance < 0:
         return WorldHit(np.inf, zero, zero, -1, i64(-1), i64(-1), zero)
-    normal, color, local = load3(wide, NORMAL + i), load3(wide, COLOR + i), load3(wide, LOCAL + i)
-    return WorldHit(wide[NEAREST + i], normal, color, instance, numbers[SLOT_OF + i], numbers[LEAF_OF + i], local)
+    normal, color, local = load3(wide, sc.NORMAL + i), load3(wide, sc.COLOR + i), load3(wide, sc.LOCAL + i)
+    return WorldHit(
+        wide[sc.NEAREST + i], normal, color, instance, numbers[sc.SLOT_OF + i], numbers[sc.LEAF_OF + i], local
+    )
 
 
 @inline
 def next_of_leaf(numbers: Array, left: Bits, i: int) -> int:
     """Return the first of the remaining rays (bits) if it has hit the same leaf as ray i, else i."""
     k = count_trailing_zeros(left) if left != 0 else i
-    same = numbers[INSTANCE_OF + k] == numbers[INSTANCE_OF + i] and numbers[LEAF_OF + k] == numbers[LEAF_OF + i]
+    same = (
+        numbers[sc.INSTANCE_OF + k] == numbers[sc.INSTANCE_OF + i]
+        and numbers[sc.LEAF_OF + k] == numbers[sc.LEAF_OF + i]
+    )
     return k if same else i
 
 
@@ -68,17 +60,17 @@ def list_around(tree: Tree, four: Four, scratch: Scratch) -> FourPoints:
     """List the blocks near the points where four rays have hit a leaf; return these points, a quarter each."""
     wide, numbers = scratch.world, scratch.numbers
     a, b, c, d = (
-        load3(wide, LOCAL + four[0]),
-        load3(wide, LOCAL + four[1]),
-        load3(wide, LOCAL + four[2]),
-        load3(wide, LOCAL + four[3]),
+        load3(wide, sc.LOCAL + four[0]),
+        load3(wide, sc.LOCAL + four[1]),
+        load3(wide, sc.LOCAL + four[2]),
+        load3(wide, sc.LOCAL + four[3]),
     )
     x = quarters(f32(a[0]), f32(b[0]), f32(c[0]), f32(d[0]))
     y = quarters(f32(a[1]), f32(b[1]), f32(c[1]), f32(d[1]))
     z = quarters(f32(a[2]), f32(b[2]), f32(c[2]), f32(d[2]))
     px, py, pz = f32(a[0]), f32(a[1]), f32(a[2])
     spread = reduce_max(vsqrt((x - px) * (x - px) + (y - py) * (y - py) + (z - pz) * (z - pz)))
-    leaf = numbers[LEAF_OF + four[0]]
+    leaf = numbers[sc.LEAF_OF + four[0]]
     list_blocks(tree, leaf, Capsule(px, py, pz, ONE, ZERO, ZERO, ZERO, spread), scratch)
     return x, y, z
 
@@ -93,7 +85,7 @@ def _weigh(
     """
     part = scratch.part
     most = block_of_most = red = green = blue = total = broadcast16(ZERO)
-    for k in range(scratch.counts[COUNT_NEAR]):
+    for k in range(scratch.counts[sc.COUNT_NEAR]):
         block = i64(scratch.near[k])
         w = weights_seen(tree, block, points, sheet, part)
         block_of_most = select(w > most, broadcast16(f32(k)), block_of_most)
@@ -117,33 +109,35 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
     The slot is that of the splat of greatest weight. If all weights are zero, the nearest splat is taken instead.
     """
     wide, numbers, part = scratch.world, scratch.numbers, scratch.part
-    offset = numbers[INSTANCE_OF + four[0]] * INSTANCE
+    offset = numbers[sc.INSTANCE_OF + four[0]] * INSTANCE
     tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
-    v, sheeted = (0.0, 0.0, 0.0), tree.leaves[numbers[LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO
+    v, sheeted = (0.0, 0.0, 0.0), tree.leaves[numbers[sc.LEAF_OF + four[0]] * LEAF + SHEETED] != ZERO
     if sheeted:
-        v = transform(matrix_at(world, offset), load3(wide, NORMAL + four[0]))
+        v = transform(matrix_at(world, offset), load3(wide, sc.NORMAL + four[0]))
     points = list_around(tree, four, scratch)
     sums = _weigh(tree, points, (sheeted, v), world.tone, scratch)
     for k in range(6):
-        store(part, k * LANES, sums[k])
+        store(part, k * sc.LANES, sums[k])
     for r in range(4):
         i, best = four[r], 4 * r
         red = green = blue = total = 0.0
         for k in range(4 * r, 4 * r + 4):
             best = k if part[k] > part[best] else best
-            red, green = red + part[2 * LANES + k], green + part[3 * LANES + k]
-            blue, total = blue + part[4 * LANES + k], total + part[5 * LANES + k]
+            red, green = red + part[2 * sc.LANES + k], green + part[3 * sc.LANES + k]
+            blue, total = blue + part[4 * sc.LANES + k], total + part[5 * sc.LANES + k]
         if part[best] > ZERO:
-            numbers[SLOT_OF + i] = i64(scratch.near[int(part[LANES + best])]) * 4 + best % 4
+            numbers[sc.SLOT_OF + i] = i64(scratch.near[int(part[sc.LANES + best])]) * 4 + best % 4
         else:
-            x = load3(wide, LOCAL + i)
-            slot = nearest_slot(tree, numbers[LEAF_OF + i], f32(x[0]), f32(x[1]), f32(x[2]))
-            numbers[SLOT_OF + i] = slot
+            x = load3(wide, sc.LOCAL + i)
+            slot = nearest_slot(tree, numbers[sc.LEAF_OF + i], f32(x[0]), f32(x[1]), f32(x[2]))
+            numbers[sc.SLOT_OF + i] = slot
             if tree.colors.size > 0:
                 packed, total = tree.colors[slot], 1.0
                 red, green = f64(world.tone[packed & 255]), f64(world.tone[(packed >> 8) & 255])
                 blue = f64(world.tone[(packed >> 16) & 255])
-        store3(wide, COLOR + i, (red / total, green / total, blue / total) if 0.0 < total < np.inf else (1.0, 1.0, 1.0))
+        store3(
+            wide, sc.COLOR + i, (red / total, green / total, blue / total) if 0.0 < total < np.inf else (1.0, 1.0, 1.0)
+        )
     if world.instances[offset + PAINT] >= 0.0:
         paint_four(world, four, points, (sheeted, v), scratch)
 
@@ -152,10 +146,10 @@ def _describe(world: World, four: Four, scratch: Scratch) -> None:
 def _describe_scattered(world: World, i: int, scratch: Scratch) -> None:
     """Take colour and slot of ray i's hit on a scattered point from that point."""
     numbers = scratch.numbers
-    offset = numbers[INSTANCE_OF + i] * INSTANCE
+    offset = numbers[sc.INSTANCE_OF + i] * INSTANCE
     tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
-    slot = numbers[LEAF_OF + i] - SCATTERED
-    numbers[SLOT_OF + i] = slot
+    slot = numbers[sc.LEAF_OF + i] - SCATTERED
+    numbers[sc.SLOT_OF + i] = slot
     color = (1.0, 1.0, 1.0)
     if tree.colors.size > 0:
         packed = tree.colors[slot]
@@ -164,7 +158,7 @@ def _describe_scattered(world: World, i: int, scratch: Scratch) -> None:
             f64(world.tone[(packed >> 8) & 255]),
             f64(world.tone[(packed >> 16) & 255]),
         )
-    store3(scratch.world, COLOR + i, color)
+    store3(scratch.world, sc.COLOR + i, color)
     if world.instances[offset + PAINT] >= 0.0:
         paint_one(world, i, scratch)
 
@@ -195,23 +189,23 @@ def describe_tile(world: World, seen_only: bool, scratch: Scratch) -> None:
     """
     scratch, world = borrow(scratch), borrow(world)
     numbers, left = scratch.numbers, i64(0)
-    for i in range(TILE):
-        numbers[SLOT_OF + i] = -1
-        if numbers[INSTANCE_OF + i] >= 0 and numbers[LEAF_OF + i] >= 0:
-            if not seen_only or _shows_colors(world, numbers[INSTANCE_OF + i]):
-                if numbers[LEAF_OF + i] >= SCATTERED:
+    for i in range(sc.TILE):
+        numbers[sc.SLOT_OF + i] = -1
+        if numbers[sc.INSTANCE_OF + i] >= 0 and numbers[sc.LEAF_OF + i] >= 0:
+            if not seen_only or _shows_colors(world, numbers[sc.INSTANCE_OF + i]):
+                if numbers[sc.LEAF_OF + i] >= SCATTERED:
                     _describe_scattered(world, i, scratch)
                 else:
                     left |= i64(1) << i
             else:
-                store3(scratch.world, COLOR + i, (1.0, 1.0, 1.0))
+                store3(scratch.world, sc.COLOR + i, (1.0, 1.0, 1.0))
     while left != 0:
         a = count_trailing_zeros(left)
         left &= left - 1
-        tree = tree_at(world.table, i64(world.instances[numbers[INSTANCE_OF + a] * INSTANCE + SHAPE_ROW]))
+        tree = tree_at(world.table, i64(world.instances[numbers[sc.INSTANCE_OF + a] * INSTANCE + SHAPE_ROW]))
         b = c = d = a
         # Where two sheets are close together, each ray sees its own, so it is processed alone.
-        if tree.leaves[numbers[LEAF_OF + a] * LEAF + SHEETED] == ZERO:
+        if tree.leaves[numbers[sc.LEAF_OF + a] * LEAF + SHEETED] == ZERO:
             b = next_of_leaf(numbers, left, a)
             left &= ~(i64(1) << b)
             c = next_of_leaf(numbers, left, a)

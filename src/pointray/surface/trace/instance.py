@@ -6,39 +6,9 @@ import math
 from typing import TypeAlias
 
 from ...engine.jit import Array, f32, f64, i64, inline
+from ...engine.kernels import scratch as sc
 from ...engine.kernels.records import INSTANCE, SHAPE_ROW, World
-from ...engine.kernels.scratch import (
-    ANYWHERE,
-    BEGIN,
-    CUT,
-    DIRECTION,
-    DX,
-    END,
-    FOUND,
-    HEADING,
-    HIT_T,
-    INSTANCE_OF,
-    IX,
-    LANES,
-    LEAF_OF,
-    LENGTH,
-    LOCAL,
-    LOW,
-    NEAREST,
-    NORMAL,
-    NX,
-    ORIGIN,
-    OX,
-    SIDE,
-    SIDE_OF,
-    SPEED,
-    START,
-    T_MIN,
-    TILE,
-    Scratch,
-    load3,
-    store3,
-)
+from ...engine.kernels.scratch import Scratch, load3, store3
 from ...engine.kernels.tree import DISC, LONGEST, SCATTER, SURFACE, tree_at
 from ...engine.kernels.vec import add, dot, either, scale, transform_transposed
 from ...engine.simd import ONE, ZERO, Bits, broadcast16, count_bits, count_trailing_zeros, load16, select, store
@@ -65,29 +35,29 @@ def _enter(matrix: ToModel, box: Box, i: int, scratch: Scratch) -> None:
         scattered points: a ray starts on none of them if it comes from outside
     """
     wide, rows, (bounds, step, discs, scattered) = scratch.world, scratch.model, box
-    ray = (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
+    ray = (load3(wide, sc.ORIGIN + i), load3(wide, sc.DIRECTION + i), wide[sc.T_MIN + i], wide[sc.NEAREST + i])
     start, d, low, high, speed, begin = into_model(matrix, bounds, ray, step)
-    store3(wide, START + i, start)
-    store3(wide, HEADING + i, d)
-    wide[LOW + i], wide[SPEED + i] = low, speed
-    rows[LENGTH + i] = f32(high - low + step[0]) if low <= high else -ONE
+    store3(wide, sc.START + i, start)
+    store3(wide, sc.HEADING + i, d)
+    wide[sc.LOW + i], wide[sc.SPEED + i] = low, speed
+    rows[sc.LENGTH + i] = f32(high - low + step[0]) if low <= high else -ONE
     begin = f32(begin)
     outside = (low > 0.0) & (begin == ZERO)
-    on_none = outside | (wide[SIDE_OF + i] == ANYWHERE)
-    elsewhere = (rows[CUT + i] > ZERO) | (discs & on_none) | (scattered & outside)
-    rows[BEGIN + i] = -max(begin, NONZERO_BEGIN) if elsewhere else begin
+    on_none = outside | (wide[sc.SIDE_OF + i] == sc.ANYWHERE)
+    elsewhere = (rows[sc.CUT + i] > ZERO) | (discs & on_none) | (scattered & outside)
+    rows[sc.BEGIN + i] = -max(begin, NONZERO_BEGIN) if elsewhere else begin
 
 
 @inline
 def _narrow(i: int, scratch: Scratch) -> None:
     """Round ray i in the model's space to float32, without a hit."""
     wide, rows = scratch.world, scratch.model
-    ray = make_ray(load3(wide, START + i), load3(wide, HEADING + i), 0.0, 1.0)
-    store3(rows, OX + i, (ray.ox, ray.oy, ray.oz))
-    store3(rows, DX + i, (ray.dx, ray.dy, ray.dz))
-    store3(rows, IX + i, (ray.ix, ray.iy, ray.iz))
-    rows[END + i], rows[SIDE + i] = rows[LENGTH + i], f32(wide[SIDE_OF + i])
-    scratch.numbers[FOUND + i] = -1
+    ray = make_ray(load3(wide, sc.START + i), load3(wide, sc.HEADING + i), 0.0, 1.0)
+    store3(rows, sc.OX + i, (ray.ox, ray.oy, ray.oz))
+    store3(rows, sc.DX + i, (ray.dx, ray.dy, ray.dz))
+    store3(rows, sc.IX + i, (ray.ix, ray.iy, ray.iz))
+    rows[sc.END + i], rows[sc.SIDE + i] = rows[sc.LENGTH + i], f32(wide[sc.SIDE_OF + i])
+    scratch.numbers[sc.FOUND + i] = -1
 
 
 @inline
@@ -98,7 +68,7 @@ def _some_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits
         i = count_trailing_zeros(rays)
         rays &= rays - 1
         _enter(matrix, box, i, scratch)
-        if scratch.model[LENGTH + i] >= ZERO:
+        if scratch.model[sc.LENGTH + i] >= ZERO:
             _narrow(i, scratch)
             meeting |= i64(1) << i
     return meeting
@@ -111,22 +81,22 @@ def _all_enter(matrix: ToModel, box: Box, rays: Bits, scratch: Scratch) -> Bits:
     It branches only if some rays of the tile miss: the rays are processed as vectors.
     """
     rows = scratch.model
-    for i in range(TILE):
+    for i in range(sc.TILE):
         _enter(matrix, box, i, scratch)
     if rays != ALL:
-        for i in range(TILE):
-            rows[LENGTH + i] = rows[LENGTH + i] if (rays >> i) & 1 != 0 else -ONE
-    meeting = bits_of_row(rows, LENGTH)
+        for i in range(sc.TILE):
+            rows[sc.LENGTH + i] = rows[sc.LENGTH + i] if (rays >> i) & 1 != 0 else -ONE
+    meeting = bits_of_row(rows, sc.LENGTH)
     if meeting == 0:
         return meeting
-    for i in range(TILE):
+    for i in range(sc.TILE):
         _narrow(i, scratch)
     if meeting != ALL:
         # Rays that miss the bounds become copies of one that hits them, so that they do not widen the tile.
         first = count_trailing_zeros(meeting)
-        for offset in range(0, TILE, LANES):
-            meet = load16(rows, LENGTH + offset) >= ZERO
-            for k in range(0, 9 * TILE, TILE):
+        for offset in range(0, sc.TILE, sc.LANES):
+            meet = load16(rows, sc.LENGTH + offset) >= ZERO
+            for k in range(0, 9 * sc.TILE, sc.TILE):
                 store(rows, k + offset, select(meet, load16(rows, k + offset), broadcast16(rows[k + first])))
     return meeting
 
@@ -140,7 +110,7 @@ def _trace_groups(table: Array, model: int, entered: Bits, any_hit: bool, scratc
         save_rays(scratch)
     left, alone, failures = entered, i64(0), 0
     while left != 0:
-        rays, end = left, TILE
+        rays, end = left, sc.TILE
         if not whole:
             rays = similar_rays(edge, rows, left)
             if count_bits(rays) < FEWEST:
@@ -182,14 +152,14 @@ def through_instance(world: World, offset: int, rays: Bits, any_hit: bool, scrat
         i = count_trailing_zeros(alone)
         alone &= alone - 1
         hit = closest(world.table, model, tile_ray(rows, i), any_hit, scratch)
-        numbers[FOUND + i] = hit.leaf
-        rows[HIT_T + i] = hit.t
-        store3(rows, NX + i, (hit.nx, hit.ny, hit.nz))
+        numbers[sc.FOUND + i] = hit.leaf
+        rows[sc.HIT_T + i] = hit.t
+        store3(rows, sc.NX + i, (hit.nx, hit.ny, hit.nz))
     if few:
         while entered != 0:
             i = count_trailing_zeros(entered)
             entered &= entered - 1
-            if numbers[FOUND + i] >= 0:
+            if numbers[sc.FOUND + i] >= 0:
                 _keep_t(offset // INSTANCE, i, scratch)
                 _keep_normal_and_position(of_size_one(matrix), i, scratch)
                 _keep_leaf(offset, i, scratch)
@@ -206,50 +176,50 @@ def _keep_t(row: int, i: int, scratch: Scratch) -> None:
     """
     wide, numbers = scratch.world, scratch.numbers
     t, t_before, row_before = (
-        (wide[LOW + i] + f64(scratch.model[HIT_T + i])) / wide[SPEED + i],
-        wide[NEAREST + i],
-        numbers[INSTANCE_OF + i],
+        (wide[sc.LOW + i] + f64(scratch.model[sc.HIT_T + i])) / wide[sc.SPEED + i],
+        wide[sc.NEAREST + i],
+        numbers[sc.INSTANCE_OF + i],
     )
-    first = (row_before < 0) | (row < row_before) | (numbers[LEAF_OF + i] < 0)
-    better = (numbers[FOUND + i] >= 0) & ((t < t_before) | ((t == t_before) & first))
-    wide[NEAREST + i] = t if better else wide[NEAREST + i]
-    numbers[FOUND + i] = numbers[FOUND + i] if better else -1
+    first = (row_before < 0) | (row < row_before) | (numbers[sc.LEAF_OF + i] < 0)
+    better = (numbers[sc.FOUND + i] >= 0) & ((t < t_before) | ((t == t_before) & first))
+    wide[sc.NEAREST + i] = t if better else wide[sc.NEAREST + i]
+    numbers[sc.FOUND + i] = numbers[sc.FOUND + i] if better else -1
 
 
 @inline
 def _keep_normal_and_position(matrix: ToModel, i: int, scratch: Scratch) -> None:
     """Keep normal and position of a nearer hit. matrix : see `of_size_one`."""
     wide, rows = scratch.world, scratch.model
-    n = load3(rows, NX + i)
+    n = load3(rows, sc.NX + i)
     n = transform_transposed(matrix, (f64(n[0]), f64(n[1]), f64(n[2])))
     n = scale(n, 1.0 / math.sqrt(dot(n, n)))
-    x = add(load3(wide, START + i), scale(load3(wide, HEADING + i), f64(rows[HIT_T + i])))
-    better = scratch.numbers[FOUND + i] >= 0
-    old_n, old_x = load3(wide, NORMAL + i), load3(wide, LOCAL + i)
-    store3(wide, NORMAL + i, either(better, n, old_n))
-    store3(wide, LOCAL + i, either(better, x, old_x))
+    x = add(load3(wide, sc.START + i), scale(load3(wide, sc.HEADING + i), f64(rows[sc.HIT_T + i])))
+    better = scratch.numbers[sc.FOUND + i] >= 0
+    old_n, old_x = load3(wide, sc.NORMAL + i), load3(wide, sc.LOCAL + i)
+    store3(wide, sc.NORMAL + i, either(better, n, old_n))
+    store3(wide, sc.LOCAL + i, either(better, x, old_x))
 
 
 @inline
 def _keep_leaf(offset: int, i: int, scratch: Scratch) -> None:
     """Keep the instance and the leaf of a nearer hit."""
     numbers = scratch.numbers
-    if numbers[FOUND + i] >= 0:
-        numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = offset // INSTANCE, numbers[FOUND + i]
+    if numbers[sc.FOUND + i] >= 0:
+        numbers[sc.INSTANCE_OF + i], numbers[sc.LEAF_OF + i] = offset // INSTANCE, numbers[sc.FOUND + i]
 
 
 @inline
 def _keep_nearest(matrix: ToModel, offset: int, scratch: Scratch) -> None:
     """Keep the hits in a model that are nearer than earlier hits. No branches: the rays are processed as vectors."""
     found = False
-    for i in range(TILE):
-        found |= scratch.numbers[FOUND + i] >= 0
+    for i in range(sc.TILE):
+        found |= scratch.numbers[sc.FOUND + i] >= 0
     if not found:
         return
-    for i in range(TILE):
+    for i in range(sc.TILE):
         _keep_t(offset // INSTANCE, i, scratch)
     matrix = of_size_one(matrix)
-    for i in range(TILE):
+    for i in range(sc.TILE):
         _keep_normal_and_position(matrix, i, scratch)
-    for i in range(TILE):
+    for i in range(sc.TILE):
         _keep_leaf(offset, i, scratch)

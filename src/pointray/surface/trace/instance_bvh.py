@@ -7,23 +7,9 @@ different directions are no slower than if each were traced singly.
 from __future__ import annotations
 
 from ...engine.jit import f32, i64, inline
+from ...engine.kernels import scratch as sc
 from ...engine.kernels.records import INSTANCE, KIND, MODEL, TOP_BOUNDS, TOP_CENTER, TOP_NODE, World
-from ...engine.kernels.scratch import (
-    DIRECTION,
-    LANES,
-    NEAREST,
-    ORIGIN,
-    T_MIN,
-    TILE,
-    TOP_IX,
-    TOP_LENGTH,
-    TOP_LOW,
-    TOP_OX,
-    TOP_SPEED,
-    Scratch,
-    load3,
-    store3,
-)
+from ...engine.kernels.scratch import Scratch, load3, store3
 from ...engine.kernels.tree import Ray
 from ...engine.kernels.vec import load3_flat
 from ...engine.simd import INF, ONE, ZERO, Bits, bits, broadcast16, load16, mask16, reduce_min, select, vmax, vmin
@@ -54,16 +40,16 @@ def _rays_to_top(world: World, scratch: Scratch) -> Bits:
     matrix = (1.0, 0.0, 0.0, -x), (0.0, 1.0, 0.0, -y), (0.0, 0.0, 1.0, -z)
     bounds = load3_flat(world.top, TOP_BOUNDS), load3_flat(world.top, TOP_BOUNDS + 3)
     wide, rows = scratch.world, scratch.model
-    for i in range(TILE):
+    for i in range(sc.TILE):
         ray: WorldRay | Ray
-        ray = (load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i])
+        ray = (load3(wide, sc.ORIGIN + i), load3(wide, sc.DIRECTION + i), wide[sc.T_MIN + i], wide[sc.NEAREST + i])
         start, d, low, high, speed, _ = into_model(matrix, bounds, ray, (0.0, 0.0))
-        wide[TOP_LOW + i], wide[TOP_SPEED + i] = low, speed
+        wide[sc.TOP_LOW + i], wide[sc.TOP_SPEED + i] = low, speed
         ray = make_ray(start, d, high - low, 1.0)
-        store3(rows, TOP_OX + i, (ray.ox, ray.oy, ray.oz))
-        store3(rows, TOP_IX + i, (ray.ix, ray.iy, ray.iz))
-        rows[TOP_LENGTH + i] = f32(high - low) if low <= high else -ONE
-    return bits_of_row(rows, TOP_LENGTH)
+        store3(rows, sc.TOP_OX + i, (ray.ox, ray.oy, ray.oz))
+        store3(rows, sc.TOP_IX + i, (ray.ix, ray.iy, ray.iz))
+        rows[sc.TOP_LENGTH + i] = f32(high - low) if low <= high else -ONE
+    return bits_of_row(rows, sc.TOP_LENGTH)
 
 
 @inline
@@ -71,8 +57,8 @@ def shorten(world: World, scratch: Scratch) -> None:
     """End the rays at their hits, after an instance was traced."""
     if world.top_children.size > 0:
         wide, rows = scratch.world, scratch.model
-        for i in range(TILE):
-            rows[TOP_LENGTH + i] = f32(wide[NEAREST + i] * wide[TOP_SPEED + i] - wide[TOP_LOW + i])
+        for i in range(sc.TILE):
+            rows[sc.TOP_LENGTH + i] = f32(wide[sc.NEAREST + i] * wide[sc.TOP_SPEED + i] - wide[sc.TOP_LOW + i])
 
 
 @inline
@@ -80,17 +66,25 @@ def _enter(world: World, offset: int, rays: Bits, scratch: Scratch) -> tuple[Bit
     """Return those of the given rays that enter a box before they end, and the least t at which one does."""
     boxes, rows = world.top_boxes, scratch.model
     entering, nearest = i64(0), INF
-    for v in range(0, TILE, LANES):
+    for v in range(0, sc.TILE, sc.LANES):
         word = (rays >> v) & 0xFFFF
         if word == 0:
             continue
-        ox, oy, oz = load16(rows, TOP_OX + v), load16(rows, TOP_OX + TILE + v), load16(rows, TOP_OX + 2 * TILE + v)
-        ix, iy, iz = load16(rows, TOP_IX + v), load16(rows, TOP_IX + TILE + v), load16(rows, TOP_IX + 2 * TILE + v)
+        ox, oy, oz = (
+            load16(rows, sc.TOP_OX + v),
+            load16(rows, sc.TOP_OX + sc.TILE + v),
+            load16(rows, sc.TOP_OX + 2 * sc.TILE + v),
+        )
+        ix, iy, iz = (
+            load16(rows, sc.TOP_IX + v),
+            load16(rows, sc.TOP_IX + sc.TILE + v),
+            load16(rows, sc.TOP_IX + 2 * sc.TILE + v),
+        )
         ax, bx = (boxes[offset] - ox) * ix, (boxes[offset + 3] - ox) * ix
         ay, by = (boxes[offset + 1] - oy) * iy, (boxes[offset + 4] - oy) * iy
         az, bz = (boxes[offset + 2] - oz) * iz, (boxes[offset + 5] - oz) * iz
         near = vmax(vmax(vmin(ax, bx), vmin(ay, by)), vmax(vmin(az, bz), broadcast16(ZERO)))
-        far = vmin(vmin(vmax(ax, bx), vmax(ay, by)), vmin(vmax(az, bz), load16(rows, TOP_LENGTH + v)))
+        far = vmin(vmin(vmax(ax, bx), vmax(ay, by)), vmin(vmax(az, bz), load16(rows, sc.TOP_LENGTH + v)))
         word &= bits(near <= far)
         if word != 0:
             nearest = min(nearest, reduce_min(select(mask16(word), near, broadcast16(INF))))
@@ -123,8 +117,8 @@ def still_open(world: World, top: int, scratch: Scratch) -> Bits:
     if world.top_children.size == 0:
         return rays
     left = i64(0)
-    for v in range(0, TILE, LANES):
+    for v in range(0, sc.TILE, sc.LANES):
         word = (rays >> v) & 0xFFFF
         if word != 0:
-            left |= (word & bits(load16(scratch.model, TOP_LENGTH + v) >= broadcast16(near))) << v
+            left |= (word & bits(load16(scratch.model, sc.TOP_LENGTH + v) >= broadcast16(near))) << v
     return left

@@ -7,34 +7,9 @@ from typing import TypeAlias
 import numpy as np
 
 from ...engine.jit import f64, i64, inline
-from ...engine.kernels.records import (
-    BLENDED,
-    BY_COORDINATE,
-    INSTANCE,
-    PAINT,
-    PAINT_ALONG,
-    PAINT_COLORS,
-    PAINT_COUNT,
-    PAINT_KIND,
-    PAINT_POSITIONS,
-    PAINT_SIZE,
-    PAINT_START,
-    SHAPE_ROW,
-    World,
-)
-from ...engine.kernels.scratch import (
-    COLOR,
-    COUNT_NEAR,
-    DIRECTION,
-    INSTANCE_OF,
-    LANES,
-    NEAREST,
-    ORIGIN,
-    SLOT_OF,
-    Scratch,
-    load3,
-    store3,
-)
+from ...engine.kernels import records as rec, scratch as sc
+from ...engine.kernels.records import World
+from ...engine.kernels.scratch import Scratch, load3, store3
 from ...engine.kernels.tree import Tree, tree_at
 from ...engine.kernels.vec import Vec3, add, dot, load3_flat, scale
 from ...engine.simd import F16, ONE, ZERO, broadcast16, repeat4, store
@@ -48,7 +23,7 @@ Four: TypeAlias = tuple[int, int, int, int]  # rays of the tile
 @inline
 def _map_color(world: World, paint: int, map_position: float) -> Vec3:
     """Return the map's colour at a position in it; for NaN the colour that follows the map."""
-    count, first = int(world.paints[paint + PAINT_COUNT]), int(world.paints[paint + PAINT_COLORS])
+    count, first = int(world.paints[paint + rec.PAINT_COUNT]), int(world.paints[paint + rec.PAINT_COLORS])
     k = count
     if map_position == map_position:
         k = int(min(max(map_position + SLACK, 0.0), count - 1.0))
@@ -60,9 +35,9 @@ def _blend(
     world: World, paint: int, tree: Tree, points: FourPoints, sheet: Sheet, scratch: Scratch
 ) -> tuple[F16, F16, F16]:
     """Sum in each lane over the listed blocks: weights, weights of splats with a value, weighted map positions."""
-    part, first = scratch.part, int(world.paints[paint + PAINT_POSITIONS])
+    part, first = scratch.part, int(world.paints[paint + rec.PAINT_POSITIONS])
     total = known = map_position = broadcast16(ZERO)
-    for k in range(scratch.counts[COUNT_NEAR]):
+    for k in range(scratch.counts[sc.COUNT_NEAR]):
         block = i64(scratch.near[k])
         w = weights_seen(tree, block, points, sheet, part)
         total = total + w
@@ -83,10 +58,10 @@ def _blended(sums: tuple[F16, F16, F16], r: int, own: float, scratch: Scratch) -
     """
     part = scratch.part
     for k in range(3):
-        store(part, k * LANES, sums[k])
+        store(part, k * sc.LANES, sums[k])
     total = known = map_position = 0.0
     for k in range(4 * r, 4 * r + 4):
-        total, known, map_position = total + part[k], known + part[LANES + k], map_position + part[2 * LANES + k]
+        total, known, map_position = total + part[k], known + part[sc.LANES + k], map_position + part[2 * sc.LANES + k]
     if not total > 0.0:
         return own
     return map_position / known if known > 0.0 and 2.0 * known >= total else np.nan
@@ -98,41 +73,41 @@ def paint_four(world: World, four: Four, points: FourPoints, sheet: Sheet, scrat
 
     points, sheet : see `surface.weights_seen`
     """
-    offset = scratch.numbers[INSTANCE_OF + four[0]] * INSTANCE
-    tree = tree_at(world.table, i64(world.instances[offset + SHAPE_ROW]))
-    paint = int(world.instances[offset + PAINT]) * PAINT_SIZE
-    kind = world.paints[paint + PAINT_KIND]
+    offset = scratch.numbers[sc.INSTANCE_OF + four[0]] * rec.INSTANCE
+    tree = tree_at(world.table, i64(world.instances[offset + rec.SHAPE_ROW]))
+    paint = int(world.instances[offset + rec.PAINT]) * rec.PAINT_SIZE
+    kind = world.paints[paint + rec.PAINT_KIND]
     sums = broadcast16(ZERO), broadcast16(ZERO), broadcast16(ZERO)
-    if kind == BLENDED:
+    if kind == rec.BLENDED:
         sums = _blend(world, paint, tree, points, sheet, scratch)
     for r in range(4):
         i, own = four[r], np.nan
-        if kind != BY_COORDINATE:
+        if kind != rec.BY_COORDINATE:
             own = _own_position(world, paint, i, scratch)
-        _paint(world, paint, i, _blended(sums, r, own, scratch) if kind == BLENDED else own, scratch)
+        _paint(world, paint, i, _blended(sums, r, own, scratch) if kind == rec.BLENDED else own, scratch)
 
 
 @inline
 def _own_position(world: World, paint: int, i: int, scratch: Scratch) -> float:
     """Return the map position of the splat that ray i has hit."""
-    return f64(world.map_positions[int(world.paints[paint + PAINT_POSITIONS]) + scratch.numbers[SLOT_OF + i]])
+    return f64(world.map_positions[int(world.paints[paint + rec.PAINT_POSITIONS]) + scratch.numbers[sc.SLOT_OF + i]])
 
 
 @inline
 def _paint(world: World, paint: int, i: int, map_position: float, scratch: Scratch) -> None:
     """Set the colour of ray i's hit from a map position, or from its coordinate."""
     wide = scratch.world
-    if world.paints[paint + PAINT_KIND] == BY_COORDINATE:
-        x = add(load3(wide, ORIGIN + i), scale(load3(wide, DIRECTION + i), wide[NEAREST + i]))
-        map_position = dot(load3_flat(world.paints, paint + PAINT_ALONG), x) + world.paints[paint + PAINT_START]
-    store3(wide, COLOR + i, _map_color(world, paint, map_position))
+    if world.paints[paint + rec.PAINT_KIND] == rec.BY_COORDINATE:
+        x = add(load3(wide, sc.ORIGIN + i), scale(load3(wide, sc.DIRECTION + i), wide[sc.NEAREST + i]))
+        map_position = dot(load3_flat(world.paints, paint + rec.PAINT_ALONG), x) + world.paints[paint + rec.PAINT_START]
+    store3(wide, sc.COLOR + i, _map_color(world, paint, map_position))
 
 
 @inline
 def paint_one(world: World, i: int, scratch: Scratch) -> None:
     """Set the colour of ray i's hit on a painted instance, whose slot is known, from the value of that splat alone."""
-    paint = int(world.instances[scratch.numbers[INSTANCE_OF + i] * INSTANCE + PAINT]) * PAINT_SIZE
+    paint = int(world.instances[scratch.numbers[sc.INSTANCE_OF + i] * rec.INSTANCE + rec.PAINT]) * rec.PAINT_SIZE
     own = np.nan
-    if world.paints[paint + PAINT_KIND] != BY_COORDINATE:
+    if world.paints[paint + rec.PAINT_KIND] != rec.BY_COORDINATE:
         own = _own_position(world, paint, i, scratch)
     _paint(world, paint, i, own, scratch)

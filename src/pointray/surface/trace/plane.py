@@ -7,32 +7,9 @@ import math
 import numpy as np
 
 from ...engine.jit import i64, inline
-from ...engine.kernels.records import (
-    PLANE_CHECKER,
-    PLANE_COLOR,
-    PLANE_INSTANCE,
-    PLANE_NORMAL,
-    PLANE_POINT,
-    PLANE_U,
-    PLANE_V,
-    World,
-)
-from ...engine.kernels.scratch import (
-    COLOR,
-    CUT,
-    DIRECTION,
-    INSTANCE_OF,
-    LEAF_OF,
-    NEAREST,
-    NORMAL,
-    ORIGIN,
-    SIDE_OF,
-    T_MIN,
-    TILE,
-    Scratch,
-    load3,
-    store3,
-)
+from ...engine.kernels import records as rec, scratch as sc
+from ...engine.kernels.records import World
+from ...engine.kernels.scratch import Scratch, load3, store3
 from ...engine.kernels.vec import Vec3, add, dot, length, load3_flat, scale, sub
 from ...engine.simd import ZERO
 from .space import WorldRay
@@ -48,7 +25,10 @@ def _plane_hit(world: World, plane: int, ray: WorldRay, start_rule: tuple[float,
     """
     o, d, t_min, t_max = ray
     side, cut = start_rule
-    normal, point = load3_flat(world.planes, plane + PLANE_NORMAL), load3_flat(world.planes, plane + PLANE_POINT)
+    normal, point = (
+        load3_flat(world.planes, plane + rec.PLANE_NORMAL),
+        load3_flat(world.planes, plane + rec.PLANE_POINT),
+    )
     height, rise = dot(normal, sub(o, point)), dot(normal, d)
     if t_min > -np.inf and abs(height + t_min * rise) <= ON_PLANE * (length(add(o, scale(d, t_min))) + length(point)):
         return t_min if (cut > ZERO or rise * side < 0.0) and t_min <= t_max else np.inf
@@ -59,12 +39,12 @@ def _plane_hit(world: World, plane: int, ray: WorldRay, start_rule: tuple[float,
 @inline
 def plane_color(world: World, plane: int, x: Vec3) -> Vec3:
     """Return a plane's colour at a point: plain, or a checker in which every other square has half the colour."""
-    color = load3_flat(world.planes, plane + PLANE_COLOR)
-    edge = world.planes[plane + PLANE_CHECKER]
+    color = load3_flat(world.planes, plane + rec.PLANE_COLOR)
+    edge = world.planes[plane + rec.PLANE_CHECKER]
     if edge > 0.0:
-        v = sub(x, load3_flat(world.planes, plane + PLANE_POINT))
-        a = math.floor(dot(v, load3_flat(world.planes, plane + PLANE_U)) / edge)
-        b = math.floor(dot(v, load3_flat(world.planes, plane + PLANE_V)) / edge)
+        v = sub(x, load3_flat(world.planes, plane + rec.PLANE_POINT))
+        a = math.floor(dot(v, load3_flat(world.planes, plane + rec.PLANE_U)) / edge)
+        b = math.floor(dot(v, load3_flat(world.planes, plane + rec.PLANE_V)) / edge)
         if int(a + b) % 2 != 0:
             return scale(color, 0.5)
     return color
@@ -74,12 +54,12 @@ def plane_color(world: World, plane: int, x: Vec3) -> Vec3:
 def tile_on_plane(world: World, plane: int, scratch: Scratch) -> None:
     """Find nearest hits of the tile's rays with a plane."""
     wide, numbers = scratch.world, scratch.numbers
-    for i in range(TILE):
-        o, d = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i)
-        start_rule = wide[SIDE_OF + i], scratch.model[CUT + i]
-        t = _plane_hit(world, plane, (o, d, wide[T_MIN + i], wide[NEAREST + i]), start_rule)
+    for i in range(sc.TILE):
+        o, d = load3(wide, sc.ORIGIN + i), load3(wide, sc.DIRECTION + i)
+        start_rule = wide[sc.SIDE_OF + i], scratch.model[sc.CUT + i]
+        t = _plane_hit(world, plane, (o, d, wide[sc.T_MIN + i], wide[sc.NEAREST + i]), start_rule)
         if t < np.inf:
-            wide[NEAREST + i] = t
-            store3(wide, NORMAL + i, load3_flat(world.planes, plane + PLANE_NORMAL))
-            store3(wide, COLOR + i, plane_color(world, plane, add(o, scale(d, t))))
-            numbers[INSTANCE_OF + i], numbers[LEAF_OF + i] = i64(world.planes[plane + PLANE_INSTANCE]), -1
+            wide[sc.NEAREST + i] = t
+            store3(wide, sc.NORMAL + i, load3_flat(world.planes, plane + rec.PLANE_NORMAL))
+            store3(wide, sc.COLOR + i, plane_color(world, plane, add(o, scale(d, t))))
+            numbers[sc.INSTANCE_OF + i], numbers[sc.LEAF_OF + i] = i64(world.planes[plane + rec.PLANE_INSTANCE]), -1

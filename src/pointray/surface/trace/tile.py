@@ -8,53 +8,9 @@ that pass all three tests search it. Hits are those of `traverse.closest`.
 from __future__ import annotations
 
 from ...engine.jit import Array, i32, i64, inline
-from ...engine.kernels.scratch import (
-    BEGIN,
-    COUNT_LEAVES,
-    COUNT_NODES,
-    DX,
-    DY,
-    DZ,
-    END,
-    ENTER,
-    FIRST,
-    FOUND,
-    HIT_T,
-    IX,
-    IY,
-    IZ,
-    LANES,
-    LAST,
-    LEAVE,
-    LENGTH,
-    NX,
-    NY,
-    NZ,
-    OX,
-    OY,
-    OZ,
-    SCATTER_END,
-    SCATTER_T,
-    SIDE,
-    TILE,
-    Scratch,
-)
-from ...engine.kernels.tree import (
-    CELL,
-    GROUP,
-    LEAF,
-    LONGEST,
-    NODE,
-    SCATTER,
-    SCATTERED,
-    SLAB,
-    SLAB_HI,
-    SLAB_LO,
-    WIDTH,
-    Ray,
-    Tree,
-    tree_at,
-)
+from ...engine.kernels import scratch as sc, tree as tr
+from ...engine.kernels.scratch import Scratch
+from ...engine.kernels.tree import Ray, Tree, tree_at
 from ...engine.simd import (
     ONE,
     ZERO,
@@ -87,7 +43,7 @@ ALL = -1  # all rays, as bits of an int64
 def bits_of_row(rows: Array, row: int) -> Bits:
     """Return the rays of a tile whose number in a row is not negative, as bits."""
     word = i64(0)
-    for k in range(0, TILE, LANES):
+    for k in range(0, sc.TILE, sc.LANES):
         word |= bits(load16(rows, row + k) >= ZERO) << k
     return word
 
@@ -96,7 +52,7 @@ def bits_of_row(rows: Array, row: int) -> Bits:
 def range_of(rows: Array, row: int, span: tuple[int, int]) -> tuple[float, float]:
     """Return the least and greatest number of a span of rays, (first, end), in a row."""
     low = high = load16(rows, row + span[0])
-    for k in range(span[0] + LANES, span[1], LANES):
+    for k in range(span[0] + sc.LANES, span[1], sc.LANES):
         numbers = load16(rows, row + k)
         low, high = vmin(low, numbers), vmax(high, numbers)
     return reduce_min(low), reduce_max(high)
@@ -114,18 +70,18 @@ def bounds_of_planes(rows: Array, row: int, inverse: int, span: tuple[int, int])
 def tile_ray(rows: Array, i: int) -> Ray:
     """Return ray i of the tile."""
     return Ray(
-        rows[OX + i],
-        rows[OY + i],
-        rows[OZ + i],
-        rows[DX + i],
-        rows[DY + i],
-        rows[DZ + i],
-        rows[IX + i],
-        rows[IY + i],
-        rows[IZ + i],
-        rows[BEGIN + i],
-        rows[END + i],
-        rows[SIDE + i],
+        rows[sc.OX + i],
+        rows[sc.OY + i],
+        rows[sc.OZ + i],
+        rows[sc.DX + i],
+        rows[sc.DY + i],
+        rows[sc.DZ + i],
+        rows[sc.IX + i],
+        rows[sc.IY + i],
+        rows[sc.IZ + i],
+        rows[sc.BEGIN + i],
+        rows[sc.END + i],
+        rows[sc.SIDE + i],
     )
 
 
@@ -136,36 +92,36 @@ def _leaf_intervals(tree: Tree, leaf: int, box: int, planes: tuple[Planes, Plane
     planes : rows of the near and the far planes of boxes, and the start of the traversal
     """
     near, far, begin = planes
-    ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
-    ix, iy, iz = load16(rows, IX + v), load16(rows, IY + v), load16(rows, IZ + v)
-    offset, leaves, boxes = leaf * LEAF, tree.leaves, tree.boxes
-    length = load16(rows, LENGTH + v)
+    ox, oy, oz = load16(rows, sc.OX + v), load16(rows, sc.OY + v), load16(rows, sc.OZ + v)
+    ix, iy, iz = load16(rows, sc.IX + v), load16(rows, sc.IY + v), load16(rows, sc.IZ + v)
+    offset, leaves, boxes = leaf * tr.LEAF, tree.leaves, tree.boxes
+    length = load16(rows, sc.LENGTH + v)
     enter = vmax(
-        vmax((leaves[offset + CELL + near[0]] - ox) * ix, (leaves[offset + CELL + near[1]] - oy) * iy),
-        vmax((leaves[offset + CELL + near[2]] - oz) * iz, broadcast16(begin)),
+        vmax((leaves[offset + tr.CELL + near[0]] - ox) * ix, (leaves[offset + tr.CELL + near[1]] - oy) * iy),
+        vmax((leaves[offset + tr.CELL + near[2]] - oz) * iz, broadcast16(begin)),
     )
     leave = vmin(
-        vmin((leaves[offset + CELL + far[0]] - ox) * ix, (leaves[offset + CELL + far[1]] - oy) * iy),
-        vmin((leaves[offset + CELL + far[2]] - oz) * iz, length),
+        vmin((leaves[offset + tr.CELL + far[0]] - ox) * ix, (leaves[offset + tr.CELL + far[1]] - oy) * iy),
+        vmin((leaves[offset + tr.CELL + far[2]] - oz) * iz, length),
     )
     first = vmax(
-        vmax((boxes[box + near[0] * WIDTH] - ox) * ix, (boxes[box + near[1] * WIDTH] - oy) * iy),
-        vmax((boxes[box + near[2] * WIDTH] - oz) * iz, enter),
+        vmax((boxes[box + near[0] * tr.WIDTH] - ox) * ix, (boxes[box + near[1] * tr.WIDTH] - oy) * iy),
+        vmax((boxes[box + near[2] * tr.WIDTH] - oz) * iz, enter),
     )
     inside = first <= vmin(
-        vmin((boxes[box + far[0] * WIDTH] - ox) * ix, (boxes[box + far[1] * WIDTH] - oy) * iy),
-        vmin((boxes[box + far[2] * WIDTH] - oz) * iz, leave),
+        vmin((boxes[box + far[0] * tr.WIDTH] - ox) * ix, (boxes[box + far[1] * tr.WIDTH] - oy) * iy),
+        vmin((boxes[box + far[2] * tr.WIDTH] - oz) * iz, leave),
     )
-    mx, my, mz = leaves[offset + SLAB], leaves[offset + SLAB + 1], leaves[offset + SLAB + 2]
+    mx, my, mz = leaves[offset + tr.SLAB], leaves[offset + tr.SLAB + 1], leaves[offset + tr.SLAB + 2]
     height = mx * ox + my * oy + mz * oz
-    rise = mx * load16(rows, DX + v) + my * load16(rows, DY + v) + mz * load16(rows, DZ + v)
+    rise = mx * load16(rows, sc.DX + v) + my * load16(rows, sc.DY + v) + mz * load16(rows, sc.DZ + v)
     rise = ONE / select(vabs(rise) < broadcast16(FLAT), broadcast16(FLAT), rise)
-    a, b = (leaves[offset + SLAB_LO] - height) * rise, (leaves[offset + SLAB_HI] - height) * rise
+    a, b = (leaves[offset + tr.SLAB_LO] - height) * rise, (leaves[offset + tr.SLAB_HI] - height) * rise
     first, last = vmax(first, vmin(a, b)), vmin(leave, vmax(a, b))
-    store(rows, ENTER + v, enter)
-    store(rows, LEAVE + v, leave)
-    store(rows, FIRST + v, first)
-    store(rows, LAST + v, last)
+    store(rows, sc.ENTER + v, enter)
+    store(rows, sc.LEAVE + v, leave)
+    store(rows, sc.FIRST + v, first)
+    store(rows, sc.LAST + v, last)
     return bits(inside & (first <= last))
 
 
@@ -179,25 +135,25 @@ def _search(tree: Tree, leaf: int, passing: Bits, scratch: Scratch) -> Bits:
     while passing != 0:
         i = count_trailing_zeros(passing)
         passing &= passing - 1
-        interval = rows[ENTER + i], rows[LEAVE + i], rows[FIRST + i], rows[LAST + i]
+        interval = rows[sc.ENTER + i], rows[sc.LEAVE + i], rows[sc.FIRST + i], rows[sc.LAST + i]
         hit, lift = search_alone(tree, leaf, tile_ray(rows, i), interval, ZERO, scratch)
         if lift != ZERO:
             lifted |= i64(1) << i
         if hit.leaf >= 0:
-            rows[HIT_T + i], rows[NX + i], rows[NY + i], rows[NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
-            rows[LENGTH + i] = rows[ENTER + i]
-            scratch.numbers[FOUND + i] = leaf
+            rows[sc.HIT_T + i], rows[sc.NX + i], rows[sc.NY + i], rows[sc.NZ + i] = hit.t, hit.nx, hit.ny, hit.nz
+            rows[sc.LENGTH + i] = rows[sc.ENTER + i]
+            scratch.numbers[sc.FOUND + i] = leaf
     return lifted
 
 
 @inline
 def _prefetch_search(tree: Tree, child: int) -> None:
     """Prefetch the data that a search of the next leaf reads first."""
-    if child < 0 and i64(~child) < SCATTERED:
+    if child < 0 and i64(~child) < tr.SCATTERED:
         first, count = tree.spans[2 * ~child], tree.spans[2 * ~child + 1]
         for group in range(first, first + count):
-            for k in range(0, GROUP, 16):
-                prefetch(tree.spheres, i64(group) * GROUP + k)
+            for k in range(0, tr.GROUP, 16):
+                prefetch(tree.spheres, i64(group) * tr.GROUP + k)
             prefetch(tree.refs, i64(group) * 16)
         prefetch_columns(tree, ~child)
 
@@ -209,16 +165,16 @@ def _search_scattered(
     """Search a leaf of scattered points for the rays that pass through its box; return whether any hits."""
     near, far, begin = planes
     rows, boxes, found = scratch.model, tree.boxes, i64(0)
-    for v in range(span[0], span[1], LANES):
-        ox, oy, oz = load16(rows, OX + v), load16(rows, OY + v), load16(rows, OZ + v)
-        ix, iy, iz = load16(rows, IX + v), load16(rows, IY + v), load16(rows, IZ + v)
+    for v in range(span[0], span[1], sc.LANES):
+        ox, oy, oz = load16(rows, sc.OX + v), load16(rows, sc.OY + v), load16(rows, sc.OZ + v)
+        ix, iy, iz = load16(rows, sc.IX + v), load16(rows, sc.IY + v), load16(rows, sc.IZ + v)
         enter = vmax(
-            vmax((boxes[box + near[0] * WIDTH] - ox) * ix, (boxes[box + near[1] * WIDTH] - oy) * iy),
-            vmax((boxes[box + near[2] * WIDTH] - oz) * iz, broadcast16(begin)),
+            vmax((boxes[box + near[0] * tr.WIDTH] - ox) * ix, (boxes[box + near[1] * tr.WIDTH] - oy) * iy),
+            vmax((boxes[box + near[2] * tr.WIDTH] - oz) * iz, broadcast16(begin)),
         )
         leave = vmin(
-            vmin((boxes[box + far[0] * WIDTH] - ox) * ix, (boxes[box + far[1] * WIDTH] - oy) * iy),
-            vmin((boxes[box + far[2] * WIDTH] - oz) * iz, load16(rows, SCATTER_END + v)),
+            vmin((boxes[box + far[0] * tr.WIDTH] - ox) * ix, (boxes[box + far[1] * tr.WIDTH] - oy) * iy),
+            vmin((boxes[box + far[2] * tr.WIDTH] - oz) * iz, load16(rows, sc.SCATTER_END + v)),
         )
         passing = bits(enter <= leave)
         if passing != 0:
@@ -233,19 +189,19 @@ def _shorten(tree: Tree, span: tuple[int, int], any_hit: bool, scratch: Scratch)
     Scattered points are searched up to the nearest hit, and the surface one step beyond the nearest of them: a shorter
     ray hits what the whole one does.
     """
-    rows, longest = scratch.model, tree.head[LONGEST]
+    rows, longest = scratch.model, tree.head[tr.LONGEST]
     ended = broadcast16(-ONE)
     farthest = ended
-    for v in range(span[0], span[1], LANES):
-        surface, scattered = load16(rows, HIT_T + v), load16(rows, SCATTER_T + v)
-        length, end = load16(rows, LENGTH + v), vmin(load16(rows, SCATTER_END + v), surface)
+    for v in range(span[0], span[1], sc.LANES):
+        surface, scattered = load16(rows, sc.HIT_T + v), load16(rows, sc.SCATTER_T + v)
+        length, end = load16(rows, sc.LENGTH + v), vmin(load16(rows, sc.SCATTER_END + v), surface)
         length = vmin(length, scattered + longest)
         if any_hit:
-            sure = vmin(surface, scattered) < (ONE - ROUNDING) * load16(rows, END + v) - (longest + longest)
+            sure = vmin(surface, scattered) < (ONE - ROUNDING) * load16(rows, sc.END + v) - (longest + longest)
             length = select(sure, ended, length)
         end = select(length < ZERO, ended, end)
-        store(rows, LENGTH + v, length)
-        store(rows, SCATTER_END + v, end)
+        store(rows, sc.LENGTH + v, length)
+        store(rows, sc.SCATTER_END + v, end)
         farthest = vmax(farthest, vmax(length, end))
     return reduce_max(farthest)
 
@@ -256,16 +212,16 @@ def _end_where_hit(tree: Tree, span: tuple[int, int], scratch: Scratch) -> None:
 
     The voxel before may find the same root up to a step farther, see `scratch.LENGTH`; a step more is in END.
     """
-    rows, steps = scratch.model, tree.head[LONGEST] + tree.head[LONGEST]
+    rows, steps = scratch.model, tree.head[tr.LONGEST] + tree.head[tr.LONGEST]
     for k in range(span[0], span[1]):
-        sure = (scratch.numbers[FOUND + k] >= 0) & (rows[HIT_T + k] < (ONE - ROUNDING) * rows[END + k] - steps)
-        rows[LENGTH + k] = -ONE if sure else rows[LENGTH + k]
+        sure = (scratch.numbers[sc.FOUND + k] >= 0) & (rows[sc.HIT_T + k] < (ONE - ROUNDING) * rows[sc.END + k] - steps)
+        rows[sc.LENGTH + k] = -ONE if sure else rows[sc.LENGTH + k]
 
 
 @inline
 def _walk_begin(tree: Tree, rows: Array, span: tuple[int, int]) -> float:
     """Return where the traversal begins: at the first ray of a span. Values may be signed, see `scratch.BEGIN`."""
-    low, high = range_of(rows, BEGIN, span)
+    low, high = range_of(rows, sc.BEGIN, span)
     return walk_begin(tree, low if low >= ZERO else min(high, ZERO))
 
 
@@ -278,22 +234,22 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
     """
     tree = tree_at(table, model)
     rows = scratch.model
-    x = bounds_of_planes(rows, OX, IX, span)
-    y = bounds_of_planes(rows, OY, IY, span)
-    z = bounds_of_planes(rows, OZ, IZ, span)
+    x = bounds_of_planes(rows, sc.OX, sc.IX, span)
+    y = bounds_of_planes(rows, sc.OY, sc.IY, span)
+    z = bounds_of_planes(rows, sc.OZ, sc.IZ, span)
     near_rows = near_planes(x[2], y[2], z[2])
     begin = _walk_begin(tree, rows, span)
     planes = near_rows, far_planes(near_rows), begin
-    px, py, pz = planes[0][0] * WIDTH, planes[0][1] * WIDTH, planes[0][2] * WIDTH
-    qx, qy, qz = planes[1][0] * WIDTH, planes[1][1] * WIDTH, planes[1][2] * WIDTH
+    px, py, pz = planes[0][0] * tr.WIDTH, planes[0][1] * tr.WIDTH, planes[0][2] * tr.WIDTH
+    qx, qy, qz = planes[1][0] * tr.WIDTH, planes[1][1] * tr.WIDTH, planes[1][2] * tr.WIDTH
     stack, stack_near = scratch.stack, scratch.stack_near
-    farthest, scattered = range_of(rows, LENGTH, span)[1], tree.head[SCATTER] > ZERO
+    farthest, scattered = range_of(rows, sc.LENGTH, span)[1], tree.head[tr.SCATTER] > ZERO
     if scattered:
-        begin_scattered(rows, scratch.numbers, LENGTH, span)
+        begin_scattered(rows, scratch.numbers, sc.LENGTH, span)
     node, top, lifted = 0, 0, i64(0)
     while True:
-        scratch.counts[COUNT_NODES] += 1
-        offset = i64(node) * NODE
+        scratch.counts[sc.COUNT_NODES] += 1
+        offset = i64(node) * tr.NODE
         ax, bx = load8(tree.boxes, offset + px) - x[0], load8(tree.boxes, offset + qx) - x[1]
         ay, by = load8(tree.boxes, offset + py) - y[0], load8(tree.boxes, offset + qy) - y[1]
         az, bz = load8(tree.boxes, offset + pz) - z[0], load8(tree.boxes, offset + qz) - z[1]
@@ -310,8 +266,8 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
         while left != 0:
             k = count_trailing_zeros(left)
             left &= left - 1
-            top = insert(stack, stack_near, bottom, top, i32(node * WIDTH + k), lane(near, k))
-            prefetch_child(tree, tree.children[node * WIDTH + k])
+            top = insert(stack, stack_near, bottom, top, i32(node * tr.WIDTH + k), lane(near, k))
+            prefetch_child(tree, tree.children[node * tr.WIDTH + k])
         while True:
             if top == 0:
                 if scattered:
@@ -324,17 +280,17 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
             node = tree.children[slot]
             if node >= 0:
                 break
-            scratch.counts[COUNT_LEAVES] += 1
+            scratch.counts[sc.COUNT_LEAVES] += 1
             leaf = i64(~node)
             if top > 0:
                 _prefetch_search(tree, tree.children[i64(stack[top - 1])])
-            box = slot // WIDTH * NODE + slot % WIDTH
-            if leaf >= SCATTERED:
-                if _search_scattered(tree, leaf - SCATTERED, box, planes, span, scratch):
+            box = slot // tr.WIDTH * tr.NODE + slot % tr.WIDTH
+            if leaf >= tr.SCATTERED:
+                if _search_scattered(tree, leaf - tr.SCATTERED, box, planes, span, scratch):
                     farthest = _shorten(tree, span, any_hit, scratch)
                 continue
             passing = i64(0)
-            for v in range(span[0], span[1], LANES):
+            for v in range(span[0], span[1], sc.LANES):
                 passing |= _leaf_intervals(tree, leaf, box, planes, rows, v) << v
             if passing != 0:
                 lifted |= _search(tree, leaf, passing, scratch)
@@ -343,4 +299,4 @@ def closest_of_tile(table: Array, model: int, span: tuple[int, int], any_hit: bo
                     continue
                 if any_hit:
                     _end_where_hit(tree, span, scratch)
-                farthest = range_of(rows, LENGTH, span)[1]
+                farthest = range_of(rows, sc.LENGTH, span)[1]

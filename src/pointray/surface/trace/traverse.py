@@ -5,26 +5,9 @@ from __future__ import annotations
 from typing import TypeAlias
 
 from ...engine.jit import Array, f32, i64, inline
+from ...engine.kernels import tree as tr
 from ...engine.kernels.scratch import COUNT_LEAVES, COUNT_NODES, Scratch
-from ...engine.kernels.tree import (
-    BLOCK,
-    CELL,
-    LEAF,
-    LEAF_BLOCKS,
-    LONGEST,
-    NODE,
-    PATCH,
-    SCATTER,
-    SCATTERED,
-    SLAB,
-    SLAB_HI,
-    SLAB_LO,
-    WIDTH,
-    Hit,
-    Ray,
-    Tree,
-    tree_at,
-)
+from ...engine.kernels.tree import Hit, Ray, Tree, tree_at
 from ...engine.kernels.vec import Vec3
 from ...engine.simd import INF, ONE, ZERO, bits, broadcast8, count_trailing_zeros, lane, load8, prefetch, vmax, vmin
 from ..intersect.columns import FLAT
@@ -71,7 +54,7 @@ def _voxel_interval(
     """Return where the ray enters and leaves the leaf's voxel, within the limits: begin and end of the search."""
     near, far = rows
     begin, end = limits
-    offset, leaves = leaf * LEAF + CELL, tree.leaves
+    offset, leaves = leaf * tr.LEAF + tr.CELL, tree.leaves
     enter = max(
         max((leaves[offset + near[0]] - ray.ox) * ray.ix, (leaves[offset + near[1]] - ray.oy) * ray.iy),
         max((leaves[offset + near[2]] - ray.oz) * ray.iz, begin),
@@ -86,12 +69,12 @@ def _voxel_interval(
 @inline
 def _slab_interval(tree: Tree, leaf: int, ray: Ray, interval: tuple[float, float]) -> tuple[float, float]:
     """Return the part of an interval inside the leaf's slab; empty if enter > leave."""
-    offset = leaf * LEAF
-    mx, my, mz = tree.leaves[offset + SLAB], tree.leaves[offset + SLAB + 1], tree.leaves[offset + SLAB + 2]
+    offset = leaf * tr.LEAF
+    mx, my, mz = tree.leaves[offset + tr.SLAB], tree.leaves[offset + tr.SLAB + 1], tree.leaves[offset + tr.SLAB + 2]
     height = mx * ray.ox + my * ray.oy + mz * ray.oz
     rise = mx * ray.dx + my * ray.dy + mz * ray.dz
     rise = ONE / (FLAT if abs(rise) < FLAT else rise)
-    a, b = (tree.leaves[offset + SLAB_LO] - height) * rise, (tree.leaves[offset + SLAB_HI] - height) * rise
+    a, b = (tree.leaves[offset + tr.SLAB_LO] - height) * rise, (tree.leaves[offset + tr.SLAB_HI] - height) * rise
     return max(interval[0], min(a, b)), min(interval[1], max(a, b))
 
 
@@ -100,35 +83,35 @@ def prefetch_child(tree: Tree, child: int) -> None:
     """Prefetch the data of a child for its traversal: in distant views rays wait for memory a quarter of their time."""
     if child < 0:
         leaf = i64(~child)
-        if leaf >= SCATTERED:
-            for k in range(0, LEAF_BLOCKS * BLOCK, 16):
-                prefetch(tree.blocks, (leaf - SCATTERED) * BLOCK + k)
+        if leaf >= tr.SCATTERED:
+            for k in range(0, tr.LEAF_BLOCKS * tr.BLOCK, 16):
+                prefetch(tree.blocks, (leaf - tr.SCATTERED) * tr.BLOCK + k)
             return
-        prefetch(tree.leaves, leaf * LEAF)
+        prefetch(tree.leaves, leaf * tr.LEAF)
         prefetch(tree.spans, 2 * leaf)
     else:
-        for k in range(0, NODE, 16):
-            prefetch(tree.boxes, i64(child) * NODE + k)
-        prefetch(tree.children, i64(child) * WIDTH)
+        for k in range(0, tr.NODE, 16):
+            prefetch(tree.boxes, i64(child) * tr.NODE + k)
+        prefetch(tree.children, i64(child) * tr.WIDTH)
 
 
 @inline
 def prefetch_columns(tree: Tree, leaf: int) -> None:
     """Prefetch a leaf's columns, which saves 3% of the time of bounces at a million points."""
-    for k in range(0, PATCH, 16):
-        prefetch(tree.patches, i64(leaf) * PATCH + k)
+    for k in range(0, tr.PATCH, 16):
+        prefetch(tree.patches, i64(leaf) * tr.PATCH + k)
 
 
 @inline
 def walk_begin(tree: Tree, begin: float) -> float:
     """Return where a ray's traversal begins: a step before the ray, see `surface/intersect/march.py`."""
-    return max(abs(begin) - tree.head[LONGEST], ZERO)
+    return max(abs(begin) - tree.head[tr.LONGEST], ZERO)
 
 
 @inline
 def is_sure(tree: Tree, t: float, end: float) -> bool:
     """Return whether a hit is certainly before a ray's end, which is followed a step farther, see `scratch.END`."""
-    return t < (ONE - ROUNDING) * end - (tree.head[LONGEST] + tree.head[LONGEST])
+    return t < (ONE - ROUNDING) * end - (tree.head[tr.LONGEST] + tree.head[tr.LONGEST])
 
 
 @inline
@@ -140,7 +123,7 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
     scattered points overlap each other and the surface.
     """
     tree = tree_at(table, model)
-    lift, scattered = ZERO, tree.head[SCATTER] > ZERO
+    lift, scattered = ZERO, tree.head[tr.SCATTER] > ZERO
     first = Hit(INF, ZERO, ZERO, ZERO, -1)  # on the surface
     nearest, slot, end = ray.t_max, i64(-1), ray.t_max  # of scattered points; `end`: end of the whole search
     begin = walk_begin(tree, ray.t_min)
@@ -148,13 +131,13 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
     rows: Planes | tuple[Planes, Planes]
     rows = near_planes(ix, iy, iz)
     rows = rows, far_planes(rows)
-    nx, ny, nz = rows[0][0] * WIDTH, rows[0][1] * WIDTH, rows[0][2] * WIDTH
-    fx, fy, fz = rows[1][0] * WIDTH, rows[1][1] * WIDTH, rows[1][2] * WIDTH
+    nx, ny, nz = rows[0][0] * tr.WIDTH, rows[0][1] * tr.WIDTH, rows[0][2] * tr.WIDTH
+    fx, fy, fz = rows[1][0] * tr.WIDTH, rows[1][1] * tr.WIDTH, rows[1][2] * tr.WIDTH
     stack, stack_near = scratch.stack, scratch.stack_near
     node, top = 0, 0
     while True:
         scratch.counts[COUNT_NODES] += 1
-        offset = i64(node) * NODE
+        offset = i64(node) * tr.NODE
         near = vmax(
             vmax((load8(tree.boxes, offset + nx) - ray.ox) * ix, (load8(tree.boxes, offset + ny) - ray.oy) * iy),
             vmax((load8(tree.boxes, offset + nz) - ray.oz) * iz, broadcast8(begin)),
@@ -165,7 +148,7 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
         )
         left = bits(near <= far)
         if left & (left - 1) == 0 and left != 0:
-            child = tree.children[node * WIDTH + count_trailing_zeros(left)]
+            child = tree.children[node * tr.WIDTH + count_trailing_zeros(left)]
             if child >= 0:  # an only child bypasses the stack: saves 1 to 2% of the time of bounces
                 node = child
                 continue
@@ -173,9 +156,9 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
         while left != 0:
             k = count_trailing_zeros(left)
             left &= left - 1
-            child = tree.children[node * WIDTH + k]
+            child = tree.children[node * tr.WIDTH + k]
             prefetch_child(tree, child)  # saves 1 to 6% of the time of bounces
-            if child < 0 and i64(~child) < SCATTERED:
+            if child < 0 and i64(~child) < tr.SCATTERED:
                 prefetch_columns(tree, ~child)
             top = insert(stack, stack_near, bottom, top, child, lane(near, k))
         while True:
@@ -191,10 +174,10 @@ def closest(table: Array, model: int, ray: Ray, any_hit: bool, scratch: Scratch)
                 break
             scratch.counts[COUNT_LEAVES] += 1
             leaf = i64(~node)
-            if leaf >= SCATTERED:
-                nearest, slot = nearest_of_leaf(tree, leaf - SCATTERED, ray, nearest, slot)
+            if leaf >= tr.SCATTERED:
+                nearest, slot = nearest_of_leaf(tree, leaf - tr.SCATTERED, ray, nearest, slot)
                 if slot >= 0:
-                    end = min(end, nearest + tree.head[LONGEST])
+                    end = min(end, nearest + tree.head[tr.LONGEST])
                     if any_hit and is_sure(tree, nearest, ray.t_max):
                         top = 0
                 continue

@@ -8,21 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from ...engine.jit import borrow, i64, inline, routine
+from ...engine.kernels import scratch as sc
 from ...engine.kernels.records import CLIP, CLIP_OFFSET, INSTANCE, PLANE_SIZE, World
-from ...engine.kernels.scratch import (
-    ANYWHERE,
-    CUT,
-    DIRECTION,
-    INSTANCE_OF,
-    NEAREST,
-    ORIGIN,
-    SIDE_OF,
-    T_MIN,
-    TILE,
-    Scratch,
-    load3,
-    store3,
-)
+from ...engine.kernels.scratch import Scratch, load3, store3
 from ...engine.kernels.vec import Vec3, dot, either, length, load3_flat
 from ...engine.simd import ONE, ZERO
 from .instance import through_instance
@@ -43,31 +31,36 @@ def is_ray(o: Vec3, d: Vec3, t_min: float, t_max: float) -> bool:
 @inline
 def set_ray(scratch: Scratch, i: int, ray: WorldRay) -> None:
     """Set ray i of the tile to (o, d, t_min, t_max), starting outside of surfaces, like a ray of a camera or caller."""
-    set_ray_from(scratch, i, ray, ANYWHERE)
+    set_ray_from(scratch, i, ray, sc.ANYWHERE)
 
 
 @inline
 def set_ray_from(scratch: Scratch, i: int, ray: WorldRay, side: float) -> None:
     """Set ray i of the tile to (o, d, t_min, t_max), on one side of the surface that it may start on: +1 or -1."""
     wide = scratch.world
-    wide[SIDE_OF + i] = side
-    store3(wide, ORIGIN + i, ray[0])
-    store3(wide, DIRECTION + i, ray[1])
-    wide[T_MIN + i], wide[NEAREST + i] = ray[2], ray[3]
+    wide[sc.SIDE_OF + i] = side
+    store3(wide, sc.ORIGIN + i, ray[0])
+    store3(wide, sc.DIRECTION + i, ray[1])
+    wide[sc.T_MIN + i], wide[sc.NEAREST + i] = ray[2], ray[3]
 
 
 @inline
 def _settle(scratch: Scratch) -> None:
     """Reset all hits; make degenerate rays miss everything. No branches: the rays are processed as vectors."""
     wide = scratch.world
-    for i in range(TILE):
-        o, d, t_min, t_max = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i], wide[NEAREST + i]
+    for i in range(sc.TILE):
+        o, d, t_min, t_max = (
+            load3(wide, sc.ORIGIN + i),
+            load3(wide, sc.DIRECTION + i),
+            wide[sc.T_MIN + i],
+            wide[sc.NEAREST + i],
+        )
         good = is_ray(o, d, t_min, t_max)
-        store3(wide, ORIGIN + i, either(good, o, (0.0, 0.0, 0.0)))
-        store3(wide, DIRECTION + i, either(good, d, (1.0, 0.0, 0.0)))
-        wide[T_MIN + i], wide[NEAREST + i] = (t_min if good else 0.0), (t_max if good else -1.0)
-    for i in range(TILE):
-        scratch.numbers[INSTANCE_OF + i] = -1
+        store3(wide, sc.ORIGIN + i, either(good, o, (0.0, 0.0, 0.0)))
+        store3(wide, sc.DIRECTION + i, either(good, d, (1.0, 0.0, 0.0)))
+        wide[sc.T_MIN + i], wide[sc.NEAREST + i] = (t_min if good else 0.0), (t_max if good else -1.0)
+    for i in range(sc.TILE):
+        scratch.numbers[sc.INSTANCE_OF + i] = -1
 
 
 @inline
@@ -75,8 +68,8 @@ def _cut_by(world: World, clip: int, scratch: Scratch) -> None:
     """Cut the tile's rays by one clip plane. No branches: the rays are processed as vectors."""
     wide = scratch.world
     normal, offset = load3_flat(world.clips, clip), world.clips[clip + CLIP_OFFSET]
-    for i in range(TILE):
-        o, d, t_min = load3(wide, ORIGIN + i), load3(wide, DIRECTION + i), wide[T_MIN + i]
+    for i in range(sc.TILE):
+        o, d, t_min = load3(wide, sc.ORIGIN + i), load3(wide, sc.DIRECTION + i), wide[sc.T_MIN + i]
         height, rise = dot(normal, o) - offset, dot(normal, d)
         t = -height / rise
         # A ray parallel to the plane is kept or cut as a whole.
@@ -84,30 +77,33 @@ def _cut_by(world: World, clip: int, scratch: Scratch) -> None:
         high = t if rise > 0.0 else (-np.inf if (rise == 0.0) & (height > 0.0) else np.inf)
         # The start of a ray on a surface that touches the plane may lie beyond the plane by a rounding error.
         beyond = height + t_min * rise > ON_PLANE * (length(o) + abs(offset))
-        scratch.model[CUT + i] = ONE if (low > t_min) & beyond else scratch.model[CUT + i]
-        wide[T_MIN + i] = low if low > t_min else t_min
-        wide[NEAREST + i] = high if high < wide[NEAREST + i] else wide[NEAREST + i]
+        scratch.model[sc.CUT + i] = ONE if (low > t_min) & beyond else scratch.model[sc.CUT + i]
+        wide[sc.T_MIN + i] = low if low > t_min else t_min
+        wide[sc.NEAREST + i] = high if high < wide[sc.NEAREST + i] else wide[sc.NEAREST + i]
 
 
 @inline
 def _cut(world: World, scratch: Scratch) -> None:
     """Cut the tile's rays by the scene's clip planes; a ray without a remaining part misses everything."""
     wide = scratch.world
-    for i in range(TILE):
-        scratch.model[CUT + i] = ZERO
+    for i in range(sc.TILE):
+        scratch.model[sc.CUT + i] = ZERO
     for clip in range(0, world.clips.size, CLIP):
         _cut_by(world, clip, scratch)
-    for i in range(TILE):
-        left = (wide[T_MIN + i] <= wide[NEAREST + i]) & (wide[T_MIN + i] < np.inf)
-        wide[T_MIN + i], wide[NEAREST + i] = (wide[T_MIN + i] if left else 0.0), (wide[NEAREST + i] if left else -1.0)
+    for i in range(sc.TILE):
+        left = (wide[sc.T_MIN + i] <= wide[sc.NEAREST + i]) & (wide[sc.T_MIN + i] < np.inf)
+        wide[sc.T_MIN + i], wide[sc.NEAREST + i] = (
+            (wide[sc.T_MIN + i] if left else 0.0),
+            (wide[sc.NEAREST + i] if left else -1.0),
+        )
 
 
 @inline
 def _end_where_hit(scratch: Scratch) -> None:
     """End the rays at their hits."""
-    for i in range(TILE):
+    for i in range(sc.TILE):
         wide = scratch.world
-        wide[NEAREST + i] = -1.0 if scratch.numbers[INSTANCE_OF + i] >= 0 else wide[NEAREST + i]
+        wide[sc.NEAREST + i] = -1.0 if scratch.numbers[sc.INSTANCE_OF + i] >= 0 else wide[sc.NEAREST + i]
 
 
 @routine
@@ -152,13 +148,13 @@ def occlude_tile(world: World, scratch: Scratch) -> None:
 @inline
 def is_blocked(scratch: Scratch, i: int) -> bool:
     """Return whether ray i of the tile has hit anything."""
-    return scratch.numbers[INSTANCE_OF + i] >= 0
+    return scratch.numbers[sc.INSTANCE_OF + i] >= 0
 
 
 @inline
 def meets_nothing(scratch: Scratch) -> bool:
     """Return whether all of the tile's rays miss."""
     greatest = i64(-1)
-    for i in range(TILE):
-        greatest = max(greatest, scratch.numbers[INSTANCE_OF + i])
+    for i in range(sc.TILE):
+        greatest = max(greatest, scratch.numbers[sc.INSTANCE_OF + i])
     return greatest < 0

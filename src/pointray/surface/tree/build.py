@@ -12,22 +12,8 @@ from ...base.choices import SURFACES, number_of
 from ...cloud.neighbors import kd_order
 from ...cloud.statistics import quantize
 from ...engine.jit import run
-from ...engine.kernels.tree import (
-    BOUNDS,
-    GROUP,
-    HEAD,
-    LEAF,
-    LONGEST,
-    NODE,
-    OVERHANG,
-    PATCH,
-    REFINE,
-    STEP,
-    SURFACE,
-    TRIM,
-    WIDTH,
-    Tree,
-)
+from ...engine.kernels import tree as tr
+from ...engine.kernels.tree import Tree
 from .blocks import make_blocks
 from .leaves import fill_groups, fill_leaves, limits_of, longest_step
 from .settings import TreeSettings
@@ -112,9 +98,9 @@ def build_tree(
     report(0.7)
 
     nodes = np.flatnonzero(cells.children[:, 0] < 0).astype(np.int32)
-    leaves = np.zeros(len(nodes) * LEAF, np.float32)
+    leaves = np.zeros(len(nodes) * tr.LEAF, np.float32)
     tight = np.empty((len(nodes), 6))
-    patches = np.empty(len(nodes) * PATCH, np.float32)
+    patches = np.empty(len(nodes) * tr.PATCH, np.float32)
     chosen = (limits_of(settings.surface, settings.trim), settings.samples, whole.reference, int(settings.cut))
     marks = _borders(order, splats.borders, len(bounds)), _facing(order, splats, len(bounds))
     out = nodes, leaves, patches, tight
@@ -126,7 +112,7 @@ def build_tree(
     spans = np.empty((len(nodes), 2), np.int32)
     spans[:, 0], spans[:, 1] = np.cumsum(counts) - counts, counts
     groups = int(counts.sum())
-    spheres, refs = np.empty(groups * GROUP, np.float32), np.empty(groups * 16, np.int32)
+    spheres, refs = np.empty(groups * tr.GROUP, np.float32), np.empty(groups * 16, np.int32)
     run(fill_groups, -(-len(nodes) // 64), cells, nodes, bounds, (spans.reshape(-1), spheres, refs), threads=threads)
 
     leaf_of = np.full(len(cells.children), -1, np.int32)
@@ -134,20 +120,24 @@ def build_tree(
     node_boxes = np.empty((len(cells.children), 6))
     enclose(cells.children, leaf_of, tight, node_boxes)
     room = len(cells.children)
-    wide_boxes, wide_children = np.empty(room * NODE, np.float32), np.empty(room * WIDTH, np.int32)
+    wide_boxes, wide_children = np.empty(room * tr.NODE, np.float32), np.empty(room * tr.WIDTH, np.int32)
     wide = collapse(cells.children, leaf_of, node_boxes, (wide_boxes, wide_children))
 
-    head = np.zeros(HEAD, np.float32)
+    head = np.zeros(tr.HEAD, np.float32)
     # Bounds of supports, not boxes: the sample lattice starts where a ray enters them, independently of the tree.
-    head[BOUNDS : BOUNDS + 6] = whole.bounds
-    head[SURFACE], head[REFINE], head[TRIM] = number_of(SURFACES, settings.surface), settings.refine, settings.trim
-    head[OVERHANG] = settings.overhang
-    head[LONGEST] = leaves.reshape(-1, LEAF)[:, STEP].max(initial=0.0)
+    head[tr.BOUNDS : tr.BOUNDS + 6] = whole.bounds
+    head[tr.SURFACE], head[tr.REFINE], head[tr.TRIM] = (
+        number_of(SURFACES, settings.surface),
+        settings.refine,
+        settings.trim,
+    )
+    head[tr.OVERHANG] = settings.overhang
+    head[tr.LONGEST] = leaves.reshape(-1, tr.LEAF)[:, tr.STEP].max(initial=0.0)
     report(1.0)
     return Tree(
         head,
-        wide_boxes[: wide * NODE].copy(),
-        wide_children[: wide * WIDTH].copy(),
+        wide_boxes[: wide * tr.NODE].copy(),
+        wide_children[: wide * tr.WIDTH].copy(),
         leaves,
         patches,
         spans.reshape(-1),

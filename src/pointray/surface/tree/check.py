@@ -9,32 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from ...engine.jit import uncompiled
-from ...engine.kernels.tree import (
-    BLOCK,
-    CELL,
-    COLUMNS,
-    DISC,
-    IMLS,
-    LEAF,
-    LEAF_BLOCKS,
-    NO_CHILD,
-    PAPER,
-    PATCH,
-    PATCH_B,
-    PATCH_C,
-    PATCH_HIGH,
-    PATCH_LOW,
-    RADIUS,
-    SCATTERED,
-    SLAB,
-    SLAB_HI,
-    SLAB_LO,
-    SURFACE,
-    TRIM,
-    WIDTH,
-    Tree,
-    first_scattered,
-)
+from ...engine.kernels import tree as tr
+from ...engine.kernels.tree import Tree, first_scattered
 from .columns import across
 from .indices import check_lengths
 
@@ -65,9 +41,9 @@ def check_tree(tree: Tree, positions: int = 20_000, seed: int = 0) -> list[str]:
 
 def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
     """Check that each node and leaf is reached once; also return leaf boxes (leaves, 6), empty if not reached."""
-    children = tree.children.reshape(-1, WIDTH)
-    rows = tree.boxes.reshape(-1, 6, WIDTH)
-    leaves = tree.leaves.size // LEAF
+    children = tree.children.reshape(-1, tr.WIDTH)
+    rows = tree.boxes.reshape(-1, 6, tr.WIDTH)
+    leaves = tree.leaves.size // tr.LEAF
     boxes = np.tile(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), (leaves, 1))
     seen_nodes, seen_leaves = np.zeros(len(children), int), np.zeros(leaves, int)
     seen_nodes[0] = 1
@@ -75,11 +51,11 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
     for node, kids in enumerate(children):
         for k, child in enumerate(kids):
             box = rows[node, :, k]
-            if child == NO_CHILD:
+            if child == tr.NO_CHILD:
                 if (box[:3] <= box[3:]).all():
                     problems.append(f"node {node}: an empty child has a box")
-            elif child < 0 and SCATTERED <= ~child < SCATTERED + tree.blocks.size // BLOCK:
-                problems += _check_scattered(tree, ~int(child) - SCATTERED, box)
+            elif child < 0 and tr.SCATTERED <= ~child < tr.SCATTERED + tree.blocks.size // tr.BLOCK:
+                problems += _check_scattered(tree, ~int(child) - tr.SCATTERED, box)
             elif child >= len(children) or ~child >= leaves:
                 problems.append(f"node {node}: child {child} does not exist")
             elif child >= 0:
@@ -101,8 +77,8 @@ def _check_nodes(tree: Tree) -> tuple[Floats, NDArray[np.int64], list[str]]:
 
 def _check_scattered(tree: Tree, block: int, box: Floats) -> list[str]:
     """Check that the box of a leaf of scattered points encloses their spheres."""
-    end = block + LEAF_BLOCKS
-    rows = np.concatenate(list(tree.blocks[block * BLOCK : end * BLOCK].reshape(-1, 7, 4)), axis=1)
+    end = block + tr.LEAF_BLOCKS
+    rows = np.concatenate(list(tree.blocks[block * tr.BLOCK : end * tr.BLOCK].reshape(-1, 7, 4)), axis=1)
     rows = rows[:, tree.order[4 * block : 4 * end] >= 0]
     x, radius = rows[:3], 1 / np.sqrt(rows[6])
     inside = (x - radius >= box[:3, None]).all() and (x + radius <= box[3:, None]).all()
@@ -145,7 +121,7 @@ def _check_positions(tree: Tree, boxes: Floats, reached: NDArray[np.int64], posi
     query, splat = _over(x, rows[:, :3], rows[:, 6] * (1 - 1e-5))
     leaf, crowded, lost = _voxel_of(tree, x)
     known = np.unique(_codes(tree))
-    codes = leaf[query] * (tree.blocks.size // BLOCK) + block[splat]
+    codes = leaf[query] * (tree.blocks.size // tr.BLOCK) + block[splat]
     asked = (leaf[query] >= 0) & (tree.spans[2 * leaf[query] + 1] > 0)
     missing = len(np.unique(leaf[query][asked & ~np.isin(codes, known)]))
     problems = []
@@ -155,7 +131,7 @@ def _check_positions(tree: Tree, boxes: Floats, reached: NDArray[np.int64], posi
         problems.append(f"{crowded.sum()} of {positions} positions are in more than one voxel")
     if missing:
         problems.append(f"{missing} leaves do not list every splat over a position in them")
-    if int(tree.head[SURFACE]) == DISC:
+    if int(tree.head[tr.SURFACE]) == tr.DISC:
         return problems
     return problems + _check_surface(tree, boxes, reached, _onto_surface(tree, rows, x))
 
@@ -164,10 +140,10 @@ def _check_surface(tree: Tree, boxes: Floats, reached: NDArray[np.int64], x: NDA
     """Check that positions on the surface are in a non-empty leaf, in its slab and in its tight box."""
     leaf, _, _ = _voxel_of(tree, x)
     x, leaf = x[leaf >= 0], leaf[leaf >= 0]
-    records, box = tree.leaves.reshape(-1, LEAF)[leaf].astype(np.float64), boxes[leaf]
-    slack = 1e-4 * records[:, RADIUS]  # a tenth of the padding of slabs and boxes
-    height = np.einsum("ij,ij->i", records[:, SLAB : SLAB + 3], x)
-    slab = (height < records[:, SLAB_LO] - slack) | (height > records[:, SLAB_HI] + slack)
+    records, box = tree.leaves.reshape(-1, tr.LEAF)[leaf].astype(np.float64), boxes[leaf]
+    slack = 1e-4 * records[:, tr.RADIUS]  # a tenth of the padding of slabs and boxes
+    height = np.einsum("ij,ij->i", records[:, tr.SLAB : tr.SLAB + 3], x)
+    slab = (height < records[:, tr.SLAB_LO] - slack) | (height > records[:, tr.SLAB_HI] + slack)
     cut = ((x < box[:, :3] - slack[:, None]) | (x > box[:, 3:] + slack[:, None])).any(axis=1)
     full = (tree.spans[2 * leaf + 1] > 0) & (reached[leaf] == 1)
     patch = _out_of_patch(tree, leaf, x, slack)
@@ -187,17 +163,17 @@ def _out_of_patch(
     tree: Tree, leaf: NDArray[np.int64], x: NDArray[np.float64], slack: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
     """Return which positions in leaves are outside of the slab of their column."""
-    records = tree.leaves.reshape(-1, LEAF)
-    axes = np.array([uncompiled(across)(*record[SLAB : SLAB + 3]) for record in records])[leaf]
-    cell = records[leaf, CELL : CELL + 6].astype(np.float64)
+    records = tree.leaves.reshape(-1, tr.LEAF)
+    axes = np.array([uncompiled(across)(*record[tr.SLAB : tr.SLAB + 3]) for record in records])[leaf]
+    cell = records[leaf, tr.CELL : tr.CELL + 6].astype(np.float64)
     position = np.take_along_axis(x - cell[:, :3], axes, axis=1)
-    width = np.take_along_axis(cell[:, 3:] - cell[:, :3], axes, axis=1)[:, :2] / COLUMNS
+    width = np.take_along_axis(cell[:, 3:] - cell[:, :3], axes, axis=1)[:, :2] / tr.COLUMNS
     u, v = (position[:, :2] / width).T
-    i, j = (np.clip(np.floor(at).astype(np.int64), 0, COLUMNS - 1) for at in (u, v))
-    patch = tree.patches.reshape(-1, PATCH)[leaf].astype(np.float64)
+    i, j = (np.clip(np.floor(at).astype(np.int64), 0, tr.COLUMNS - 1) for at in (u, v))
+    patch = tree.patches.reshape(-1, tr.PATCH)[leaf].astype(np.float64)
     b, c, low, high = (
-        np.take_along_axis(patch, (row + COLUMNS * i + j)[:, None], axis=1)[:, 0]
-        for row in (PATCH_B, PATCH_C, PATCH_LOW, PATCH_HIGH)
+        np.take_along_axis(patch, (row + tr.COLUMNS * i + j)[:, None], axis=1)[:, 0]
+        for row in (tr.PATCH_B, tr.PATCH_C, tr.PATCH_LOW, tr.PATCH_HIGH)
     )
     height = position[:, 2] + b * u + c * v
     out: NDArray[np.bool_] = (height < low - slack) | (height > high + slack)
@@ -211,7 +187,7 @@ def _codes(tree: Tree) -> NDArray[np.int64]:
     start = np.repeat(16 * tree.spans[::2].astype(np.int64) - (np.cumsum(count) - count), count)
     slot = start + np.arange(len(leaf))
     listed = tree.spheres.reshape(-1, 4, 16)[:, 3].reshape(-1)[slot] > 0
-    return leaf[listed] * (tree.blocks.size // BLOCK) + tree.refs[slot[listed]]
+    return leaf[listed] * (tree.blocks.size // tr.BLOCK) + tree.refs[slot[listed]]
 
 
 def _over(
@@ -226,7 +202,7 @@ def _over(
 
 def _voxel_of(tree: Tree, x: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.bool_]]:
     """Return the leaf whose voxel strictly contains each position, or -1; where several do; where no voxel touches."""
-    cells = tree.leaves.reshape(-1, LEAF)[:, CELL : CELL + 6].astype(np.float64)
+    cells = tree.leaves.reshape(-1, tr.LEAF)[:, tr.CELL : tr.CELL + 6].astype(np.float64)
     real = np.flatnonzero((cells[:, :3] <= cells[:, 3:]).all(axis=1))
     low, high = cells[real, :3], cells[real, 3:]
     query, voxel = _over(x, (low + high) / 2, np.linalg.norm(high - low, axis=1) * 0.5001)
@@ -243,12 +219,12 @@ def _onto_surface(tree: Tree, rows: Floats, x: NDArray[np.float64]) -> NDArray[n
     """Move positions onto the surface with Newton steps along the mean normal; return those that converge to f = 0."""
     f = radius = away = np.full(len(x), np.nan)
     for _ in range(6):
-        f, normal, away, radius = _field(rows, x, int(tree.head[SURFACE]))
+        f, normal, away, radius = _field(rows, x, int(tree.head[tr.SURFACE]))
         step = np.clip(f / radius, -0.25, 0.25) * radius
         moved = x - step[:, None] * normal
         x = np.where(np.isfinite(moved), moved, x)
-    f, _, away, radius = _field(rows, x, int(tree.head[SURFACE]))
-    return x[(np.abs(f) < 1e-5 * radius) & (away < float(tree.head[TRIM]) * radius)]
+    f, _, away, radius = _field(rows, x, int(tree.head[tr.SURFACE]))
+    return x[(np.abs(f) < 1e-5 * radius) & (away < float(tree.head[tr.TRIM]) * radius)]
 
 
 def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[np.float64], ...]:
@@ -271,5 +247,5 @@ def _field(rows: Floats, x: NDArray[np.float64], surface: int) -> tuple[NDArray[
         plane, qn, qq = (middle * normal).sum(axis=1), mean((q * n).sum(axis=1)), mean(square)
         center = (middle * middle).sum(axis=1)
         bend = 0.5 * (qn - plane) / np.maximum(qq - center, 0.25 * qq)
-        f = {PAPER: -plane, IMLS: -qn}.get(surface, -plane - bend * (qq - 2 * center))
+        f = {tr.PAPER: -plane, tr.IMLS: -qn}.get(surface, -plane - bend * (qq - 2 * center))
         return f, normal / np.linalg.norm(normal, axis=1, keepdims=True), np.sqrt(center), mean(r[:, 0])

@@ -8,33 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from ...base.choices import SURFACES
-from ...engine.kernels.tree import (
-    BLOCK,
-    BORDERED,
-    BOUNDS,
-    DISCS,
-    GROUP,
-    HEAD,
-    LEAF,
-    LEAF_BLOCKS,
-    LEAST,
-    LONGEST,
-    NO_CHILD,
-    NODE,
-    OVERHANG,
-    PATCH,
-    REFINE,
-    SCATTER,
-    SCATTER_LEAVES,
-    SCATTERED,
-    SHEETED,
-    SPHERES,
-    STEP,
-    SURFACE,
-    TRIM,
-    WIDTH,
-    Tree,
-)
+from ...engine.kernels import tree as tr
+from ...engine.kernels.tree import Tree
 
 DEEPEST = 64  # levels of nodes of eight: each level leaves up to 7 children on a ray's stack, which has room for 512
 LARGEST_SAMPLES = 64  # maximum number of samples per radius
@@ -42,13 +17,13 @@ LARGEST_SAMPLES = 64  # maximum number of samples per radius
 
 def check_lengths(tree: Tree) -> list[str]:
     """Check that lengths are consistent and that indices are in range."""
-    leaves, groups, blocks = tree.leaves.size // LEAF, tree.refs.size // 16, tree.blocks.size // BLOCK
+    leaves, groups, blocks = tree.leaves.size // tr.LEAF, tree.refs.size // 16, tree.blocks.size // tr.BLOCK
     wrong = []
-    if tree.boxes.size * WIDTH != tree.children.size * NODE:
+    if tree.boxes.size * tr.WIDTH != tree.children.size * tr.NODE:
         wrong.append("boxes and children do not match in length")
-    if tree.spans.size != 2 * leaves or tree.spheres.size != groups * GROUP or tree.order.size != 4 * blocks:
+    if tree.spans.size != 2 * leaves or tree.spheres.size != groups * tr.GROUP or tree.order.size != 4 * blocks:
         wrong.append("spans, spheres or order have an invalid length")
-    if tree.patches.size != leaves * PATCH:
+    if tree.patches.size != leaves * tr.PATCH:
         wrong.append("patches has an invalid length")
     if tree.colors.size not in (0, tree.order.size) or tree.borders.size not in (0, 3 * tree.order.size):
         wrong.append("colors or borders has an invalid length")
@@ -72,50 +47,60 @@ def check_indices(tree: Tree, points: int) -> list[str]:
     points : int
         Number of the caller's points.
     """
-    if tree.head.size != HEAD or tree.children.size == 0:
+    if tree.head.size != tr.HEAD or tree.children.size == 0:
         return ["head or nodes are missing"]
-    lengths = {"boxes": NODE, "leaves": LEAF, "spheres": GROUP, "blocks": BLOCK, "spans": 2, "refs": 16, "order": 4}
-    if any(getattr(tree, name).size % length for name, length in lengths.items()) or tree.children.size % WIDTH:
+    lengths = {
+        "boxes": tr.NODE,
+        "leaves": tr.LEAF,
+        "spheres": tr.GROUP,
+        "blocks": tr.BLOCK,
+        "spans": 2,
+        "refs": 16,
+        "order": 4,
+    }
+    if any(getattr(tree, name).size % length for name, length in lengths.items()) or tree.children.size % tr.WIDTH:
         return ["a record is truncated"]
     problems = check_lengths(tree)
     if problems:
         return problems
     head = tree.head
-    if not (0 <= head[SURFACE] < len(SURFACES) and head[SURFACE] % 1 == 0 and 0 <= head[REFINE] <= 16):
+    if not (0 <= head[tr.SURFACE] < len(SURFACES) and head[tr.SURFACE] % 1 == 0 and 0 <= head[tr.REFINE] <= 16):
         return ["unknown surface or refinement"]
-    if not (head[TRIM] > 0 and head[OVERHANG] > 0 and np.isfinite(head[BOUNDS : BOUNDS + 6]).all()):
+    if not (head[tr.TRIM] > 0 and head[tr.OVERHANG] > 0 and np.isfinite(head[tr.BOUNDS : tr.BOUNDS + 6]).all()):
         return ["trim, overhang or bounds are not valid numbers"]
     if not ((tree.noise >= 0) & (tree.noise < np.inf)).all():
         return ["noise is not a valid number"]
-    if head[SCATTER] not in (0, SPHERES, DISCS) or not 0 <= head[SCATTER_LEAVES] < np.inf:
+    if head[tr.SCATTER] not in (0, tr.SPHERES, tr.DISCS) or not 0 <= head[tr.SCATTER_LEAVES] < np.inf:
         return ["invalid kind or number of scattered points"]
-    if not 0 <= head[LONGEST] < np.inf:
+    if not 0 <= head[tr.LONGEST] < np.inf:
         return ["the longest step is not a valid number"]
     if tree.order.min(initial=-1) < -1 or tree.order.max(initial=-1) >= points:
         return ["a slot refers to a row that does not exist"]
     if (16 * tree.spans[1::2].astype(np.int64)).max(initial=0) > tree.refs.size:
         return ["a leaf has more entries than all groups"]
-    flags = tree.leaves.reshape(-1, LEAF)
-    if (flags[:, BORDERED].any() and not tree.borders.size) or (flags[:, SHEETED].any() and not tree.facing.size):
+    flags = tree.leaves.reshape(-1, tr.LEAF)
+    if (flags[:, tr.BORDERED].any() and not tree.borders.size) or (flags[:, tr.SHEETED].any() and not tree.facing.size):
         return ["a leaf refers to borders or sheets that do not exist"]
-    if not (flags[:, STEP] >= flags[:, LEAST] / LARGEST_SAMPLES).all():
+    if not (flags[:, tr.STEP] >= flags[:, tr.LEAST] / LARGEST_SAMPLES).all():
         return ["the samples of a leaf are too close"]
     return _check_children(tree)
 
 
 def _check_children(tree: Tree) -> list[str]:
     """Check that each child is a later node, a leaf, or empty with an empty box, and that the tree is not too deep."""
-    children = tree.children.reshape(-1, WIDTH).astype(np.int64)
+    children = tree.children.reshape(-1, tr.WIDTH).astype(np.int64)
     number = np.arange(len(children))[:, None]
-    none, inner = children == NO_CHILD, children >= 0
-    leaf = ~none & (children < 0) & (~children < min(tree.leaves.size // LEAF, SCATTERED))
-    if tree.head[SCATTER]:
+    none, inner = children == tr.NO_CHILD, children >= 0
+    leaf = ~none & (children < 0) & (~children < min(tree.leaves.size // tr.LEAF, tr.SCATTERED))
+    if tree.head[tr.SCATTER]:
         leaf |= (
-            ~none & (~children >= SCATTERED) & (~children < SCATTERED + tree.blocks.size // BLOCK - (LEAF_BLOCKS - 1))
+            ~none
+            & (~children >= tr.SCATTERED)
+            & (~children < tr.SCATTERED + tree.blocks.size // tr.BLOCK - (tr.LEAF_BLOCKS - 1))
         )
     if not (none | leaf | (inner & (children > number) & (children < len(children)))).all():
         return ["a node's child does not exist"]
-    boxes = tree.boxes.reshape(-1, 6, WIDTH)
+    boxes = tree.boxes.reshape(-1, 6, tr.WIDTH)
     empty = (boxes[:, :3] == np.inf).all(axis=1) & (boxes[:, 3:] == -np.inf).all(axis=1)
     if (none & ~empty).any():
         return ["an empty child has a box"]

@@ -30,28 +30,7 @@ from typing import TypeAlias
 import numpy as np
 
 from ...engine.jit import Array, f32, f64, i64, inline, kernel, next_tile
-from ...engine.kernels.tree import (
-    BLOCK,
-    BORDERED,
-    CELL,
-    FAR,
-    GROUP,
-    INV_R2,
-    LEAF,
-    LEAST,
-    NX,
-    PATCH,
-    PATCH_HIGH,
-    PATCH_LOW,
-    PY,
-    PZ,
-    RADIUS,
-    SHEETED,
-    SLAB,
-    SLAB_HI,
-    SLAB_LO,
-    STEP,
-)
+from ...engine.kernels import tree as tr
 from ...engine.simd import (
     F16,
     INF,
@@ -108,18 +87,18 @@ def _members(blocks: Array, refs: Array, span: Array, cell: Array, rows: Array) 
     box = (cell[0], cell[1], cell[2], cell[3], cell[4], cell[5])
     for s in range(span[0], span[1], 4):
         (i, j, k, m), valid = four_from(refs, s, span[1])
-        i, j, k, m = BLOCK * i, BLOCK * j, BLOCK * k, BLOCK * m
-        x, y = join4(blocks, i, j, k, m), join4(blocks, i + PY, j + PY, k + PY, m + PY)
-        z = join4(blocks, i + PZ, j + PZ, k + PZ, m + PZ)
-        r2 = ONE / join4(blocks, i + INV_R2, j + INV_R2, k + INV_R2, m + INV_R2)
-        there = (distances(box, x, y, z) <= r2) & (x < FAR) & mask16(valid)
+        i, j, k, m = tr.BLOCK * i, tr.BLOCK * j, tr.BLOCK * k, tr.BLOCK * m
+        x, y = join4(blocks, i, j, k, m), join4(blocks, i + tr.PY, j + tr.PY, k + tr.PY, m + tr.PY)
+        z = join4(blocks, i + tr.PZ, j + tr.PZ, k + tr.PZ, m + tr.PZ)
+        r2 = ONE / join4(blocks, i + tr.INV_R2, j + tr.INV_R2, k + tr.INV_R2, m + tr.INV_R2)
+        there = (distances(box, x, y, z) <= r2) & (x < tr.FAR) & mask16(valid)
         if bits(there) == 0:
             continue
         store_packed(rows, count, there, x - cell[0])
         store_packed(rows, room + count, there, y - cell[1])
         store_packed(rows, 2 * room + count, there, z - cell[2])
         for row in range(3):
-            n = NX + PER_BLOCK * row
+            n = tr.NX + PER_BLOCK * row
             store_packed(rows, (N + row) * room + count, there, join4(blocks, i + n, j + n, k + n, m + n))
         store_packed(rows, R * room + count, there, vsqrt(r2))
         count += count_bits(bits(there))
@@ -231,26 +210,26 @@ def fill_leaves(
         for leaf in range(tile * 64, min((tile + 1) * 64, nodes.size)):
             cell = boxes[nodes[leaf]]
             members = _members(blocks, refs, spans[nodes[leaf]], cell, rows)
-            record = records[leaf * LEAF : (leaf + 1) * LEAF]
+            record = records[leaf * tr.LEAF : (leaf + 1) * tr.LEAF]
             box = tight[leaf]
             box[:] = cell
             record[:] = 0.0
-            patch = patches[leaf * PATCH : (leaf + 1) * PATCH]
+            patch = patches[leaf * tr.PATCH : (leaf + 1) * tr.PATCH]
             patch[:] = 0.0
-            patch[PATCH_LOW:PATCH_HIGH], patch[PATCH_HIGH:] = -np.inf, np.inf
-            record[CELL : CELL + 6] = cell
-            record[SLAB + 2], record[SLAB_LO], record[SLAB_HI] = 1.0, -np.inf, np.inf
+            patch[tr.PATCH_LOW : tr.PATCH_HIGH], patch[tr.PATCH_HIGH :] = -np.inf, np.inf
+            record[tr.CELL : tr.CELL + 6] = cell
+            record[tr.SLAB + 2], record[tr.SLAB_LO], record[tr.SLAB_HI] = 1.0, -np.inf, np.inf
             if members.number == 0:
                 box[0], box[3] = np.inf, -np.inf
                 continue
             mean, least = sum_of_row(members, R) / members.number, cells.least[nodes[leaf]]
             # Each step is the reference step times a power of two, so that different sample lattices are nested.
-            record[STEP] = (
+            record[tr.STEP] = (
                 2.0 * reference / samples * 2.0 ** math.floor(math.log2(max(least, 1e-30) / reference) + LEEWAY)
             )
-            record[RADIUS], record[LEAST] = mean, least
-            record[BORDERED] = 1.0 if _is_marked(borders, refs, spans[nodes[leaf]]) else 0.0
-            record[SHEETED] = 1.0 if _is_marked(facing, refs, spans[nodes[leaf]]) else 0.0
+            record[tr.RADIUS], record[tr.LEAST] = mean, least
+            record[tr.BORDERED] = 1.0 if _is_marked(borders, refs, spans[nodes[leaf]]) else 0.0
+            record[tr.SHEETED] = 1.0 if _is_marked(facing, refs, spans[nodes[leaf]]) else 0.0
             if cut == 0:
                 continue
             near = _slab(members, limits)
@@ -259,8 +238,8 @@ def fill_leaves(
             slab = (near[0], near[1], near[2], base + near[3], base + near[4])
             _cut_by_slab(slab, box)
             pad = PAD * mean
-            record[SLAB : SLAB + 3] = near[:3]
-            record[SLAB_LO], record[SLAB_HI] = slab[3] - pad, slab[4] + pad
+            record[tr.SLAB : tr.SLAB + 3] = near[:3]
+            record[tr.SLAB_LO], record[tr.SLAB_HI] = slab[3] - pad, slab[4] + pad
             if not (box[0] <= box[3] and box[1] <= box[4] and box[2] <= box[5]):
                 box[0], box[3] = np.inf, -np.inf
                 continue
@@ -287,8 +266,8 @@ def fill_groups(work: Array, cells: Cells, nodes: Array, bounds: Array, out: tup
                     b = cells.refs[s] if s < end else 0
                     refs[group * 16 + k] = b
                     for c in range(3):
-                        spheres[group * GROUP + 16 * c + k] = bounds[b * 4 + c]
+                        spheres[group * tr.GROUP + 16 * c + k] = bounds[b * 4 + c]
                     r = bounds[b * 4 + 3]
-                    spheres[group * GROUP + 48 + k] = r if s < end else f32(np.nan)
+                    spheres[group * tr.GROUP + 48 + k] = r if s < end else f32(np.nan)
         tile = next_tile(work)
     return 0

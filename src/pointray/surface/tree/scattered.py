@@ -12,28 +12,13 @@ from numpy.typing import NDArray
 
 from ...cloud.neighbors import kd_order
 from ...engine.jit import Array, inline, kernel, next_tile, run
-from ...engine.kernels.tree import (
-    BLOCK,
-    BOUNDS,
-    EMPTY,
-    FAR,
-    INV_R2,
-    LEAF_BLOCKS,
-    NO_CHILD,
-    NODE,
-    PX,
-    SCATTER,
-    SCATTER_LEAVES,
-    SCATTERED,
-    WIDTH,
-    Tree,
-    first_scattered,
-)
+from ...engine.kernels import tree as tr
+from ...engine.kernels.tree import Tree, first_scattered
 from .blocks import PER_BLOCK, make_blocks
 from .build import Splats, bounds_of, packed_colors, rows_of_slots, unpacked_colors
 from .wide import collapse, enclose
 
-PER_LEAF = LEAF_BLOCKS * PER_BLOCK
+PER_LEAF = tr.LEAF_BLOCKS * PER_BLOCK
 CHUNK = 4096  # leaves per tile
 BINS = 16  # candidate cuts of a node along each axis
 DEEP = 32  # nodes below this level are halved by number: files with more than 64 levels are rejected
@@ -52,12 +37,12 @@ def _bound(work: Array, blocks: Array, pad: float, boxes: Array) -> int:
             for c in range(3):
                 boxes[b, c], boxes[b, 3 + c] = np.inf, -np.inf
             for k in range(PER_LEAF):
-                at = (LEAF_BLOCKS * b + k // PER_BLOCK) * BLOCK + k % PER_BLOCK
-                if blocks[at + PX] > FAR:
+                at = (tr.LEAF_BLOCKS * b + k // PER_BLOCK) * tr.BLOCK + k % PER_BLOCK
+                if blocks[at + tr.PX] > tr.FAR:
                     continue
-                radius = 1.00001 / np.sqrt(blocks[at + INV_R2]) + pad
+                radius = 1.00001 / np.sqrt(blocks[at + tr.INV_R2]) + pad
                 for c in range(3):
-                    x = blocks[at + PX + PER_BLOCK * c]
+                    x = blocks[at + tr.PX + PER_BLOCK * c]
                     boxes[b, c], boxes[b, 3 + c] = min(boxes[b, c], x - radius), max(boxes[b, 3 + c], x + radius)
         tile = next_tile(work)
     return 0
@@ -175,24 +160,26 @@ def _nodes(
 
     first : number of the first block in the tree
     """
-    count = blocks.size // (LEAF_BLOCKS * BLOCK)
+    count = blocks.size // (tr.LEAF_BLOCKS * tr.BLOCK)
     places = blocks.reshape(-1, 7, PER_BLOCK)[:, :3]
-    pad = PAD * float(np.abs(places[places < FAR]).max(initial=0.0))
+    pad = PAD * float(np.abs(places[places < tr.FAR]).max(initial=0.0))
     boxes, around = np.empty((count, 6)), np.empty((2 * count - 1, 6))
     run(_bound, -(-count // CHUNK), blocks, pad, boxes, threads=threads)
     children, leaf_of = np.empty((2 * count - 1, 2), np.int32), np.empty(2 * count - 1, np.int32)
     _halve(boxes, np.arange(count), children, leaf_of)
     enclose(children, leaf_of, boxes, around)
-    numbers = np.where(leaf_of >= 0, SCATTERED + first + LEAF_BLOCKS * leaf_of.astype(np.int64), -1).astype(np.int32)
-    wide_boxes = np.empty(len(children) * NODE, np.float32)
-    wide_children = np.empty(len(children) * WIDTH, np.int32)
+    numbers = np.where(leaf_of >= 0, tr.SCATTERED + first + tr.LEAF_BLOCKS * leaf_of.astype(np.int64), -1).astype(
+        np.int32
+    )
+    wide_boxes = np.empty(len(children) * tr.NODE, np.float32)
+    wide_children = np.empty(len(children) * tr.WIDTH, np.int32)
     wide = collapse(children, numbers, around, (wide_boxes, wide_children))
-    return wide_boxes[: wide * NODE].copy(), wide_children[: wide * WIDTH].copy()
+    return wide_boxes[: wide * tr.NODE].copy(), wide_children[: wide * tr.WIDTH].copy()
 
 
 def _box_around(boxes: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the box around the root's children, (6,)."""
-    root = boxes[:NODE].reshape(2, 3, WIDTH)
+    root = boxes[: tr.NODE].reshape(2, 3, tr.WIDTH)
     return np.concatenate([root[0].min(axis=1), root[1].max(axis=1)])
 
 
@@ -200,10 +187,10 @@ def _under_one_root(
     a: tuple[NDArray[np.float32], NDArray[np.int32]], b: tuple[NDArray[np.float32], NDArray[np.int32]]
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Join the nodes of two trees under a new root."""
-    boxes = np.repeat(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), WIDTH).reshape(6, WIDTH)
+    boxes = np.repeat(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), tr.WIDTH).reshape(6, tr.WIDTH)
     boxes[:, 0], boxes[:, 1] = _box_around(a[0]), _box_around(b[0])
-    root = np.full(WIDTH, NO_CHILD, np.int32)
-    root[0], root[1] = 1, 1 + a[1].size // WIDTH
+    root = np.full(tr.WIDTH, tr.NO_CHILD, np.int32)
+    root[0], root[1] = 1, 1 + a[1].size // tr.WIDTH
     moved = [np.where(c >= 0, c + root[k], c).astype(np.int32) for k, c in enumerate((a[1], b[1]))]
     return np.concatenate([boxes.reshape(-1), a[0], b[0]]), np.concatenate([root, *moved])
 
@@ -211,8 +198,8 @@ def _under_one_root(
 def _whole_leaves(blocks: NDArray[np.float32]) -> NDArray[np.float32]:
     """Append empty blocks to complete the last leaf."""
     empty = np.zeros((7, PER_BLOCK), np.float32)
-    empty[:3], empty[INV_R2 // PER_BLOCK] = EMPTY, 1.0
-    missing = -(blocks.size // BLOCK) % LEAF_BLOCKS
+    empty[:3], empty[tr.INV_R2 // PER_BLOCK] = tr.EMPTY, 1.0
+    missing = -(blocks.size // tr.BLOCK) % tr.LEAF_BLOCKS
     return np.concatenate([blocks, *[empty.reshape(-1)] * missing])
 
 
@@ -228,17 +215,17 @@ def with_scattered(tree: Tree, scattered: Splats, kind: int, threads: int | None
     """
     order = kd_order(scattered.positions, threads)
     added = _whole_leaves(make_blocks(scattered.positions, scattered.normals, scattered.radii, order, threads)[0])
-    first, slots = tree.blocks.size // BLOCK, added.size // BLOCK * PER_BLOCK
+    first, slots = tree.blocks.size // tr.BLOCK, added.size // tr.BLOCK * PER_BLOCK
     boxes, children = _nodes(added, first, threads)
     if tree.blocks.size:
         boxes, children = _under_one_root((tree.boxes, tree.children), (boxes, children))
     head, bounds = tree.head.copy(), bounds_of(scattered._replace(radii=scattered.radii * np.float32(ROOM)))
     if tree.blocks.size:
-        head[BOUNDS : BOUNDS + 3] = np.minimum(head[BOUNDS : BOUNDS + 3], bounds[:3])
-        head[BOUNDS + 3 : BOUNDS + 6] = np.maximum(head[BOUNDS + 3 : BOUNDS + 6], bounds[3:])
+        head[tr.BOUNDS : tr.BOUNDS + 3] = np.minimum(head[tr.BOUNDS : tr.BOUNDS + 3], bounds[:3])
+        head[tr.BOUNDS + 3 : tr.BOUNDS + 6] = np.maximum(head[tr.BOUNDS + 3 : tr.BOUNDS + 6], bounds[3:])
     else:
-        head[BOUNDS : BOUNDS + 6] = bounds
-    head[SCATTER], head[SCATTER_LEAVES] = kind, added.size // (LEAF_BLOCKS * BLOCK)
+        head[tr.BOUNDS : tr.BOUNDS + 6] = bounds
+    head[tr.SCATTER], head[tr.SCATTER_LEAVES] = kind, added.size // (tr.LEAF_BLOCKS * tr.BLOCK)
     return tree._replace(
         head=head,
         boxes=boxes,
@@ -261,11 +248,11 @@ def scattered_rows(tree: Tree) -> NDArray[np.int32]:
 def scattered_of(tree: Tree, radii: NDArray[np.float32]) -> Splats | None:
     """Return the scattered points of a tree in its order, or None if it has none. radii : (n,), of all rows"""
     first = first_scattered(tree)
-    if first * BLOCK == tree.blocks.size:
+    if first * tr.BLOCK == tree.blocks.size:
         return None
     there = np.flatnonzero(tree.order[PER_BLOCK * first :] >= 0)
     rows = tree.order[PER_BLOCK * first :][there]
-    blocks = tree.blocks[first * BLOCK :].reshape(-1, 7, PER_BLOCK)
+    blocks = tree.blocks[first * tr.BLOCK :].reshape(-1, 7, PER_BLOCK)
     columns = np.ascontiguousarray(blocks.transpose(0, 2, 1)).reshape(-1, 7)[there]
     colors = unpacked_colors(tree.colors[PER_BLOCK * first :][there]) if tree.colors.size else None
     return Splats(columns[:, :3].copy(), columns[:, 3:6].copy(), radii[rows], rows, colors)

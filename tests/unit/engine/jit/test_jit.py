@@ -14,8 +14,7 @@ import pytest
 
 import pointray
 from pointray.engine import jit
-from pointray.engine.jit import Cancel, borrow, keep_alive, kernel, next_tile, run
-from pointray.engine.jit import disk_cache as disk
+from pointray.engine.jit import Cancel, borrow, disk_cache as disk, keep_alive, kernel, next_tile, run
 
 PACKAGE = Path(pointray.__file__).parent
 

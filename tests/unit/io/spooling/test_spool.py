@@ -27,8 +27,7 @@ from pointray.io.formats.ply import _binary
 from pointray.io.gather import gather
 from pointray.io.opening import Opener
 from pointray.io.selection import Selection
-from pointray.io.spooling import convert
-from pointray.io.spooling import spool as own
+from pointray.io.spooling import convert, spool as own
 from pointray.io.spooling.spool import Spooled, spool, spooled_in
 
 XYZ = np.random.default_rng(12).random((1000, 3))

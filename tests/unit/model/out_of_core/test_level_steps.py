@@ -18,8 +18,7 @@ from pointray.io.files import request_of
 from pointray.io.selection import Selection
 from pointray.model.model import PrebuiltModel
 from pointray.model.model_folder import INDEX
-from pointray.model.out_of_core import level_steps as coarser
-from pointray.model.out_of_core import levels
+from pointray.model.out_of_core import level_steps as coarser, levels
 from pointray.model.out_of_core.prepare import prepare
 from pointray.model.out_of_core.split import split
 from pointray.model.out_of_core.trees import cells_of, plan_of, shown, tree_within

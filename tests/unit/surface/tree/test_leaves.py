@@ -7,8 +7,7 @@ from helpers.clouds import sphere_points
 from pointray.engine.jit import uncompiled
 from pointray.engine.kernels.tree import NO_SURFACE
 from pointray.surface.tree.build import Splats, build_tree
-from pointray.surface.tree.columns import MARGIN, STEEP, WORTH, across
-from pointray.surface.tree.columns import PAD as COLUMN_PAD
+from pointray.surface.tree.columns import MARGIN, PAD as COLUMN_PAD, STEEP, WORTH, across
 from pointray.surface.tree.leaves import PAD, limits_of
 from pointray.surface.tree.settings import TRIM, TreeSettings
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ...colors import GREY
 from .._source import CHUNK, Chunk
-from ._load import Part, places_of
-from ._load import unit as _unit
+from ._load import Part, places_of, unit as _unit
 
 SAMPLES = 200_000  # points sampled if the vertices are too sparse
 MESHED = 0.9  # minimum fraction of the vertices that belong to triangles

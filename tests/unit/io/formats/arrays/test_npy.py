@@ -9,8 +9,7 @@ import pytest
 from pointray.cloud.georeference import RESIDUAL, SCAN, Georeference, numbers_of
 from pointray.cloud.points import Points
 from pointray.io.files import read, write, write_points
-from pointray.io.formats.arrays import _array as _arrays
-from pointray.io.formats.arrays import npy
+from pointray.io.formats.arrays import _array as _arrays, npy
 
 N = 70
 XYZ, NORMALS = np.random.default_rng(7).normal(size=(2, N, 3)).astype(np.float32)

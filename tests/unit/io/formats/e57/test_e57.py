@@ -13,8 +13,7 @@ from pointray.cloud.georeference import numbers_of
 from pointray.io import files
 from pointray.io.files import read
 from pointray.io.formats._source import Request
-from pointray.io.formats.e57 import _header as _e57_header
-from pointray.io.formats.e57 import e57
+from pointray.io.formats.e57 import _header as _e57_header, e57
 
 pye57 = pytest.importorskip("pye57")
 

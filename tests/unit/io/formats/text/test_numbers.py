@@ -6,8 +6,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from pointray.io.formats.text import _numbers
 from pointray.io.formats.text._numbers import FLOAT, INT, SCAN, SKIP, Dialect, Reader, line_at, number_of, smallest
