@@ -121,26 +121,26 @@ def test_models_use_the_stations():
 def test_given_normals_are_kept_and_missing_ones_estimated():
     positions, exact, scan = wall(thickness=0.2)
     survey = {"attributes": {SCAN: scan}, "survey": BOTH}
-    given, said = repair_normals(Points(positions, -exact, **survey))
+    given, output = repair_normals(Points(positions, -exact, **survey))
     np.testing.assert_array_equal(given.normals, -exact)
-    mended, said = repair_normals(Points(positions, np.zeros_like(exact), **survey))
-    assert wrong(mended.normals, exact) == 0 and "estimated" in said
+    mended, output = repair_normals(Points(positions, np.zeros_like(exact), **survey))
+    assert wrong(mended.normals, exact) == 0 and "estimated" in output
 
 
 def test_inconsistent_normals_are_turned_to_their_stations():
     positions, exact, scan = wall(thickness=0.2)
     signs = np.where(np.random.default_rng(3).random(len(exact)) < 0.5, -1, 1)[:, None]
     survey = {"attributes": {SCAN: scan}, "survey": BOTH}
-    mended, said = repair_normals(Points(positions, exact * signs, **survey))
-    assert wrong(mended.normals, exact) == 0 and "signs recomputed" in said and "viewpoint=" not in said
+    mended, output = repair_normals(Points(positions, exact * signs, **survey))
+    assert wrong(mended.normals, exact) == 0 and "signs recomputed" in output and "viewpoint=" not in output
 
 
 def test_correct_normals_of_a_thin_wall_are_kept():
     positions, exact, scan = wall()
     survey = {"attributes": {SCAN: scan}, "survey": BOTH}
-    mended, said = repair_normals(Points(positions, exact, **survey))
+    mended, output = repair_normals(Points(positions, exact, **survey))
     np.testing.assert_array_equal(mended.normals, exact)
-    assert said is None
+    assert output is None
 
 
 def test_two_stations_orient_a_torus():
