@@ -302,8 +302,8 @@ def test_the_camera_is_copied_as_a_command(browser, viewer, model, tmp_path, mon
         assert page.tab.evaluate("navigator.clipboard.readText()") == text
         program, *words = shlex.split(text)
         for name in NAMES:
-            (said,) = (word.partition("=")[2] for word in words if word.startswith(f"--{name}="))
-            assert [float(x) for x in said.split(",")] == pytest.approx(page.camera[name], rel=1e-6)
+            (output,) = (word.partition("=")[2] for word in words if word.startswith(f"--{name}="))
+            assert [float(x) for x in output.split(",")] == pytest.approx(page.camera[name], rel=1e-6)
         page.tab.locator("#copy .dismiss").click()
     monkeypatch.chdir(tmp_path)
     pr.write(tmp_path / "statue.ply", model.points)

@@ -244,5 +244,5 @@ def test_a_thousand_events(tmp_path):
             lambda: f"now {server.num_threads()} threads, {server.memory_info().rss:,} bytes",
         )
     expected = "ignored a message of the page: ", "pointray: note: the scene has no light: "  # random events
-    said = [line for line in log.read_text().splitlines() if not line.startswith(expected)]
-    assert len(said) == 2, said  # the address, and how the scan is seen
+    output = [line for line in log.read_text().splitlines() if not line.startswith(expected)]
+    assert len(output) == 2, output  # the address, and how the scan is seen

@@ -405,9 +405,7 @@ def test_a_missing_scheduler_is_reported_before_anything_is_read(
     assert not (tmp_path / "a.pointray").exists()
 
 
-def test_unsupported_worker_options_are_reported(
-    scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_invalid_worker_options_are_refused(scan: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     parts = "-o", f"{tmp_path / 'a.pointray'}/", "--workers", 2
     assert "exclude each other" in refused(capsys, scan, *parts, "--cluster", "tcp://127.0.0.1:1")
     line = refused(capsys, scan, "-o", tmp_path / "b.ply", "--workers", 2)

@@ -182,8 +182,8 @@ def serve(*arguments):
     """`pointray view` as a process; returns it, the address that it prints, and all that it has printed."""
     command = [sys.executable, "-m", "pointray.cli", "view", "--no-open", *map(str, arguments)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    said = []
-    while not (found := re.search(r"http://\S+/", said[-1] if said else "")):
-        said.append(process.stderr.readline())
-        assert said[-1], said
-    return process, found.group(), said
+    output = []
+    while not (found := re.search(r"http://\S+/", output[-1] if output else "")):
+        output.append(process.stderr.readline())
+        assert output[-1], output
+    return process, found.group(), output

@@ -192,8 +192,8 @@ def test_a_scene_file_is_rendered_on_a_turntable(scene, rendered, capsys):
     assert execute(["animate", str(scene), "-o", str(scene.with_name("out")), *FOUR]) == 0
     assert capsys.readouterr().out == f"{scene.with_name('out')}: 24x18, 4 frames, 2 seconds\n"
     frames = pictures(scene.with_name("out"))
-    told = pr.load_scene(scene).camera
-    assert rendered == pr.turntable(told, 4) and all(camera.aperture == 0.2 for camera in rendered)
+    loaded = pr.load_scene(scene).camera
+    assert rendered == pr.turntable(loaded, 4) and all(camera.aperture == 0.2 for camera in rendered)
     assert sorted(frames) == [f"000{k}.png" for k in range(4)] and len(set(frames.values())) == 4
     assert frames["0000.png"] == still(scene)  # settings, exposure and curve are those of the file
 
@@ -448,8 +448,8 @@ def test_an_error_of_ffmpeg_is_reported(scan, monkeypatch, capsys):
     pytest.importorskip("imageio_ffmpeg")
     monkeypatch.setattr("pointray.image.mp4.CRF", "plenty")
     assert animate(scan, "out.mp4") == 1
-    said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("Compiling")]
-    assert len(said) == 1 and said[0].startswith(f"pointray: {scan.with_name('out.mp4')}: ffmpeg: ")
+    printed = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("Compiling")]
+    assert len(printed) == 1 and printed[0].startswith(f"pointray: {scan.with_name('out.mp4')}: ffmpeg: ")
     assert sorted(os.listdir(scan.parent)) == ["out.mp4.frames", "scan.ply"]  # the frames are kept for the next run
 
 

@@ -88,6 +88,6 @@ def test_panoramas_follow_keys_but_have_no_turntable(scan, capsys):
 )
 def test_unsupported_options_of_films_are_refused(scan, options, message, capsys):
     assert execute(["animate", str(scan), "-o", str(scan.parent / "film"), *FILM, *options]) == 2
-    said = capsys.readouterr().err
-    assert message in said and len(said.splitlines()) == 1
+    output = capsys.readouterr().err
+    assert message in output and len(output.splitlines()) == 1
     assert not (scan.parent / "film").exists()

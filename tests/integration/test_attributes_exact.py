@@ -145,8 +145,8 @@ def test_a_level_with_another_dtype_is_an_error(tmp_path):
 def test_ply_keeps_coordinates_and_wide_integers_as_floats(tmp_path, points):
     with pytest.warns(UserWarning) as told:
         pr.write(tmp_path / "a.ply", points)
-    said = " ".join(str(warning.message) for warning in told)
-    assert all(f"stores {name} as 64-bit floats" in said for name in ("u8", "id")) and "scanner positions" in said
+    output = " ".join(str(warning.message) for warning in told)
+    assert all(f"stores {name} as 64-bit floats" in output for name in ("u8", "id")) and "scanner positions" in output
     found = pr.read(tmp_path / "a.ply")
     np.testing.assert_allclose(found.world, points.world, atol=1e-9)
     assert found.crs == points.crs
@@ -221,17 +221,17 @@ def test_a_click_shows_all_attributes(seen, points):
     y, x = np.argwhere(hit)[hit.sum() // 2]
     lines = pick(scene, camera, (x + 0.5) / 24, (y + 0.5) / 24).lines
     row = int(hits.point[y, x])
-    said = dict(line.split(" ", 1) for line in lines)
-    assert said["point"] == f"{row:,}"
+    output = dict(line.split(" ", 1) for line in lines)
+    assert output["point"] == f"{row:,}"
     for name, values in points.attributes.items():
         value = values[row]
         if name == "classification":
             known = {2: "2 ground", 6: "6 building", 9: "9 water"}
-            assert said[name] == known.get(int(value), str(value))
+            assert output[name] == known.get(int(value), str(value))
         elif name == "withheld":
-            assert said[name] == ("yes" if value else "no")
+            assert output[name] == ("yes" if value else "no")
         else:
-            told = np.array([values.dtype.type(text) for text in said[name].split()], values.dtype)
+            told = np.array([values.dtype.type(text) for text in output[name].split()], values.dtype)
             np.testing.assert_array_equal(told, np.atleast_1d(value))
 
 

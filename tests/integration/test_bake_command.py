@@ -299,8 +299,8 @@ def test_the_defaults_are_those_of_python():
 def test_bad_options_are_reported_before_the_work(tmp_path, monkeypatch, capsys, options, words):
     (tmp_path / "broken.ply").write_text("nothing")
     monkeypatch.chdir(tmp_path)
-    said = fail(capsys, "bake", "broken.ply", *options)
-    assert words in said and "broken.ply" not in said
+    output = fail(capsys, "bake", "broken.ply", *options)
+    assert words in output and "broken.ply" not in output
     assert [path.name for path in tmp_path.iterdir()] == ["broken.ply"]
 
 
@@ -367,8 +367,8 @@ def test_light_that_does_not_fit_is_refused(program, scan, bakes, capsys):
         (["--radius-scale", "2"], "lit.bake"),
         (["--integrator", "path"], "--bake requires --integrator baked, not path"),
     ):
-        said = fail(capsys, program, scan, "-o", out, *SMALL, "--bake", light, *more)
-        assert words in said and not out.is_file(), more
+        output = fail(capsys, program, scan, "-o", out, *SMALL, "--bake", light, *more)
+        assert words in output and not out.is_file(), more
 
 
 @pytest.mark.parametrize("program", ["render", "animate", "view"])
@@ -384,8 +384,8 @@ def test_a_missing_file_of_light_is_reported(program, subject, scan, scene, caps
 @pytest.mark.parametrize("program", ["render", "animate"])
 def test_an_invalid_file_of_light_is_reported(program, scan, capsys):
     out = scan.with_name("a.png" if program == "render" else "frames")
-    said = fail(capsys, program, scan, "-o", out, *SMALL, "--bake", scan)
-    assert said.startswith(f"pointray: {scan}: ")
+    output = fail(capsys, program, scan, "-o", out, *SMALL, "--bake", scan)
+    assert output.startswith(f"pointray: {scan}: ")
 
 
 def test_a_film_bakes_once(scan, bakes, capsys):
@@ -543,8 +543,8 @@ def test_light_of_another_scene_is_reported_with_its_line(scene, bakes, capsys):
     picture = scene.with_name("a.png")
     for before, after in (("translate = [1, 0, 0]", "translate = [2, 0, 0]"), ("[1, 1, -1.5]", "[1, 2, -1.5]")):
         scene.write_text(SCENE.replace(before, after))
-        said = fail(capsys, "render", scene, "-o", picture)
-        assert said.startswith(f"pointray: {scene}:30: bake.file: {scene.with_name('scene.bake')}: ")
+        output = fail(capsys, "render", scene, "-o", picture)
+        assert output.startswith(f"pointray: {scene}:30: bake.file: {scene.with_name('scene.bake')}: ")
         with pytest.raises(ValueError, match=r"scene.toml:30: bake.file: "):
             pr.load_scene(scene)
 
@@ -602,14 +602,14 @@ def test_points_of_other_scenes_cannot_be_baked(scene, capsys, more):
         text = text.replace("size =", "eye = [0, 0, 1]\ntarget = [0, 0, 0]\nsize =")
     scene.write_text(text)
     scene.with_name("scan.ply").write_text("nothing")
-    said = fail(capsys, "bake", scene, "-o", scene.with_name("lit.ply"))
-    assert "can store one instance of a model, the scene has " in said
+    output = fail(capsys, "bake", scene, "-o", scene.with_name("lit.ply"))
+    assert "can store one instance of a model, the scene has " in output
 
 
 @pytest.mark.parametrize("option", ["--up z", "--light sun:1,1,1", "--material clay", "--surface imls", "--ground"])
 def test_options_that_scene_files_contain_are_refused(scene, capsys, option):
-    said = fail(capsys, "bake", scene, "-o", scene.with_name("lit.bake"), *option.split())
-    assert "is not for a scene file" in said and option.split()[0] in said
+    output = fail(capsys, "bake", scene, "-o", scene.with_name("lit.bake"), *option.split())
+    assert "is not for a scene file" in output and option.split()[0] in output
 
 
 # -------------------------------------------------------------------------------------------------------- the viewer

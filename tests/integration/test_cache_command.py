@@ -53,8 +53,8 @@ def test_cache_lists_and_clears(scan, tmp_path, capsys):
     assert execute(["render", str(scan), "-o", str(tmp_path / "a.png"), *SIZE]) == 0
     capsys.readouterr()
     assert execute(["cache"]) == 0
-    told = capsys.readouterr().out
-    assert "1 models" in told and "5,000 points" in told and str(scan) in told
+    output = capsys.readouterr().out
+    assert "1 models" in output and "5,000 points" in output and str(scan) in output
     assert execute(["cache", "--info", "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["bytes"] == kept()[0].stat().st_size

@@ -245,8 +245,8 @@ def test_points_that_are_not_finite_are_reported(tmp_path: Path, capsys: pytest.
 def test_the_output_is_checked_first(output: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A bad output is reported before the missing file is looked for."""
     (tmp_path / "folder.png").mkdir()
-    said = bad_input(["render", str(tmp_path / "missing.ply"), "-o", str(tmp_path / output)], capsys)
-    assert "missing.ply" not in said and "write" in said
+    printed = bad_input(["render", str(tmp_path / "missing.ply"), "-o", str(tmp_path / output)], capsys)
+    assert "missing.ply" not in printed and "write" in printed
     assert "missing.ply" not in bad_input(["demo", "-o", str(tmp_path / output)], capsys)
 
 

@@ -189,10 +189,10 @@ def test_a_format_needs_one_file(tmp_path: Path, package: Path) -> None:
     np.savetxt(scan, rows, header="cubes", comments="")
     broken.write_text("cubes\n1 2\n")
     (package / "io" / "formats" / "cubes.py").write_text(CUBES)
-    said = run(package, CONVERT, str(scan), str(again), str(broken))
-    assert "500" in said
-    assert f"{again}: cannot store normals" in said
-    assert said.endswith(f"{broken}: has rows of other than three numbers\n")
+    caught = run(package, CONVERT, str(scan), str(again), str(broken))
+    assert "500" in caught
+    assert f"{again}: cannot store normals" in caught
+    assert caught.endswith(f"{broken}: has rows of other than three numbers\n")
     np.testing.assert_allclose(np.loadtxt(again, skiprows=1), rows, atol=1e-6)
 
 

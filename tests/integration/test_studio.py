@@ -74,11 +74,11 @@ def run(capsys, *arguments):
 
 @pytest.mark.parametrize("more", [[], *map(long, (["--light", "studio"], ["--material", "phong"], ["--ground"]))])
 def test_light_is_baked_quickly_and_the_headlight_option_is_named(scan, bakes, capsys, more):
-    said = run(capsys, "render", scan, "-o", scan.with_name("a.png"), *SMALL, "--seed", "5", *more)
+    output = run(capsys, "render", scan, "-o", scan.with_name("a.png"), *SMALL, "--seed", "5", *more)
     (settings,) = bakes
     assert (settings.patches, settings.links) == (baked_light.QUICK_PATCHES, baked_light.QUICK_LINKS)
     assert settings.seed == 5
-    assert "--light headlight" in said and said.count("\n") == 1
+    assert "--light headlight" in output and output.count("\n") == 1
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_a_headlight_is_a_scene_without_lights(scan, capsys):
 
 
 @pytest.mark.parametrize(
-    ("texts", "fill", "said"),
+    ("texts", "fill", "output"),
     [
         (["studio", "sun:1,1,-1"], None, "--light studio cannot be combined"),
         (["sky:1,1,1", "headlight"], None, "--light headlight cannot be combined"),
@@ -137,8 +137,8 @@ def test_a_headlight_is_a_scene_without_lights(scan, capsys):
         (["limelight"], None, "studio or headlight"),
     ],
 )
-def test_a_look_excludes_other_lights(texts, fill, said):
-    with pytest.raises(ValueError, match=said):
+def test_a_look_excludes_other_lights(texts, fill, output):
+    with pytest.raises(ValueError, match=output):
         ScanLights(texts, fill)
 
 
@@ -220,7 +220,7 @@ def wait_for(condition):
 
 @pytest.mark.long
 def test_light_is_rough_while_models_are_built_and_levels_are_lit_later():
-    baker = Baker(lambda: None, lambda *said: None)
+    baker = Baker(lambda: None, lambda *output: None)
     first = ball()
     (model,) = first.models
     light = wait_for(lambda: baker.light_for(first, fine=False))
@@ -239,22 +239,22 @@ def test_light_is_rough_while_models_are_built_and_levels_are_lit_later():
 
 
 @pytest.mark.parametrize(
-    ("integrator", "lights", "told"),
+    ("integrator", "lights", "expected"),
     [("baked", studio(UP, 25.0), None), ("phong", (), "--light headlight"), ("phong", studio(UP), "--fill 0")],
 )
-def test_the_command_of_a_view_includes_its_light(integrator, lights, told):
+def test_the_command_of_a_view_includes_its_light(integrator, lights, expected):
     view = replace(ViewSettings().in_studio(lights, UP), integrator=integrator)
     request = FrameRequest(pr.Camera.look_at((0, -4, 0), (0, 0, 0)), view, pr.Scene(), (1, 0), UP, True, 0.0)
     command = _command(request, Output(), "scan.ply")
     assert f"--integrator {integrator} " in command
-    assert told in command if told else "--light" not in command
+    assert expected in command if expected else "--light" not in command
 
 
 @pytest.mark.parametrize("bakes", [False, True])
 def test_a_coarse_version_is_not_baked(bakes):
     """Baking would slow down building the full model."""
     scene, frames = ball(), []
-    painter = Painter(frames.append, pytest.fail, lambda *said: None)
+    painter = Painter(frames.append, pytest.fail, lambda *output: None)
     view = replace(ViewSettings.of(SharedScene("a", scene), scene), integrator="baked", samples=1)
     camera = pr.frame(scene, size=(16, 12))
     painter.want(FrameRequest(camera, view, scene, (1, 0), UP, False, 0.0, bakes=bakes))

@@ -57,8 +57,8 @@ def test_a_scan_is_shown_until_an_interrupt(scan):
             assert "lamps.0.azimuth" in browser.controls() and "copy.command" in browser.controls()
             process.send_signal(signal.SIGINT)
             assert process.wait(SECONDS) == 130
-        told = process.stderr.read()
-        assert told.startswith("pointray: view: ") and told.count("\n") == 1
+        output = process.stderr.read()
+        assert output.startswith("pointray: view: ") and output.count("\n") == 1
     finally:
         process.kill()
         process.communicate()

@@ -78,19 +78,19 @@ def test_rows_without_effect_are_left_out(bowl):
 
 
 @pytest.mark.parametrize(
-    ("changes", "told", "settings"),
+    ("changes", "expected", "settings"),
     [
         ({"backfaces": "muted"}, "--backfaces muted", {"backfaces": "muted"}),
         ({"backfaces": "same"}, "--backfaces same", {}),
         ({"contact_shadow": False}, "--no-contact-shadow", {}),
     ],
 )
-def test_settings_of_the_panel_are_copied(changes, told, settings):
+def test_settings_of_the_panel_are_copied(changes, expected, settings):
     """The command parses, and Python code sets the same."""
     view = replace(ViewSettings().in_studio(studio(UP, 25.0), UP), **changes)
     request = FrameRequest(pr.Camera.look_at((0, -4, 0), (0, 0, 0)), view, pr.Scene(), (1, 0), UP, True, 0.0)
     command = _command(request, Output(), "scan.ply")
-    assert f" {told} " in command and command.count("--backfaces") == 1
+    assert f" {expected} " in command and command.count("--backfaces") == 1
     names = {"pr": pr}
     exec(_python(request, Output()).split("image =")[0], names)
     assert names["settings"] == pr.Settings(view.integrator, spp=16, **settings)
@@ -107,8 +107,8 @@ def test_the_surface_of_the_panel_is_copied(tmp_path):
     shared = SharedScene("a", scene)
     request = FrameRequest(pr.frame(scene), ViewSettings(), scene, (1, 0), UP, True, 0.0)
     command = _command(request, Output(), "scan.ply", shared.build)
-    for told in ("--surface imls", "--scatter discs", "--scatter-size 1.5", "--smooth 0.25"):
-        assert f" {told} " in f"{command} "
+    for expected in ("--surface imls", "--scatter discs", "--scatter-size 1.5", "--smooth 0.25"):
+        assert f" {expected} " in f"{command} "
     assert "--radius-scale" not in command and "--samples" not in command
     assert "--surface" not in _command(request, Output(), "scan.pointray", shared.build)
     pr.write(tmp_path / "scan.ply", points)

@@ -177,7 +177,7 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "Georeference": (pr.Georeference, {"scale": (1, 1, 1), "offset": (0, 0, 0)}),
         "SunLight": (pr.SunLight, {"direction": (0, 0, -1)}),
         "Trajectory": (pr.Trajectory, {"times": (1, 2), "positions": np.eye(3)[:2]}),
-        "animate": (lambda **told: list(pr.animate(**told)), {"scene": t.scene, "cameras": [t.camera]}),
+        "animate": (lambda **given: list(pr.animate(**given)), {"scene": t.scene, "cameras": [t.camera]}),
         "BakeSettings": (pr.BakeSettings, {}),
         "bake": (pr.bake, {"scene": t.lit, "settings": pr.BakeSettings(links=1, patches=64)}),
         "clean": (pr.clean, {"points": t.points}),
@@ -206,7 +206,10 @@ def valid_calls(t: Things) -> dict[str, Call]:
         "subsample": (pr.subsample, {"points": t.points.select(np.arange(100)), "count": 60}),
         "transform": (pr.transform, {}),
         "turntable": (pr.turntable, {"camera": t.camera, "frames": 3}),
-        "view": (lambda **told: pr.view(**{"open_browser": False, **told}).close(), {"scene": t.scene, "block": False}),
+        "view": (
+            lambda **given: pr.view(**{"open_browser": False, **given}).close(),
+            {"scene": t.scene, "block": False},
+        ),
         "write": (pr.write, {"path": t.folder / "b.ply", "points": t.points}),
         "write_image": (pr.write_image, {"path": t.folder / "b.png", "image": np.zeros((4, 4, 3), np.float32)}),
         "write_layers": (pr.write_layers, {"path": t.folder / "b.npz", "layers": {"depth": np.zeros((4, 4))}}),
@@ -237,9 +240,9 @@ def public() -> Iterator[tuple[str, dict[str, str]]]:
             if isinstance(value, property) and value.fset is not None:
                 yield f"{name}.{member}", {member: next(iter(parameters(value.fset, 1).values()))}
             elif isinstance(value, classmethod) or inspect.isfunction(value):
-                told = parameters(getattr(value, "__func__", value), 1)
-                if told:
-                    yield f"{name}.{member}", told
+                given = parameters(getattr(value, "__func__", value), 1)
+                if given:
+                    yield f"{name}.{member}", given
 
 
 PUBLIC = dict(public())
@@ -250,8 +253,8 @@ def calls(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Call]:
     """Valid calls, each made once, so that all kernels are compiled."""
     things = Things(tmp_path_factory.mktemp("arguments"))
     made = valid_calls(things)
-    for function, told in made.values():
-        function(**told)
+    for function, given in made.values():
+        function(**given)
     return made
 
 
@@ -276,7 +279,7 @@ def kinds_of(annotation: str) -> set[str]:
     return {kind.strip() for kind in plain.split("|")}
 
 
-CASES = [(name, parameter) for name, told in PUBLIC.items() for parameter in told]
+CASES = [(name, parameter) for name, given in PUBLIC.items() for parameter in given]
 
 
 @pytest.mark.filterwarnings("ignore")
@@ -284,8 +287,8 @@ CASES = [(name, parameter) for name, told in PUBLIC.items() for parameter in tol
 def test_wrong_values_are_refused_by_name_or_make_sense(
     calls: Mapping[str, Call], name: str, parameter: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    function, told = calls[name]
-    left = {key: value for key, value in told.items() if key not in INSTEAD.get((name, parameter), ())}
+    function, given = calls[name]
+    left = {key: value for key, value in given.items() if key not in INSTEAD.get((name, parameter), ())}
     kinds = kinds_of(PUBLIC[name][parameter])
     assert kinds <= set(SENSE), "say in SENSE what such a parameter may be"
     sense = set().union(*(SENSE[kind] for kind in kinds))

@@ -182,17 +182,17 @@ def test_a_really_full_disk(tmp_path, pictures, rng):
     writers["a.exr"] = lambda p: pr.write_image(p, image[:20, :20])
     try:
         for name, write in writers.items():
-            file, told = disk / name, 0
+            file, reported = disk / name, 0
             for free in range(0, 60_000, 4096):
                 file.write_bytes(b"old")
                 (disk / "rest").write_bytes(bytes(60 * 1024 - free - free % 4096))
                 try:
                     write(file)
                 except OSError:
-                    told += 1
+                    reported += 1
                     assert file.read_bytes() == b"old"
                 assert {p.name for p in disk.iterdir()} == {name, "rest"}
-            assert told > 0
+            assert reported > 0
             file.unlink()
     finally:
         subprocess.run(["umount", str(disk)], check=True)

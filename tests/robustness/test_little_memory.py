@@ -58,21 +58,21 @@ def test_a_lack_of_memory_is_one_line_and_status_1(tmp_path: Path, command: str)
         pr.write(tmp_path / f"{name}.ply", pr.Points(rows, rows))
     arguments = [text.format(scan=tmp_path / "large.ply", folder=tmp_path) for text in COMMANDS[command]]
     rooms = [int(room) for room in np.geomspace(2, 120, 12)]
-    told = [sys.executable, "-c", PROGRAM, str(tmp_path), json.dumps(rooms), *arguments]
+    command_line = [sys.executable, "-c", PROGRAM, str(tmp_path), json.dumps(rooms), *arguments]
     # One arena: with several, threads without an arena ask the system for every allocation, which is slow.
     environment = {**os.environ, "POINTRAY_THREADS": "4", "MALLOC_ARENA_MAX": "1"}
-    done = subprocess.run(told, env=environment, capture_output=True, text=True, check=True, timeout=3600)
+    done = subprocess.run(command_line, env=environment, capture_output=True, text=True, check=True, timeout=3600)
     ends = json.loads(done.stdout.split("ENDS")[1])
-    wrong = [(room, status, said[:300]) for room, status, said in ends if not ended_well(status, said)]
+    wrong = [(room, status, output[:300]) for room, status, output in ends if not ended_well(status, output)]
     assert not wrong
-    assert any("not enough memory" in said for _, _, said in ends)
+    assert any("not enough memory" in output for _, _, output in ends)
 
 
-def ended_well(status: int, said: str) -> bool:
+def ended_well(status: int, output: str) -> bool:
     # What was found about the scan before memory ran out stays above the error.
-    lines = [line for line in said.splitlines() if line and not line.startswith("pointray: note: ")]
+    lines = [line for line in output.splitlines() if line and not line.startswith("pointray: note: ")]
     if any("ignored in thread started by" in line for line in lines):  # Python's, without memory for a frame
         lines = [line for line in lines if line.startswith("pointray: ")]
     if status == 0:
-        return "not enough memory" not in said
+        return "not enough memory" not in output
     return status == 1 and len(lines) == 1 and lines[0].startswith("pointray: not enough memory")

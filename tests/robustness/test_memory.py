@@ -100,8 +100,10 @@ def test_the_command_line_refuses_before_it_begins(tmp_path, monkeypatch, capsys
     system(free=GIB)
     before = sorted(tmp_path.iterdir())
     assert execute(["animate" if output == "film" else "render", file, "-o", output, "--size", "32768x32768"]) == 2
-    said = capsys.readouterr().err
-    assert re.fullmatch(r"pointray: \d+\.0 GiB of memory are needed for a picture of 32768x32768, 1.0 GiB .*\n", said)
+    printed = capsys.readouterr().err
+    assert re.fullmatch(
+        r"pointray: \d+\.0 GiB of memory are needed for a picture of 32768x32768, 1.0 GiB .*\n", printed
+    )
     assert sorted(tmp_path.iterdir()) == before
 
 
@@ -239,8 +241,8 @@ def test_a_command_reports_a_lack_of_memory_in_one_line(little, monkeypatch, tmp
     rows = sphere_points(100_000)
     pr.write(tmp_path / "a.ply", pr.Points(rows, rows))
     assert execute(["render", str(tmp_path / "a.ply"), "-o", str(tmp_path / "a.png")]) == 2
-    said = [line for line in capsys.readouterr().err.splitlines() if line]
-    assert "to make a model of 100,000 points" in said[-1] and "--every" in said[-1]
+    printed = [line for line in capsys.readouterr().err.splitlines() if line]
+    assert "to make a model of 100,000 points" in printed[-1] and "--every" in printed[-1]
     assert not (tmp_path / "a.png").exists()
 
 

@@ -47,14 +47,14 @@ def case(request):
 
 
 def test_a_few_points_in_python_are_drawn_or_refused(case):
-    cloud, has_normals, scatter, told = case
+    cloud, has_normals, scatter, message = case
     points = points_of(cloud, has_normals)
-    if not told:
+    if not message:
         model = pr.Model(points, scatter=scatter)
         assert model.scattered.all()
         np.testing.assert_allclose(model.radii, 0.35, rtol=1e-6)
         return
-    with pytest.raises(ValueError, match=f"^scatter: {told}.*{ADVICE[told]}"):
+    with pytest.raises(ValueError, match=f"^scatter: {message}.*{ADVICE[message]}"):
         pr.Model(points, scatter=scatter)
 
 
@@ -67,14 +67,14 @@ def lines_of(capsys, *arguments):
 
 
 def test_a_few_points_on_the_command_line_are_drawn_or_refused(case, tmp_path, capsys):
-    cloud, has_normals, scatter, told = case
+    cloud, has_normals, scatter, message = case
     pr.write(tmp_path / "scan.ply", points_of(cloud, has_normals))
     picture = ["-o", tmp_path / "a.png", "--size", "16x12", "--light", "headlight", "--scatter", scatter]
     status, lines = lines_of(capsys, "render", tmp_path / "scan.ply", *picture)
-    assert status == (2 if told else 0)
-    if told:
+    assert status == (2 if message else 0)
+    if message:
         (line,) = lines
-        assert f"scan.ply: --scatter: {told}" in line and ADVICE[told] in line
+        assert f"scan.ply: --scatter: {message}" in line and ADVICE[message] in line
         assert not (tmp_path / "a.png").exists()
 
 
@@ -100,7 +100,7 @@ def scene_file(folder, cloud, more):
 
 
 @pytest.mark.parametrize(
-    ("cloud", "more", "told"),
+    ("cloud", "more", "message"),
     [
         ("one", 'scatter = "spheres"', f"scene.toml:1: models.a: scatter: {ONE_PLACE}"),
         ("same", 'scatter = "discs"', f"scene.toml:1: models.a: scatter: {ONE_PLACE}"),
@@ -113,10 +113,10 @@ def scene_file(folder, cloud, more):
         ("two", 'scatter = "spheres"\nscatter_size = 1e17', "scene.toml:1: models.a: radii range from 3.5e+16"),
     ],
 )
-def test_extremes_in_scene_files_are_refused(tmp_path, capsys, cloud, more, told):
+def test_extremes_in_scene_files_are_refused(tmp_path, capsys, cloud, more, message):
     path = scene_file(tmp_path, cloud, more)
     status, (line,) = lines_of(capsys, "render", path, "-o", tmp_path / "a.png", "--size", "16x12")
-    assert status == 2 and told in line
+    assert status == 2 and message in line
 
 
 @pytest.mark.parametrize("command", ["render", "animate", "view", "bake"])

@@ -56,11 +56,11 @@ def attack_part(ledger: Ledger, part: str, seed: int, count: int, jobs: int) -> 
     for worker in workers:
         worker.start()
     try:
-        said = time.monotonic()
+        output = time.monotonic()
         while any(worker.is_alive() for worker in workers):
             time.sleep(0.1)
-            if time.monotonic() - said > REPORT_INTERVAL:
-                said = time.monotonic()
+            if time.monotonic() - output > REPORT_INTERVAL:
+                output = time.monotonic()
                 counts = ledger.of(part, seed)[0].counts
                 bad = counts["crashed"] + counts["hung"] + counts["failed"]
                 print(f"{part}: {counts['inputs']:,} of {count:,} inputs, {bad:,} failures", file=sys.stderr)
@@ -93,27 +93,27 @@ def main() -> int:
     parser.add_argument("--input", type=int, help="one input alone: its number")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="processes at once")
     parser.add_argument("--state", type=Path, default=Path(".attack"), help="where it is noted what is done")
-    told = parser.parse_args()
-    unknown = [part for part in told.part if part not in PARTS]
+    options = parser.parse_args()
+    unknown = [part for part in options.part if part not in PARTS]
     if unknown:
         parser.error(f"unknown part {unknown[0]}: one of {', '.join(PARTS)}")
-    parts = told.part or list(PARTS)
+    parts = options.part or list(PARTS)
     # A background job of a shell ignores Ctrl-C, and so does all that it starts: no interrupt would arrive.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    if told.input is not None:
+    if options.input is not None:
         if len(parts) != 1:
             parser.error("--input is for one part")
-        return show_input(parts[0], told.seed, told.input)
-    ledger = Ledger(told.state, code_key())
+        return show_input(parts[0], options.seed, options.input)
+    ledger = Ledger(options.state, code_key())
     try:
         for part in parts:
-            count = PARTS[part].count if told.count is None else told.count
-            attack_part(ledger, part, told.seed, count, told.jobs)
+            count = PARTS[part].count if options.count is None else options.count
+            attack_part(ledger, part, options.seed, count, options.jobs)
     except KeyboardInterrupt:
         return 130
     finally:
-        print(ledger.table(parts, told.seed))
-    bad = [failure for part in parts for failure in ledger.of(part, told.seed)[0].failures]
+        print(ledger.table(parts, options.seed))
+    bad = [failure for part in parts for failure in ledger.of(part, options.seed)[0].failures]
     return int(bool(bad))
 
 

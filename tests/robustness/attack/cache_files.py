@@ -62,11 +62,11 @@ def strange(rng: Rng, entry: Path) -> None:
 
 def listing(*arguments: str) -> None:
     """The command about the cache; WrongError if it fails."""
-    said = io.StringIO()
-    with redirect_stdout(said), redirect_stderr(said):
+    output = io.StringIO()
+    with redirect_stdout(output), redirect_stderr(output):
         status = execute(["cache", *arguments])
     if status != 0:
-        raise WrongError(f"cache {' '.join(arguments)}: {said.getvalue()[-200:]}")
+        raise WrongError(f"cache {' '.join(arguments)}: {output.getvalue()[-200:]}")
 
 
 def begin(folder: Path) -> Attack:

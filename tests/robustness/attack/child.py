@@ -62,8 +62,8 @@ def main() -> None:
     warnings.simplefilter("ignore")
     np.seterr(all="ignore")
 
-    def answer(**told: Any) -> None:
-        print(json.dumps(told), file=out, flush=True)
+    def answer(**fields: Any) -> None:
+        print(json.dumps(fields), file=out, flush=True)
 
     attack = import_module(f"attack.{KNOWN[part].module}").begin(folder)
     answer(ready=True)

@@ -100,17 +100,17 @@ def begin(folder: Path) -> Attack:
         )
         time.sleep(seconds * float(rng.uniform(*(WRITING if rng.random() < 0.5 else (0.0, LATEST)))))
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate()
+        _, printed = process.communicate()
         status = process.returncode
         # Before the command has begun, the signal itself ends Python: a shell sees 130, too.
-        early = status == -signal.SIGINT and "execute" not in said
+        early = status == -signal.SIGINT and "execute" not in printed
         if status < 0 and not early:
             raise CrashError(f"{name or 'view'}: {signal.Signals(-status).name}")
         if status not in (0, 130) and not early:
-            raise WrongError(f"{name or 'view'}: exit status {status}: {said.strip().splitlines()[-1:]}")
-        if "Traceback" in said and not early:
+            raise WrongError(f"{name or 'view'}: exit status {status}: {printed.strip().splitlines()[-1:]}")
+        if "Traceback" in printed and not early:
             raise WrongError(
-                f"{name or 'view'}: exit status {status} with a traceback: {said.strip().splitlines()[-1:]}"
+                f"{name or 'view'}: exit status {status} with a traceback: {printed.strip().splitlines()[-1:]}"
             )
         if not name:
             return True

@@ -98,29 +98,35 @@ def found_in(target: Path) -> dict[str, str]:
 def write_there(job: Job, target: Path, kept: bool) -> dict[str, Any]:
     """Let a job write into a folder; returns status, lines, whether it raised, and what is there afterwards."""
     path = target / job.name
-    raised, told = "", None
+    raised, result = "", None
     try:
-        told = job.run(path)
+        result = job.run(path)
     except OSError:
         raised = "OSError"
     except Exception as error:
         raised = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    status, lines = told or (1 if raised else 0, [])
-    return {"status": status, "lines": lines, "raised": raised, "command": told is not None, "found": found_in(target)}
+    status, lines = result or (1 if raised else 0, [])
+    return {
+        "status": status,
+        "lines": lines,
+        "raised": raised,
+        "command": result is not None,
+        "found": found_in(target),
+    }
 
 
-def judge(job: Job, kept: bool, told: dict[str, Any]) -> bool:
+def judge(job: Job, kept: bool, result: dict[str, Any]) -> bool:
     """Whether the new file is there; WrongError if neither version is, or if the messages are not true."""
-    status, found = told["status"], told["found"]
-    if status not in (0, 1) or told["raised"] not in ("", "OSError"):
-        raise WrongError(f"{job.name}: status {status} {told['lines'][:1]} {told['raised'][:120]}")
-    if told["command"] and len(told["lines"]) != status:
-        raise WrongError(f"{job.name}: status {status} with {len(told['lines'])} lines")
+    status, found = result["status"], result["found"]
+    if status not in (0, 1) or result["raised"] not in ("", "OSError"):
+        raise WrongError(f"{job.name}: status {status} {result['lines'][:1]} {result['raised'][:120]}")
+    if result["command"] and len(result["lines"]) != status:
+        raise WrongError(f"{job.name}: status {status} with {len(result['lines'])} lines")
     want = {job.name: job.new.hex()} if status == 0 else {job.name: job.old.hex()} if kept else {}
     if found != want:
         beside = sorted(set(found) - set(want))
         state = f"left beside: {Path(beside[0]).suffix}" if beside else "the file is not whole"
-        raise WrongError(f"{job.name}: status {status} {told['raised']}, {state}")
+        raise WrongError(f"{job.name}: status {status} {result['raised']}, {state}")
     return status == 0
 
 
@@ -155,13 +161,13 @@ def begin(folder: Path) -> Attack:
                 pass
             return {"done": done, "names": sorted(path.name for path in target.iterdir())}
 
-        told = in_child(work)
+        result = in_child(work)
         whole = [k for k in range(3) if film(target, 0, 3)._complete(k)]
         if len(whole) != len(list(target.glob("[0-9]*.png"))):
             raise WrongError("a frame is not whole")
-        if any(name.startswith(".") for name in told["names"]) or len(whole) < told["done"]:
-            raise WrongError(f"film: {told['done']} frames done, there are {told['names']}")
-        return told["done"] == 3
+        if any(name.startswith(".") for name in result["names"]) or len(whole) < result["done"]:
+            raise WrongError(f"film: {result['done']} frames done, there are {result['names']}")
+        return result["done"] == 3
 
     def attack(rng: Rng, index: int) -> bool:
         shutil.rmtree(target, ignore_errors=True)

@@ -38,9 +38,9 @@ class Victim:
         while True:
             while b"\n" in self._rest:
                 line, _, self._rest = self._rest.partition(b"\n")
-                said = line.decode()
-                self.stage = said.removeprefix("in ") if said.startswith("in ") else self.stage
-                if said == word:
+                output = line.decode()
+                self.stage = output.removeprefix("in ") if output.startswith("in ") else self.stage
+                if output == word:
                     return True
             if not select.select([self._pipe], [], [], max(end - time.monotonic(), 0.0))[0]:
                 return False

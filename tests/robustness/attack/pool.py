@@ -118,8 +118,8 @@ class Child:
         text = self._errors.read_text(errors="replace")
         lines = (text[text.find("Current thread") :] if "Current thread" in text else text).splitlines()
         at = [line.strip() for line in lines if line.startswith('  File "')]
-        said = [line for line in lines if line and not line.startswith(" ")]
-        return f"{name} {at[0] if at and status < 0 else ' / '.join(said[-2:])}"[:300]
+        output = [line for line in lines if line and not line.startswith(" ")]
+        return f"{name} {at[0] if at and status < 0 else ' / '.join(output[-2:])}"[:300]
 
     def end(self) -> None:
         """Kill it and all that it has started, and remove its folder."""

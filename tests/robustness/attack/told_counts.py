@@ -15,10 +15,10 @@ from numpy.lib import format as npy
 
 from attack.byte_changes import PAGE
 
-Told = Sequence[int]  # the counts that are right; empty: nothing is announced
+Counts = Sequence[int]  # the counts that are right; empty: nothing is announced
 
 
-def told(kind: str, name: str, data: bytes) -> Told:
+def told(kind: str, name: str, data: bytes) -> Counts:
     """The counts that may be read from a file, which was accepted."""
     if kind in ("las", "laz", "copc") and data[:4] == b"LASF":
         return _las(data)
@@ -50,7 +50,7 @@ def told(kind: str, name: str, data: bytes) -> Told:
     return ()
 
 
-def _las(data: bytes) -> Told:
+def _las(data: bytes) -> Counts:
     (legacy,) = struct.unpack_from("<I", data, 107)
     newer = struct.unpack_from("<Q", data, 247)[0] if data[25] >= 4 else 0
     return (newer or legacy,)
@@ -64,7 +64,7 @@ def _xml(data: bytes) -> bytes:
     return plain[start : start + length]
 
 
-def _array(data: bytes) -> Told:
+def _array(data: bytes) -> Counts:
     """Rows of an array: the last axis is a row's columns, unless they have names. Empty if NumPy refuses it."""
     with suppress(ValueError), io.BytesIO(data) as stream:
         version = npy.read_magic(stream)
@@ -73,6 +73,6 @@ def _array(data: bytes) -> Told:
     return ()
 
 
-def _words(data: bytes, pattern: bytes) -> Told:
+def _words(data: bytes, pattern: bytes) -> Counts:
     found = re.findall(pattern, data[:4096], re.MULTILINE)
     return tuple(int(word) for word in found if word.isdigit())

@@ -92,11 +92,11 @@ def commands(folder: Path) -> dict[str, tuple[str, Write]]:
         """A command. words : its own, with FROM and TO"""
 
         def write(path: Path, version: int) -> None:
-            said, known = io.StringIO(), {"FROM": str(scans[version]), "TO": str(path)}
-            with redirect_stdout(said), redirect_stderr(said):
+            output, known = io.StringIO(), {"FROM": str(scans[version]), "TO": str(path)}
+            with redirect_stdout(output), redirect_stderr(output):
                 status = execute([known.get(word, word) for word in words])
             if status != 0:
-                raise WrongError(f"{words[0]}: {said.getvalue()[-200:]}")
+                raise WrongError(f"{words[0]}: {output.getvalue()[-200:]}")
 
         return write
 
@@ -139,10 +139,10 @@ def in_child(work: Callable[[], dict[str, Any]]) -> dict[str, Any]:
     if child == 0:
         os.close(here)
         try:
-            told = work()
+            result = work()
         except BaseException as error:
-            told = {"error": f"{type(error).__name__}: {error}"}
-        os.write(there, json.dumps(told).encode())
+            result = {"error": f"{type(error).__name__}: {error}"}
+        os.write(there, json.dumps(result).encode())
         os._exit(0)
     os.close(there)
     with open(here, "rb") as pipe:

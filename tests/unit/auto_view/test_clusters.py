@@ -131,16 +131,16 @@ def test_a_camera_that_looks_away_is_reported(rng, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "output"),
     [
         ("gs_far_floaters.ply", "Not framed: 0.29% of the points lie far from all others"),
         ("outlier_1e6.ply", "Not framed: 0.025% of the points lie far from all others"),
         ("e57_phantom_zeros_world.e57", "Not framed: 50% of the points lie at 0, 0, 0 far from all others"),
     ],
 )
-def test_scans_that_failed_once_are_framed(name, said):
+def test_scans_that_failed_once_are_framed(name, output):
     points = pr.read(case_file(name))
     scan = Scan(points, ViewChoice())
-    assert said in scan.found
+    assert output in scan.found
     assert np.ptp(scan.bounds, axis=0).max() < 10
     assert coverage(points.world, scan.camera()) > 0.1

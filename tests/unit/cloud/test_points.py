@@ -153,7 +153,7 @@ ONE = [[1.0, 2.0, 3.0]]
 
 
 @pytest.mark.parametrize(
-    ("positions", "others", "words"),
+    ("positions", "others", "message"),
     [
         (np.zeros((0, 3)), {}, "no points"),
         ([1, 2, 3], {}, r"\(n, 3\), not \(3,\)"),
@@ -176,8 +176,8 @@ ONE = [[1.0, 2.0, 3.0]]
         (ONE, {"origin": (1, 2, np.inf)}, "origin"),
     ],
 )
-def test_errors_are_reported(positions, others, words):
-    with pytest.raises(ValueError, match=words):
+def test_errors_are_reported(positions, others, message):
+    with pytest.raises(ValueError, match=message):
         Points(positions, **others)
 
 

@@ -90,8 +90,8 @@ def test_commands_report_a_missing_denoiser_first(tmp_path, monkeypatch, capsys,
     (tmp_path / "scene.toml").write_text('[models.a]\nfile = "scan.ply"\n[[instances]]\nmodel = "a"\n')
     name, *output = command.split()
     assert execute([name, file, *output, "--denoise", "--integrator", "path"]) == 2
-    said = capsys.readouterr().err
-    assert "pointray[denoise]" in said and len(said.splitlines()) == 1
+    printed = capsys.readouterr().err
+    assert "pointray[denoise]" in printed and len(printed.splitlines()) == 1
     assert {path.name for path in tmp_path.iterdir()} == {"scan.ply", "scene.toml"}
     assert execute([name, file, *output, "--denoise"]) == 2  # without noise the scan is read, and bad
     assert "pointray[denoise]" not in capsys.readouterr().err

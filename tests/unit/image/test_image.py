@@ -98,7 +98,7 @@ def test_nan_and_infinity_do_no_harm(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "image", "others", "words"),
+    ("name", "image", "others", "message"),
     [
         ("a.bmp", GRAY, {}, r"cannot write \.bmp; supported: \.png, \.jpg"),
         ("a", GRAY, {}, "without extension"),
@@ -110,8 +110,8 @@ def test_nan_and_infinity_do_no_harm(tmp_path):
         ("a.png", GRAY, {"exposure": np.nan}, "exposure"),
     ],
 )
-def test_invalid_images_are_refused(tmp_path, name, image, others, words):
-    with pytest.raises(ValueError, match=words):
+def test_invalid_images_are_refused(tmp_path, name, image, others, message):
+    with pytest.raises(ValueError, match=message):
         write_image(tmp_path / name, image, **others)
     assert list(tmp_path.iterdir()) == []
 

@@ -159,5 +159,5 @@ def test_render_draws_a_legend(tmp_path, capsys):
     for wrong in (["--legend"], ["--legend", "--color-by", "z", "-o", str(tmp_path / "a.npz")]):
         capsys.readouterr()
         assert execute(["render", str(tmp_path / "missing.ply"), "-o", str(tmp_path / "a.png"), *wrong]) == 2
-        said = capsys.readouterr().err
-        assert "--legend" in said and "missing" not in said and said.count("\n") == 1
+        output = capsys.readouterr().err
+        assert "--legend" in output and "missing" not in output and output.count("\n") == 1

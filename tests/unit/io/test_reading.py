@@ -133,10 +133,10 @@ def test_wrong_options_are_named(scan, options, words):
 def test_several_files_are_one_cloud(scan, tmp_path):
     second = tmp_path / "second.ply"
     pr.write(second, pr.Points(XYZ + [2, 0, 0], XYZ, (XYZ * 255).astype(np.uint8), {"row": np.arange(1000) + 0.5}))
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         points = pr.read([scan, second])
-    assert [str(warning.message) for warning in said] == [
+    assert [str(warning.message) for warning in caught] == [
         f"columns that only some files have: normals, colors (set to grey); missing in: {scan}",
         f"columns that only some files have: classification; missing in: {second}",
     ]
@@ -149,10 +149,10 @@ def test_several_files_are_one_cloud(scan, tmp_path):
 
 def test_missing_columns_are_reported_in_one_warning():
     full = Chunk(XYZ, attributes={"class": CLASSES, "row": np.arange(1000)})
-    with pytest.warns(UserWarning, match="class, row; missing in") as said:
+    with pytest.warns(UserWarning, match="class, row; missing in") as caught:
         gathered(full, *[Chunk(XYZ)] * 7)
-    told = "columns that only some files have: class, row; missing in: 1.abc, 2.abc, 3.abc, 4.abc, 5.abc and 2 more"
-    assert [str(warning.message) for warning in said] == [told]
+    expected = "columns that only some files have: class, row; missing in: 1.abc, 2.abc, 3.abc, 4.abc, 5.abc and 2 more"
+    assert [str(warning.message) for warning in caught] == [expected]
 
 
 def test_files_in_different_coordinate_systems_are_refused(tmp_path):

@@ -73,7 +73,7 @@ def test_a_trajectory_may_be_a_cloud_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
+    ("text", "message"),
     [
         ("x,y,z\n1,2,3\n2,3,4\n", "expected a column gps_time or time"),
         ("time,x,y,z\n2,0,0,0\n1,0,0,0\n", "row 2 of the trajectory has an earlier time .* sort"),
@@ -83,9 +83,9 @@ def test_a_trajectory_may_be_a_cloud_file(tmp_path):
         ("time,x,y,z\n1,0,0,0\n2,0,0,0\n", "times of points are 316000.* of the trajectory 1 to 2"),
     ],
 )
-def test_invalid_trajectories_are_refused(tmp_path, text, words):
+def test_invalid_trajectories_are_refused(tmp_path, text, message):
     (tmp_path / "bad.csv").write_text(text)
-    with pytest.raises(ValueError, match=words) as error:
+    with pytest.raises(ValueError, match=message) as error:
         pr.eyes_along(street(200)[0], tmp_path / "bad.csv")
     assert "\n" not in str(error.value)
 

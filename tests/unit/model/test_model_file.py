@@ -102,7 +102,7 @@ def test_other_files_are_an_error(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "message"),
     [
         ('"version": 2', '"version": 9', "another version"),
         ('"pointray model"', '"mesh"', "not a saved model"),
@@ -112,7 +112,7 @@ def test_other_files_are_an_error(tmp_path):
         (', "levels": []', ',"levels":[{}]', "missing"),
     ],
 )
-def test_another_description_is_an_error(tmp_path, saved, old, new, words):
+def test_another_description_is_an_error(tmp_path, saved, old, new, message):
     data = saved[1].read_bytes()
     start = data.index(b"{", 80)
     end = start + json.JSONDecoder().raw_decode(data[start : start + 10_000].decode("latin-1"))[1]
@@ -120,7 +120,7 @@ def test_another_description_is_an_error(tmp_path, saved, old, new, words):
     json.loads(text)
     assert len(text) <= end - start
     (tmp_path / "m").write_bytes(data[:start] + text.ljust(end - start).encode() + data[end:])
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         pr.Model.load(tmp_path / "m")
 
 

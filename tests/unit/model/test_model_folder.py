@@ -195,7 +195,7 @@ def described(name: str, spacing: float) -> dict[str, object]:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (lambda f: (f / INDEX).unlink(), "index.json is missing"),
         (lambda f: (f / INDEX).write_text("{"), "index.json"),
@@ -221,35 +221,35 @@ def described(name: str, spacing: float) -> dict[str, object]:
     ],
     ids=range(21),
 )
-def test_damaged_folders_are_refused(folder: Path, change: object, words: str) -> None:
+def test_damaged_folders_are_refused(folder: Path, change: object, message: str) -> None:
     change(folder)  # type: ignore[operator]
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         pr.Model.load(folder)
 
 
 def test_the_index_describes_parts_without_opening_their_files(both: tuple[pr.Model, pr.Model], tmp_path: Path) -> None:
     for part in both[1].parts:
-        told = write_part(tmp_path, "0", 0, 5, part.bounds, part.tree)
-        assert PartFile.of(json.loads(json.dumps(told.facts))) == told
-        assert (told.reach is not None) == part.has_surface and told.longest == part.longest
-        if told.reach is None:
+        stored = write_part(tmp_path, "0", 0, 5, part.bounds, part.tree)
+        assert PartFile.of(json.loads(json.dumps(stored.facts))) == stored
+        assert (stored.reach is not None) == part.has_surface and stored.longest == part.longest
+        if stored.reach is None:
             continue
-        assert told.reach == part.surface_bounds.tolist()
-        assert told.spacing == pytest.approx(np.median(part.radii[part.tree.order[part.tree.order >= 0]]), rel=1e-6)
+        assert stored.reach == part.surface_bounds.tolist()
+        assert stored.spacing == pytest.approx(np.median(part.radii[part.tree.order[part.tree.order >= 0]]), rel=1e-6)
 
 
 def test_levels_of_detail_are_saved_models_with_the_id_of_their_folder(tmp_path: Path) -> None:
     model = pr.Model(pr.procedural("sphere", 5000))
     model.make_levels()
     level = model.levels[0]
-    told = write_level(tmp_path, "12", 3, 1, level.data.to_stored())
-    assert (told.name, told.points, told.longest) == ("part-0003-1.pointray", len(level.points), level.longest)
-    assert told.nbytes == (tmp_path / told.name).stat().st_size
-    assert told.spacing == level.spacing
-    about, _ = read_arrays(tmp_path / told.name, KIND)
+    stored = write_level(tmp_path, "12", 3, 1, level.data.to_stored())
+    assert (stored.name, stored.points, stored.longest) == ("part-0003-1.pointray", len(level.points), level.longest)
+    assert stored.nbytes == (tmp_path / stored.name).stat().st_size
+    assert stored.spacing == level.spacing
+    about, _ = read_arrays(tmp_path / stored.name, KIND)
     assert (about["folder"], about["part"], about["level"]) == ("12", 3, 1)
-    assert np.array_equal(pr.Model.load(tmp_path / told.name).tree.leaves, level.tree.leaves)
-    part = write_part(tmp_path, "12", 3, 5, model.bounds, model.tree)._replace(levels=[told])
+    assert np.array_equal(pr.Model.load(tmp_path / stored.name).tree.leaves, level.tree.leaves)
+    part = write_part(tmp_path, "12", 3, 5, model.bounds, model.tree)._replace(levels=[stored])
     assert PartFile.of(json.loads(json.dumps(part.facts))) == part
 
 
@@ -277,9 +277,9 @@ def test_the_command_line_prepares_and_shows_parts(tmp_path: Path, capsys: pytes
     assert np.abs(np.asarray(one, np.int16) - np.asarray(other)).mean() < 1
     capsys.readouterr()
     assert run("info", parted, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["parts"], told["points"]) == (2, 20_000)
-    assert told["files"][0]["bytes"] == sum(file.stat().st_size for file in parted.iterdir())
+    stored = json.loads(capsys.readouterr().out)
+    assert (stored["parts"], stored["points"]) == (2, 20_000)
+    assert stored["files"][0]["bytes"] == sum(file.stat().st_size for file in parted.iterdir())
     assert run("render", parted, "-o", tmp_path / "b.png", "--size", "40x30") == 0  # in the studio, without baking
 
 
@@ -309,7 +309,7 @@ def test_light_baked_into_parts_equals_that_of_the_whole(both: tuple[pr.Model, p
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    ("arguments", "message"),
     [
         (["-o", "city/"], "a folder whose name ends in .pointray"),
         (["-o", "none/city.pointray/"], "folder not found"),
@@ -322,7 +322,7 @@ def test_wrong_folders_are_refused(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     arguments: list[str],
-    words: str,
+    message: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     pr.write("a.ply", pr.procedural("sphere", 1000))
@@ -330,7 +330,7 @@ def test_wrong_folders_are_refused(
     (tmp_path / "full.pointray" / "mine").touch()
     before = sorted(tmp_path.rglob("*"))
     assert run("prepare", "a.ply", *arguments) == 2
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert sorted(tmp_path.rglob("*")) == before
 
 

@@ -191,16 +191,16 @@ def test_the_command_line_names_a_damaged_level(folder: Path, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         (lambda f: (f / "part-0001-1.pointray").write_bytes(b"abc"), r"part-0001-1\.pointray.*truncated"),
         (lambda f: (f / "part-0001-1.pointray").unlink(), r"part-0001-1\.pointray"),
         (lambda f: (f / "part-0001-2.pointray").rename(f / "part-0001.pointray"), "part-0001"),
     ],
 )
-def test_file_sizes_are_checked_on_opening(folder: Path, change: Callable[[Path], None], words: str) -> None:
+def test_file_sizes_are_checked_on_opening(folder: Path, change: Callable[[Path], None], message: str) -> None:
     change(folder)
-    with pytest.raises((ValueError, OSError), match=words):
+    with pytest.raises((ValueError, OSError), match=message):
         pr.Model.load(folder)
 
 
@@ -218,9 +218,9 @@ def test_levels_are_validated_when_opened(folder: Path) -> None:
 
     def written(of: pr.Model, id: str = index.id, part: int = 0, number: int = 1) -> str:
         """Return the error from opening a level that was written with these values."""
-        told = write_level(folder.parent, id, part, number, of.data.to_stored())
-        (folder.parent / told.name).rename(folder / file.name)
-        change_index(folder, points=told.points, longest=told.longest, nbytes=told.nbytes)
+        stored = write_level(folder.parent, id, part, number, of.data.to_stored())
+        (folder.parent / stored.name).rename(folder / file.name)
+        change_index(folder, points=stored.points, longest=stored.longest, nbytes=stored.nbytes)
         try:
             _ = pr.Model.load(folder).parts[0].levels[0].tree
         except ValueError as error:
@@ -517,13 +517,13 @@ def test_info_verifies_every_byte(folder: Path, capsys: pytest.CaptureFixture[st
     assert "a model in parts" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("memory", "words"), [("1GiB", "a model in parts"), ("much", "a size like")])
+@pytest.mark.parametrize(("memory", "message"), [("1GiB", "a model in parts"), ("much", "a size like")])
 def test_a_budget_is_for_models_in_parts(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str, words: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], memory: str, message: str
 ) -> None:
     pr.write(tmp_path / "a.ply", pr.procedural("sphere", 1000))
     assert execute(["view", str(tmp_path / "a.ply"), "--no-open", "--memory", memory]) == 2
-    assert words in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------------------------------------------------- the viewer
@@ -537,7 +537,7 @@ class Page:
         self.errors: list[str] = []
         self._scene, self._heard = scene, threading.Condition()
         self.view = ViewSettings(integrator="color", samples=samples)
-        self.painter = Painter(self._deliver, self._fail, lambda *said: None)
+        self.painter = Painter(self._deliver, self._fail, lambda *output: None)
 
     def _deliver(self, frame: Frame) -> None:
         self.painter.seen(frame.number)

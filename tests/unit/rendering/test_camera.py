@@ -196,7 +196,7 @@ def test_cameras_are_immutable_values():
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"eye": (0, 0, 0)}, "same point"),
         ({"eye": (0, 0)}, "eye must be three finite numbers"),
@@ -221,8 +221,8 @@ def test_cameras_are_immutable_values():
         ({"focus": np.nan}, "focus"),
     ],
 )
-def test_invalid_cameras_are_refused(change, words):
-    with pytest.raises(ValueError, match=words):
+def test_invalid_cameras_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
         Camera.look_at(**{"eye": (1, 1, 1), "target": (0, 0, 0), **change})
 
 

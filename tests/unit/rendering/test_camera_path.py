@@ -109,7 +109,7 @@ def test_a_last_key_between_two_frames():
 
 
 @pytest.mark.parametrize(
-    ("times", "fps", "words"),
+    ("times", "fps", "message"),
     [
         ([0], 24, "at least two"),
         ([0, 0], 24, "increase"),
@@ -118,6 +118,6 @@ def test_a_last_key_between_two_frames():
         ([0, 1e9], 24, "100000 frames"),
     ],
 )
-def test_invalid_keys_are_refused(times, fps, words):
-    with pytest.raises(ValueError, match=words):
+def test_invalid_keys_are_refused(times, fps, message):
+    with pytest.raises(ValueError, match=message):
         pr.fly([(time, KEYS[0][1]) for time in times], fps)

@@ -412,12 +412,12 @@ def test_color_by_is_checked_first(value, tmp_path, capsys):
     (tmp_path / "broken.ply").write_text("nothing")
     arguments = ["render", str(tmp_path / "broken.ply"), "-o", str(tmp_path / "a.png"), "--color-by", value]
     assert execute(arguments) == 2
-    said = capsys.readouterr().err
-    assert "broken.ply" not in said and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert "broken.ply" not in output and output.count("\n") == 1
 
 
 def test_an_unknown_attribute_is_reported_before_the_model_is_made(scan, monkeypatch, capsys):
     monkeypatch.setattr(pr, "Model", None)
     assert execute(["render", str(scan), "-o", str(scan.with_name("a.png")), "--color-by", "width"]) == 2
-    said = capsys.readouterr().err
-    assert "'width'" in said and "height, " in said and said.count("\n") == 1
+    output = capsys.readouterr().err
+    assert "'width'" in output and "height, " in output and output.count("\n") == 1

@@ -386,7 +386,7 @@ def test_remote_pages_receive_no_paths(scene, is_local, source):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "expected"),
     [
         ("[Errno 2] No such file or directory: '/home/me/a b/x.ply'", "[Errno 2] No such file or directory: 'x.ply'"),
         ("scans/x.ply: line 3: it is cut", "x.ply: line 3: it is cut"),
@@ -395,8 +395,8 @@ def test_remote_pages_receive_no_paths(scene, is_local, source):
         ("nothing / here: 3 / 4", "nothing / here: 3 / 4"),
     ],
 )
-def test_folders_are_removed_from_texts(text, told):
-    assert outbox.FOLDERS.sub("", text) == told
+def test_folders_are_removed_from_texts(text, expected):
+    assert outbox.FOLDERS.sub("", text) == expected
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "127.3.2.1", "::1", "::ffff:127.0.0.1"])
@@ -422,10 +422,10 @@ def test_too_many_lights_are_refused_with_a_message(browser, viewer, scene):
     browser.listen(lambda: browser.last("values"))
     lamps = [name for name in browser.controls() if re.fullmatch(r"lamps\.\d+\.on", name)]
     assert len(lamps) == MAX_LIGHTS
-    said = [m["text"] for m in browser.told if m["type"] == "toast"]
-    assert f"there are {MAX_LIGHTS} lights: remove one to add another" in said
-    assert "too many requests at once: some were ignored" in said
-    assert len(said) <= 2 * (1 + (time.monotonic() - begun) / outbox.REPEAT_INTERVAL)  # each is repeated at intervals
+    output = [m["text"] for m in browser.told if m["type"] == "toast"]
+    assert f"there are {MAX_LIGHTS} lights: remove one to add another" in output
+    assert "too many requests at once: some were ignored" in output
+    assert len(output) <= 2 * (1 + (time.monotonic() - begun) / outbox.REPEAT_INTERVAL)  # each is repeated at intervals
     assert sum(m["type"] == "panel" for m in browser.told) <= MAX_LIGHTS + 2
     browser.rest(1.5 / COSTLY_RATE)  # from then on requests are accepted again
     browser.set("lamps.0.on", False)

@@ -437,8 +437,8 @@ def test_invalid_messages_are_ignored(browser, scene, caplog):
     browser.go(camera, fov=30.0)
     assert browser.shows(SAMPLES, expected(scene, {**camera, "fov": 30.0}, SAMPLES))
     assert browser.last("toast") is None
-    said = [record.message for record in caplog.records if record.name == "pointray.view"]
-    assert len(said) == MAX_LOGGED and all(text.startswith("ignored a message of the page: ") for text in said)
+    output = [record.message for record in caplog.records if record.name == "pointray.view"]
+    assert len(output) == MAX_LOGGED and all(text.startswith("ignored a message of the page: ") for text in output)
 
 
 def test_pages_of_other_origins_are_refused(viewer):

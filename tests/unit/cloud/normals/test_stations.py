@@ -124,26 +124,26 @@ def test_models_use_the_stations():
 def test_given_normals_are_kept_and_missing_ones_estimated():
     positions, exact, scan = wall(thickness=0.2)
     fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
-    given, said = repair_normals(Points(positions, -exact, **fields))
+    given, output = repair_normals(Points(positions, -exact, **fields))
     np.testing.assert_array_equal(given.normals, -exact)
-    repaired, said = repair_normals(Points(positions, np.zeros_like(exact), **fields))
-    assert wrong(repaired.normals, exact) == 0 and "estimated" in said
+    repaired, output = repair_normals(Points(positions, np.zeros_like(exact), **fields))
+    assert wrong(repaired.normals, exact) == 0 and "estimated" in output
 
 
 def test_inconsistent_normals_are_turned_to_their_stations():
     positions, exact, scan = wall(thickness=0.2)
     signs = np.where(np.random.default_rng(3).random(len(exact)) < 0.5, -1, 1)[:, None]
     fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
-    repaired, said = repair_normals(Points(positions, exact * signs, **fields))
-    assert wrong(repaired.normals, exact) == 0 and "signs recomputed" in said and "viewpoint=" not in said
+    repaired, output = repair_normals(Points(positions, exact * signs, **fields))
+    assert wrong(repaired.normals, exact) == 0 and "signs recomputed" in output and "viewpoint=" not in output
 
 
 def test_correct_normals_of_a_thin_wall_are_kept():
     positions, exact, scan = wall()
     fields = {"attributes": {SCAN: scan}, "georeference": BOTH}
-    repaired, said = repair_normals(Points(positions, exact, **fields))
+    repaired, output = repair_normals(Points(positions, exact, **fields))
     np.testing.assert_array_equal(repaired.normals, exact)
-    assert said is None
+    assert output is None
 
 
 def test_two_stations_orient_a_torus():

@@ -284,8 +284,8 @@ def test_a_scene_file_chooses_the_normals(choice, file, tmp_path, recwarn):
     line = "" if choice == "auto" else f'normals = "{choice}"\n'
     scene.write_text(f'[models.a]\nfile = "ripple.ply"\n{line}[[instances]]\nmodel = "a"\n')
     made = pr.load_scene(scene).scene
-    said = [str(w.message) for w in recwarn if "deviate from the surface" in str(w.message)]
-    assert len(said) == (choice == "auto") and all('(normals = "file" keeps them)' in text for text in said)
+    printed = [str(w.message) for w in recwarn if "deviate from the surface" in str(w.message)]
+    assert len(printed) == (choice == "auto") and all('(normals = "file" keeps them)' in text for text in printed)
     assert (off_at_a_slope(made) > 8) == (choice == "file")
 
 

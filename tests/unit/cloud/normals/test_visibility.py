@@ -96,10 +96,10 @@ def test_signs_of_merged_normals_are_set_anew_without_a_station(rng):
     torus = pr.procedural("torus", 6000)
     given = torus.normals * rng.choice([-1, 1], (len(torus), 1))
     with pytest.warns(UserWarning, match=NOTE):
-        repaired, said = repair_normals(
+        repaired, output = repair_normals(
             Points(torus.world, given, georeference=Georeference(stations=((5.0, 2.0, 1.5),)))
         )
-    assert (np.einsum("ij,ij->i", repaired.normals, torus.normals) > 0).all() and "signs recomputed" in said
+    assert (np.einsum("ij,ij->i", repaired.normals, torus.normals) > 0).all() and "signs recomputed" in output
 
 
 def test_each_station_is_judged_by_its_points():

@@ -176,9 +176,9 @@ def test_a_second_process_uses_the_cache_and_never_stale_code(tmp_path):
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
 def test_only_one_of_several_processes_compiles_a_kernel(elsewhere, tmp_path):
     """They start together with an empty cache: the others wait for the first one and load its kernel."""
-    said = use(elsewhere, tmp_path / "cache", TOGETHER, "4")
-    assert said[::2] == ["6.0"] * 4
-    assert sum(map(int, said[1::2])) == 1
+    output = use(elsewhere, tmp_path / "cache", TOGETHER, "4")
+    assert output[::2] == ["6.0"] * 4
+    assert sum(map(int, output[1::2])) == 1
 
 
 SCREEN = """

@@ -201,8 +201,8 @@ library.FOLDER = Path({str(tmp_path)!r})
 from pointray.cli import execute
 sys.exit(execute(["render", {str(scan)!r}, "-o", {str(tmp_path / "a.png")!r}]))
 """
-    _, said = run(code, BAD_INPUT, POINTRAY_KERNELS=choice, POINTRAY_CHECK="")
-    assert said.count("\n") == 1 and "POINTRAY_KERNELS" in said
+    _, output = run(code, BAD_INPUT, POINTRAY_KERNELS=choice, POINTRAY_CHECK="")
+    assert output.count("\n") == 1 and "POINTRAY_KERNELS" in output
     assert not (tmp_path / "a.png").exists()
 
 
@@ -218,8 +218,8 @@ library.FOLDER = Path({str(tmp_path)!r})
 from pointray.cli import execute
 sys.exit(execute(["render", {str(scan)!r}, "-o", {str(tmp_path / "a.png")!r}]))
 """
-    _, said = run(code, BAD_INPUT, POINTRAY_KERNELS="auto", POINTRAY_CHECK="")
-    assert said == (
+    _, output = run(code, BAD_INPUT, POINTRAY_KERNELS="auto", POINTRAY_CHECK="")
+    assert output == (
         "pointray: this installation has no compiled kernels, and Numba is not installed to compile them: "
         "pip install 'pointray[jit]'\n"
     )

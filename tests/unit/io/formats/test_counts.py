@@ -301,10 +301,10 @@ CASES = {
 
 def warned(path: Path, **options: object) -> tuple[pr.Points, list[str]]:
     """Return the points of a file, and the texts of all warnings."""
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         points = pr.read(path, **options)
-    return points, [str(one.message) for one in said]
+    return points, [str(one.message) for one in caught]
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -314,9 +314,9 @@ def test_rows_present_are_read_with_a_warning_or_refused(tmp_path, case):
         pytest.importorskip("trimesh")
     path = tmp_path / name
     path.write_bytes(content.encode() if isinstance(content, str) else content)
-    points, said = warned(path)
-    assert len(points) == count and len(said) == 1
-    assert said[0].startswith(str(path))
+    points, caught = warned(path)
+    assert len(points) == count and len(caught) == 1
+    assert caught[0].startswith(str(path))
     with pytest.warns(UserWarning, match=words):
         pr.read(path)
     with pytest.raises(ValueError, match=refusal) as error:
@@ -333,11 +333,11 @@ def test_spooled_scans_give_the_same_warnings(tmp_path, case):
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     expected = warned(path)
     columns = Columns(tmp_path / "columns")
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         with open_files([path], request_of()) as files:
             assert spool(files, Selection(), columns).rows == count
-    assert [str(one.message) for one in said] == expected[1]
+    assert [str(one.message) for one in caught] == expected[1]
     np.testing.assert_array_equal(columns["positions"][:], expected[0].positions)
     with pytest.raises(ValueError, match=refusal), open_files([path], request_of(strict=True)) as files:
         spool(files, Selection(), columns)
@@ -379,8 +379,8 @@ def test_cut_off_splat_files_are_read_or_refused(tmp_path, kind):
         )
     whole = pr.read(path, opacity=0)
     path.write_bytes(path.read_bytes()[:-100])
-    points, said = warned(path, opacity=0)
-    assert 200 < len(points) < 300 and len(said) == 1 and "is cut off" in said[0]
+    points, caught = warned(path, opacity=0)
+    assert 200 < len(points) < 300 and len(caught) == 1 and "is cut off" in caught[0]
     np.testing.assert_array_equal(points.positions, whole.positions[: len(points)])
     with pytest.raises(ValueError, match="is cut off"):
         pr.read(path, opacity=0, strict=True)
@@ -393,8 +393,8 @@ def test_cut_off_triangle_files_are_read_or_refused(tmp_path, kind):
     data = data.encode() if isinstance(data, str) else data
     path = tmp_path / "a.stl"
     path.write_bytes(data[: len(data) * 9 // 10])
-    points, said = warned(path)
-    assert 500 < len(points) < 642 and len(said) == 1 and "is cut off" in said[0]
+    points, caught = warned(path)
+    assert 500 < len(points) < 642 and len(caught) == 1 and "is cut off" in caught[0]
     with pytest.raises(ValueError, match="is cut off"):
         pr.read(path, strict=True)
     path.write_bytes(b"not a mesh" * 100)
@@ -406,8 +406,8 @@ def test_missing_rows_of_an_e57_scan_are_reported(tmp_path):
     own = pytest.importorskip("test_e57")
     path = own.save(tmp_path / "a.e57", (own.xyz_columns(), {}))
     own.with_xml(path, 'recordCount="500"', 'recordCount="987"')
-    points, said = warned(path)
-    assert len(points) == 500 and said == [
+    points, caught = warned(path)
+    assert len(points) == 500 and caught == [
         f"{path}: is cut off in scan 0: 987 points expected, 500 found: 487 of 987 are missing"
     ]
 

@@ -64,10 +64,10 @@ def columns(tmp_path):
 def noted():
     """Collect the texts of all warnings."""
     texts = []
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield texts
-    texts += [str(warning.message) for warning in said]
+    texts += [str(warning.message) for warning in caught]
 
 
 def points_of(columns: Columns) -> pr.Points:
@@ -111,7 +111,7 @@ def check(files, columns: Columns, **options) -> Spooled:
             points = pr.read(files, **choices, **options)
         except ValueError as raised:
             error = str(raised)
-    with noted() as said:
+    with noted() as caught:
         try:
             request = request_of(**options, bounds=choices.get("bounds"))
             with open_files(files, request) as opened:
@@ -120,7 +120,7 @@ def check(files, columns: Columns, **options) -> Spooled:
             assert str(raised) == error
             return None
     assert error is None
-    return _checked(points, spooled, expected, said, columns)
+    return _checked(points, spooled, expected, caught, columns)
 
 
 def check_chunks(columns: Columns, *sources, selection=None) -> Spooled:
@@ -128,18 +128,18 @@ def check_chunks(columns: Columns, *sources, selection=None) -> Spooled:
     openers = [Opener(f"{k}.abc", lambda source=source: Rows(*source)) for k, source in enumerate(sources)]
     with noted() as expected:
         points = gather(openers, selection or Selection(), None)
-    with noted() as said:
+    with noted() as caught:
         spooled = spool(openers, selection or Selection(), columns)
-    return _checked(points, spooled, expected, said, columns)
+    return _checked(points, spooled, expected, caught, columns)
 
 
-def _checked(points, spooled, expected, said, columns):
+def _checked(points, spooled, expected, caught, columns):
     lost = len(points) - int(points.finite.sum())
     assert spooled.lost == lost
     if lost:
-        assert said.pop() == f"{lost:,} of {len(points):,} points have no finite position below 1e+12: left out"
+        assert caught.pop() == f"{lost:,} of {len(points):,} points have no finite position below 1e+12: left out"
         points = points.select(points.finite)
-    assert said == expected
+    assert caught == expected
     check_same(points_of(columns), points)
     kept = spooled_in(columns)
     assert kept._replace(origin=0) == spooled._replace(origin=0)

@@ -118,7 +118,7 @@ def rows_of(points: pr.Points) -> np.ndarray:
 
 def levels_of(whole: pr.Model, folder: Path) -> list[list[pr.Model]]:
     """Return for each level of the whole the levels of parts with its points: of all parts, or none."""
-    files = [pr.Model.load(folder / told["name"]) for part in parts_of(folder) for told in part["levels"]]
+    files = [pr.Model.load(folder / entry["name"]) for part in parts_of(folder) for entry in part["levels"]]
     known = [set(map(bytes, rows_of(level.points))) for level in whole.levels]
     found: list[list[pr.Model]] = [[] for _ in known]
     for model in files:
@@ -157,15 +157,15 @@ def test_the_index_describes_levels(both: tuple[pr.Model, Path]) -> None:
     whole, folder = both
     for part in parts_of(folder):
         reaches = [part["reach"]]
-        for number, told in enumerate(part["levels"]):
-            model = pr.Model.load(folder / told["name"])
-            assert told["name"].endswith(f"-{number + 1}.pointray")
-            assert (told["points"], told["spacing"]) == (len(model.points), model.spacing)
+        for number, entry in enumerate(part["levels"]):
+            model = pr.Model.load(folder / entry["name"])
+            assert entry["name"].endswith(f"-{number + 1}.pointray")
+            assert (entry["points"], entry["spacing"]) == (len(model.points), model.spacing)
             reaches.append(model.surface_bounds.tolist())
         low, high = np.min([low for low, _ in reaches], axis=0), np.max([high for _, high in reaches], axis=0)
         np.testing.assert_allclose(part["reach"][0], np.maximum(low, whole.surface_bounds[0]), atol=1e-6)
         np.testing.assert_allclose(part["reach"][1], np.minimum(high, whole.surface_bounds[1]), atol=1e-6)
-        spacings = [told["spacing"] for told in part["levels"]]
+        spacings = [entry["spacing"] for entry in part["levels"]]
         assert spacings == sorted(spacings)
 
 
@@ -263,9 +263,9 @@ def test_a_repeatedly_interrupted_run_can_be_resumed(tmp_path: Path, monkeypatch
     first, again = parts_of(tmp_path / "whole.pointray"), parts_of(tmp_path / "a.pointray")
     assert sum(len(part["levels"]) for part in first) > 4
     for one, other in zip(first, again, strict=True):
-        for told, told2 in zip(one["levels"], other["levels"], strict=True):
-            assert told | {"sha256": 0} == told2 | {"sha256": 0}
-            models = [pr.Model.load(tmp_path / folder / told["name"]) for folder in ("whole.pointray", "a.pointray")]
+        for entry, entry2 in zip(one["levels"], other["levels"], strict=True):
+            assert entry | {"sha256": 0} == entry2 | {"sha256": 0}
+            models = [pr.Model.load(tmp_path / folder / entry["name"]) for folder in ("whole.pointray", "a.pointray")]
             for a, b in zip(models[0].tree, models[1].tree, strict=True):
                 np.testing.assert_array_equal(a, b)
 

@@ -379,7 +379,7 @@ def test_prepare_names_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "message"),
     [
         ({"scattered": 10**9}, "more scattered points than"),
         ({"scattered": -1}, "points, blocks or bytes"),
@@ -387,11 +387,11 @@ def test_prepare_names_the_option(tmp_path: Path, capsys: pytest.CaptureFixture[
         ({"settings": {"surface": "apss", "scatter": "balls"}}, "damaged"),
     ],
 )
-def test_damaged_indices_are_refused(change: dict[str, Any], words: str, tmp_path: Path, rng: Any) -> None:
+def test_damaged_indices_are_refused(change: dict[str, Any], message: str, tmp_path: Path, rng: Any) -> None:
     split(model_of(wood(rng, 1000)), tmp_path / "a.pointray", SIZE, levels=False)
     index = json.loads((tmp_path / "a.pointray" / INDEX).read_text())
     (tmp_path / "a.pointray" / INDEX).write_text(json.dumps({**index, **change}))
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         pr.Model.load(tmp_path / "a.pointray")
 
 
@@ -406,8 +406,8 @@ def test_the_command_line_says_how_points_are_drawn(
     scan, folder = tmp_path / "a.ply", tmp_path / "a.pointray"
     pr.write(scan, wood(rng, 20_000))
     monkeypatch.setattr("pointray.model.preparation.fits", lambda files, request, memory: fits)
-    words = ["prepare", str(scan), "-o", f"{folder}/", "--scatter", "spheres", "--scatter-size", "1.5", "--no-levels"]
-    assert execute([*words, "--memory", "2GiB"]) == 0
+    message = ["prepare", str(scan), "-o", f"{folder}/", "--scatter", "spheres", "--scatter-size", "1.5", "--no-levels"]
+    assert execute([*message, "--memory", "2GiB"]) == 0
     model = pr.Model.load(folder)
     assert model.drawing == Drawing("spheres", 1.5) and model.scattered.mean() > 0.3
     picture = ["-o", str(tmp_path / "a.png"), "--size", "64x48", "--light", "headlight"]

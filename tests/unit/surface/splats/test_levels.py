@@ -285,7 +285,7 @@ def frames(scan, name, *more):
 def test_films_of_a_scan_use_levels(scan, monkeypatch):
     made = []
     real = pr.Model.make_levels
-    monkeypatch.setattr(pr.Model, "make_levels", lambda model, *said: (made.append(model), real(model, *said)))
+    monkeypatch.setattr(pr.Model, "make_levels", lambda model, *output: (made.append(model), real(model, *output)))
     with_levels, without = frames(scan, "with"), frames(scan, "without", "--no-levels")
     assert len(made) == 1 and all(a != b for a, b in zip(with_levels, without, strict=True))
     # No levels are made if none is shown, or if a surface is asked for.

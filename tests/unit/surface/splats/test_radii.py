@@ -252,7 +252,7 @@ def test_given_radii_are_used():
 
 
 @pytest.mark.parametrize(
-    ("radii", "words"),
+    ("radii", "message"),
     [
         ([1, 2], r"\(3,\).*\(2,\)"),
         (1.0, r"\(3,\)"),
@@ -266,8 +266,8 @@ def test_given_radii_are_used():
         ([1, 2, 1e-300], "row 2 is 1e-300"),
     ],
 )
-def test_invalid_radii_are_refused(radii, words):
-    with pytest.raises(ValueError, match=words):
+def test_invalid_radii_are_refused(radii, message):
+    with pytest.raises(ValueError, match=message):
         check_radii(radii, 3)
 
 

@@ -233,7 +233,7 @@ SPHERE = pr.Points(sphere_points(2000), sphere_points(2000))
 
 
 @pytest.mark.parametrize(
-    ("options", "words"),
+    ("options", "message"),
     [
         ({}, "either tolerance or count"),
         ({"tolerance": 1, "count": 5}, "not both"),
@@ -247,8 +247,8 @@ SPHERE = pr.Points(sphere_points(2000), sphere_points(2000))
         ({"count": 2001}, "2,000 different positions"),
     ],
 )
-def test_invalid_options_are_refused(options, words):
-    with pytest.raises(ValueError, match=words):
+def test_invalid_options_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
         pr.subsample(SPHERE, **options)
 
 

@@ -173,7 +173,7 @@ def test_many_blocks_are_one_file(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "words"),
+    ("old", "new", "message"),
     [
         ('recordCount="500"', 'recordCount="9e9"', "recordCount of points is '9e9', not an integer"),
         ("<guid type", "<!DOCTYPE ", "its XML"),
@@ -182,10 +182,10 @@ def test_many_blocks_are_one_file(tmp_path, monkeypatch):
         ('type="CompressedVector"', 'type="Structure"', "contains no points: 1 scans found, all empty"),
     ],
 )
-def test_invalid_headers_are_refused(tmp_path, old, new, words):
+def test_invalid_headers_are_refused(tmp_path, old, new, message):
     path = save(tmp_path / "a.e57", (xyz_columns(), {}))
     with_xml(path, old, new)
-    with pytest.raises(ValueError, match=re.escape(words)):
+    with pytest.raises(ValueError, match=re.escape(message)):
         read(path)
 
 
@@ -215,13 +215,13 @@ def test_a_file_that_is_being_written_is_refused(tmp_path):
 
 
 def test_unsafe_xml_is_refused():
-    for text, words in [
+    for text, message in [
         (b'<!DOCTYPE a [<!ENTITY x SYSTEM "file:///etc/passwd">]><a>&x;</a>', "declares XML types"),
         (b'<a xmlns:xsi="x" xsi:schemaLocation="http://x http://x/x.xsd"/>', "refers to an XML schema"),
         (b"<a>" * 100 + b"</a>" * 100, "nested"),
         (b"<?xml version='1.0' encoding='utf-18'?><a/>", "unknown encoding"),
     ]:
-        with pytest.raises(ValueError, match=words):
+        with pytest.raises(ValueError, match=message):
             _e57_header._parse(text)
 
 

@@ -357,18 +357,18 @@ def test_errors_are_reported(tmp_path: Path) -> None:
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
         assert len(pr.read(path)) == 500
-    said = "; ".join(str(one.message) for one in told)
-    assert "as many as 100 rows" in said and "400 rows, but" in said
+    caught = "; ".join(str(one.message) for one in told)
+    assert "as many as 100 rows" in caught and "400 rows, but" in caught
 
 
 def read_with_warning(path: Path, data: bytes) -> tuple[pr.Points, str]:
     """Return the points of a damaged file, and its only warning."""
     path.write_bytes(data)
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         points = pr.read(path)
-    assert len(said) == 1
-    return points, str(said[0].message)
+    assert len(caught) == 1
+    return points, str(caught[0].message)
 
 
 def test_wrong_records_do_not_hide_the_points(tmp_path: Path) -> None:
@@ -380,8 +380,8 @@ def test_wrong_records_do_not_hide_the_points(tmp_path: Path) -> None:
     types = [(described - 2, "<B", 29), (described - 2, "<B", 99)]  # of 3 x 4 bytes; unknown
     for change in (*records, *types, (described + 4 * 192 - 2, "<B", 30)):
         at = change[0]
-        points, said = read_with_warning(path, changed(good, *change))
-        assert ("variable length records" in said) == (at < described - 2), change
+        points, caught = read_with_warning(path, changed(good, *change))
+        assert ("variable length records" in caught) == (at < described - 2), change
         np.testing.assert_array_equal(points.world, expected.world)
         np.testing.assert_array_equal(points.attributes["gps_time"], expected.attributes["gps_time"])
         assert error_of(path, path.read_bytes())
@@ -416,8 +416,8 @@ def test_wrong_counts_of_compressed_points_are_handled(version: str, format: int
     place = (107, "<I") if version == "1.2" else (247, "<Q")
     returns = changed(good, place[0] + struct.calcsize(place[1]), place[1], 500)  # fewer rows are noticed by them
     for count in (501, 530, 600, 2**32 - 1, 499, 350, 100):
-        points, said = read_with_warning(path, changed(returns, *place, count))
-        assert f"{count:,} rows expected, 500 found" in said
+        points, caught = read_with_warning(path, changed(returns, *place, count))
+        assert f"{count:,} rows expected, 500 found" in caught
         np.testing.assert_array_equal(points.world, expected)
         assert f"{count:,} rows" in error_of(path, path.read_bytes())
 

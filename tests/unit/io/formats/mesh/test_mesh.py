@@ -219,7 +219,7 @@ def test_cut_files_are_refused(tmp_path, kind):
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    ("line", "message"),
     [
         ("v 1 2", "line 5 is 'v 1 2'"),
         ("v 1 2,5 3", "line 5 is"),
@@ -228,9 +228,9 @@ def test_cut_files_are_refused(tmp_path, kind):
         ("f 1 2 -4", "index -4, but only 3 rows"),
     ],
 )
-def test_a_wrong_line_is_named(tmp_path, line, words):
+def test_a_wrong_line_is_named(tmp_path, line, message):
     (tmp_path / "a.obj").write_text(f"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 # fine\n{line}\n")
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=message):
         read(tmp_path / "a.obj")
 
 

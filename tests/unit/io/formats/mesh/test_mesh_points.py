@@ -81,25 +81,25 @@ def test_missing_material_files_are_named(tmp_path, absent, groups, has_uv):
 
 def noted(path: Path, **options: object) -> tuple[pr.Points, list[str]]:
     """Return the points of a file, and the texts of all warnings."""
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         points = pr.read(path, **options)
-    return points, [str(one.message) for one in said]
+    return points, [str(one.message) for one in caught]
 
 
 @pytest.mark.parametrize("kind", ["obj", "stl", "glb", "off", "ply"])
 def test_a_box_is_sampled(tmp_path, kind):
     path = tmp_path / f"a.{kind}"
     trimesh.creation.box((1, 2, 3)).export(str(path))
-    points, said = noted(path)
+    points, caught = noted(path)
     assert len(points) == SAMPLES
-    assert said == [
+    assert caught == [
         f"{path}: its {36 if kind == 'stl' else 8} vertices are too sparse: 200,000 points are sampled on its "
         "12 triangles; --sample 0 (in Python sample=0) reads the vertices instead"
     ]
     np.testing.assert_allclose(np.abs(points.world * [2, 1, 2 / 3]).max(axis=1), 1, atol=1e-5)  # on its faces
-    vertices, said = noted(path, sample=0)
-    assert len(vertices) == 8 and said == []
+    vertices, caught = noted(path, sample=0)
+    assert len(vertices) == 8 and caught == []
     assert len(pr.read(path, sample=77)) == 77
 
 
@@ -122,8 +122,8 @@ def divided_box(times: int) -> object:
 def test_meshes_are_sampled_unless_their_vertices_represent_the_surface(tmp_path, shape, is_sampled):
     path = tmp_path / "a.ply"
     shape.export(str(path))
-    points, said = noted(path)
-    assert len(points) == (SAMPLES if is_sampled else len(shape.vertices)) and len(said) == is_sampled
+    points, caught = noted(path)
+    assert len(points) == (SAMPLES if is_sampled else len(shape.vertices)) and len(caught) == is_sampled
 
 
 def test_triangles_in_any_order_of_corners(rng, tmp_path):
@@ -174,8 +174,8 @@ def test_a_texture_is_sampled(tmp_path):
     uv = (ball.vertices[:, :2] + 1) / 2
     ball.visual = trimesh.visual.TextureVisuals(uv=uv, image=stripes)
     ball.export(str(tmp_path / "a.glb"))
-    points, said = noted(tmp_path / "a.glb")
-    assert len(points) == SAMPLES and len(said) == 1
+    points, caught = noted(tmp_path / "a.glb")
+    assert len(points) == SAMPLES and len(caught) == 1
     row = np.floor((1 - (points.world[:, 1] + 1) / 2) * 64)
     inner = np.abs((1 - (points.world[:, 1] + 1) / 2) * 64 % 1 - 0.5) < 0.2
     facing = np.abs(points.world[:, 1]) < 0.5
@@ -195,5 +195,5 @@ def test_the_command_line_reports_sampling(tmp_path, capsys, monkeypatch):
 def test_without_trimesh_the_vertices_of_ply_are_read(tmp_path, monkeypatch):
     trimesh.creation.box().export(str(tmp_path / "a.ply"))
     monkeypatch.setattr("pointray.io.formats.mesh.mesh.find_spec", lambda name: None)
-    points, said = noted(tmp_path / "a.ply")
-    assert len(points) == 8 and len(said) == 1 and "because trimesh is missing: pip install" in said[0]
+    points, caught = noted(tmp_path / "a.ply")
+    assert len(points) == 8 and len(caught) == 1 and "because trimesh is missing: pip install" in caught[0]

@@ -308,7 +308,7 @@ HEADER += "property float x\nproperty float y\nproperty float z\nend_header\n"
 
 
 @pytest.mark.parametrize(
-    ("content", "words"),
+    ("content", "message"),
     [
         (b"", "is empty"),
         (b"\x89PNG\r\n\x1a\n" + bytes(range(256)), "invalid PLY file"),
@@ -333,10 +333,10 @@ HEADER += "property float x\nproperty float y\nproperty float z\nend_header\n"
         (HEADER.format(format="ascii", count=2) + "nan nan nan\nnan 0 0\n", "none of the 2 rows is finite"),
     ],
 )
-def test_damaged_files_are_named_with_the_reason_in_one_line(tmp_path, content, words):
+def test_damaged_files_are_named_with_the_reason_in_one_line(tmp_path, content, message):
     path = tmp_path / "damaged.ply"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(ValueError, match=words) as caught:
+    with pytest.raises(ValueError, match=message) as caught:
         read(path, strict=True)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
