@@ -64,7 +64,7 @@ def add_radiance(scratch: Scratch, i: int, light: Vec3) -> None:
 
 
 @inline
-def _margin(world: World, scratch: Scratch, i: int) -> float:
+def margin_of(world: World, scratch: Scratch, i: int) -> float:
     """Return the offset of new rays from the surface at hit i: the noise removed there by smoothing.
 
     Smoothing leaves bumps of a quarter of the noise, which shadow each other under a grazing sun. At 2 degrees, on a
@@ -123,7 +123,7 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
         store3(points, SHADING_COLOR + i, load3(wide, COLOR + i))
         points[SHADING_SIDE + i] = side
     for i in range(TILE):
-        points[SHADING_MARGIN + i] = _margin(world, scratch, i)
+        points[SHADING_MARGIN + i] = margin_of(world, scratch, i)
         if scratch.numbers[LEAF_OF + i] >= SCATTERED and scratch.numbers[INSTANCE_OF + i] >= 0:
             _soften(world, scratch, i)
 
