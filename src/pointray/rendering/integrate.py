@@ -103,6 +103,11 @@ def _is_beside(corner: Corner, window: Window) -> bool:
 
 
 @inline
+def begin_sample(world: World, corner: Corner, sample: int, scratch: Scratch) -> None:
+    """Do nothing before a sample of a tile; worlds of which samples are replayed have a version of this function."""
+
+
+@inline
 def render_tiles(
     integrate: Callable[[World, Array, Pass, int, Scratch], None],
     work: Array,
@@ -132,6 +137,7 @@ def render_tiles(
                 if cancelled(work):  # a block of many samples takes long, so poll here
                     break
                 round_sums(sample, job.first, scratch)
+                begin_sample(world, corner, sample, scratch)
                 set_pixel_rays(camera, (width, height), corner, sample, (job.spp, job.filter), scratch)
                 integrate(world, camera, job, sample, scratch)
             finish_sums(corner, job.end, job.background, film, image, scratch)

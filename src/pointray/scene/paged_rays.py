@@ -65,7 +65,7 @@ class _DiskParts:
 
 
 def _begin(scene: Snapshot, rays: Rays) -> tuple[Snapshot, _DiskParts | None]:
-    """Return the scene for the first pass, and the closed parts, or None if no part is closed."""
+    """Return the scene for the first pass, and the closed parts, or None."""
     rows = scene.on_disk
     if len(rows) * len(rays[0]) > MOST:
         return scene.opened(), None

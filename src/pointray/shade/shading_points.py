@@ -46,7 +46,7 @@ def add_radiance(scratch: Scratch, i: int, light: Vec3) -> None:
 
 
 @inline
-def _margin(world: World, scratch: Scratch, i: int) -> float:
+def margin_of(world: World, scratch: Scratch, i: int) -> float:
     """Return the offset of new rays from the surface at hit i: the noise removed there by smoothing.
 
     Smoothing leaves bumps of a quarter of the noise, which shadow each other under a grazing sun. At 2 degrees, on a
@@ -99,6 +99,7 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
         wo = scale(unit(d), -1.0)
         # Side of the eye: shadow rays start there, and the normal is flipped to it.
         side = 1.0 if dot(normal, wo) >= 0.0 else -1.0
+<<<<<<< HEAD
         store3(points, sc.SHADING_POINT + i, add(load3(wide, sc.ORIGIN + i), scale(d, wide[sc.NEAREST + i])))
         store3(points, sc.SHADING_NORMAL + i, scale(normal, side))
         store3(points, sc.SHADING_WO + i, wo)
@@ -107,6 +108,16 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
     for i in range(sc.TILE):
         points[sc.SHADING_MARGIN + i] = _margin(world, scratch, i)
         if scratch.numbers[sc.LEAF_OF + i] >= SCATTERED and scratch.numbers[sc.INSTANCE_OF + i] >= 0:
+=======
+        store3(points, SHADING_POINT + i, add(load3(wide, ORIGIN + i), scale(d, wide[NEAREST + i])))
+        store3(points, SHADING_NORMAL + i, scale(normal, side))
+        store3(points, SHADING_WO + i, wo)
+        store3(points, SHADING_COLOR + i, load3(wide, COLOR + i))
+        points[SHADING_SIDE + i] = side
+    for i in range(TILE):
+        points[SHADING_MARGIN + i] = margin_of(world, scratch, i)
+        if scratch.numbers[LEAF_OF + i] >= SCATTERED and scratch.numbers[INSTANCE_OF + i] >= 0:
+>>>>>>> 132e7e9bea80e700755e036e8823476477c8b6f7
             _soften(world, scratch, i)
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from .arrays import array_at, borrow, keep_alive
 from .backlog import BACKLOG, Compiling, compilations, compile_seconds, compile_times
-from .decorators import KERNELS, Kernel, Table, inline, kernel, later, routine, uncompiled
+from .decorators import KERNELS, Kernel, Table, inline, kernel, later, routine, uncompiled, version_for
 from .library import CHECK
 from .numbers import Array, f32, f64, i32, i64, u64
 from .second_process import compile_in_background, wait_for
@@ -52,5 +52,6 @@ __all__ = [
     "next_tile",
     "thread_count",
     "uncompiled",
+    "version_for",
     "wait_for",
 ]

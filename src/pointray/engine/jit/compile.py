@@ -15,7 +15,7 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.registry import cpu_target
 
 from .backlog import BACKLOG, COUNTS
-from .decorators import KERNELS, Later, Table
+from .decorators import KERNELS, Later, Piece, Table
 from .disk_cache import KernelCache, cache_folder
 from .library import CHECK
 
@@ -74,12 +74,13 @@ class _PieceLibrary(JITCodeLibrary):
         self._finalized = True
 
 
-def dispatcher_of_piece(function: Callable[..., Any], is_inline: bool) -> Any:
+def dispatcher_of_piece(piece: Piece) -> Any:
     """Return the Numba dispatcher of a device function, without wrappers for Python and C and without machine code.
 
     A kernel takes three times as long to compile if each device function is optimized and compiled to machine code by
     itself, and twice as long if calls with a constant argument are specialized (docs/decisions/jit-and-cache.md).
     """
+    function, is_inline = piece.py_func, piece.is_inline
     # All options are given explicitly: a device function inherits omitted ones from its caller.
     options = {"forceinline": is_inline, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     _with_tables(function)
@@ -101,6 +102,12 @@ def dispatcher_of_piece(function: Callable[..., Any], is_inline: bool) -> Any:
         dispatcher.overloads[tuple(result.signature.args)] = result
 
     def without_constants(args: Any, kws: Any) -> Any:
+        records = [getattr(a, "instance_class", None) for a in args]
+        special = next((piece.versions[record] for record in records if record in piece.versions), None)
+        if special is not None:
+            found = special.dispatcher.get_call_template(args, kws)
+            dispatcher.overloads.update(special.dispatcher.overloads)
+            return found
         return template([types.unliteral(a) for a in args], {k: types.unliteral(a) for k, a in kws.items()})
 
     dispatcher._compiler._customize_flags = customize

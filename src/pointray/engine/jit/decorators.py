@@ -39,6 +39,7 @@ class Piece:
     def __init__(self, function: Callable[..., Any], is_inline: bool) -> None:
         functools.update_wrapper(cast(Any, self), function)
         self.py_func, self.is_inline = function, is_inline
+        self.versions: dict[type, Piece] = {}  # by a record among the arguments
 
     def __reduce__(self) -> str:
         return self.py_func.__qualname__  # pickled by name, as functions are
@@ -46,7 +47,7 @@ class Piece:
     @cached_property
     def dispatcher(self) -> Any:
         """Numba dispatcher."""
-        return _compiler().dispatcher_of_piece(self.py_func, self.is_inline)
+        return _compiler().dispatcher_of_piece(self)
 
     @property
     def _numba_type_(self) -> Any:
@@ -171,6 +172,19 @@ def inline(function: Function) -> Function:
 def routine(function: Function) -> Function:
     """Compile a device function that is not inlined, as it is too large or called from too many places."""
     return cast(Function, Piece(function, is_inline=False))
+
+
+def version_for(record: type, general: Callable[..., Any]) -> Callable[[Function], Function]:
+    """Declare a device function to be the version of a general one for calls with a record of this type.
+
+    Callers of the general function need not know of it, like those of a function overloaded in C++.
+    """
+
+    def declare(special: Function) -> Function:
+        cast(Piece, general).versions[record] = cast(Piece, special)
+        return special
+
+    return declare
 
 
 def uncompiled(function: Function) -> Function:

@@ -4,32 +4,30 @@ In each wave a sample of a tile runs from its start, with all answers so far. At
 rays of its tile as a query; from then on its rays hit nothing, and its result is discarded. After the last wave no
 answer is missing, and the result is that of the original kernels, by the same code with the same numbers.
 
-That code is not repeated here: `copy_replacing` copies the functions of the original kernels, and replaces those that
-trace rays.
+That code is not repeated here: the functions that trace rays have versions for a `ReplayWorld` (`version_for`), which
+Numba calls wherever the original kernels call them.
 """
 
 from __future__ import annotations
 
 from collections import namedtuple
-from collections.abc import Callable, Sequence
-from types import FunctionType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...engine.jit import Array, borrow, i64, inline, kernel, routine, uncompiled
+from ...engine.jit import Array, borrow, i64, inline, kernel, routine, uncompiled, version_for
 from ...engine.kernels import scratch as sc
 from ...engine.kernels.records import World
 from ...engine.kernels.scratch import Scratch, load3, store3
 from ...engine.kernels.vec import load3_flat
 from ...engine.simd import Bits
-from ...shade.shading_points import store_shading_points
+from ...shade.shading_points import margin_of
 from ...surface.trace.hits import describe_tile
 from ...surface.trace.instance import through_instance
 from ...surface.trace.instance_bvh import begin_walk
-from ...surface.trace.world import occlude_tile, trace_tile
-from ..film import EDGE, Corner, set_pixel_rays
-from ..integrate import BLOCK_EDGE, Pass, quick_frame, sampled_frame
+from ...surface.trace.world import find_hits, occlude_tile, trace_tile
+from ..film import EDGE, Corner
+from ..integrate import BLOCK_EDGE, Pass, begin_sample, quick_frame, sampled_frame
 
 # Fields of a ray of a query, RAY float64; its t_min is 0.
 RAY = 8
@@ -88,58 +86,21 @@ class ReplayTable(NamedTuple):
     rays: Array
 
 
-# A `World` with answers, for the copied functions.
+# A `World` with answers.
 ReplayWorld: Any = namedtuple("ReplayWorld", [*World._fields, "recall"])  # type: ignore[misc]  # noqa: PYI024
 
 
-def copy_replacing(functions: Sequence[Any], others: dict[Any, Any]) -> list[Any]:
-    """Copy kernel functions, with all that they call, replacing some callees.
-
-    others : replacements by callee; functions that call none of them are not copied
-    """
-    made: dict[Any, Any] = dict(others)
-
-    def copy(piece: Any) -> Any:
-        if piece not in made:
-            plain = uncompiled(piece)
-            names = {name: plain.__globals__.get(name) for name in plain.__code__.co_names}
-            calls = {name: copy(value) for name, value in names.items() if hasattr(value, "py_func")}
-            changed = any(calls[name] is not names[name] for name in calls)
-            decorate = inline if piece.is_inline else routine
-            made[piece] = decorate(_with_globals(plain, calls)) if changed else piece
-        return made[piece]
-
-    return [copy(function) for function in functions]
-
-
-def _with_globals(function: Callable[..., Any], others: dict[str, Any]) -> Callable[..., Any]:
-    """Return a copy of a function with some of its globals replaced."""
-    assert isinstance(function, FunctionType)
-    twin = FunctionType(
-        function.__code__,
-        {**function.__globals__, **others},
-        function.__name__,
-        function.__defaults__,
-        function.__closure__,
-    )
-    twin.__qualname__ = function.__qualname__
-    return twin
-
-
+@version_for(ReplayWorld, begin_walk)
 @inline
 def _no_walk(world: Any, scratch: Scratch) -> int:
-    """Replace `begin_walk`: only planes are intersected."""
+    """Intersect only planes."""
     return 0
 
 
+@version_for(ReplayWorld, through_instance)
 @inline
 def _no_instance(world: Any, offset: int, rays: int, any_hit: bool, scratch: Scratch) -> None:
-    """Replace `through_instance`: instances are empty."""
-
-
-_trace_planes, _occlude_planes = copy_replacing(
-    (trace_tile, occlude_tile), {begin_walk: _no_walk, through_instance: _no_instance}
-)
+    """Treat instances as empty."""
 
 
 @inline
@@ -156,14 +117,12 @@ def _is_open(scratch: Scratch, i: int) -> bool:
     return scratch.world[sc.T_MIN + i] <= scratch.world[sc.NEAREST + i]
 
 
+@version_for(ReplayWorld, begin_sample)
 @inline
-def _begin_sample(
-    camera: Array, size: tuple[int, int], corner: Corner, sample: int, drawn: tuple[int, int], scratch: Scratch
-) -> None:
-    """Replace `set_pixel_rays`: also store which sample begins."""
+def _begin_sample(world: Any, corner: Corner, sample: int, scratch: Scratch) -> None:
+    """Store which sample begins."""
     stack = scratch.stack
     stack[COLUMN], stack[ROW], stack[SAMPLE], stack[TURN], stack[SILENT] = corner[0], corner[1], sample, 0, 0
-    set_pixel_rays(camera, size, corner, sample, drawn, scratch)
 
 
 @routine
@@ -231,25 +190,29 @@ def _ask(recall: ReplayTable, unit: int, asked: Bits, any_hit: bool, scratch: Sc
             recall.rays[at + RAY_SIDE] = scratch.world[sc.SIDE_OF + i]
 
 
+@version_for(ReplayWorld, trace_tile)
 @inline
 def _recall_closest(world: Any, scratch: Scratch) -> None:
-    """Replace `trace_tile`."""
-    _trace_planes(world, scratch)
+    """Intersect planes, and read the other hits from the table."""
+    find_hits(world, False, scratch)
     _recall_tile(world, False, scratch)
 
 
+@version_for(ReplayWorld, occlude_tile)
 @inline
 def _recall_occlusion(world: Any, scratch: Scratch) -> None:
-    """Replace `occlude_tile`."""
-    _occlude_planes(world, scratch)
+    """Intersect planes, and read from the table which other rays are blocked."""
+    find_hits(world, True, scratch)
     _recall_tile(world, True, scratch)
 
 
+@version_for(ReplayWorld, describe_tile)
 @inline
-def _recalled_colors(world: Any, seen_only: bool, scratch: Scratch) -> None:
-    """Replace `describe_tile`: colours are part of the answers."""
+def _keep_colors(world: Any, seen_only: bool, scratch: Scratch) -> None:
+    """Keep the colours of the answers."""
 
 
+@version_for(ReplayWorld, margin_of)
 @inline
 def _store_with_margins(world: Any, scratch: Scratch) -> None:
     """Replace `store_shading_points`: margins are part of the answers."""
@@ -258,25 +221,18 @@ def _store_with_margins(world: Any, scratch: Scratch) -> None:
         scratch.shading_points[sc.SHADING_MARGIN + i] = scratch.world[sc.LOCAL + i]
 
 
-_RECALLED = {
-    set_pixel_rays: _begin_sample,
-    trace_tile: _recall_closest,
-    occlude_tile: _recall_occlusion,
-    describe_tile: _recalled_colors,
-    store_shading_points: _store_with_margins,
-}
-_quick, _sampled = copy_replacing((quick_frame, sampled_frame), _RECALLED)
+_quick, _sampled = routine(uncompiled(quick_frame)), routine(uncompiled(sampled_frame))
 
 
 @kernel
 def recalled_quick(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Replace `quick_frame`, for a `ReplayWorld`."""
+    """Run `quick_frame` for a `ReplayWorld`."""
     return _quick(work, world, camera, job, film, image)
 
 
 @kernel
 def recalled_sampled(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Replace `sampled_frame`, for a `ReplayWorld`."""
+    """Run `sampled_frame` for a `ReplayWorld`."""
     return _sampled(work, world, camera, job, film, image)
 
 

@@ -107,7 +107,7 @@ def _end_where_hit(scratch: Scratch) -> None:
 
 
 @routine
-def _trace(world: World, any_hit: bool, scratch: Scratch) -> None:
+def find_hits(world: World, any_hit: bool, scratch: Scratch) -> None:
     """Find the nearest hits of the tile's rays with everything in the scene; for occlusion any hits."""
     # Borrow again: a routine does not know that its caller already did.
     scratch, world = borrow(scratch), borrow(world)
@@ -136,13 +136,13 @@ def _trace(world: World, any_hit: bool, scratch: Scratch) -> None:
 @inline
 def trace_tile(world: World, scratch: Scratch) -> None:
     """Find the nearest hits of the tile's rays with everything in the scene, for `hits.tile_hit`."""
-    _trace(world, False, scratch)
+    find_hits(world, False, scratch)
 
 
 @inline
 def occlude_tile(world: World, scratch: Scratch) -> None:
     """Find out which of the tile's rays hit anything, for `is_blocked`. Their hits are undefined afterwards."""
-    _trace(world, True, scratch)
+    find_hits(world, True, scratch)
 
 
 @inline
