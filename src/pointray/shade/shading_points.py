@@ -99,25 +99,14 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
         wo = scale(unit(d), -1.0)
         # Side of the eye: shadow rays start there, and the normal is flipped to it.
         side = 1.0 if dot(normal, wo) >= 0.0 else -1.0
-<<<<<<< HEAD
         store3(points, sc.SHADING_POINT + i, add(load3(wide, sc.ORIGIN + i), scale(d, wide[sc.NEAREST + i])))
         store3(points, sc.SHADING_NORMAL + i, scale(normal, side))
         store3(points, sc.SHADING_WO + i, wo)
         store3(points, sc.SHADING_COLOR + i, load3(wide, sc.COLOR + i))
         points[sc.SHADING_SIDE + i] = side
     for i in range(sc.TILE):
-        points[sc.SHADING_MARGIN + i] = _margin(world, scratch, i)
+        points[sc.SHADING_MARGIN + i] = margin_of(world, scratch, i)
         if scratch.numbers[sc.LEAF_OF + i] >= SCATTERED and scratch.numbers[sc.INSTANCE_OF + i] >= 0:
-=======
-        store3(points, SHADING_POINT + i, add(load3(wide, ORIGIN + i), scale(d, wide[NEAREST + i])))
-        store3(points, SHADING_NORMAL + i, scale(normal, side))
-        store3(points, SHADING_WO + i, wo)
-        store3(points, SHADING_COLOR + i, load3(wide, COLOR + i))
-        points[SHADING_SIDE + i] = side
-    for i in range(TILE):
-        points[SHADING_MARGIN + i] = margin_of(world, scratch, i)
-        if scratch.numbers[LEAF_OF + i] >= SCATTERED and scratch.numbers[INSTANCE_OF + i] >= 0:
->>>>>>> 132e7e9bea80e700755e036e8823476477c8b6f7
             _soften(world, scratch, i)
 
 

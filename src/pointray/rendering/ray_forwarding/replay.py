@@ -214,11 +214,9 @@ def _keep_colors(world: Any, seen_only: bool, scratch: Scratch) -> None:
 
 @version_for(ReplayWorld, margin_of)
 @inline
-def _store_with_margins(world: Any, scratch: Scratch) -> None:
-    """Replace `store_shading_points`: margins are part of the answers."""
-    store_shading_points(world, scratch)
-    for i in range(sc.TILE):
-        scratch.shading_points[sc.SHADING_MARGIN + i] = scratch.world[sc.LOCAL + i]
+def _margin_of(world: Any, scratch: Scratch, i: int) -> float:
+    """Return the margin of the answer."""
+    return scratch.world[sc.LOCAL + i]
 
 
 _quick, _sampled = routine(uncompiled(quick_frame)), routine(uncompiled(sampled_frame))
