@@ -71,7 +71,7 @@ def wait_until(true: Any) -> None:
 def test_a_picture_is_the_same(client: Any, settings: pr.Settings) -> None:
     scene, camera = scene_of(MODEL), camera_of(80, 48)
     told: list[float] = []
-    image = pr.render(scene, camera, settings, told.append, client=client)
+    image = pr.render(scene, camera, settings, lambda _, share: told.append(share), client=client)
     np.testing.assert_array_equal(image, pr.render(scene, camera, settings))
     assert told == sorted(told) or settings.denoise
     assert told[-1] == 1.0
@@ -325,7 +325,7 @@ def test_an_error_of_a_job_is_raised_here(client: Any) -> None:
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, ValueError])
 def test_an_error_in_progress_ends_all_jobs(client: Any, error: type[BaseException]) -> None:
-    def stop(share: float) -> None:
+    def stop(stage: str, share: float) -> None:
         if any(bench.lock.locked() for bench in worker._CACHES.values()):  # a kernel is running
             raise error
 

@@ -50,7 +50,9 @@ def assert_same(images: list[Any], scene: pr.Scene, settings: pr.Settings) -> No
 )
 def test_each_picture_equals_that_of_render(client: Any, settings: pr.Settings) -> None:
     scene, told = new_scene(), list[float]()
-    assert_same(list(pr.animate(scene, CAMERAS, settings, told.append, client)), scene, settings)
+    assert_same(
+        list(pr.animate(scene, CAMERAS, settings, lambda _, share: told.append(share), client)), scene, settings
+    )
     assert 0 <= told[0] <= told[-1] <= 1 and told[-1] > 0.5
     assert told == sorted(told) or settings.denoise
     assert client is not None or {round(7 * share) for share in told} >= set(range(1, 8))
@@ -81,7 +83,7 @@ def test_no_cameras_make_no_pictures(client: Any) -> None:
 
 
 def test_an_error_in_progress_ends_the_film(client: Any) -> None:
-    def stop(share: float) -> None:
+    def stop(stage: str, share: float) -> None:
         raise InterruptedError
 
     settings = pr.Settings("path", spp=20_000, max_depth=2)

@@ -78,7 +78,7 @@ def assert_same(found: pr.Baked, wanted: pr.Baked) -> None:
 @pytest.mark.parametrize("make", [matt, long(shiny)])
 def test_light_is_the_same(client: Any, make: Any) -> None:
     scene, told = make(), list[float]()
-    found, wanted = pr.bake(scene, FEW, told.append, client), pr.bake(scene, FEW)
+    found, wanted = pr.bake(scene, FEW, lambda _, share: told.append(share), client), pr.bake(scene, FEW)
     assert_same(found, wanted)
     transport = wanted._exchange.transport
     assert len(transport.links) > 1  # there was noise

@@ -166,7 +166,7 @@ def test_models_larger_than_a_worker_are_spread(client: Any, folder: Path, monke
 
 
 def test_an_error_in_progress_ends_the_work(client: Any, folder: Path) -> None:
-    def stop(share: float) -> None:
+    def stop(stage: str, share: float) -> None:
         raise InterruptedError
 
     with pytest.raises(InterruptedError):

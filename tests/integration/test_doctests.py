@@ -16,9 +16,12 @@ import pytest
 import pointray as pr
 
 # Results, which callers do not create: their attributes are documented.
-RESULTS = {"Baked", "Hits", "SceneFile", "StaleLightWarning"}
-# Methods without examples: `remade` is deprecated, the others are called by other parts of the package only.
-BRIEF = {"align_tree", "check_whole", "portable", "record", "remade", "snapshot", "tables"}
+RESULTS = {"Baked", "Flaws", "FormatFacts", "Hits", "NormalsCheck", "Prepared", "SceneFile", "StaleLightWarning"} | {
+    "Strays",
+    "Viewer",
+}
+# Methods without examples: `remade` is deprecated, `open_browser` needs a browser, only the package calls the others.
+BRIEF = {"align_tree", "check_whole", "open_browser", "portable", "record", "remade", "snapshot", "tables"}
 SECTION = r"^{}\n-+\n(.*?)(?=^\w[\w ]*\n--|\Z)"
 
 

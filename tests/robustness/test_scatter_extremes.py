@@ -8,8 +8,8 @@ from helpers.marks import long
 from pointray.cli import execute
 
 UP = np.array([0.0, 0.0, 1.0])
-ONE_PLACE, NOTHING = "no radius can be chosen", "none of the points"
-ADVICE = {ONE_PLACE: "give radii or an attribute radius", NOTHING: "choose spheres"}
+ONE_PLACE, NOTHING = "no radius can be chosen", "all points are scattered"
+ADVICE = {ONE_PLACE: "give radii or an attribute radius", NOTHING: "use spheres"}
 CLOUDS = {
     "one": np.array([[1.0, 2, 3]]),
     "two": np.array([[0.0, 0, 0], [1, 0, 0]]),

@@ -34,6 +34,12 @@ class Flaws(NamedTuple):
         Rows with exactly the same position as an earlier row.
     outliers : (n,) bool
         Rows far from everything else.
+
+    Examples
+    --------
+    >>> flaws = pr.find_flaws(pr.Points([[0, 0, 0], [1, 0, 0], [0, 0, 0]]))
+    >>> int(flaws.duplicates.sum()), int(flaws.outliers.sum())
+    (1, 0)
     """
 
     duplicates: NDArray[np.bool_]

@@ -46,8 +46,8 @@ class Georeference:
 
     Examples
     --------
-    >>> survey = pr.Survey(crs="EPSG:25832", unit="metre", stations=[(500000, 5400000, 310)])
-    >>> survey.stations
+    >>> known = pr.Georeference(crs="EPSG:25832", unit="metre", stations=[(500000, 5400000, 310)])
+    >>> known.stations
     ((500000.0, 5400000.0, 310.0),)
     """
 

@@ -94,6 +94,11 @@ class FormatFacts:
         The optional dependency group of pointray it needs: pip install 'pointray[extra]'.
     keeps : dict of str to str
         What is read from a file, in words: "positions", "normals", "colors", "attributes", "survey", "note".
+
+    Examples
+    --------
+    >>> next(known for known in pr.formats() if known.name == "PLY").writes
+    True
     """
 
     name: str

@@ -38,6 +38,13 @@ class Trajectory:
     ------
     ValueError
         If a shape is wrong, a number is not finite, or times decrease.
+
+    Examples
+    --------
+    >>> trajectory = pr.Trajectory((0, 10), [(0, 0, 100), (50, 0, 100)])
+    >>> points = pr.Points([(20, 0, 0)], attributes={"gps_time": np.array([5.0])})
+    >>> pr.eyes_along(points, trajectory).tolist()
+    [[25.0, 0.0, 100.0]]
     """
 
     times: Doubles

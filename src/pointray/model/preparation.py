@@ -58,6 +58,12 @@ class Prepared:
         Number of its parts; 0 if it is a file.
     steps : tuple of str
         Descriptions of what was done to the points.
+
+    Examples
+    --------
+    >>> pr.write("scan.ply", pr.procedural("sphere", 1000))
+    >>> pr.prepare("scan.ply", "model.pointray").points
+    1000
     """
 
     path: Path
@@ -170,8 +176,11 @@ def prepare(
 
     Examples
     --------
-    >>> pr.prepare("scan.las", "city.pointray/", memory=4 << 30)
-    >>> pr.prepare("scan.ply", "small.ply", tolerance="0.05%", drop_outliers=True)
+    >>> pr.write("scan.ply", pr.procedural("sphere", 5000))
+    >>> print(pr.prepare("scan.ply", "small.ply", count=1000))
+    small.ply: 1,000 points; of 5,000
+    >>> pr.prepare("scan.ply", "city.pointray/", part_points=2048).parts
+    3
     """
     check_callback(progress)
     client = None if client is None else backend().check_client(client)

@@ -28,7 +28,17 @@ class Viewer:
     url : str
         Address of the page. It contains a random token; requests without it are refused.
     port : int
+
+    Examples
+    --------
+    >>> viewer = pr.view(pr.Scene(), open_browser=False, block=False)
+    >>> viewer.url.startswith("http://127.0.0.1:")
+    True
+    >>> viewer.close()
     """
+
+    url: str
+    port: int
 
     def __init__(self, shared: SharedScene, host: str = "127.0.0.1", port: int = 0, token: str = "") -> None:
         self._shared = shared
@@ -43,7 +53,12 @@ class Viewer:
         self._watcher.start()
 
     def close(self) -> None:
-        """Stop the server. Open pages keep their last image."""
+        """Stop the server. Open pages keep their last image.
+
+        Examples
+        --------
+        >>> pr.view(pr.Scene(), open_browser=False, block=False).close()
+        """
         self._ended.set()
         self._server.close()
         with self._lock:
@@ -52,7 +67,17 @@ class Viewer:
             session.leave()
 
     def wait(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Wait until `close` is called, Ctrl-C is pressed, or `until` returns True; then close the viewer."""
+        """Wait until `close` is called, Ctrl-C is pressed, or a condition holds; then close the viewer.
+
+        Parameters
+        ----------
+        until : callable
+            Called ten times a second; the wait ends when it returns True.
+
+        Examples
+        --------
+        >>> pr.view(pr.Scene(), open_browser=False, block=False).wait(until=lambda: True)
+        """
         try:
             # Not Event.wait: Ctrl-C inside it can leave its lock held, and `close` would then wait forever.
             while not self._ended.is_set() and not until():
@@ -61,7 +86,13 @@ class Viewer:
             self.close()
 
     def open_browser(self) -> bool:
-        """Open the page in the user's browser; return False if none is available."""
+        """Open the page in the user's browser.
+
+        Returns
+        -------
+        bool
+            False if no browser is available.
+        """
         try:
             return webbrowser.open(self.url)
         except webbrowser.Error:

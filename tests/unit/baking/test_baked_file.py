@@ -447,7 +447,7 @@ def test_wrong_arguments_are_refused(tmp_path, saved):
 
 
 def test_a_failed_write_keeps_the_old_file(tmp_path, saved):
-    def stop(share):
+    def stop(stage, share):
         raise KeyboardInterrupt
 
     (tmp_path / "a").write_bytes(b"old")

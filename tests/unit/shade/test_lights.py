@@ -339,7 +339,7 @@ def test_copies_of_light_lists_grow_independently():
     twin.add_light(d)
     scene.add_light(d)
     assert scene.lights == (a, b, d) and twin.lights == (a, c, d) and before == (a,)
-    with pytest.raises(ValueError, match="expected PointLight"):
+    with pytest.raises(ValueError, match="one of PointLight"):
         scene.add_light("sun")
     with pytest.raises(ValueError, match="already"):
         scene.lights = [pr.EnvironmentLight(), pr.EnvironmentLight()]

@@ -39,6 +39,11 @@ class NormalsCheck(NamedTuple):
         or too few neighbourhoods are flat enough to compare.
     wrong : bool
         Whether the angle exceeds 15 degrees.
+
+    Examples
+    --------
+    >>> pr.check_normals(pr.Points(np.zeros((3, 3))))
+    NormalsCheck(angle=None, wrong=False)
     """
 
     angle: float | None

@@ -39,6 +39,11 @@ class Strays(NamedTuple):
         In a small separate group, such as a bird, or part of a person walking by.
     lone : (n,) bool
         Isolated.
+
+    Examples
+    --------
+    >>> print(pr.find_strays(pr.procedural("sphere", 1000)))
+    0 strays
     """
 
     layer: NDArray[np.bool_]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.arguments import check_callback, check_kind, check_positive, check_whole
+from ...base.progress import StageProgress
 from ...base.warning_log import warn
 from ...cloud.denoising.smooth import check_sigma, place
 from ...cloud.georeference import RESIDUAL
@@ -19,7 +20,6 @@ from .cover import relax
 from .grow import Cloud, Floats, Splats, join
 from .radii import choose_radii
 from .subset import (
-    Progress,
     Subset,
     errors,
     fit,
@@ -71,7 +71,7 @@ def subsample(
     count: int | None = None,
     *,
     smooth: str | float = "auto",
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> tuple[Points, NDArray[np.float32]]:
     """Reduce a cloud to fewer points, with support radii, that represent the same surface.
 
@@ -137,7 +137,7 @@ def find_subsample(
     tolerance: float | None,
     count: int | None,
     smooth: str | float = "auto",
-    progress: Progress | None = None,
+    progress: StageProgress | None = None,
 ) -> Subsample:
     """Subsample points, see `subsample`, without warnings."""
     check_kind(points, "points", Points, "Points")
@@ -195,7 +195,7 @@ def describe_cloud(points: Points) -> Cloud:
     return Cloud(np.ascontiguousarray(positions), np.ascontiguousarray(normals), around, area, radii, border)
 
 
-def _within(cloud: Cloud, tolerance: float, report: Progress) -> Subset:
+def _within(cloud: Cloud, tolerance: float, report: StageProgress) -> Subset:
     """Select splats whose surface is within the tolerance of the points."""
     error = LEEWAY * tolerance
     report("sizes", 0.0)
@@ -213,7 +213,7 @@ def _within(cloud: Cloud, tolerance: float, report: Progress) -> Subset:
     return subset
 
 
-def _as_many(cloud: Cloud, count: int, diagonal: float, report: Progress) -> Subset:
+def _as_many(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -> Subset:
     """Select exactly `count` splats."""
     if count == len(cloud.positions):
         return fit(cloud, _single(np.arange(count), cloud.radii), diagonal * FINEST)
@@ -242,7 +242,7 @@ def _first(ratio: Floats, number: int) -> Floats:
     return out
 
 
-def _meet(cloud: Cloud, count: int, diagonal: float, report: Progress) -> tuple[Splats, Floats, float]:
+def _meet(cloud: Cloud, count: int, diagonal: float, report: StageProgress) -> tuple[Splats, Floats, float]:
     """Select at most `count` splats, and not many fewer; return them, their sizes and their error bound."""
     goal = max(int((1 - RESERVE) * count), 1)
     report("sizes", 0.0)

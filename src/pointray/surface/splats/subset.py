@@ -7,17 +7,15 @@ detail spoils it. Centres are moved to the middle of the heights over the blende
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...base.progress import StageProgress
 from .cover import choose, relax
 from .deviation import deviations
 from .grow import Cloud, Floats, Splats, grade, grow_pool, join
-
-Progress = Callable[[str, float], None]
 
 OVERLAP = 1.8  # support radius in disc radii: 1.6 leaves ten times as many bare points, 2.0 a third more error
 SLOPE = 0.25  # 0.2 needs 10% more splats for the same error, 0.3 has a longer tail of errors, 0.6 leaves holes in 10%
@@ -58,7 +56,7 @@ def grade_sizes(cloud: Cloud, sizes: Floats) -> Floats:
     return np.asarray(np.maximum(grade(np.maximum(sizes, least), cloud, SLOPE), least))
 
 
-def select(cloud: Cloud, sizes: Floats, error: float, progress: Progress) -> Splats:
+def select(cloud: Cloud, sizes: Floats, error: float, progress: StageProgress) -> Splats:
     """Select splats that cover every point: greedily, then relaxed."""
     pool, rows = select_greedily(cloud, sizes, error)
     return pool.pick(relax(pool, cloud, rows, progress=progress))

@@ -123,7 +123,7 @@ class _ErrorRecorder:
     def seek(self, offset: int, whence: int = 0) -> Any:
         return self._do("seek", offset, whence)
 
-    def report_progress(self) -> Any:
+    def tell(self) -> Any:
         return self._do("tell")
 
     def flush(self) -> Any:
