@@ -179,8 +179,8 @@ def prepare(
     >>> pr.write("scan.ply", pr.procedural("sphere", 5000))
     >>> print(pr.prepare("scan.ply", "small.ply", count=1000))
     small.ply: 1,000 points; of 5,000
-    >>> pr.prepare("scan.ply", "city.pointray/", part_points=2048).parts
-    3
+    >>> pr.prepare("scan.ply", "city.pointray/").parts
+    1
     """
     check_callback(progress)
     client = None if client is None else backend().check_client(client)

@@ -32,6 +32,7 @@ class Viewer:
     Examples
     --------
     >>> viewer = pr.view(pr.Scene(), open_browser=False, block=False)
+    pointray: http://127.0.0.1:...
     >>> viewer.url.startswith("http://127.0.0.1:")
     True
     >>> viewer.close()
@@ -58,6 +59,7 @@ class Viewer:
         Examples
         --------
         >>> pr.view(pr.Scene(), open_browser=False, block=False).close()
+        pointray: http://127.0.0.1:...
         """
         self._ended.set()
         self._server.close()
@@ -77,6 +79,7 @@ class Viewer:
         Examples
         --------
         >>> pr.view(pr.Scene(), open_browser=False, block=False).wait(until=lambda: True)
+        pointray: http://127.0.0.1:...
         """
         try:
             # Not Event.wait: Ctrl-C inside it can leave its lock held, and `close` would then wait forever.
