@@ -41,7 +41,7 @@ class BakedLight(Protocol):
         """Return `World.baked` and `World.baked_frames` for instances at these levels of detail."""
 
     def portable(self) -> BakedLight:
-        """Return the light is_single, which can be pickled; the same object until the light changes."""
+        """Return the light without the rest of the scene, to be pickled; the same object until the light changes."""
 
 
 class Snapshot(NamedTuple):
