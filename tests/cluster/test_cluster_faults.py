@@ -50,7 +50,7 @@ def test_pictures_of_other_processes_are_the_same(client: Any, tmp_path: Path) -
 def test_a_picture_is_the_same_when_a_worker_is_killed(client: Any) -> None:
     scene, camera, killed = scene_of(ball()), camera_of(400, 300), []
 
-    def kill(share: float) -> None:
+    def kill(stage: str, share: float) -> None:
         if share > 0.2 and not killed:
             killed.append(share)
             kill_one(client)

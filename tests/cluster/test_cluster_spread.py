@@ -180,7 +180,7 @@ def test_a_picture_is_the_same_when_a_worker_is_killed(folder: Path, monkeypatch
     scene, camera, killed = scene_with(folder), camera_of(), []
     with cluster_of(3, processes=True) as client:
 
-        def kill(share: float) -> None:
+        def kill(stage: str, share: float) -> None:
             if share > 0.2 and not killed:
                 killed.append(share)
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)

@@ -437,7 +437,7 @@ def test_an_interrupted_film_is_resumed_only_with_the_same_light(scan, bakes, ca
     assert run(capsys, "animate", scan, "-o", scan.with_name("frames"), *film)[0] == 130
     monkeypatch.setattr(sequence, "render_snapshot", real)
     status, out, err = run(capsys, "animate", scan, "-o", scan.with_name("frames"), *film, "--seed", "2")
-    assert status == 0 and "not as before: seed, bake" in err and "from before" not in out
+    assert status == 0 and "these changed: seed, bake" in err and "from before" not in out
 
 
 # ------------------------------------------------------------------------------------------------------- scene files

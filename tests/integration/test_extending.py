@@ -137,7 +137,7 @@ LINES = [  # lines that a kind of material adds to three other files: after whic
     ),
     (
         "__init__.pyi",
-        "from .shade.materials.specular import Mirror as Mirror\n",
+        "from .shade.materials.specular import Dielectric as Dielectric, Mirror as Mirror\n",
         "from .shade.materials.velvet import Velvet as Velvet\n",
     ),
 ]

@@ -431,8 +431,8 @@ class ModelInParts(Model):
         self._saved = place_of(path, INDEX), self.levels
 
     def __getstate__(self) -> dict[str, Any]:
-        """State for pickles and copies, which hold what lies on disk. A copy, as threads may compute properties."""
-        return {**self.__dict__, "_cache": None}
+        """Return the state for pickles and copies, which hold what lies on disk."""
+        return {**super().__getstate__(), "_cache": None}
 
     def check_whole(self) -> None:
         """Raise a ValueError."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,6 +165,10 @@ class TraceableModel:
     def resident_bytes(self) -> int:
         """Bytes in use: of a model in parts, those of the parts and levels of detail that are open; else `nbytes`."""
         return self.nbytes
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state for pickles and copies: a copy, as another thread may compute a property meanwhile."""
+        return self.__dict__.copy()
 
     def __repr__(self) -> str:
         parts = f" in {len(self.parts)} parts" if self.parts else ""
