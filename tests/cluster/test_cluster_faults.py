@@ -92,9 +92,16 @@ def wait_for_copies(client: Any) -> None:
 
 
 @contextmanager
-def stopped_worker(client: Any) -> Iterator[Callable[..., None]]:
-    """Yield a function that stops a worker with SIGSTOP once; no call may wait until Dask removes the worker."""
+def stopped_worker(client: Any, is_listed: bool = True) -> Iterator[Callable[..., None]]:
+    """Yield a function that stops a worker with SIGSTOP once; no call may wait until Dask removes the worker.
+
+    Dask's memory manager would drop copies of the data from workers without jobs, so that only the stopped worker has
+    them (docs/known-gaps.md): it is switched off.
+
+    is_listed : whether Dask still lists the worker at the end; a failed fetch of a result may make it drop the worker
+    """
     pids, stopped = client.run(os.getpid), []
+    client.amm.stop()
 
     def stop(choose: Callable[[], str] = lambda: next(iter(pids))) -> None:
         if not stopped:
@@ -104,7 +111,9 @@ def stopped_worker(client: Any) -> Iterator[Callable[..., None]]:
 
     try:
         yield stop
-        assert stopped[0] in client.scheduler_info()["workers"]  # Dask has not removed it yet: that takes 5 minutes
+        if is_listed:  # Dask removes workers that are silent for 5 minutes
+            assert stopped[0] in client.scheduler_info()["workers"]
+        assert stopped
     finally:
         for address in stopped:
             with suppress(ProcessLookupError):  # if Dask removed it
@@ -121,7 +130,7 @@ def test_a_stopped_worker_is_not_waited_for(client: Any) -> None:
 def test_a_worker_may_stop_before_its_result_is_fetched(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     fetch, fetched = WorkerPool.fetch, []
     scene, camera = scene_of(ball()), camera_of(400, 300)
-    with stopped_worker(client) as stop:
+    with stopped_worker(client, is_listed=False) as stop:
 
         def stop_and_fetch(pool: WorkerPool, future: Any) -> Any:
             fetched.append(future.key)

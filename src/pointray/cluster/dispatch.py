@@ -103,13 +103,16 @@ class Dispatch:
         return not job.home or job.home == worker or job.home not in self._pool.workers
 
     def _take_over(self, worker: str) -> bool:
-        """Assign a job that is queued at another worker, or slow there, to an idle worker."""
-        for assignment in [one for one in self.assignments if one.worker != worker]:
-            is_single = len(self._assignments_for(assignment.job)) == 1
+        """Assign a job that is queued at another worker, or slow wherever it is done, to an idle worker.
+
+        A slow transfer counts too, even from this worker: Dask joins transfers, so that one may wait for a hung worker.
+        """
+        for assignment in [one for one in self.assignments if one.worker != worker or one.result is not None]:
+            same = self._assignments_for(assignment.job)
             waits = assignment in self._assignments_of(assignment.worker)[1:] and self._is_for(assignment.job, worker)
-            if is_single and waits:
+            if len(same) == 1 and waits:
                 self._release(assignment)
-            if is_single and (waits or self._is_slow(assignment)):
+            if (len(same) == 1 and waits) or all(map(self._is_slow, same)):
                 return self._submit(assignment.job, assignment.attempt, worker)
         return True
 
