@@ -37,6 +37,10 @@ class BuildOptions(NamedTuple):
     drawing: Drawing
 
 
+def ignore_progress(stage: str, share: float) -> None:
+    """Progress callback that does nothing."""
+
+
 def build_model(
     points: Points,
     used: NDArray[np.int32],

@@ -16,7 +16,7 @@ from ..surface.splats.scattered.levels import ScatteredPoints, coarsen_scattered
 from ..surface.splats.scattered.spheres import Drawing
 from ..surface.tree.settings import check_settings
 from ..surface.tree.stored import stored_splats
-from .building import BuildOptions, assemble
+from .building import BuildOptions, assemble, ignore_progress
 from .model_data import ModelData
 
 LEVEL_SAMPLES = 2  # N of levels of detail: error and flicker of 4, in 0.86 (1,000 statues) to 0.92 (24) of the time
@@ -73,4 +73,4 @@ def _make_level(
         made = make_splats(placed, np.arange(count, dtype=np.int32), Sizes(within=within), LEVEL_SETTINGS)
     # Normals are not repaired: neighbours may face opposite sides.
     splats = None if scattered is None else scattered.splats(count)
-    return assemble(points, BuildOptions(LEVEL_SETTINGS, 1.0, 0.0, drawing), made, splats, lambda stage, share: None)
+    return assemble(points, BuildOptions(LEVEL_SETTINGS, 1.0, 0.0, drawing), made, splats, ignore_progress)

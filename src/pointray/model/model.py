@@ -28,7 +28,7 @@ from ..surface.splats.radii import check_radii
 from ..surface.splats.scattered.levels import spacing_of
 from ..surface.splats.scattered.spheres import check_drawing, check_mask
 from ..surface.tree.settings import check_settings
-from .building import BuildOptions, build_model, rebuild_model
+from .building import BuildOptions, build_model, ignore_progress, rebuild_model
 from .levels_of_detail import COARSER, make_levels
 from .model_data import ModelData
 from .model_file import place_of, read_model, write_model
@@ -134,7 +134,7 @@ class Model(TraceableModel):
         mask = check_mask(_scattered, len(cloud))
         check_model_memory(len(cloud))
         options = BuildOptions(settings, scale, smooth, drawing)
-        self._data = build_model(cloud, finite_rows(cloud), given, mask, options, progress or _ignore)
+        self._data = build_model(cloud, finite_rows(cloud), given, mask, options, progress or ignore_progress)
 
     def rebuild(
         self,
@@ -186,7 +186,7 @@ class Model(TraceableModel):
             self.drawing.scatter if scatter is None else scatter,
             self.drawing.size if scatter_size is None else scatter_size,
         )
-        smooth, report = check_sigma(smooth, "smooth"), progress or _ignore
+        smooth, report = check_sigma(smooth, "smooth"), progress or ignore_progress
         options = BuildOptions(check_settings(surface, samples, refine, "auto"), scale, smooth, drawing)
         if smooth == self.smooth and drawing == self.drawing:
             return PrebuiltModel(rebuild_model(self.data, options, report))
@@ -308,7 +308,7 @@ class Model(TraceableModel):
         """
         check_callback(progress)
         self.check_whole()
-        self.levels = tuple(PrebuiltModel(level) for level in make_levels(self.data, progress or _ignore))
+        self.levels = tuple(PrebuiltModel(level) for level in make_levels(self.data, progress or ignore_progress))
 
 
 class PrebuiltModel(Model):
@@ -486,10 +486,6 @@ class ModelInParts(Model):
     def resident_bytes(self) -> int:
         """As in `Model`."""
         return self.nbytes if self._cache is None else self._cache.nbytes
-
-
-def _ignore(stage: str, share: float) -> None:
-    """Report no progress."""
 
 
 def _points_of(positions: ArrayLike) -> Points:

@@ -31,6 +31,7 @@ from ..io.trajectory import Trajectory, eyes_along, read_trajectory
 from ..surface.splats.radii import radii_in
 from ..surface.splats.subsample import NOISY, SHARE, Subsample, find_subsample
 from ..surface.tree.settings import check_settings
+from .building import ignore_progress
 from .model import SURFACE, Model
 from .out_of_core.prepare import (
     check_unfinished,
@@ -287,7 +288,7 @@ def prepare_by_parts(plan: Plan, client: Any = None, progress: StageProgress | N
 
 def prepare_in_memory(plan: Plan, progress: StageProgress | None = None) -> Result:
     """Read a scan and do all steps."""
-    options, report = plan.options, progress or _ignore
+    options, report = plan.options, progress or ignore_progress
     path = options.normals.trajectory
     if isinstance(path, str | os.PathLike):  # errors in it come before a large scan is read
         options = replace(options, normals=replace(options.normals, trajectory=read_trajectory(path)))
@@ -421,7 +422,3 @@ def _model_of(points: Points, saved: Model | None, options: PreparationOptions, 
         scatter_size=size,
         progress=report,
     )
-
-
-def _ignore(stage: str, share: float) -> None:
-    """Ignore progress."""
