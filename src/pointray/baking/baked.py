@@ -18,6 +18,7 @@ from ..engine.kernels.records import World
 from ..model.model import Model
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
+from . import store
 from .budget import count_trees, describe_coarseness
 from .exchange import Exchange
 from .file import StoredLight, read_light, write_light
@@ -25,16 +26,7 @@ from .fingerprints import geometry_key, lacks_levels, light_key, scene_keys
 from .lookup_tables import LightTables
 from .planes import Grid
 from .settings import BakeSettings
-from .store import (
-    SplatLight,
-    at_points,
-    choose_unit,
-    from_patches,
-    from_records,
-    make_records,
-    no_light,
-    sky_visibility,
-)
+from .store import SplatLight
 from .transport import ALL_SIDES
 
 NO_LEVELS = "levels of detail were added after the bake: call update(), or bake again"
@@ -85,12 +77,12 @@ class Baked:
         exchange, arrived = self._exchange, self._exchange.arrived
         if not arrived.direct.any() and not arrived.indirect.any():
             warn("the scene has no light: the baked light is black", stacklevel=5)
-        unit, records = choose_unit(arrived), {}
+        unit, records = store.choose_unit(arrived), {}
         for (number, sign), side in exchange.sides.items():
             spread = exchange.spreads.get(number)
             for level in range(count_trees(side)) if spread is None else (0,):
                 of = level if spread is None else spread
-                records[number, sign, level] = make_records(side, of, arrived, unit, self._settings.threads)
+                records[number, sign, level] = store.make_records(side, of, arrived, unit, self._settings.threads)
         patches = {number: side.surface.patches for (number, _), side in exchange.sides.items()}
         grids = {number: grid for number, grid in patches.items() if isinstance(grid, Grid)}
         blocks = {number: spread.blocks for number, spread in exchange.spreads.items()}
@@ -367,13 +359,13 @@ class Baked:
             raise ValueError(f"no light is baked for id {id!r}: expected the id that `Scene.add` returned for a model")
         records = self._kept.records.get((id, sign, 0))
         if records is None:
-            at = no_light(slots)
+            at = store.no_light(slots)
         elif self._stored is None:
-            at = from_patches(self._exchange.sides[id, sign], self._exchange.arrived)
+            at = store.from_patches(self._exchange.sides[id, sign], self._exchange.arrived)
         else:
             blocks = self._kept.spreads.get(id, (None,))[0]
-            at = from_records(records, self._kept.unit, self._stored.skies[id], blocks)
-        return at_points(model, values_of(at))
+            at = store.from_records(records, self._kept.unit, self._stored.skies[id], blocks)
+        return store.at_points(model, values_of(at))
 
     def save(self, path: str | os.PathLike[str], progress: StageProgress | None = None) -> None:
         """Write the light to a file that `load` maps. It holds what rendering and exports need, without the links.
@@ -412,7 +404,7 @@ class Baked:
         """Return the contents of a file."""
         if geometry_key(self._baked_scene) != self._shape:
             raise ValueError("the light cannot be saved: levels of detail were added after the bake: bake again")
-        skies = sky_visibility(self._exchange.sides, self._exchange.arrived, self._exchange.spreads)
+        skies = store.sky_visibility(self._exchange.sides, self._exchange.arrived, self._exchange.spreads)
         return StoredLight(self._settings, scene_keys(self._baked_scene), self._kept, skies)
 
     @classmethod

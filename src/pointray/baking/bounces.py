@@ -12,23 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ..engine.jit import Array, borrow, f32, f64, i64, inline, kernel, next_tile
+from ..engine.kernels import vec
 from ..engine.kernels.records import World
 from ..engine.kernels.sampling import hash32
-from ..engine.kernels.vec import (
-    BLACK as NO_LIGHT,
-    Vec3,
-    add,
-    dot,
-    length,
-    load3_flat,
-    luminance,
-    multiply,
-    scale,
-    sub,
-    tangents,
-    turned,
-    turned_matrix,
-)
+from ..engine.kernels.vec import Vec3
 from ..shade.choice import meets_lamp
 from ..shade.harmonics import band_1, band_2
 from ..shade.rgbe import unpack_rgbe
@@ -87,8 +74,8 @@ def _radiance(links: Links, at: int, sources: Array, lamps: Array) -> Vec3:
     elif 3 * ~link < lamps.size:
         light = lamps[3 * ~link], lamps[3 * ~link + 1], lamps[3 * ~link + 2]
     else:  # the lamp was removed
-        light = NO_LIGHT
-    return multiply(light, unpack_rgbe(i64(links.tints[at]))) if links.tints.size > 0 else light
+        light = vec.BLACK
+    return vec.multiply(light, unpack_rgbe(i64(links.tints[at]))) if links.tints.size > 0 else light
 
 
 @kernel
@@ -103,13 +90,13 @@ def add_irradiance(work: Array, links: Links, sources: Array, lamps: Array, ever
     chunk = next_tile(work)
     while chunk >= 0:
         for m in range(chunk * CHUNK, min((chunk + 1) * CHUNK, links.rows.size)):
-            total, used = NO_LIGHT, 0
+            total, used = vec.BLACK, 0
             for row in range(rows):
                 for k in range(row * columns + (hash32(links.rows[m]) + 2 * row) % every, (row + 1) * columns, every):
                     used += 1
                     if not _is_hidden(links, m, k):
-                        total = add(total, _radiance(links, m * count + k, sources, lamps))
-            total = scale(total, math.pi / max(used, 1) * links.share[m])
+                        total = vec.add(total, _radiance(links, m * count + k, sources, lamps))
+            total = vec.scale(total, math.pi / max(used, 1) * links.share[m])
             patch = 3 * i64(links.rows[m])
             for c in range(3):
                 out[patch + c] += f32(total[c])
@@ -148,7 +135,7 @@ def reflect(
 @inline
 def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
     """Add light times MOMENTS numbers, which start at `at`, to `sums`, (SUMS,)."""
-    gray = luminance(light)
+    gray = vec.luminance(light)
     for b in range(MOMENTS):
         sums[b] += gray * moments[at + b]
     for b in range(3):
@@ -159,15 +146,16 @@ def _add_moments(light: Vec3, moments: Array, at: int, sums: Array) -> None:
 @inline
 def _write_moments(sums: Array, normal: Vec3, scaled: float, out: Array, at: int) -> None:
     """Add the spherical harmonics of `sums` in the frame of a normal, times a factor, to the values of a patch."""
-    first, second = tangents(normal)
+    first, second = vec.tangents(normal)
     frame = first, second, normal
-    gray = band_1(turned(load3_flat(sums, 0), frame))
-    red, blue = band_1(turned(load3_flat(sums, RED_SUM), frame)), band_1(turned(load3_flat(sums, BLUE_SUM), frame))
+    gray = band_1(vec.turned(vec.load3_flat(sums, 0), frame))
+    red = band_1(vec.turned(vec.load3_flat(sums, RED_SUM), frame))
+    blue = band_1(vec.turned(vec.load3_flat(sums, BLUE_SUM), frame))
     for b in range(3):
         out[at + GRAY + b] += f32(gray[b] * scaled)
         out[at + RED + b] += f32(red[b] * scaled)
         out[at + BLUE + b] += f32(blue[b] * scaled)
-    outer = turned_matrix((sums[3], sums[4], sums[5], sums[6], sums[7], sums[8]), frame)
+    outer = vec.turned_matrix((sums[3], sums[4], sums[5], sums[6], sums[7], sums[8]), frame)
     rest = band_2(outer)
     for b in range(5):
         out[at + GRAY + 3 + b] += f32(rest[b] * scaled)
@@ -191,22 +179,22 @@ def add_facts(
     while chunk >= 0:
         for m in range(chunk * CHUNK, min((chunk + 1) * CHUNK, links.rows.size)):
             patch, share = i64(links.rows[m]), links.share[m] / count
-            total, square, before, sky = NO_LIGHT, 0.0, 0.0, 0
+            total, square, before, sky = vec.BLACK, 0.0, 0.0, 0
             sums[:] = 0.0
             even[:] = 0.0
             for k in range(count):
-                seen = NO_LIGHT if _is_hidden(links, m, k) else _radiance(links, m * count + k, sources, lamps)
+                seen = vec.BLACK if _is_hidden(links, m, k) else _radiance(links, m * count + k, sources, lamps)
                 cell = MOMENTS * link_cell(patch, k, links.seed)
                 _add_moments(seen, moments, cell, sums)
                 for b in range(MOMENTS):
                     even[b] += moments[cell + b]
-                total, light = add(total, seen), luminance(seen)
+                total, light = vec.add(total, seen), vec.luminance(seen)
                 sky += 1 if SKY <= links.links[m * count + k] < PATCHES else 0
                 # Neighbouring strata see nearly the same, so their differences estimate the remaining noise.
                 if k % links.parts[1] > 0:
                     square += (light - before) ** 2
                 before = light
-            _add_moments(scale(total, -1.0 / count), even, 0, sums)
+            _add_moments(vec.scale(total, -1.0 / count), even, 0, sums)
             _write_moments(sums, normal_of(patches, patch), math.pi * share, out, FACTS * patch)
             out[FACTS * patch + SEES_SKY] += f32(sky * share)
             pairs = count - links.parts[0]
@@ -220,11 +208,11 @@ def add_facts(
 @inline
 def _is_blocked_by_lamp(world: World, patches: Patches, patch: int, d: Vec3, link: int) -> bool:
     """Return whether a lamp blocks a patch's link in direction d."""
-    x, end = load3_flat(patches.positions, 3 * patch), np.inf
+    x, end = vec.load3_flat(patches.positions, 3 * patch), np.inf
     if link >= PATCHES:  # the ray met the plane of that patch, not its centre
         normal = normal_of(patches, link - PATCHES)
-        to_middle = sub(load3_flat(patches.positions, 3 * (link - PATCHES)), x)
-        end = dot(to_middle, normal) / dot(d, normal) if dot(d, normal) < -FLAT else length(to_middle)
+        to_middle = vec.sub(vec.load3_flat(patches.positions, 3 * (link - PATCHES)), x)
+        end = vec.dot(to_middle, normal) / vec.dot(d, normal) if vec.dot(d, normal) < -FLAT else vec.length(to_middle)
     return meets_lamp(world, (x, d), end * (1.0 - 1e-6))
 
 

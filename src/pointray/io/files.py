@@ -12,17 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..base.arguments import (
-    check_callback,
-    check_flag,
-    check_kind,
-    check_number,
-    check_numbers,
-    check_path,
-    check_positive,
-    check_whole,
-    wrong,
-)
+from ..base import arguments
 from ..base.atomic_write import check_regular, replacing
 from ..base.progress import Progress, StageProgress, in_stage
 from ..base.warning_log import warn
@@ -111,7 +101,7 @@ def read(
     >>> len(points), points.colors.dtype
     (500, dtype('uint8'))
     """
-    check_callback(progress)
+    arguments.check_callback(progress)
     request = request_of(columns, bounds, resolution, sample, opacity, intrinsics, strict)
     selection = Selection(every, max_points, request.bounds, keep, drop)  # type: ignore[arg-type]  # it checks them
     with open_files(path, request) as files:
@@ -144,7 +134,7 @@ def open_files(path: Paths, request: Request) -> Iterator[list[Opener]]:
 def paths_of(path: Any) -> list[Path]:
     """Return the files given by a caller, one or several; raise OSError if one cannot be opened."""
     several = isinstance(path, Sequence) and not isinstance(path, str | bytes)
-    files = [check_path(one) for one in path] if several else [check_path(path)]
+    files = [arguments.check_path(one) for one in path] if several else [arguments.check_path(path)]
     if not files:
         raise ValueError("path must name at least one file")
     return [check_regular(file) for file in files]
@@ -163,7 +153,7 @@ def request_of(
     names = columns.split(",") if isinstance(columns, str) else columns
     if names is not None:
         if not isinstance(names, Sequence) or not names or not all(isinstance(n, str) and n.strip() for n in names):
-            raise wrong("columns", "names like x,y,z,r,g,b", columns)
+            raise arguments.wrong("columns", "names like x,y,z,r,g,b", columns)
         names = tuple(name.strip() for name in names)
         for axis in "xyz":
             if [name.lower() for name in names].count(axis) != 1:
@@ -171,19 +161,19 @@ def request_of(
     return Request(
         names,
         None if bounds is None else checked_bounds(bounds),
-        None if resolution is None else check_positive(resolution, "resolution"),
-        None if sample is None else check_whole(sample, "sample", 0, MOST, or_none=True),
-        check_number(opacity, "opacity", "a number from 0 to 1", lambda x: 0 <= x <= 1),
+        None if resolution is None else arguments.check_positive(resolution, "resolution"),
+        None if sample is None else arguments.check_whole(sample, "sample", 0, MOST, or_none=True),
+        arguments.check_number(opacity, "opacity", "a number from 0 to 1", lambda x: 0 <= x <= 1),
         None if intrinsics is None else _checked_intrinsics(intrinsics),
-        check_flag(strict, "strict"),
+        arguments.check_flag(strict, "strict"),
     )
 
 
 def _checked_intrinsics(value: Any) -> tuple[float, ...]:
     wanted = "fx,fy,cx,cy or fx,fy,cx,cy,steps (depth steps per unit of length)"
-    numbers = check_numbers(value, "intrinsics", wanted).astype(np.float64)
+    numbers = arguments.check_numbers(value, "intrinsics", wanted).astype(np.float64)
     if numbers.shape not in ((4,), (5,)) or not np.isfinite(numbers).all() or min(*numbers[:2], *numbers[4:]) <= 0:
-        raise wrong("intrinsics", wanted, value)
+        raise arguments.wrong("intrinsics", wanted, value)
     return tuple(numbers.tolist())
 
 
@@ -249,14 +239,14 @@ def write(path: str | os.PathLike[str], points: Points, progress: StageProgress 
     >>> len(pr.read("sphere.ply"))
     1000
     """
-    check_callback(progress)
+    arguments.check_callback(progress)
     for lost in write_points(path, points, in_stage(progress, "writing")):
         warn(f"{path}: {lost}", stacklevel=2)
 
 
 def write_points(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> list[str]:
     """Write as `write` does; return descriptions of what the format cannot store."""
-    check_kind(points, "points", Points, "Points")
+    arguments.check_kind(points, "points", Points, "Points")
     writer = writer_of(path)
     with replacing(path) as beside:
         return writer(beside, points, progress)

@@ -13,20 +13,11 @@ from ..base.memory import check_memory
 from ..base.progress import Progress, part_of, report_progress
 from ..cloud.georeference import RESIDUAL, SCAN, Georeference
 from ..cloud.points import Points, check_count
+from . import joining
 from .colors import GREY, ColorRange, to_shades
 from .filling import Filling
 from .formats._source import Chunk, Listing
-from .joining import (
-    Part,
-    attributes_of,
-    color_kind,
-    colored,
-    common_georeference,
-    first_stations,
-    kind_of,
-    missing_of,
-    scans_of,
-)
+from .joining import Part
 from .locating import georeferenced, locate, origin_of, sample_step
 from .missing_columns import warn_missing_columns
 from .opening import Opener, announced_rows, check_selected, listings_of, name_of, named, selected_chunks, shares_of
@@ -113,17 +104,17 @@ def _read(
 def _joined(parts: list[Part], progress: Progress | None) -> Points:
     """Join all parts into one cloud; their chunks are freed as they are copied."""
     ranges = [ColorRange.of([c.colors[:, :3] for c in part.chunks if c.colors is not None]) for part in parts]
-    parts = [colored(part, known) for part, known in zip(parts, ranges, strict=True)]
+    parts = [joining.colored(part, known) for part, known in zip(parts, ranges, strict=True)]
     known = [known for part, known in zip(parts, ranges, strict=True) if part.chunks]
     parts = [part for part in parts if part.chunks]
-    georeference = common_georeference(parts)
+    georeference = joining.common_georeference(parts)
     scans = _scans(parts)
     counts = [[len(chunk.positions) for chunk in part.chunks] for part in parts]
     check_count(sum(map(sum, counts)))
     warn_missing_columns([(part.name, part.chunks[0]) for part in parts])
     normals = _column("normals", [chunk.normals for part in parts for chunk in part.chunks], counts, 0)
     colors = _colors(parts, known)
-    names = attributes_of(parts)
+    names = joining.attributes_of(parts)
     attributes = {}
     for k, name in enumerate(names):
         report_progress(progress, k / (len(names) + 2))
@@ -147,7 +138,7 @@ def _column(
     name: str, columns: list[NDArray[Any] | None], counts: list[list[int]], missing: float | None = None
 ) -> NDArray[Any] | None:
     """Return the column of all chunks, with a fill value where a chunk lacks it; None if no chunk has it."""
-    kind = kind_of(name, columns)
+    kind = joining.kind_of(name, columns)
     if kind is None:
         return None
     dtype, shape = kind
@@ -158,7 +149,7 @@ def _column(
     start = 0
     for k, count in enumerate(flat):
         column, columns[k] = columns[k], None
-        empty = missing_of(dtype) if missing is None else missing
+        empty = joining.missing_of(dtype) if missing is None else missing
         out[start : start + count] = empty if column is None else column
         start += count
     return out
@@ -168,7 +159,7 @@ def _colors(parts: list[Part], ranges: list[ColorRange]) -> NDArray[np.uint8] | 
     """Return 8-bit colours, by the range of each file; grey for files without colours. None if no file has colours."""
     columns: list[NDArray[np.uint8]] = []
     for part, known in zip(parts, ranges, strict=True):
-        kind = color_kind(part)
+        kind = joining.color_kind(part)
         scale = 1.0 if kind is None else known.scale(kind)
         columns += [
             np.full((len(chunk.positions), 3), GREY, np.uint8)
@@ -176,16 +167,16 @@ def _colors(parts: list[Part], ranges: list[ColorRange]) -> NDArray[np.uint8] | 
             else to_shades(chunk.colors[:, :3], scale)
             for chunk in part.chunks
         ]
-    return np.concatenate(columns) if any(color_kind(part) is not None for part in parts) else None
+    return np.concatenate(columns) if any(joining.color_kind(part) is not None for part in parts) else None
 
 
 def _scans(parts: list[Part]) -> NDArray[np.int32] | None:
     """Return the station of each row, numbered over all parts; None if the parts keep their own numbers."""
-    firsts = first_stations(parts)
+    firsts = joining.first_stations(parts)
     if firsts is None:
         return None
     chunks = [(chunk, first) for part, first in zip(parts, firsts, strict=True) for chunk in part.chunks]
-    return np.concatenate([scans_of(x.attributes.get(SCAN), len(x.positions), first) for x, first in chunks])
+    return np.concatenate([joining.scans_of(x.attributes.get(SCAN), len(x.positions), first) for x, first in chunks])
 
 
 def _about_origin(

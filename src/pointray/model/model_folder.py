@@ -28,19 +28,9 @@ from ..base.atomic_write import replacing
 from ..cloud.points import Points
 from ..engine.kernels.tree import BOUNDS, HEAD, LONGEST, SCATTER, Tree, no_tree
 from ..surface.tree.stored import find_surface_bounds, longest_leaf, radii_of
+from . import model_file
 from .array_file import Kind, Pieces, read_arrays, take_array, write_arrays
-from .model_file import (
-    LAYOUT,
-    SAVED,
-    Level,
-    check_columns,
-    check_level,
-    georeference_of,
-    points_of,
-    read_model,
-    take_tree,
-    write_model,
-)
+from .model_file import Level
 
 INDEX, POINTS = "index.json", "points.pointray"
 UNFINISHED = "unfinished"  # subfolder with intermediate results until preparation is complete
@@ -49,7 +39,7 @@ FORMAT, VERSION, SURFACE_ONLY = "pointray parts", 3, 2
 MOST = 2**31  # rows are int32 in trees
 OUTDATED = "written by another version of pointray: run `pointray prepare` again"
 POINTS_KIND = Kind("pointray points", SURFACE_ONLY, [], "the points of a model in parts", OUTDATED)
-PART_KIND = Kind("pointray part", VERSION, LAYOUT, "a part of a model", OUTDATED, (SURFACE_ONLY,))
+PART_KIND = Kind("pointray part", VERSION, model_file.LAYOUT, "a part of a model", OUTDATED, (SURFACE_ONLY,))
 
 Report = Callable[[float], None]
 
@@ -167,7 +157,7 @@ def write_part(folder: Path, id: str, number: int, points: int, bounds: NDArray[
 def write_level(folder: Path, id: str, part: int, number: int, level: Level) -> LevelFile:
     """Write the file of a part's level of detail; return its entry. number : 1 is the finest"""
     path = folder / f"part-{part:04d}-{number}.pointray"
-    write_model(path, [level], lambda share: None, {"folder": id, "part": part, "level": number})
+    model_file.write_model(path, [level], lambda share: None, {"folder": id, "part": part, "level": number})
     spacing = float(np.median(level.radii))
     return LevelFile(path.name, len(level.points), spacing, longest_leaf(level.tree), *digest_of(path))
 
@@ -245,7 +235,7 @@ def _read_index(folder: Path) -> Index:
 def _check_index(index: Index) -> None:
     """Raise a ValueError if a value of the index has the wrong type or is out of range."""
     files = index.files
-    names = {file.name for file in files if isinstance(file.name, str) and file.name.endswith(SAVED)}
+    names = {file.name for file in files if isinstance(file.name, str) and file.name.endswith(model_file.SAVED)}
     if not files or len(names) != len(files) or any(Path(name).name != name for name in names):
         raise ValueError("its parts are missing or are not files of the folder")
     if not isinstance(index.settings, dict) or not isinstance(index.survey, dict) or not isinstance(index.id, str):
@@ -285,7 +275,7 @@ def _read_points(folder: Path, index: Index) -> tuple[Points, NDArray[np.float32
         about, found = read_arrays(path, POINTS_KIND)
         if about.get("folder") != index.id:
             raise ValueError("file belongs to another folder")
-        points = points_of(found, georeference_of({"survey": index.survey}))
+        points = model_file.points_of(found, model_file.georeference_of({"survey": index.survey}))
         radii = take_array(found, "radii", np.float32, (len(points),))
         if sum(part.points for part in index.parts) != len(points):
             raise ValueError(f"it has {len(points):,} points; the parts have another number")
@@ -304,11 +294,11 @@ def read_part(folder: Path, index: Index, key: tuple[int, int], whole: Level, is
         about, found = read_arrays(path, PART_KIND)
         if about.get("folder") != index.id or about.get("part") != key[0]:
             raise ValueError("part does not belong to this folder, or has another number")
-        tree = take_tree(found)
+        tree = model_file.take_tree(found)
         if len(tree.head) == HEAD:
             tree.head[BOUNDS : BOUNDS + 6], tree.head[LONGEST] = index.supports, index.longest
         if not is_valid:
-            check_level(tree, len(whole.points))
+            model_file.check_level(tree, len(whole.points))
         _check_leaves(tree, part)
     return Level(index.settings, whole.points, whole.radii, np.array(part.bounds), tree)
 
@@ -319,11 +309,11 @@ def read_level(folder: Path, index: Index, key: tuple[int, int], whole: Level, i
     path = folder / file.name
     with _named(path):
         _check_size(path, file.nbytes)
-    level, *others = read_model(path, {"folder": index.id, "part": key[0], "level": key[1]}, is_valid)
+    level, *others = model_file.read_model(path, {"folder": index.id, "part": key[0], "level": key[1]}, is_valid)
     with _named(path):
         if others or len(level.points) != file.points:
             raise ValueError(f"expected {file.points:,} points without levels of detail, got {len(level.points):,}")
-        check_columns(level, whole)
+        model_file.check_columns(level, whole)
         _check_leaves(level.tree, file)
     return level
 

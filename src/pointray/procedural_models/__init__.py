@@ -22,26 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..base.arguments import check_choice, check_numbers, check_whole
 from ..engine.jit import Array, borrow, f64, kernel, next_tile, run
+from . import solids
 from .clay import COLUMNS, Solid
 from .creases import areas, edges_of, quarter, refine_creases, settled
 from .meshing import mesh_solid
 from .paint import color
 from .scatter import scatter
 from .sculpture import statue
-from .solids import (
-    LATTICE,
-    LATTICE_END,
-    LATTICE_KNOB,
-    SHORT,
-    SINGLE,
-    SPHERE,
-    TORUS,
-    TORUS_MAJOR,
-    TORUS_MINOR,
-    distances,
-    settle,
-    slope_from,
-)
 
 if TYPE_CHECKING:
     from ..cloud.points import Points
@@ -62,7 +49,7 @@ def solid(name: str) -> Solid:
     """Return the solid with a name, in the form that kernels take."""
     if name == "statue":
         return statue()
-    kind = {"sphere": SPHERE, "torus": TORUS, "lattice": LATTICE}[name]
+    kind = {"sphere": solids.SPHERE, "torus": solids.TORUS, "lattice": solids.LATTICE}[name]
     starts = np.zeros(2, np.int32)
     return Solid(kind, np.zeros((0, COLUMNS)), np.zeros((1, 1, 1), np.int32), starts, starts[:0], np.zeros(3), 1.0)
 
@@ -72,9 +59,9 @@ def _bounds(name: str) -> NDArray[np.float64]:
     if name == "statue":
         body = solid(name)
         return np.stack([body.origin, body.origin + np.array(body.lists.shape) * body.cell])
-    ring = TORUS_MAJOR + TORUS_MINOR
-    end = LATTICE_END + LATTICE_KNOB + 0.01
-    half = {"sphere": (1.0, 1.0, 1.0), "torus": (ring, ring, TORUS_MINOR), "lattice": (end, end, end)}[name]
+    ring = solids.TORUS_MAJOR + solids.TORUS_MINOR
+    end = solids.LATTICE_END + solids.LATTICE_KNOB + 0.01
+    half = {"sphere": (1.0, 1.0, 1.0), "torus": (ring, ring, solids.TORUS_MINOR), "lattice": (end, end, end)}[name]
     return np.outer([-1, 1], np.array(half) + 3 * _MESH_CELL[name])
 
 
@@ -110,8 +97,8 @@ def _finish(work: Array, solid: Solid, positions: Array, normals: Array, colors:
     while t >= 0:
         for i in range(t * _CHUNK, min((t + 1) * _CHUNK, positions.shape[0])):
             x, y, z = f64(positions[i, 0]), f64(positions[i, 1]), f64(positions[i, 2])
-            x, y, z, f = settle(solid, x, y, z, 8, SINGLE)
-            gx, gy, gz = slope_from(solid, x, y, z, f, SHORT)
+            x, y, z, f = solids.settle(solid, x, y, z, 8, solids.SINGLE)
+            gx, gy, gz = solids.slope_from(solid, x, y, z, f, solids.SHORT)
             length = np.sqrt(gx * gx + gy * gy + gz * gz)
             positions[i, 0], positions[i, 1], positions[i, 2] = x, y, z
             normals[i, 0], normals[i, 1], normals[i, 2] = gx / length, gy / length, gz / length
@@ -218,5 +205,5 @@ def procedural_distance(name: str, x: ArrayLike) -> Any:
         raise ValueError(f"x must have the shape (..., 3), not {x.shape}")
     flat = np.ascontiguousarray(x.reshape(-1, 3))
     out = np.empty(len(flat))
-    run(distances, -(-len(flat) // 256), solid(name), flat, out, 256)
+    run(solids.distances, -(-len(flat) // 256), solid(name), flat, out, 256)
     return out.reshape(x.shape[:-1])

@@ -8,25 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..engine.jit import Array, borrow, kernel, next_tile, run
-from .clay import (
-    ADD,
-    CARVE,
-    COLUMNS,
-    FAR,
-    KIND,
-    OP,
-    PAINT,
-    RELIEF,
-    ROUND,
-    SIZE,
-    TUBE,
-    WIDTH,
-    Solid,
-    ellipsoid,
-    height,
-    local,
-    shape,
-)
+from . import clay
+from .clay import Solid
 from .smooth import blend
 from .solids import CLAY
 
@@ -45,24 +28,26 @@ def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: flo
     while t >= 0:
         for cell in range(t * _CHUNK, min((t + 1) * _CHUNK, parents.size)):
             x, y, z = centers[cell, 0], centers[cell, 1], centers[cell, 2]
-            f, slack, count = FAR, 0.0, 0
+            f, slack, count = clay.FAR, 0.0, 0
             for j in range(solid.starts[parents[cell]], solid.starts[parents[cell] + 1]):
                 i = solid.items[j]
-                op, width = int(table[i, OP]), table[i, WIDTH]
-                if op == RELIEF:
-                    u, v, w = local(table, i, x, y, z)
-                    region = ellipsoid(u, v, w, table[i, SIZE], table[i, SIZE + 1], table[i, SIZE + 2])
+                op, width = int(table[i, clay.OP]), table[i, clay.WIDTH]
+                if op == clay.RELIEF:
+                    u, v, w = clay.local(table, i, x, y, z)
+                    region = clay.ellipsoid(
+                        u, v, w, table[i, clay.SIZE], table[i, clay.SIZE + 1], table[i, clay.SIZE + 2]
+                    )
                     if region - 1.5 * half >= width:
                         continue
-                    f -= height(table, i, x, y, z)
-                    slack += min(2.0 * half, 2.5 * abs(table[i, ROUND]))
+                    f -= clay.height(table, i, x, y, z)
+                    slack += min(2.0 * half, 2.5 * abs(table[i, clay.ROUND]))
                 else:
-                    d = shape(table, i, x, y, z)
-                    spread = half * (1.5 if int(table[i, KIND]) <= TUBE else 1.0)
-                    if op == PAINT:
+                    d = clay.shape(table, i, x, y, z)
+                    spread = half * (1.5 if int(table[i, clay.KIND]) <= clay.TUBE else 1.0)
+                    if op == clay.PAINT:
                         if d - spread >= width:
                             continue
-                    elif op == ADD:
+                    elif op == clay.ADD:
                         if d - spread > f + slack + width:
                             continue
                         if d + spread < f - slack - width:
@@ -70,7 +55,7 @@ def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: flo
                         else:
                             f, slack = blend(f, d, width), max(slack, spread)
                     else:
-                        d = -d if op == CARVE else d
+                        d = -d if op == clay.CARVE else d
                         if d + spread < f - slack - width:
                             continue
                         f, slack = -blend(-f, -d, width), max(slack, spread)
@@ -98,7 +83,7 @@ def clay_solid(table: NDArray[np.float64], low: NDArray[np.float64], high: NDArr
     cell : float
         Edge of the finest cells.
     """
-    assert table.shape[1] == COLUMNS
+    assert table.shape[1] == clay.COLUMNS
     levels = 3
     coarse = cell * 2**levels
     dims = np.ceil((high - low) / coarse).astype(np.int64)

@@ -6,24 +6,8 @@ from math import floor, sin, sqrt
 
 from ..engine.jit import Array, inline, routine
 from ..engine.kernels.vec import Vec3
-from .clay import (
-    ADD,
-    CARVE,
-    COLOR,
-    CUT,
-    FAR,
-    OP,
-    PAINT,
-    RELIEF,
-    ROUND,
-    VEIN,
-    WIDTH,
-    Solid,
-    fade,
-    height,
-    list_of,
-    shape,
-)
+from . import clay
+from .clay import Solid
 from .smooth import blend
 from .solids import CLAY, LATTICE, LATTICE_PITCH, TORUS
 
@@ -71,9 +55,9 @@ def _veins(x: float, y: float, z: float) -> float:
 @inline
 def _over(red: float, green: float, blue: float, table: Array, i: int, share: float) -> Vec3:
     """Blend the colour of stroke i over a colour."""
-    red += share * (table[i, COLOR] - red)
-    green += share * (table[i, COLOR + 1] - green)
-    blue += share * (table[i, COLOR + 2] - blue)
+    red += share * (table[i, clay.COLOR] - red)
+    green += share * (table[i, clay.COLOR + 1] - green)
+    blue += share * (table[i, clay.COLOR + 2] - blue)
     return red, green, blue
 
 
@@ -81,32 +65,32 @@ def _over(red: float, green: float, blue: float, table: Array, i: int, share: fl
 def _clay_color(solid: Solid, x: float, y: float, z: float) -> Vec3:
     """Return the colour of the outermost stroke, modified by coats of paint, shades of relief and veins."""
     table = solid.table
-    which = list_of(solid, x, y, z)
-    f, red, green, blue, vein, shade = FAR, 0.5, 0.5, 0.5, 0.0, 0.0
+    which = clay.list_of(solid, x, y, z)
+    f, red, green, blue, vein, shade = clay.FAR, 0.5, 0.5, 0.5, 0.0, 0.0
     for j in range(solid.starts[which], solid.starts[which + 1]):
         i = solid.items[j]
-        op = int(table[i, OP])
-        if op == ADD:
-            d = shape(table, i, x, y, z)
+        op = int(table[i, clay.OP])
+        if op == clay.ADD:
+            d = clay.shape(table, i, x, y, z)
             share = min(max(0.5 + (f - d) / (2.0 * EDGE), 0.0), 1.0)
             red, green, blue = _over(red, green, blue, table, i, share)
-            vein += share * (table[i, VEIN] - vein)
+            vein += share * (table[i, clay.VEIN] - vein)
             shade *= 1.0 - share
-            f = blend(f, d, table[i, WIDTH])
-        elif op == CARVE:
-            f = -blend(-f, shape(table, i, x, y, z), table[i, WIDTH])
-        elif op == CUT:
-            f = -blend(-f, -shape(table, i, x, y, z), table[i, WIDTH])
-        elif op == PAINT:
-            share = fade(shape(table, i, x, y, z), table[i, WIDTH]) * table[i, ROUND]
+            f = blend(f, d, table[i, clay.WIDTH])
+        elif op == clay.CARVE:
+            f = -blend(-f, clay.shape(table, i, x, y, z), table[i, clay.WIDTH])
+        elif op == clay.CUT:
+            f = -blend(-f, -clay.shape(table, i, x, y, z), table[i, clay.WIDTH])
+        elif op == clay.PAINT:
+            share = clay.fade(clay.shape(table, i, x, y, z), table[i, clay.WIDTH]) * table[i, clay.ROUND]
             red, green, blue = _over(red, green, blue, table, i, share)
-            vein += share * (table[i, VEIN] - vein)
-        elif op == RELIEF:
-            h = height(table, i, x, y, z)
+            vein += share * (table[i, clay.VEIN] - vein)
+        elif op == clay.RELIEF:
+            h = clay.height(table, i, x, y, z)
             f -= h
             # gold, or dirt and light, on raised places
-            share = min(max(h / table[i, ROUND], -1.0), 1.0)
-            if table[i, COLOR] >= 0.0:
+            share = min(max(h / table[i, clay.ROUND], -1.0), 1.0)
+            if table[i, clay.COLOR] >= 0.0:
                 red, green, blue = _over(red, green, blue, table, i, max(share, 0.0) ** 2)
             else:
                 shade += 0.16 * share

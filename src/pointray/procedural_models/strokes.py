@@ -9,28 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .clay import (
-    ADD,
-    AXES,
-    BOX,
-    CENTER,
-    COLOR,
-    COLUMNS,
-    DRUM,
-    ELLIPSOID,
-    KIND,
-    OP,
-    POINTS,
-    RADII,
-    RELIEF,
-    RING,
-    ROUND,
-    SCALE,
-    SIZE,
-    TUBE,
-    VEIN,
-    WIDTH,
-)
+from . import clay
 
 Vector = Sequence[float]
 
@@ -72,11 +51,12 @@ class Clay:
         self._scale, self._turn, self._place = before
 
     def _row(
-        self, kind: int, op: int = ADD, width: float = 0.02, color: Vector = (0.5, 0.5, 0.5), vein: float = 0.0
+        self, kind: int, op: int = clay.ADD, width: float = 0.02, color: Vector = (0.5, 0.5, 0.5), vein: float = 0.0
     ) -> NDArray[np.float64]:
-        row = np.zeros(COLUMNS)
-        row[KIND], row[OP], row[WIDTH], row[VEIN], row[SCALE] = kind, op, width * self._scale, vein, self._scale
-        row[COLOR : COLOR + 3] = color
+        row = np.zeros(clay.COLUMNS)
+        row[clay.KIND], row[clay.OP], row[clay.VEIN] = kind, op, vein
+        row[clay.WIDTH], row[clay.SCALE] = width * self._scale, self._scale
+        row[clay.COLOR : clay.COLOR + 3] = color
         return row
 
     def _solid(
@@ -84,10 +64,12 @@ class Clay:
     ) -> None:
         for mirror in (np.eye(3), MIRROR) if both else (np.eye(3),):
             row = self._row(kind, **stroke)
-            row[CENTER : CENTER + 3] = self._place + self._scale * self._turn @ mirror @ np.asarray(center, np.float64)
-            row[AXES : AXES + 9] = (self._turn @ mirror @ rotation(turn)).T.ravel()
-            row[SIZE : SIZE + 3] = np.asarray(size, np.float64) * self._scale
-            row[ROUND] = rounding
+            row[clay.CENTER : clay.CENTER + 3] = self._place + self._scale * self._turn @ mirror @ np.asarray(
+                center, np.float64
+            )
+            row[clay.AXES : clay.AXES + 9] = (self._turn @ mirror @ rotation(turn)).T.ravel()
+            row[clay.SIZE : clay.SIZE + 3] = np.asarray(size, np.float64) * self._scale
+            row[clay.ROUND] = rounding
             self._rows.append(row)
 
     def ellipsoid(
@@ -100,19 +82,19 @@ class Clay:
         **stroke: Any,
     ) -> None:
         """Add an ellipsoid; `share` is its opacity as paint."""
-        self._solid(ELLIPSOID, center, radii, turn, share, both, **stroke)
+        self._solid(clay.ELLIPSOID, center, radii, turn, share, both, **stroke)
 
     def box(self, center: Vector, half: Vector, rounding: float, **stroke: Any) -> None:
         """Add a box with rounded edges, given by its half edges."""
-        self._solid(BOX, center, half, (0, 0, 0), rounding * self._scale, False, **stroke)
+        self._solid(clay.BOX, center, half, (0, 0, 0), rounding * self._scale, False, **stroke)
 
     def drum(self, center: Vector, radius: float, half: float, rounding: float, **stroke: Any) -> None:
         """Add a cylinder of given radius and half height with rounded rims."""
-        self._solid(DRUM, center, (radius, radius, half), (0, 0, 0), rounding * self._scale, False, **stroke)
+        self._solid(clay.DRUM, center, (radius, radius, half), (0, 0, 0), rounding * self._scale, False, **stroke)
 
     def ring(self, center: Vector, radius: float, thickness: float, turn: Vector = (0, 0, 0), **stroke: Any) -> None:
         """Add a torus."""
-        self._solid(RING, center, (radius, radius, thickness), turn, 1.0, False, **stroke)
+        self._solid(clay.RING, center, (radius, radius, thickness), turn, 1.0, False, **stroke)
 
     def tube(
         self,
@@ -132,11 +114,11 @@ class Clay:
         if np.linalg.norm(p - 2 * control + q) < 0.03 * np.linalg.norm(chord):
             control = control + 0.03 * np.cross(chord, [0.3, 0.5, 0.8])
         for mirror in (np.eye(3), MIRROR) if both else (np.eye(3),):
-            row = self._row(TUBE, **stroke)
+            row = self._row(clay.TUBE, **stroke)
             points = np.stack([p, control, q]) @ mirror
-            row[POINTS : POINTS + 9] = (self._place + self._scale * points @ self._turn.T).ravel()
-            row[RADII : RADII + 3] = np.asarray(radii, np.float64) * self._scale
-            row[ROUND] = share
+            row[clay.POINTS : clay.POINTS + 9] = (self._place + self._scale * points @ self._turn.T).ravel()
+            row[clay.RADII : clay.RADII + 3] = np.asarray(radii, np.float64) * self._scale
+            row[clay.ROUND] = share
             self._rows.append(row)
 
     def relief(
@@ -145,4 +127,4 @@ class Clay:
         """Displace the surface by a pattern within an ellipsoid; `count` repeats; a `color` for its raised parts."""
         count = stroke.pop("count", 0)
         stroke.setdefault("color", UNPAINTED)
-        self._solid(pattern, center, region, turn, amplitude * self._scale, False, op=RELIEF, vein=count, **stroke)
+        self._solid(pattern, center, region, turn, amplitude * self._scale, False, op=clay.RELIEF, vein=count, **stroke)

@@ -15,14 +15,9 @@ from ..base.executor import Client, Executor, Job, snapshot_and_executor
 from ..base.progress import StageProgress, in_stage
 from ..scene.scene import Scene
 from ..scene.world import Snapshot
+from . import picture
 from .camera import Camera
-from .picture import (
-    Progress,
-    check_picture,
-    check_scene,
-    picture_bytes,
-    render_snapshot,
-)
+from .picture import Progress
 from .pieces import in_order
 from .ray_forwarding.spread import check_spread
 from .settings import Settings
@@ -84,9 +79,9 @@ def animate(
         raise wrong("cameras", "a sequence of Camera", cameras)
     for k, camera in enumerate(cameras):
         check_kind(camera, f"cameras[{k}]", Camera, "a Camera")
-    scene, settings = check_scene(scene, settings, progress)
+    scene, settings = picture.check_scene(scene, settings, progress)
     for size in {camera.size for camera in cameras}:
-        check_picture(size, picture_bytes(settings))
+        picture.check_picture(size, picture.picture_bytes(settings))
     spread = check_spread(spread, client, settings)
     return render_each(scene, list(cameras), settings, client, in_stage(progress, "rendering"), spread=spread)
 
@@ -110,7 +105,10 @@ def render_each(
     now, executor = snapshot_and_executor(scene, client, spread)
     if executor is None or executor.spread or settings.denoised:
         parts = [_part(progress, k, len(cameras)) for k in range(len(cameras))]
-        return (render_snapshot(now, *each, executor) for each in zip(cameras, repeat(settings), parts, strict=False))
+        return (
+            picture.render_snapshot(now, *each, executor)
+            for each in zip(cameras, repeat(settings), parts, strict=False)
+        )
     names = [f"frame {number}" for number in (numbers or range(len(cameras)))]
     return in_order(_render_whole(executor, cameras, settings, names, progress))
 
@@ -154,4 +152,4 @@ def _render_whole(
 
 def render_whole(scene: Snapshot, camera: Camera, settings: Settings, threads: int, progress: Progress) -> Floats:
     """Render a frame on a worker."""
-    return render_snapshot(scene, camera, replace(settings, threads=threads), progress)
+    return picture.render_snapshot(scene, camera, replace(settings, threads=threads), progress)

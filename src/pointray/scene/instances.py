@@ -11,17 +11,8 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..base.arguments import (
-    ArgumentTypeError,
-    check_direction,
-    check_flag,
-    check_numbers,
-    check_positive,
-    reflectance,
-    rgb,
-    vector,
-    wrong_type,
-)
+from ..base import arguments
+from ..base.arguments import ArgumentTypeError
 from ..engine.kernels import records as rec
 from ..model.model import Model
 from ..shade.materials.base import Material
@@ -82,12 +73,12 @@ class Plane:
     shadow_catcher: bool = False
 
     def __post_init__(self) -> None:
-        vector(self.point, "point")
-        check_direction(self.normal, "normal")
-        reflectance(self.color, "color")
-        check_flag(self.shadow_catcher, "shadow_catcher")
+        arguments.vector(self.point, "point")
+        arguments.check_direction(self.normal, "normal")
+        arguments.reflectance(self.color, "color")
+        arguments.check_flag(self.shadow_catcher, "shadow_catcher")
         if self.checker is not None:
-            check_positive(self.checker, "checker", "a positive length")
+            arguments.check_positive(self.checker, "checker", "a positive length")
 
 
 class Instances:
@@ -281,14 +272,14 @@ def _distinct(things: list[Any]) -> tuple[list[Any], list[int]]:
 def _plane_record(shape: Any, transform: NDArray[np.float64], row: int) -> NDArray[np.float64]:
     """Return the record of a plane in world space, see `records.PLANE_SIZE`."""
     matrix = transform.reshape(3, 4)
-    normal = np.linalg.inv(matrix[:, :3]).T @ vector(shape.normal, "normal")
+    normal = np.linalg.inv(matrix[:, :3]).T @ arguments.vector(shape.normal, "normal")
     normal /= np.linalg.norm(normal)
     u = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     u /= np.linalg.norm(u)
     out = np.zeros(rec.PLANE_SIZE)
-    out[rec.PLANE_POINT : rec.PLANE_POINT + 3] = matrix[:, :3] @ vector(shape.point, "point") + matrix[:, 3]
+    out[rec.PLANE_POINT : rec.PLANE_POINT + 3] = matrix[:, :3] @ arguments.vector(shape.point, "point") + matrix[:, 3]
     out[rec.PLANE_NORMAL : rec.PLANE_NORMAL + 3] = normal
-    out[rec.PLANE_COLOR : rec.PLANE_COLOR + 3] = rgb(shape.color, "color")
+    out[rec.PLANE_COLOR : rec.PLANE_COLOR + 3] = arguments.rgb(shape.color, "color")
     out[rec.PLANE_CHECKER] = shape.checker or 0.0
     out[rec.PLANE_U : rec.PLANE_U + 3], out[rec.PLANE_V : rec.PLANE_V + 3] = u, np.cross(normal, u)
     out[rec.PLANE_INSTANCE] = row
@@ -299,7 +290,7 @@ def check_transform(transform: ArrayLike | None) -> NDArray[np.float64]:
     """Return a transform as (4, 4) float64; the identity for None."""
     if transform is None:
         return np.eye(4)
-    matrix = check_numbers(transform, "transform", "a (4, 4) array of numbers").astype(np.float64)
+    matrix = arguments.check_numbers(transform, "transform", "a (4, 4) array of numbers").astype(np.float64)
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise ValueError(f"transform must be a (4, 4) array of finite numbers, got shape {matrix.shape}")
     if not np.allclose(matrix[3], [0, 0, 0, 1]):
@@ -314,7 +305,7 @@ def check_material(material: Material | None, shape: Model | Plane) -> Material:
     material = Diffuse() if material is None else material
     if not isinstance(material, Material):
         kinds = ", ".join(sorted(kind.__name__ for kind in Material.__subclasses__()))
-        raise wrong_type("material", f"one of {kinds}, or None", material)
+        raise arguments.wrong_type("material", f"one of {kinds}, or None", material)
     material.record()
     if material.attribute is not None:
         if isinstance(shape, Plane):

@@ -31,17 +31,7 @@ from ..surface.intersect.surface import FourPoints, weights_seen
 from ..surface.trace.hits import list_around, material_at, next_of_leaf
 from ..surface.trace.paint import Four
 from ..surface.trace.space import matrix_at, of_size_one
-from .baked_sums import (
-    SUM_DIRECT,
-    SUM_LIGHT,
-    SUM_WEIGHTS,
-    list_record,
-    spread_out,
-    store_light,
-    store_moments,
-    sum_light,
-    sum_moments,
-)
+from . import baked_sums
 from .grid import corner_cell, grid_cell, grid_frame
 from .lobes import is_wide, lobe_of
 
@@ -90,8 +80,8 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
     if leaf >= SCATTERED:
         scratch.counts[sc.COUNT_NEAR] = 0
         for r in range(4):
-            part[SUM_WEIGHTS + 4 * r] = f32(1.0)
-            list_record((leaf - SCATTERED) // 4, r, (leaf - SCATTERED) % 4, 1.0, scratch)
+            part[baked_sums.SUM_WEIGHTS + 4 * r] = f32(1.0)
+            baked_sums.list_record((leaf - SCATTERED) // 4, r, (leaf - SCATTERED) % 4, 1.0, scratch)
         return
     nx, ny, nz = _normals(world, instance, four, scratch)
     sheet = tree.leaves[leaf * LEAF + SHEETED] != ZERO, (f64(lane(nx, 0)), f64(lane(ny, 0)), f64(lane(nz, 0)))
@@ -115,14 +105,14 @@ def _weigh(world: World, tree: Tree, four: Four, scratch: Scratch) -> None:
         store(splats, count * sc.LANES, w)
         count += 1
     scratch.counts[sc.COUNT_NEAR] = count
-    store(part, SUM_WEIGHTS, total)
+    store(part, baked_sums.SUM_WEIGHTS, total)
     for r in range(4):
-        at = SUM_WEIGHTS + 4 * r
+        at = baked_sums.SUM_WEIGHTS + 4 * r
         part[at] = part[at] + part[at + 1] + part[at + 2] + part[at + 3]
         if not part[at] > ZERO:
             x = load3(scratch.world, sc.LOCAL + four[r])
             slot = nearest_slot(tree, leaf, f32(x[0]), f32(x[1]), f32(x[2]))
-            list_record(slot // 4, r, slot % 4, 1.0, scratch)
+            baked_sums.list_record(slot // 4, r, slot % 4, 1.0, scratch)
             part[at] = f32(1.0)
 
 
@@ -134,7 +124,7 @@ def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
     frame = grid_frame(world.baked_frames, instance)
     scratch.counts[sc.COUNT_NEAR] = 0
     for r in range(4):
-        scratch.part[SUM_WEIGHTS + 4 * r] = f32(1.0)
+        scratch.part[baked_sums.SUM_WEIGHTS + 4 * r] = f32(1.0)
         if r > 0 and four[r] == four[0]:  # a repeated hit: its sums are not used
             continue
         x, total = load3(scratch.shading_points, sc.SHADING_POINT + four[r]), 0.0
@@ -142,11 +132,11 @@ def _weigh_cells(world: World, four: Four, scratch: Scratch) -> None:
             cell, share = corner_cell(world, plane, frame, x, corner)
             total += share
             if share > 0.0:
-                list_record(cell // 4, r, cell % 4, share, scratch)
+                baked_sums.list_record(cell // 4, r, cell % 4, share, scratch)
         if total == 0.0:
             cell, total = grid_cell(world, plane, frame, x), 1.0
-            list_record(cell // 4, r, cell % 4, 1.0, scratch)
-        scratch.part[SUM_WEIGHTS + 4 * r] = f32(total)
+            baked_sums.list_record(cell // 4, r, cell % 4, 1.0, scratch)
+        scratch.part[baked_sums.SUM_WEIGHTS + 4 * r] = f32(total)
 
 
 @inline
@@ -163,23 +153,23 @@ def _find_four(world: World, four: Four, first: bool, scratch: Scratch) -> None:
             world, tree_at(world.table, i64(world.instances[instance * rec.INSTANCE + rec.SHAPE_ROW])), four, scratch
         )
         if world.baked[instance * rec.BAKED + rec.BAKED_SPREAD] != 0:
-            spread_out(_spread(world, instance), scratch)
+            baked_sums.spread_out(_spread(world, instance), scratch)
     else:
         _weigh_cells(world, four, scratch)
     # Only materials with a wide lobe need moments.
     moments = first and is_wide(lobe_of(world, material_at(world, instance)))
     if moments:
-        sum_moments(records, scratch)
+        baked_sums.sum_moments(records, scratch)
     else:
-        sum_light(records, rec.INDIRECT, SUM_LIGHT, scratch)
+        baked_sums.sum_light(records, rec.INDIRECT, baked_sums.SUM_LIGHT, scratch)
     if not first:
-        sum_light(records, rec.DIRECT, SUM_DIRECT, scratch)
+        baked_sums.sum_light(records, rec.DIRECT, baked_sums.SUM_DIRECT, scratch)
     unit_of = world.baked_frames[instance * rec.BAKED_FRAME + rec.BAKED_UNIT]
     for r in range(4):
         if r == 0 or four[r] != four[0]:
-            store_light(four[r], r, unit_of, not first, scratch)
+            baked_sums.store_light(four[r], r, unit_of, not first, scratch)
             if moments:
-                store_moments(four[r], r, unit_of, scratch)
+                baked_sums.store_moments(four[r], r, unit_of, scratch)
 
 
 @inline

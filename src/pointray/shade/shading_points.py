@@ -3,23 +3,11 @@
 from __future__ import annotations
 
 from ..engine.jit import f64, i64, inline
-from ..engine.kernels import scratch as sc
+from ..engine.kernels import scratch as sc, vec
 from ..engine.kernels.records import INSTANCE, SHAPE_ROW, ShadingPoint, World
 from ..engine.kernels.scratch import Scratch, load3, store3
 from ..engine.kernels.tree import BLOCK, NX, NY, NZ, SCATTER, SCATTERED, SPHERES, tree_at
-from ..engine.kernels.vec import (
-    BLACK,
-    WHITE,
-    Vec3,
-    add,
-    dot,
-    length,
-    multiply,
-    scale,
-    transform,
-    transform_transposed,
-    unit,
-)
+from ..engine.kernels.vec import Vec3
 from ..surface.trace.hits import material_at
 from ..surface.trace.space import matrix_at, of_size_one
 from .bsdf import base_color
@@ -32,17 +20,16 @@ LEAST_COSINE = 0.05  # smallest cosine between that normal and the direction to 
 def begin_radiance(scratch: Scratch) -> None:
     """Reset radiance to 0 and throughput to 1 for the camera's rays."""
     for i in range(sc.TILE):
-        store3(scratch.shading_points, sc.RADIANCE + i, BLACK)
-        store3(scratch.shading_points, sc.THROUGHPUT + i, WHITE)
+        store3(scratch.shading_points, sc.RADIANCE + i, vec.BLACK)
+        store3(scratch.shading_points, sc.THROUGHPUT + i, vec.WHITE)
 
 
 @inline
 def add_radiance(scratch: Scratch, i: int, light: Vec3) -> None:
     """Add radiance along ray i, weighted by its throughput."""
     points = scratch.shading_points
-    store3(
-        points, sc.RADIANCE + i, add(load3(points, sc.RADIANCE + i), multiply(load3(points, sc.THROUGHPUT + i), light))
-    )
+    weighted = vec.multiply(load3(points, sc.THROUGHPUT + i), light)
+    store3(points, sc.RADIANCE + i, vec.add(load3(points, sc.RADIANCE + i), weighted))
 
 
 @inline
@@ -60,7 +47,7 @@ def margin_of(world: World, scratch: Scratch, i: int) -> float:
     if tree.noise.size == 0:
         return 0.0
     noise = tree.noise[tree.refs[16 * i64(tree.spans[2 * leaf])]]
-    return noise / length(transform(matrix_at(world, offset), load3(scratch.world, sc.NORMAL + i)))
+    return noise / vec.length(vec.transform(matrix_at(world, offset), load3(scratch.world, sc.NORMAL + i)))
 
 
 @inline
@@ -76,13 +63,13 @@ def _soften(world: World, scratch: Scratch, i: int) -> None:
     slot = scratch.numbers[sc.LEAF_OF + i] - SCATTERED
     at = slot // 4 * BLOCK + slot % 4
     mean = f64(tree.blocks[at + NX]), f64(tree.blocks[at + NY]), f64(tree.blocks[at + NZ])
-    mean = transform_transposed(of_size_one(matrix_at(world, offset)), mean)
+    mean = vec.transform_transposed(of_size_one(matrix_at(world, offset)), mean)
     wo, normal = load3(points, sc.SHADING_WO + i), load3(points, sc.SHADING_NORMAL + i)
-    soft = add(scale(normal, 1.0 - SOFTNESS), scale(unit(mean), SOFTNESS))
-    cosine = dot(soft, wo)
+    soft = vec.add(vec.scale(normal, 1.0 - SOFTNESS), vec.scale(vec.unit(mean), SOFTNESS))
+    cosine = vec.dot(soft, wo)
     if cosine < LEAST_COSINE:
-        soft = add(soft, scale(wo, LEAST_COSINE - cosine))
-    store3(points, sc.SHADING_NORMAL + i, unit(soft))
+        soft = vec.add(soft, vec.scale(wo, LEAST_COSINE - cosine))
+    store3(points, sc.SHADING_NORMAL + i, vec.unit(soft))
 
 
 @inline
@@ -96,11 +83,11 @@ def store_shading_points(world: World, scratch: Scratch) -> None:
         points[sc.SHADING_INSTANCE + i] = scratch.numbers[sc.INSTANCE_OF + i]
     for i in range(sc.TILE):
         d, normal = load3(wide, sc.DIRECTION + i), load3(wide, sc.NORMAL + i)
-        wo = scale(unit(d), -1.0)
+        wo = vec.scale(vec.unit(d), -1.0)
         # Side of the eye: shadow rays start there, and the normal is flipped to it.
-        side = 1.0 if dot(normal, wo) >= 0.0 else -1.0
-        store3(points, sc.SHADING_POINT + i, add(load3(wide, sc.ORIGIN + i), scale(d, wide[sc.NEAREST + i])))
-        store3(points, sc.SHADING_NORMAL + i, scale(normal, side))
+        side = 1.0 if vec.dot(normal, wo) >= 0.0 else -1.0
+        store3(points, sc.SHADING_POINT + i, vec.add(load3(wide, sc.ORIGIN + i), vec.scale(d, wide[sc.NEAREST + i])))
+        store3(points, sc.SHADING_NORMAL + i, vec.scale(normal, side))
         store3(points, sc.SHADING_WO + i, wo)
         store3(points, sc.SHADING_COLOR + i, load3(wide, sc.COLOR + i))
         points[sc.SHADING_SIDE + i] = side
@@ -115,7 +102,7 @@ def start_of(scratch: Scratch, i: int, side: float) -> Vec3:
     """Return the origin of rays that leave surface point i on one side, +1 or -1: offset by its margin."""
     points = scratch.shading_points
     away = side * points[sc.SHADING_SIDE + i] * points[sc.SHADING_MARGIN + i]
-    return add(load3(points, sc.SHADING_POINT + i), scale(load3(points, sc.SHADING_NORMAL + i), away))
+    return vec.add(load3(points, sc.SHADING_POINT + i), vec.scale(load3(points, sc.SHADING_NORMAL + i), away))
 
 
 @inline

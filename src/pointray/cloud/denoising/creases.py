@@ -31,16 +31,8 @@ from ...engine.simd import (
 )
 from ..normals.fit_batch import LANES, zeros
 from ..normals.jets import fit_residuals
-from .candidates import (
-    Neighbors,
-    find_candidates,
-    fit_lanes,
-    height,
-    load_neighbors,
-    load_places,
-    new_neighbors,
-    store_sums,
-)
+from . import candidates
+from .candidates import Neighbors
 from .solids import choose_third, choose_two, score
 
 Floats = NDArray[np.float32]
@@ -63,8 +55,9 @@ CHUNK = 256
 @inline
 def _highest(memory: Neighbors, at: int) -> tuple[F16, F16, F16]:
     """Return the plane that sixteen neighbours belong to, and their heights above it and above the next one."""
-    place = load_places(memory, at)
-    a, b, c = height(memory.chosen, 0, place), height(memory.chosen, 1, place), height(memory.chosen, 2, place)
+    place = candidates.load_places(memory, at)
+    a, b = candidates.height(memory.chosen, 0, place), candidates.height(memory.chosen, 1, place)
+    c = candidates.height(memory.chosen, 2, place)
     high, low = vmax(a, b), vmin(a, b)
     which = select(c > high, broadcast16(f32(2.0)), select(b > a, broadcast16(ONE), zeros()))
     return which, vmax(high, c), vmax(low, vmin(high, c))
@@ -106,12 +99,12 @@ def _sum_up(a: int, memory: Neighbors) -> int:
         mine = vabs(load16(memory.owner, at) - f32(a)) <= ZERO
         members += count_bits(bits(mine))
         w = select(mine, load16(memory.weights, at), zeros())
-        p, q, r = load_places(memory, at)
+        p, q, r = candidates.load_places(memory, at)
         wp, wq, wr = w * p, w * q, w * r
         total, x, y, z = total + w, x + wp, y + wq, z + wr
         xx, xy, xz = xx + wp * p, xy + wp * q, xz + wp * r
         yy, yz, zz = yy + wq * q, yz + wq * r, zz + wr * r
-    store_sums(memory.sums, a, (x, y, z), (xx, xy, xz), ((yy, yz, zz), total))
+    candidates.store_sums(memory.sums, a, (x, y, z), (xx, xy, xz), ((yy, yz, zz), total))
     return members
 
 
@@ -119,7 +112,7 @@ def _sum_up(a: int, memory: Neighbors) -> int:
 def _fit_again(count: int, memory: Neighbors) -> None:
     """Replace the chosen planes by those fitted to the sums, facing the same sides."""
     chosen, planes = memory.chosen, memory.again
-    fit_lanes(memory.sums, planes)
+    candidates.fit_lanes(memory.sums, planes)
     for a in range(count):
         along = ZERO
         for c in range(3):
@@ -145,7 +138,7 @@ def _error(count: int, memory: Neighbors) -> tuple[float, float, float]:
 def crease(k: int, sigma: float, memory: Neighbors) -> tuple[int, float, float, float]:
     """Fit planes; return their number, 0 if there is no crease, and the result of `_error`."""
     cut = (CUT * sigma) ** 2
-    find_candidates(k, memory)
+    candidates.find_candidates(k, memory)
     samples = score(k, memory)
     two = choose_two(samples, cut, memory)
     poor = POOR * sigma * sigma * samples
@@ -186,13 +179,13 @@ def _fit(work: Array, positions: Array, rows: Array, near: Array, errors: Array,
     positions, rows, near = borrow(positions), borrow(rows), borrow(near)
     errors, residuals, out = borrow(errors), borrow(residuals), borrow(out)
     most = near.shape[1]
-    memory = new_neighbors(most)
+    memory = candidates.new_neighbors(most)
     tile = next_tile(work)
     while tile >= 0:
         for i in range(tile * CHUNK, min((tile + 1) * CHUNK, len(out))):
             if not residuals[i] ** 2 >= FITS * f64(errors[i, 0]) ** 2:
                 continue
-            unit = load_neighbors(positions, rows[i], near, i, memory)
+            unit = candidates.load_neighbors(positions, rows[i], near, i, memory)
             square, least, residual = (errors[i, 0] / unit) ** 2, (errors[i, 1] / unit) ** 2, residuals[i] / unit
             count, apart, variance, points = crease(most, math.sqrt(square), memory)
             better = count > 0 and variance * square + DETAIL * max(apart - square, 0.0) < least

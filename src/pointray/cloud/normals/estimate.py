@@ -14,22 +14,13 @@ from ...base.progress import Progress, StageProgress, in_stage, part_of, report_
 from ..kd_ordering import KdOrdering, compute_kd_ordering
 from ..neighbors import distinct, neighbor_chunks, neighbors
 from ..points import Points
+from . import stations
 from .consistency import agreement_share
 from .jets import Fits, Planes, fit_normals
 from .layers import Layers, signs_facing
 from .orientation import NEAR, orient
 from .outward import looks_inward
 from .sheets import orient_thin_sheets
-from .stations import (
-    check_eyes,
-    check_outside,
-    eyes_of,
-    faced,
-    is_known,
-    orient_unknown,
-    warn_of_ignored,
-    warn_of_lost_scans,
-)
 from .units import to_units
 from .visibility import ignored_stations
 
@@ -113,7 +104,7 @@ def with_fits(
 
     Normals are oriented as by `estimate_normals`. ordering : of the points, if known
     """
-    eyes = _stations_of(points) if viewpoint is None else check_eyes(viewpoint, len(points))
+    eyes = _stations_of(points) if viewpoint is None else stations.check_eyes(viewpoint, len(points))
     ordering = ordering or compute_kd_ordering(points)
     ordered, rows = ordering.positions, ordering.rows
     if len(ordered) < 3:
@@ -121,11 +112,11 @@ def with_fits(
             f"normals need at least 3 distinct positions: {len(points):,} points have {len(ordered)} distinct positions"
         )
     if viewpoint is None:
-        warn_of_lost_scans(points)
+        stations.warn_of_lost_scans(points)
     elif eyes is not None and eyes.ndim == 1:
-        check_outside(ordered, eyes - points.origin)
+        stations.check_outside(ordered, eyes - points.origin)
     eye = None if eyes is None else seen_from(points, eyes, rows)
-    known = np.zeros(len(ordered), np.bool_) if eye is None else is_known(eye) & (eye != ordered).any(axis=1)
+    known = np.zeros(len(ordered), np.bool_) if eye is None else stations.is_known(eye) & (eye != ordered).any(axis=1)
     watch = progress if known.all() else part_of(progress, 0.0, FITTED)
     layers = None if known.any() else Layers(ordered)
     found = fit(ordered, 1 if known.all() else NEAR, eye, watch, layers)
@@ -138,7 +129,7 @@ def with_fits(
         report_progress(progress, ORIENTED)
         orient_thin_sheets(found.positions, found.normals, found.near, found.residuals)
     elif not known.all():
-        orient_unknown(found.positions, found.normals, found.near, known)
+        stations.orient_unknown(found.positions, found.normals, found.near, known)
     normals = ordering.spread(found.normals, points)
     if found.positions is ordered:
         return points.with_normals(normals), None
@@ -151,8 +142,8 @@ def with_fits(
 def _stations_of(points: Points) -> NDArray[np.float64] | None:
     """Return the stations that saw the points, see `eyes_of`; warn of those that are ignored."""
     ignored = ignored_stations(points)
-    warn_of_ignored(ignored, len(points.georeference.stations))
-    return eyes_of(points, ignored)
+    stations.warn_of_ignored(ignored, len(points.georeference.stations))
+    return stations.eyes_of(points, ignored)
 
 
 def seen_from(points: Points, eyes: NDArray[np.float64], rows: NDArray[np.int32]) -> Floats:
@@ -271,7 +262,7 @@ def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, or
     """Return the same directions with recomputed signs; equal positions face the same side, or their stations."""
     if eyes is not None and np.isfinite(eyes).all():
         out = unit.copy()
-        out[~faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1
+        out[~stations.faced(points.positions, unit, np.broadcast_to(eyes - points.origin, unit.shape))] *= -1
         return out
     ordered, ids, first = ordering or compute_kd_ordering(points)
     finite = np.flatnonzero(points.finite)
@@ -281,8 +272,8 @@ def _reorient(points: Points, unit: Floats, eyes: NDArray[np.float64] | None, or
         directions *= orient(ordered, directions, near)[:, None]
     else:
         eye = seen_from(points, eyes, first)
-        directions[~faced(ordered, directions, eye)] *= -1
-        orient_unknown(ordered, directions, near, is_known(eye))
+        directions[~stations.faced(ordered, directions, eye)] *= -1
+        stations.orient_unknown(ordered, directions, near, stations.is_known(eye))
     out = unit.copy()
     against = np.einsum("ij,ij->i", unit[finite], directions[ids]) < 0
     out[finite[against]] *= -1

@@ -12,83 +12,17 @@ Begin with vector.
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 
 from ..jit import later
 
 LATER = "doubles", "gather", "lanes", "memory", "vector"
 ZERO, ONE, INF = np.float32(0.0), np.float32(1.0), np.float32(np.inf)
+Bits, Mask, Real = int, object, object  # occur in annotations only, see `__init__.pyi`
 
-__all__ = [
-    "Bits",
-    "D8",
-    "F16",
-    "F8",
-    "I16",
-    "I8",
-    "INF",
-    "Mask",
-    "ONE",
-    "Real",
-    "ZERO",
-    "bit_fields",
-    "bits",
-    "columns",
-    "count_bits",
-    "count_where",
-    "float_bits",
-    "first_quarter",
-    "fours",
-    "join2",
-    "join4",
-    "gather16",
-    "gather_rows8",
-    "reduce_max",
-    "lane",
-    "last_quarter",
-    "reduce_min",
-    "load16",
-    "load16_int",
-    "load4",
-    "load_apart16",
-    "load8",
-    "load8_double",
-    "permute16",
-    "count_trailing_zeros",
-    "mask16",
-    "move4",
-    "narrow",
-    "one_bit",
-    "pack",
-    "power_of_two",
-    "prefetch",
-    "quarters",
-    "repeat4",
-    "select",
-    "shift_lane",
-    "shift_quarter",
-    "broadcast16",
-    "broadcast8",
-    "broadcast_from",
-    "square_sum",
-    "store",
-    "store_packed",
-    "sum_over_lanes",
-    "sum_over_quarters",
-    "sums_of_fours",
-    "third_quarter",
-    "vabs",
-    "vmax",
-    "vmin",
-    "vsqrt",
-    "trunc",
-    "widen_high",
-    "widen_low",
-    "zeros16",
-    "zeros8",
-]
-
-_VALUES = "ZERO", "ONE", "INF", "Bits", "Mask", "Real"  # the last three occur in annotations only, see `__init__.pyi`
-_NAMES = [name for name in __all__ if name not in _VALUES]
+_STUB = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+_NAMES = dict.fromkeys(re.findall(r"^(?:def|class) (?!_|Mask)(\w+)", _STUB, re.MULTILINE))
 globals().update(zip(_NAMES, later(__name__, LATER, *_NAMES), strict=True))
-Bits, Mask, Real = int, object, object

@@ -13,19 +13,10 @@ from ...base.progress import Progress, part_of, report_progress
 from ...cloud.georeference import RESIDUAL, SCAN, Georeference
 from ...cloud.points import are_finite, check_any_finite, check_attribute
 from ...cloud.preparation import warn_of_left_out
+from .. import joining
 from ..colors import GREY, ColorRange, to_shades
 from ..formats._source import CHUNK
-from ..joining import (
-    Part,
-    attributes_of,
-    color_kind,
-    colored,
-    common_georeference,
-    first_stations,
-    kind_of,
-    missing_of,
-    scans_of,
-)
+from ..joining import Part
 from ..locating import georeferenced, locate, origin_of, sample_step
 from ..missing_columns import warn_missing_columns
 from .raw import RAW, Raw
@@ -116,15 +107,15 @@ class Located(NamedTuple):
 
 def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
     """Write all columns; remove each raw column once it is converted."""
-    files = [f._replace(part=colored(f.part, f.color_range)) for f in cloud.files if f.part.chunks]
+    files = [f._replace(part=joining.colored(f.part, f.color_range)) for f in cloud.files if f.part.chunks]
     parts = [file.part for file in files]
-    georeference, firsts = common_georeference(parts), first_stations(parts)
+    georeference, firsts = joining.common_georeference(parts), joining.first_stations(parts)
     if firsts is not None:
         files = [file._replace(first=first) for file, first in zip(files, firsts, strict=True)]
     cloud = cloud._replace(files=files)
     warn_missing_columns([(part.name, part.chunks[0]) for part in parts])
     targets = {NORMALS: _normals(cloud), COLORS: _colors(cloud)}
-    targets |= {ATTRIBUTE + name: _attribute(cloud, name) for name in attributes_of(parts)}
+    targets |= {ATTRIBUTE + name: _attribute(cloud, name) for name in joining.attributes_of(parts)}
     if firsts is not None:
         targets[ATTRIBUTE + SCAN] = _scans(cloud)
     made = {name: target for name, target in targets.items() if target is not None}
@@ -198,16 +189,16 @@ def _write(cloud: Cloud, located: Located, name: str, new: str, target: Target, 
 
 
 def _attribute(cloud: Cloud, name: str) -> Target:
-    kind = kind_of(name, [chunk.attributes.get(name) for file in cloud.files for chunk in file.part.chunks])
+    kind = joining.kind_of(name, [chunk.attributes.get(name) for file in cloud.files for chunk in file.part.chunks])
     assert kind is not None  # a file has it
     (dtype, shape), raw = kind, cloud.raw(ATTRIBUTE + name)
     kept = check_attribute(name, np.empty((0, *shape), dtype), 0)
-    return Target(kept.dtype, sum(shape), lambda _, begin, end: raw.read(begin, end, dtype, missing_of(dtype)))
+    return Target(kept.dtype, sum(shape), lambda _, begin, end: raw.read(begin, end, dtype, joining.missing_of(dtype)))
 
 
 def _normals(cloud: Cloud) -> Target | None:
     kind, raw = (
-        kind_of(NORMALS, [chunk.normals for file in cloud.files for chunk in file.part.chunks]),
+        joining.kind_of(NORMALS, [chunk.normals for file in cloud.files for chunk in file.part.chunks]),
         cloud.raw(NORMALS),
     )
     if kind is None:
@@ -218,13 +209,13 @@ def _normals(cloud: Cloud) -> Target | None:
 
 def _colors(cloud: Cloud) -> Target | None:
     """Return the colours as 8 bits, by the range of each file."""
-    raw, colored_files = cloud.raw(COLORS), sum(color_kind(file.part) is not None for file in cloud.files)
+    raw, colored_files = cloud.raw(COLORS), sum(joining.color_kind(file.part) is not None for file in cloud.files)
     if not colored_files:
         raw.drop()
         return None
 
     def rows(file: File, begin: int, end: int) -> Rows:
-        kind = color_kind(file.part)
+        kind = joining.color_kind(file.part)
         if kind is None:
             return np.full((end - begin, 3), GREY, np.uint8)
         return to_shades(raw.read(begin, end, kind), file.color_range.scale(kind))
@@ -238,6 +229,6 @@ def _scans(cloud: Cloud) -> Target:
 
     def rows(file: File, begin: int, end: int) -> Rows:
         own = raw.read(begin, end) if SCAN in file.part.chunks[0].attributes else None
-        return scans_of(own, end - begin, file.first)
+        return joining.scans_of(own, end - begin, file.first)
 
     return Target(np.dtype(np.int32), 0, rows, plain=False)

@@ -26,7 +26,7 @@ from ...io.spooling.spooled import Spooled
 from ...surface.splats.scattered.spheres import ALL_SURFACE, Drawing, check_drawing
 from ...surface.splats.support import isolated_note
 from ...surface.tree.settings import LOOSE_TRIM, TreeSettings
-from . import layer
+from . import layer, stages
 from .arrange import CHUNK, TILE, Arrangement
 from .facing import turn_fits, turn_given
 from .finish import WrittenParts, finish, finish_loose, finish_surface, id_in
@@ -34,21 +34,7 @@ from .given import RADIUS, GivenColumns
 from .level_steps import ModelInfo
 from .second_layers import find_layers
 from .separate_scattered import DIRECTIONS, LOOSE, ROW, SEPARATED, SPHERES, SURFACE, Shaping, number_rows, separate
-from .stages import (
-    GIVEN,
-    KNOWN,
-    MERGED,
-    NOISE,
-    NORMALS,
-    PLACED,
-    PLANES,
-    POSITIONS,
-    THICK,
-    TURNED,
-    Cloud,
-    merge,
-    survey_fits,
-)
+from .stages import Cloud
 from .tasks import (
     BORDERS,
     RADII,
@@ -207,28 +193,28 @@ class OutOfCoreBuilder:
         if self._options.smooth == 0.0 or self._given:
             return
         cloud, work = self._cloud, self._work
-        statistics = work.statistics_for("layers", partial(merge, cloud))
+        statistics = work.statistics_for("layers", partial(stages.merge, cloud))
         find_layers(work, cloud, (SORTED, SEARCHED))
-        work.make_column(MERGED, np.float32, 3)
+        work.make_column(stages.MERGED, np.float32, 3)
         work.each("merge", partial(move_layers, work, cloud, statistics), (SEARCHED, MERGED_AT))
-        self._columns.put(MERGED, {})
+        self._columns.put(stages.MERGED, {})
 
     def _place(self) -> None:
         """Find normals and noise, and smooth noisy points."""
         cloud, sigma, work = self._cloud, self._options.smooth, self._work
-        has_normals = GIVEN in self._columns
+        has_normals = stages.GIVEN in self._columns
         if has_normals:
             self._check_signs()
         if not has_normals or cloud.has_units:
             warn_of_ignored(cloud.ignored, len(cloud.georeference.stations))
         ranges = self._noise_ranges() if sigma == "auto" else None
-        statistics = None if has_normals else work.statistics_for("fits", partial(survey_fits, cloud))
-        for name in (PLACED, NORMALS, *PLANES):
+        statistics = None if has_normals else work.statistics_for("fits", partial(stages.survey_fits, cloud))
+        for name in (stages.PLACED, stages.NORMALS, *stages.PLANES):
             work.make_column(name, np.float32, 3)
-        work.make_column(NOISE, np.float32)
-        work.make_column(THICK, np.int8)
+        work.make_column(stages.NOISE, np.float32)
+        work.make_column(stages.THICK, np.int8)
         if cloud.is_seen:
-            work.make_column(KNOWN, np.int8)
+            work.make_column(stages.KNOWN, np.int8)
         measure = Measure(sigma, ranges, statistics)
         facts = work.each("place", partial(find_surface, work, cloud, measure), (EXAMINED, PLACED_AT))
         self._is_noisy = any(fact["is_noisy"] for fact in facts)
@@ -236,7 +222,7 @@ class OutOfCoreBuilder:
             turn_fits(work, cloud, any(fact["has_planes"] for fact in facts), (PLACED_AT, TURNED_FITS))
             if not cloud.is_seen:
                 orient_sheets_of_parts(work, cloud, facts, (TURNED_FITS, FACED_AT))
-        repaired = [fact["mended"] for fact in facts] + [(self._columns.get(TURNED) or {}).get("mended", (0, 0))]
+        repaired = [fact["mended"] for fact in facts] + [(self._columns.get(stages.TURNED) or {}).get("mended", (0, 0))]
         lost, odd = np.sum(repaired, axis=0).tolist()
         for text in describe_repairs(lost, odd, cloud.total):
             warn(text, stacklevel=4)
@@ -254,8 +240,8 @@ class OutOfCoreBuilder:
     def _check_signs(self) -> None:
         """Warn of normals that face opposite sides; recompute their signs."""
         columns, rows = self._columns, sample_rows(self._cloud.total)
-        where = columns[self._cloud.latest(MERGED, POSITIONS)]
-        unit, length = to_units(columns[GIVEN][rows])
+        where = columns[self._cloud.latest(stages.MERGED, stages.POSITIONS)]
+        unit, length = to_units(columns[stages.GIVEN][rows])
         good = np.flatnonzero(length > 0)
         share = agreement_share(where[rows][good], unit[good], np.arange(len(good), dtype=np.int32))
         if share > DISAGREE:
@@ -286,8 +272,8 @@ class OutOfCoreBuilder:
         used = [RADII, *(name for name in (BORDERS, SHEETS) if any(fact[name] for fact in facts))]
         if self._is_noisy:
             _limit_noise(self._columns)
-            used.append(NOISE)
-        sources = {layer.POSITIONS: PLACED, layer.NORMALS: self._cloud.normals, **{name: name for name in used}}
+            used.append(stages.NOISE)
+        sources = {layer.POSITIONS: stages.PLACED, layer.NORMALS: self._cloud.normals, **{name: name for name in used}}
         splats = layer.finest_layer(self._work, sources | self._given_sources("points."))
         return finish_surface(self._info, self._work, splats, settings, self._options.leveled, (SUPPORTED, LEVELED))
 
@@ -300,7 +286,7 @@ class OutOfCoreBuilder:
 
 def _limit_noise(columns: Columns) -> None:
     """Limit the noise to the radii: a surface has no bumps higher than its supports."""
-    noise, radii = columns[NOISE], columns[RADII]
+    noise, radii = columns[stages.NOISE], columns[RADII]
     for start in range(0, len(radii), CHUNK):
         rows = slice(start, start + CHUNK)
         noise.write(start, np.minimum(noise[rows], radii[rows]))

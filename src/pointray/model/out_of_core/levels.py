@@ -20,18 +20,10 @@ from ...surface.splats.averages import have_categories
 from ...surface.splats.levels import LEAST_GAIN, LEAST_POINTS, THIN
 from ..levels_of_detail import COARSER
 from ..model_folder import LevelFile, PartFile
+from . import level_steps
 from .grid import Grid
 from .layer import ATTRIBUTE, BORDERS, COLORS, LIMITS, NOISE, NORMALS, POSITIONS, RADII, SHEETS, Layer
-from .level_steps import (
-    LevelProgress,
-    ModelInfo,
-    SharedValues,
-    coarsen_part,
-    show_part,
-    support_part,
-    survey_supports,
-    tree_part,
-)
+from .level_steps import LevelProgress, ModelInfo, SharedValues
 from .trees import box_around, nth_least
 from .work import Facts, Span, Work, within
 
@@ -76,7 +68,7 @@ def write_levels(
     def shape(layer: Layer, cell: float, written: list[LevelProgress | None], span: Span) -> list[Facts]:
         return _shaped(work, layer, cell, named, cells, written, span)
 
-    steps = Steps(median_of(whole, work.columns), named.attributes, _make_columns, coarsen_part, shape)
+    steps = Steps(median_of(whole, work.columns), named.attributes, _make_columns, level_steps.coarsen_part, shape)
     return write_all_levels(work, whole, steps, parts, span)
 
 
@@ -85,7 +77,7 @@ def write_all_levels(work: Work, whole: Layer, steps: Steps, parts: list[PartFil
     columns, fine = work.columns, whole
     span = within(span, SHOWN, 1.0)
     whole.make_boxes()
-    facts = work.each("level-0", partial(show_part, whole), (span[0], span[0]))
+    facts = work.each("level-0", partial(level_steps.show_part, whole), (span[0], span[0]))
     cell, last = steps.cell, whole.sizes
     files: list[list[LevelFile]] = [[] for _ in parts]
     reaches = [[part.reach] for part in parts]
@@ -145,9 +137,9 @@ def _shaped(
 ) -> list[Facts]:
     """Find the supports of a level, and write its files, see `tree_part`."""
     columns, stage = work.columns, f"level-{layer.number}"
-    known = columns.get_or_put(f"{stage}-usual", lambda: survey_supports(layer, cell))
+    known = columns.get_or_put(f"{stage}-usual", lambda: level_steps.survey_supports(layer, cell))
     supports = work.each(
-        f"{stage}-support", partial(support_part, layer, cell, known), within(span, COARSENED, SUPPORTED)
+        f"{stage}-support", partial(level_steps.support_part, layer, cell, known), within(span, COARSENED, SUPPORTED)
     )
     if not any(fact["borders"] for fact in supports):
         layer.sources.pop(BORDERS, None)
@@ -161,7 +153,9 @@ def _shaped(
     longest = np.array([fact["longest"] for fact in supports], np.float32)
     whole = SharedValues(box_around(boxes), reference, longest)
     return work.each(
-        f"{stage}-tree", partial(tree_part, layer, cells, whole, named, written), within(span, SUPPORTED, 1.0)
+        f"{stage}-tree",
+        partial(level_steps.tree_part, layer, cells, whole, named, written),
+        within(span, SUPPORTED, 1.0),
     )
 
 

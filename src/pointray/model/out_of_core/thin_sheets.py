@@ -14,19 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...cloud.normals import sheets
 from ...cloud.normals.orientation import NEAR
-from ...cloud.normals.sheets import (
-    RINGS,
-    STEP,
-    disagrees,
-    energy,
-    is_odd,
-    is_unsure,
-    is_wrong,
-    sample_of,
-    scale_of,
-    step_of,
-)
 from ...cloud.normals.winding import TILE, Frame, Splats, Winding, roots_of, spacings, top_of
 from .facing import near_in
 from .local import Local, runs_of
@@ -106,12 +95,12 @@ class ThinSheets:
         each(self._measure)
         self._write_top(each, Field())
         near, far = (np.concatenate(numbers) for numbers in zip(*each(self._sample), strict=True))
-        scale = scale_of(near, far)
+        scale = sheets.scale_of(near, far)
         if scale is None:
             return False
         field = Field(scale)
         self._write_top(each, field)
-        for ring in range(RINGS):
+        for ring in range(sheets.RINGS):
             self._mark(ring, each(partial(self._ring, field, ring)))
         if not any(each(partial(self._turn, field))):
             return False
@@ -146,7 +135,7 @@ class ThinSheets:
             spacing /= np.float32(field.scale)
         return Splats(self._frame.of(placed), normals, spacing)
 
-    def _around(self, field: Field, rows: Rows, step: float = STEP) -> Floats:
+    def _around(self, field: Field, rows: Rows, step: float = sheets.STEP) -> Floats:
         """Return the winding numbers in front of and behind some points of the cloud."""
         tiles = -(-self._cloud.total // TILE)
         return Winding(self._work.columns[field.top][:], tiles, partial(self._read, field)).around(rows, step)
@@ -157,7 +146,7 @@ class ThinSheets:
 
     def _sample(self, part: int) -> tuple[Floats, Floats]:
         """Return the numbers of the sampled points of a part, one spacing away and farther."""
-        rows, part_rows = sample_of(self._cloud.total), self._work.part_rows(part)
+        rows, part_rows = sheets.sample_of(self._cloud.total), self._work.part_rows(part)
         rows = rows[(rows >= part_rows.start) & (rows < part_rows.stop)]
         return self._around(Field(), rows, 1.0), self._around(Field(), rows)
 
@@ -166,11 +155,11 @@ class ThinSheets:
         part_rows, before = self._work.part_rows(part), self._suspects(part, ring)
         if ring == 0:
             thick, earlier = np.flatnonzero(self._work.read(THICK, part)), sum(self._thick[:part])
-            step = step_of(sum(self._thick), self._cloud.total)
+            step = sheets.step_of(sum(self._thick), self._cloud.total)
             rows = thick[-earlier % step :: step]
         else:
             rows = np.flatnonzero(before)
-        rows = rows[is_odd(self._around(field, rows + part_rows.start))]
+        rows = rows[sheets.is_odd(self._around(field, rows + part_rows.start))]
         around = self._neighborhood(part, rows)
         beside = around.local.rows[np.unique(around.near[around.rows])]
         is_own = (beside >= part_rows.start) & (beside < part_rows.stop)
@@ -183,7 +172,7 @@ class ThinSheets:
         for run in runs_of(beside) if len(beside) else []:
             self._work.columns[f"{BESIDE}-{ring}"].write(run.start, np.ones(run.stop - run.start, np.int8))
 
-    def _suspects(self, part: int, rings: int = RINGS) -> Flags:
+    def _suspects(self, part: int, rings: int = sheets.RINGS) -> Flags:
         """Return which of a part's points some rings have found."""
         found = self._zeros(part, np.bool_)
         for name in _ring_columns(rings):
@@ -205,7 +194,7 @@ class ThinSheets:
         numbers = self._around(field, rows + self._work.part_rows(part).start)
         self._work.columns.fill(f"{NUMBERS}-{part:04d}", numbers)
         _, mine, positions, normals, near = self._neighborhood(part, rows)
-        self._write_flags(TURNS, part, rows[is_wrong(mine, numbers, positions, normals, near)])
+        self._write_flags(TURNS, part, rows[sheets.is_wrong(mine, numbers, positions, normals, near)])
         return len(rows) > 0
 
     def _weigh(self, field: Field, part: int) -> None:
@@ -213,9 +202,9 @@ class ThinSheets:
         gain, rows = self._zeros(part, np.float32), np.flatnonzero(self._suspects(part))
         before = self._work.columns[f"{NUMBERS}-{part:04d}"][:]
         after = self._around(field, rows + self._work.part_rows(part).start)
-        gain[rows] = energy(before) - energy(after)
+        gain[rows] = sheets.energy(before) - sheets.energy(after)
         self._work.write(GAIN, part, gain)
-        self._write_flags(UNSURE, part, rows[is_unsure(before, after)])
+        self._write_flags(UNSURE, part, rows[sheets.is_unsure(before, after)])
 
     def _turn_back(self, part: int) -> None:
         """Write which are flipped back because they gained nothing."""
@@ -229,7 +218,7 @@ class ThinSheets:
         unsure = np.flatnonzero(self._work.read(UNSURE, part) | self._work.read(BACK, part))
         local, mine, positions, normals, near = self._neighborhood(part, unsure)
         normals *= _signs(local.read(columns[TURNS]) ^ local.read(columns[BACK]))
-        self._write_flags(VOTED, part, unsure[disagrees(mine, positions, normals, near)])
+        self._write_flags(VOTED, part, unsure[sheets.disagrees(mine, positions, normals, near)])
 
     def _write_flags(self, name: str, part: int, rows: Rows) -> None:
         """Write 1 for some of a part's points, and 0 for the others."""
@@ -256,7 +245,7 @@ def _signs(turned: NDArray[np.int8]) -> NDArray[np.int8]:
     return np.where(turned, np.int8(-1), np.int8(1))[:, None]
 
 
-def _ring_columns(rings: int = RINGS) -> list[str]:
+def _ring_columns(rings: int = sheets.RINGS) -> list[str]:
     return [f"{name}-{ring}" for ring in range(rings) for name in (FOUND, BESIDE)]
 
 

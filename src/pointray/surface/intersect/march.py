@@ -54,24 +54,9 @@ from ...engine.simd import (
     vmin,
     vsqrt,
 )
+from . import refine
 from .lattice import SampleRange, base_of
-from .refine import (
-    Frame,
-    Pair,
-    Root,
-    all_samples,
-    choose,
-    crossing,
-    evaluate,
-    first_samples,
-    fold,
-    foot_of,
-    look_into,
-    means_at,
-    place,
-    sample,
-    unit,
-)
+from .refine import Frame, Pair, Root
 from .surface import NAN, local_radius, overhang, value
 
 START, START_UNREFINED = f32(0.01), f32(0.05)  # radii; the second without refinement
@@ -108,18 +93,18 @@ def accept(
     joined, foot, gap = root.joined, root.foot, vabs(root.rise)
     good = asked
     if bits(joined) & asked != asked:
-        means = means_at(scratch, frame, root.t, base_of(root.t, frame.base_spacing))
+        means = refine.means_at(scratch, frame, root.t, base_of(root.t, frame.base_spacing))
         f, u4 = value(int(tree.head[SURFACE]), means)
-        foot, gap = choose(joined, foot, foot_of(means, u4)), select(joined, gap, vabs(f) - lift)
+        foot, gap = refine.choose(joined, foot, refine.foot_of(means, u4)), select(joined, gap, vabs(f) - lift)
         good &= bits(joined | (means.weight > ZERO))
     if sought_side != ZERO:
         good &= bits(sought_side * root.rise * frame.side <= ZERO)
-    (nx, ny, nz), known = unit(foot)
+    (nx, ny, nz), known = refine.unit(foot)
     good &= bits(known & (root.t >= vabs(begin)))
     away = vsqrt(foot.away)
     jump = JUMP if tree.head[REFINE] > ZERO else JUMP_UNREFINED
     trim = tree.head[TRIM]
-    x, y, z = place(frame, root.t, base_of(root.t, frame.base_spacing))
+    x, y, z = refine.place(frame, root.t, base_of(root.t, frame.base_spacing))
     # Most hits pass with the least radius of the leaf; the local one costs a second pass over the splats.
     least = broadcast16(tree.leaves[leaf * LEAF + LEAST])
     over = good & ~bits((away <= trim * least) & (gap <= jump * least))  # also if they are NaN
@@ -130,14 +115,14 @@ def accept(
         if border:
             share, out = overhang(tree, scratch, x, y, z)
             good &= ~bits((share > BORDER_SHARE) & (out > tree.head[OVERHANG] * radius))
-    return fold(good), nx, ny, nz
+    return refine.fold(good), nx, ny, nz
 
 
 @inline
 def _events(tree: Tree, leaf: int, a: Samples, b: Samples) -> tuple[Bits, Bits]:
     """Return bits of the samples (t, f, slope) with a zero crossing since the previous one, and of other events."""
     (t_a, f_a, slope_a), (t, f, slope) = a, b
-    changes = bits(crossing(f_a, f))
+    changes = bits(refine.crossing(f_a, f))
     # A minimum between them is rare, so the rest is computed only then. One slope suffices if |f| changes by less than
     # 3/4 of the slope's prediction.
     falls, rises = f_a * slope_a < ZERO, f * slope > ZERO
@@ -172,12 +157,12 @@ def _pair(before: Samples, after: Samples, one: Mask) -> Pair:
     """Return the samples (t, f, slope) selected by a mask with one lane for each ray, and those before them."""
     (t_a, f_a, slope_a), (t, f, slope) = before, after
     return Pair(
-        sample(t_a, one),
-        sample(f_a, one),
-        sample(slope_a, one),
-        sample(t, one),
-        sample(f, one),
-        sample(slope, one),
+        refine.sample(t_a, one),
+        refine.sample(f_a, one),
+        refine.sample(slope_a, one),
+        refine.sample(t, one),
+        refine.sample(f, one),
+        refine.sample(slope, one),
     )
 
 
@@ -201,13 +186,13 @@ def search(
     left = rays if scratch.counts[COUNT_SPLATS] > 0 else 0
     while left != 0:
         t = vmin(k * step, high)
-        f, slope = evaluate(tree, scratch, frame, t)
+        f, slope = refine.evaluate(tree, scratch, frame, t)
         if starts != 0:
             lift = select(mask16(starts), _lift_of(tree, leaf, first_quarter(f)), lift)
             between = sampled.begin > ZERO
             # ONE is a mark: reported as lifted, so that the caller traces the ray singly.
             lift = select(between, broadcast16(ONE), lift)
-            left &= ~fold(bits(between))
+            left &= ~refine.fold(bits(between))
             starts = 0
         f = f + lift
 
@@ -216,28 +201,28 @@ def search(
         changes, sinks = _events(tree, leaf, before, after)
         events = (changes | sinks) & (left * 0x1111)
         while events != 0:
-            now = first_samples(events)
+            now = refine.first_samples(events)
             events &= ~now
             one = mask16(now)
             pair = _pair(before, after, one)
-            crosses = all_samples(fold(now & changes))
-            root = look_into(tree, scratch, frame, pair, crosses, fold(now), lift)
+            crosses = refine.all_samples(refine.fold(now & changes))
+            root = refine.look_into(tree, scratch, frame, pair, crosses, refine.fold(now), lift)
             if bits(root.t < INF) != 0:
                 early = root.t < vabs(sampled.begin)
                 if bits(early) != 0:
                     # As above: a root before the ray's start.
                     lift = select(early, broadcast16(ONE), lift)
-                    left &= ~fold(bits(early))
+                    left &= ~refine.fold(bits(early))
                     events &= ~bits(early)
                 good, mx, my, mz = accept(tree, scratch, frame, leaf, root, (sought_side, lift, sampled.begin))
                 if good != 0:
-                    here = all_samples(good)
+                    here = refine.all_samples(good)
                     t_hit = select(here, root.t, t_hit)
                     nx, ny, nz = select(here, mx, nx), select(here, my, ny), select(here, mz, nz)
                     left &= ~good
                     events &= ~(good * 0x1111)
-        settled = fold(bits(f >= lift)) & left
-        lift = select(all_samples(settled), none, lift)
+        settled = refine.fold(bits(f >= lift)) & left
+        lift = select(refine.all_samples(settled), none, lift)
         t_before, f_before, slope_before = t, f, slope
         k = k + f32(4.0)
         left &= bits(k <= sampled.last)
@@ -247,8 +232,8 @@ def search(
 @inline
 def _rest(tree: Tree, scratch: Scratch, frame: Frame, pair: Pair, begin: F16) -> tuple[Pair, Mask]:
     """Return the part of the interval between two samples behind the ray's start; and whether f changes sign in it."""
-    f, slope = evaluate(tree, scratch, frame, begin)
-    return Pair(begin, f, slope, pair.tb, pair.fb, pair.slope_b), crossing(f, pair.fb)
+    f, slope = refine.evaluate(tree, scratch, frame, begin)
+    return Pair(begin, f, slope, pair.tb, pair.fb, pair.slope_b), refine.crossing(f, pair.fb)
 
 
 @inline
@@ -272,7 +257,7 @@ def search_one(
     k = sampled.first + (four * quarters(ZERO, ONE, two, three) + fours(ZERO, ONE, two, three))
     while True:
         t = begin if between else vmin(vmax(k * step, low), high)
-        f, slope = evaluate(tree, scratch, frame, t)
+        f, slope = refine.evaluate(tree, scratch, frame, t)
         if starts:
             lift = _lift_of(tree, leaf, broadcast16(lane(f, 0)))
             starts = False
@@ -295,9 +280,10 @@ def search_one(
             events &= events - 1
             here = mask16(now)
             pair = _pair(before, after, here)
-            raised, crosses, todo = sample(lifted, here), all_samples(fold(now & changes)), fold(now)
+            raised, crosses = refine.sample(lifted, here), refine.all_samples(refine.fold(now & changes))
+            todo = refine.fold(now)
             while True:
-                root = look_into(tree, scratch, frame, pair, crosses, todo, raised)
+                root = refine.look_into(tree, scratch, frame, pair, crosses, todo, raised)
                 if bits(root.t < begin) == 0 or lane(pair.ta, 0) >= lane(begin, 0):
                     break
                 pair, crosses = _rest(tree, scratch, frame, pair, begin)

@@ -18,27 +18,19 @@ from .._named_columns import CHANNELS, NORMAL_AXES, Columns, roles_of
 from .._source import MAYBE, NO, SURE, Chunk, Faults, Format, Listing, Request, Source
 from .._unnamed_columns import recognise_array_columns
 from .._world import is_float64, world_rows
-from ._array import (
-    MAGIC,
-    MOST_COLUMNS,
-    Header,
-    blocks_of,
-    check_table,
-    fields_of,
-    read_header,
-    step_of,
-)
+from . import _array
+from ._array import Header
 
 
 def recognise(head: bytes, path: Path) -> int:
     """Detect NumPy arrays; one that may be a depth image is not certain."""
-    if not head.startswith(MAGIC):
+    if not head.startswith(_array.MAGIC):
         return NO
     try:
-        header = read_header(_Head(head))
+        header = _array.read_header(_Head(head))
     except ValueError:
         return SURE  # opening it raises the error
-    return MAYBE if not header.dtype.fields and header.width > MOST_COLUMNS else SURE
+    return MAYBE if not header.dtype.fields and header.width > _array.MOST_COLUMNS else SURE
 
 
 class _Head:
@@ -58,20 +50,20 @@ class NpySource(Source):
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
         with path.open("rb") as file:
-            header = read_header(file)
+            header = _array.read_header(file)
             left = os.fstat(file.fileno()).st_size - header.size
         if not header.dtype.hasobject and header.nbytes != left:
             header = _fitted(header, left, self.faults)
         self._header = header
         self._names = request.columns
         if header.dtype.fields:
-            self._roles = roles_of(fields_of(header))
+            self._roles = roles_of(_array.fields_of(header))
         else:
-            check_table(header, request.columns)
+            _array.check_table(header, request.columns)
         if not header.rows:
             raise ValueError("contains no points: its array has no rows")
         facts = {"type": str(header.dtype)} if not header.dtype.fields else {}
-        self._step = step_of(header.nbytes // header.rows)
+        self._step = _array.step_of(header.nbytes // header.rows)
         self.listing = Listing(header.rows, 36 + header.nbytes // header.rows, facts=facts)
 
     def chunks(self) -> Iterator[Chunk]:
@@ -83,7 +75,7 @@ class NpySource(Source):
     def _blocks(self) -> Iterator[NDArray[Any]]:
         with self._path.open("rb") as file:
             file.seek(self._header.size)
-            yield from blocks_of(file, self._header, self._step)
+            yield from _array.blocks_of(file, self._header, self._step)
 
     def _to_chunk(self, block: NDArray[Any], share: float) -> Chunk:
         if self._header.dtype.fields:
@@ -131,8 +123,8 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
     fields += [(name, values.dtype.newbyteorder("<"), values.shape[1:]) for name, values in attributes.items()]
     dtype = np.dtype(fields)
     file.write(_header_of(dtype, len(points)))
-    for start in range(0, len(points), step_of(dtype.itemsize)):
-        part = slice(start, start + step_of(dtype.itemsize))
+    for start in range(0, len(points), _array.step_of(dtype.itemsize)):
+        part = slice(start, start + _array.step_of(dtype.itemsize))
         file.write(_rows(points, attributes, dtype, part).data)
         report_progress(progress, min(part.stop / len(points), 1.0))
     return _lost(points)
@@ -161,7 +153,7 @@ def _header_of(dtype: np.dtype[Any], count: int) -> bytes:
     descr = np.lib.format.dtype_to_descr(dtype)
     text = repr({"descr": descr, "fortran_order": False, "shape": (count,)}).encode("utf-8", "strict")
     text += b" " * (-(12 + len(text) + 1) % 64) + b"\n"
-    return MAGIC + bytes((3, 0)) + len(text).to_bytes(4, "little") + text
+    return _array.MAGIC + bytes((3, 0)) + len(text).to_bytes(4, "little") + text
 
 
 def _lost(points: Points) -> list[str]:
