@@ -2,76 +2,103 @@
 
 from __future__ import annotations
 
-from typing import Any, cast
+import inspect
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
 
 import llvmlite.ir
 from numba.core import cgutils, types
-from numba.extending import intrinsic as _intrinsic
-
-intrinsic: Any = _intrinsic  # typed for its definition, not for its calls in kernels
-
-
-@intrinsic
-def fetch_add(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
-    """Add value to array[index] atomically, and return the previous value."""
-    if not (isinstance(array, types.Array) and array.dtype == types.int64):
-        return None
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        pointer = builder.gep(data, [args[1]])
-        return builder.atomic_rmw("add", pointer, args[2], "monotonic")
-
-    return types.int64(array, types.int64, types.int64), codegen
+from numba.core.typing.templates import Signature
+from numba.extending import intrinsic
 
 
-@intrinsic
-def peek(typingctx: Any, array: Any, index: Any) -> Any:
-    """Read array[index] from memory, not from a register."""
+class Code(NamedTuple):
+    """The place in a kernel at which a function emits instructions: Numba's context, LLVM's builder, the types."""
 
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        pointer = builder.gep(data, [args[1]])
-        return builder.load_atomic(pointer, "monotonic", 8, typ=llvmlite.ir.IntType(64))
-
-    return types.int64(array, types.int64), codegen
+    context: Any
+    builder: Any
+    types: Any  # the signature of the call
 
 
-@intrinsic
-def array_at(typingctx: Any, address: Any, length: Any, like: Any) -> Any:
+def operation(typing: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Make a function of kernels from a function that emits LLVM instructions for it.
+
+    typing : its signature, or a function that returns it for the types of the arguments (None: they are not accepted)
+
+    The decorated function receives a `Code` and the LLVM values of the arguments; it returns the LLVM value of the
+    result, or None without one.
+    """
+
+    def decorate(emit: Callable[..., Any]) -> Any:
+        def definition(typingctx: Any, *args: Any) -> Any:
+            found = typing if isinstance(typing, Signature) else typing(*args)
+
+            def codegen(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+                value = emit(Code(context, builder, signature), *values)
+                return context.get_dummy_value() if value is None else value
+
+            return None if found is None else (found, codegen)
+
+        definition.__name__, definition.__doc__ = emit.__name__, emit.__doc__
+        cast(Any, definition).__signature__ = inspect.signature(emit)  # Numba folds the arguments of calls by it
+        return intrinsic(definition)
+
+    return decorate
+
+
+def item_pointer(code: Code, array: int, values: Any) -> Any:
+    """Return the pointer to an item of an array. array : position of the array among the types of the call
+
+    values : the LLVM values of the array and of the index
+    """
+    data = code.context.make_array(code.types.args[array])(code.context, code.builder, values[0]).data
+    return code.builder.gep(data, [values[1]])
+
+
+def _counter(array: Any, *others: Any) -> Any:
+    is_counter = isinstance(array, types.Array) and array.dtype == types.int64
+    return types.int64(array, *[types.int64] * len(others)) if is_counter else None
+
+
+@operation(_counter)
+def fetch_add(code: Code, array: Any, index: Any, value: Any) -> Any:
+    """Add value to array[index] atomically, and return the previous value; array : int64."""
+    return code.builder.atomic_rmw("add", item_pointer(code, 0, (array, index)), value, "monotonic")
+
+
+@operation(_counter)
+def peek(code: Code, array: Any, index: Any) -> Any:
+    """Read array[index], int64, from memory, not from a register."""
+    pointer = item_pointer(code, 0, (array, index))
+    return code.builder.load_atomic(pointer, "monotonic", 8, typ=llvmlite.ir.IntType(64))
+
+
+@operation(lambda address, length, like: types.Array(like, 1, "C")(types.int64, types.int64, like))
+def array_at(code: Code, address: Any, length: Any, like: Any) -> Any:
     """Return the one-dimensional array of `length` items of the type of `like` at an address, not owning its memory."""
-    array = types.Array(like, 1, "C")
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        item = context.get_abi_sizeof(context.get_data_type(array.dtype))
-        size = context.get_constant(types.intp, item)
-        out = context.make_array(array)(context, builder)
-        pointer = builder.inttoptr(args[0], out.data.type)
-        context.populate_array(
-            out,
-            data=pointer,
-            shape=cgutils.pack_array(builder, [args[1]]),
-            strides=cgutils.pack_array(builder, [size]),
-            itemsize=size,
-            meminfo=None,
-        )
-        return out._getvalue()
-
-    return array(types.int64, types.int64, like), codegen
+    context, builder, array = code.context, code.builder, code.types.return_type
+    item = context.get_abi_sizeof(context.get_data_type(array.dtype))
+    size = context.get_constant(types.intp, item)
+    out = context.make_array(array)(context, builder)
+    context.populate_array(
+        out,
+        data=builder.inttoptr(address, out.data.type),
+        shape=cgutils.pack_array(builder, [length]),
+        strides=cgutils.pack_array(builder, [size]),
+        itemsize=size,
+        meminfo=None,
+    )
+    return out._getvalue()
 
 
-@intrinsic
-def borrow(typingctx: Any, value: Any) -> Any:
+@operation(lambda value: value(value))
+def borrow(code: Code, value: Any) -> Any:
     """Return the same array or record of arrays without references to its memory, which the owner must keep alive.
 
     Numba counts references with atomic additions at every use of an array that owns its memory, and threads that share
     one wait for each other. Rays that hit nothing took 160 ns with reference counts and 25 ns without.
     """
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return _without_owner(context, builder, signature.return_type, args[0])
-
-    return value(value), codegen
+    return _without_owner(code.context, code.builder, code.types.return_type, value)
 
 
 def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
@@ -88,11 +115,6 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     return out._getvalue()
 
 
-@intrinsic
-def keep_alive(typingctx: Any, value: Any) -> Any:
+@operation(lambda value: types.none(value))
+def keep_alive(code: Code, value: Any) -> None:
     """Keep arrays alive up to this line, the last of a kernel that borrowed its own arrays."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return context.get_dummy_value()
-
-    return types.none(value), codegen

@@ -6,67 +6,49 @@ from typing import Any
 
 from numba.core import types
 
-from ..jit.intrinsics import intrinsic
+from ..jit.intrinsics import Code, operation
 from .vector import D8, F8, F16, I8, I16, broadcast, shuffle
 
 
-def _widener(lanes: list[int], doc: str) -> Any:
-    def widen(typingctx: Any, vector: Any) -> Any:
-        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            return builder.fpext(shuffle(builder, args[0], args[0], lanes), D8.llvm)
-
-        return D8(F16), codegen
-
-    widen.__doc__ = doc
-    return intrinsic(widen)
+@operation(D8(F16))
+def widen_low(code: Code, vector: Any) -> Any:
+    """Convert lanes 0 to 7 of 16 float32 to float64."""
+    return code.builder.fpext(shuffle(code, vector, vector, range(8)), D8.llvm)
 
 
-widen_low = _widener(list(range(8)), "Convert lanes 0 to 7 of 16 float32 to float64.")
-widen_high = _widener(list(range(8, 16)), "Convert lanes 8 to 15 of 16 float32 to float64.")
+@operation(D8(F16))
+def widen_high(code: Code, vector: Any) -> Any:
+    """Convert lanes 8 to 15 of 16 float32 to float64."""
+    return code.builder.fpext(shuffle(code, vector, vector, range(8, 16)), D8.llvm)
 
 
-@intrinsic
-def narrow(typingctx: Any, low: Any, high: Any) -> Any:
+@operation(F16(D8, D8))
+def narrow(code: Code, low: Any, high: Any) -> Any:
     """Round two vectors of 8 float64 to 16 float32."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        a, b = (builder.fptrunc(value, F8.llvm) for value in args)
-        return shuffle(builder, a, b, list(range(16)))
-
-    return F16(D8, D8), codegen
+    a, b = (code.builder.fptrunc(value, F8.llvm) for value in (low, high))
+    return shuffle(code, a, b, range(16))
 
 
-@intrinsic
-def square_sum(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
+@operation(lambda x, y, z: x(x, x, x))
+def square_sum(code: Code, x: Any, y: Any, z: Any) -> Any:
     """Return x * x + y * y + z * z, rounded at each step as in NumPy: without FMA, so equal distances stay equal."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        a, b, c = (builder.fmul(value, value) for value in args)
-        return builder.fadd(builder.fadd(a, b), c)
-
-    return x(x, x, x), codegen
+    a, b, c = (code.builder.fmul(value, value) for value in (x, y, z))
+    return code.builder.fadd(code.builder.fadd(a, b), c)
 
 
-@intrinsic
-def count_where(typingctx: Any, counts: Any, mask: Any) -> Any:
+@operation(lambda counts, mask: counts(counts, mask))
+def count_where(code: Code, counts: Any, mask: Any) -> Any:
     """Add 1 to the int32 lanes where the mask is set."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.sub(args[0], builder.sext(args[1], sig.return_type.llvm))
-
-    return counts(counts, mask), codegen
+    return code.builder.sub(counts, code.builder.sext(mask, code.types.return_type.llvm))
 
 
-def _zeros(vector: Any, doc: str) -> Any:
-    def make(typingctx: Any) -> Any:
-        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            return broadcast(builder, context.get_constant(types.int32, 0), vector)
-
-        return vector(), codegen
-
-    make.__doc__ = doc
-    return intrinsic(make)
+@operation(I16())
+def zeros16(code: Code) -> Any:
+    """Return 16 int32 zeros."""
+    return broadcast(code, code.context.get_constant(types.int32, 0), I16)
 
 
-zeros16 = _zeros(I16, "Return 16 int32 zeros.")
-zeros8 = _zeros(I8, "Return 8 int32 zeros.")
+@operation(I8())
+def zeros8(code: Code) -> Any:
+    """Return 8 int32 zeros."""
+    return broadcast(code, code.context.get_constant(types.int32, 0), I8)

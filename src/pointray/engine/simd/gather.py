@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import llvmlite.ir as ir
 from numba.core import types
 
 from ..jit.decorators import inline
-from ..jit.intrinsics import intrinsic
+from ..jit.intrinsics import Code, item_pointer, operation
 from ..jit.library import CHECK
 from .vector import F8, F16, INT, shuffle
 
@@ -18,65 +19,53 @@ _LOW2, _HIGH2 = ([4 * (k // 4) + first + k % 2 + 16 * (k % 4 // 2) for k in rang
 _EVEN, _ODD = ([4 * quarter + k for quarter in (p, p + 2, p + 4, p + 6) for k in range(4)] for p in (0, 1))
 
 
-def _pointers(context: Any, builder: Any, array_type: Any, array: Any, places: Any, size: int) -> list[Any]:
+def _pointers(code: Code, values: tuple[Any, ...], size: int) -> list[Any]:
     """Return pointers to the items that the lanes read: item size * index[start + lane * stride] of a flat array."""
-    index_type, index, start, stride = places
-    data = context.make_array(array_type)(context, builder, array).data
-    rows = context.make_array(index_type)(context, builder, index).data
-    found = []
+    array, index, start, stride = values
+    builder, found = code.builder, []
     for lane in range(16):
         place = builder.add(start, builder.mul(stride, ir.Constant(stride.type, lane)))
-        row = builder.sext(builder.load(builder.gep(rows, [place])), ir.IntType(64))
-        found.append(builder.gep(data, [builder.mul(row, ir.Constant(ir.IntType(64), size))]))
+        row = builder.sext(builder.load(item_pointer(code, 1, (index, place))), ir.IntType(64))
+        found.append(item_pointer(code, 0, (array, builder.mul(row, ir.Constant(ir.IntType(64), size)))))
     return found
 
 
-@intrinsic
-def _gather16(typingctx: Any, array: Any, index: Any, start: Any, stride: Any) -> Any:
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        out = ir.Constant(F16.llvm, ir.Undefined)
-        places = sig.args[1], *args[1:]
-        for lane, pointer in enumerate(_pointers(context, builder, sig.args[0], args[0], places, 1)):
-            out = builder.insert_element(out, builder.load(pointer), INT(lane))
-        return out
-
-    return F16(array, index, types.intp, types.intp), codegen
+def _load_each(code: Code, pointers: list[Any]) -> Any:
+    """Emit a vector of the numbers at 16 places."""
+    out = ir.Constant(F16.llvm, ir.Undefined)
+    for lane, pointer in enumerate(pointers):
+        out = code.builder.insert_element(out, code.builder.load(pointer), INT(lane))
+    return out
 
 
-@intrinsic
-def _gather_rows8(typingctx: Any, table: Any, index: Any, start: Any, stride: Any) -> Any:
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        eight = F8.llvm.as_pointer()
-        places = sig.args[1], *args[1:]
-        pointers = _pointers(context, builder, sig.args[0], args[0], places, 8)
-        rows = [builder.load(builder.bitcast(pointer, eight), align=4) for pointer in pointers]
-
-        def pair(a: Any, b: Any, lanes: list[int]) -> Any:
-            return shuffle(builder, a, b, lanes)
-
-        # Pair rows k and k + 4, k from 0 to 3 and from 8 to 11; then transpose each quarter of four rows.
-        halves: list[list[Any]] = []
-        for first in (0, 8):
-            a, b, c, d = (pair(rows[k], rows[k + 4], list(range(16))) for k in range(first, first + 4))
-            low, high = (pair(a, b, _LOW), pair(c, d, _LOW)), (pair(a, b, _HIGH), pair(c, d, _HIGH))
-            halves.append([pair(two[0], two[1], lanes) for two in (low, high) for lanes in (_LOW2, _HIGH2)])
-        columns = [pair(a, b, lanes) for lanes in (_EVEN, _ODD) for a, b in zip(*halves, strict=True)]
-        return context.make_tuple(builder, sig.return_type, columns)
-
-    return types.UniTuple(F16, 8)(table, index, types.intp, types.intp), codegen
+@operation(lambda array, index, start, stride: F16(array, index, types.intp, types.intp))
+def _gather16(code: Code, array: Any, index: Any, start: Any, stride: Any) -> Any:
+    return _load_each(code, _pointers(code, (array, index, start, stride), 1))
 
 
-@intrinsic
-def _load_apart16(typingctx: Any, array: Any, start: Any, stride: Any) -> Any:
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        out = ir.Constant(F16.llvm, ir.Undefined)
-        for lane in range(16):
-            place = builder.add(args[1], builder.mul(args[2], ir.Constant(args[2].type, lane)))
-            out = builder.insert_element(out, builder.load(builder.gep(data, [place])), INT(lane))
-        return out
+@operation(lambda table, index, start, stride: types.UniTuple(F16, 8)(table, index, types.intp, types.intp))
+def _gather_rows8(code: Code, table: Any, index: Any, start: Any, stride: Any) -> Any:
+    builder, eight = code.builder, F8.llvm.as_pointer()
+    pointers = _pointers(code, (table, index, start, stride), 8)
+    rows = [builder.load(builder.bitcast(pointer, eight), align=4) for pointer in pointers]
 
-    return F16(array, types.intp, types.intp), codegen
+    def pair(a: Any, b: Any, lanes: Sequence[int]) -> Any:
+        return shuffle(code, a, b, lanes)
+
+    # Pair rows k and k + 4, k from 0 to 3 and from 8 to 11; then transpose each quarter of four rows.
+    halves: list[list[Any]] = []
+    for first in (0, 8):
+        a, b, c, d = (pair(rows[k], rows[k + 4], range(16)) for k in range(first, first + 4))
+        low, high = (pair(a, b, _LOW), pair(c, d, _LOW)), (pair(a, b, _HIGH), pair(c, d, _HIGH))
+        halves.append([pair(two[0], two[1], lanes) for two in (low, high) for lanes in (_LOW2, _HIGH2)])
+    columns = [pair(a, b, lanes) for lanes in (_EVEN, _ODD) for a, b in zip(*halves, strict=True)]
+    return code.context.make_tuple(builder, code.types.return_type, columns)
+
+
+@operation(lambda array, start, stride: F16(array, types.intp, types.intp))
+def _load_apart16(code: Code, array: Any, start: Any, stride: Any) -> Any:
+    places = [code.builder.add(start, code.builder.mul(stride, ir.Constant(stride.type, k))) for k in range(16)]
+    return _load_each(code, [item_pointer(code, 0, (array, place)) for place in places])
 
 
 @inline

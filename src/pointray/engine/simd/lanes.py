@@ -7,308 +7,252 @@ from typing import Any
 import llvmlite.ir as ir
 from numba.core import cgutils, types
 
-from ..jit.intrinsics import intrinsic
+from ..jit.intrinsics import Code, operation
 from .vector import F4, F8, F16, FLAGS, I16, INT, Vector, broadcast, shuffle
 
 
-def _maker(vector: Vector, doc: str) -> Any:
-    def make(typingctx: Any, value: Any) -> Any:
-        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            return broadcast(builder, args[0], vector)
-
-        return vector(vector.scalar), codegen
-
-    make.__doc__ = doc
-    return intrinsic(make)
+@operation(F8(types.float32))
+def broadcast8(code: Code, value: Any) -> Any:
+    """Repeat a number in all 8 lanes."""
+    return broadcast(code, value, F8)
 
 
-broadcast8 = _maker(F8, "Repeat a number in all 8 lanes.")
-broadcast16 = _maker(F16, "Repeat a number in all 16 lanes.")
+@operation(F16(types.float32))
+def broadcast16(code: Code, value: Any) -> Any:
+    """Repeat a number in all 16 lanes."""
+    return broadcast(code, value, F16)
 
 
-@intrinsic
-def quarters(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+def _four(code: Code, values: tuple[Any, ...], element: Any) -> Any:
+    """Emit a vector of four numbers."""
+    four = ir.Constant(ir.VectorType(element, 4), ir.Undefined)
+    for lane, value in enumerate(values):
+        four = code.builder.insert_element(four, value, INT(lane))
+    return four
+
+
+@operation(F16(*[types.float32] * 4))
+def quarters(code: Code, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Fill each quarter with one of four numbers."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        four = ir.Constant(F4.llvm, ir.Undefined)
-        for lane, value in enumerate(args):
-            four = builder.insert_element(four, value, INT(lane))
-        return shuffle(builder, four, four, [lane // 4 for lane in range(16)])
-
-    return F16(*[types.float32] * 4), codegen
+    four = _four(code, (a, b, c, d), F4.element)
+    return shuffle(code, four, four, [lane // 4 for lane in range(16)])
 
 
-@intrinsic
-def fours(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+@operation(F16(*[types.float32] * 4))
+def fours(code: Code, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Repeat four numbers in every quarter."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        four = ir.Constant(F4.llvm, ir.Undefined)
-        for lane, value in enumerate(args):
-            four = builder.insert_element(four, value, INT(lane))
-        return shuffle(builder, four, four, [lane % 4 for lane in range(16)])
-
-    return F16(*[types.float32] * 4), codegen
+    four = _four(code, (a, b, c, d), F4.element)
+    return shuffle(code, four, four, [lane % 4 for lane in range(16)])
 
 
-@intrinsic
-def vmin(typingctx: Any, a: Any, b: Any) -> Any:
+def _pair(a: Any, b: Any) -> Any:
+    """Return the signature of a function of two vectors, of which one may be a number."""
+    vector = a if isinstance(a, Vector) else b
+    return vector(vector, vector)
+
+
+@operation(_pair)
+def vmin(code: Code, a: Any, b: Any) -> Any:
     """Return the lesser of each pair of lanes; if one is NaN, the second (one instruction on x86)."""
-    return _choose("<", a, b)
+    return code.builder.select(code.builder.fcmp_ordered("<", a, b), a, b)
 
 
-@intrinsic
-def vmax(typingctx: Any, a: Any, b: Any) -> Any:
+@operation(_pair)
+def vmax(code: Code, a: Any, b: Any) -> Any:
     """Return the greater of each pair of lanes; if one is NaN, the second."""
-    return _choose(">", a, b)
+    return code.builder.select(code.builder.fcmp_ordered(">", a, b), a, b)
 
 
-def _choose(symbol: str, a: Any, b: Any) -> Any:
-    vector = a if isinstance(a, Vector) else b
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.select(builder.fcmp_ordered(symbol, *args), *args)
-
-    return vector(vector, vector), codegen
-
-
-def _llvm_unary(name: str, doc: str) -> Any:
-    def make(typingctx: Any, a: Any) -> Any:
-        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            kind = sig.args[0].llvm if isinstance(sig.args[0], Vector) else ir.FloatType()
-            suffix = f"v{sig.args[0].lanes}f32" if isinstance(sig.args[0], Vector) else "f32"
-            called = ir.FunctionType(kind, [kind])
-            return builder.call(cgutils.get_or_insert_function(builder.module, called, f"llvm.{name}.{suffix}"), args)
-
-        return a(a), codegen
-
-    make.__doc__ = doc
-    return intrinsic(make)
+def _llvm_unary(code: Code, name: str, a: Any) -> Any:
+    """Emit a call of an LLVM function of a float32 or a vector."""
+    kind = code.types.args[0]
+    llvm, suffix = (kind.llvm, f"v{kind.lanes}f32") if isinstance(kind, Vector) else (ir.FloatType(), "f32")
+    called = ir.FunctionType(llvm, [llvm])
+    function = cgutils.get_or_insert_function(code.builder.module, called, f"llvm.{name}.{suffix}")
+    return code.builder.call(function, [a])
 
 
-vabs = _llvm_unary("fabs", "Return absolute values.")
-vsqrt = _llvm_unary("sqrt", "Return square roots of a vector or a float32; NaN for negative numbers.")
+@operation(lambda a: a(a))
+def vabs(code: Code, a: Any) -> Any:
+    """Return absolute values."""
+    return _llvm_unary(code, "fabs", a)
 
 
-@intrinsic
-def trunc(typingctx: Any, a: Any) -> Any:
+@operation(lambda a: a(a))
+def vsqrt(code: Code, a: Any) -> Any:
+    """Return square roots of a vector or a float32; NaN for negative numbers."""
+    return _llvm_unary(code, "sqrt", a)
+
+
+@operation(lambda a: a(a))
+def trunc(code: Code, a: Any) -> Any:
     """Truncate toward zero. Values must be within int32, so that no processor needs a library call."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        vector = sig.args[0]
-        return builder.sitofp(builder.fptosi(args[0], ir.VectorType(INT, vector.lanes)), vector.llvm)
-
-    return a(a), codegen
+    vector = code.types.return_type
+    return code.builder.sitofp(code.builder.fptosi(a, ir.VectorType(INT, vector.lanes)), vector.llvm)
 
 
-@intrinsic
-def bit_fields(typingctx: Any, words: Any, a: Any, b: Any, c: Any, d: Any, mask: Any) -> Any:
+@operation(F16(I16, *[types.int32] * 5))
+def bit_fields(code: Code, words: Any, a: Any, b: Any, c: Any, d: Any, mask: Any) -> Any:
     """Extract bits of int32 lanes as float32: (word >> a) & mask in the first quarter, >> b in the second, etc."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        four = ir.Constant(ir.VectorType(INT, 4), ir.Undefined)
-        for lane, value in enumerate(args[1:5]):
-            four = builder.insert_element(four, value, INT(lane))
-        shifts = shuffle(builder, four, four, [lane // 4 for lane in range(16)])
-        field = builder.and_(builder.lshr(args[0], shifts), broadcast(builder, args[5], I16))
-        return builder.sitofp(field, F16.llvm)
-
-    return F16(I16, *[types.int32] * 5), codegen
+    four = _four(code, (a, b, c, d), INT)
+    shifts = shuffle(code, four, four, [lane // 4 for lane in range(16)])
+    field = code.builder.and_(code.builder.lshr(words, shifts), broadcast(code, mask, I16))
+    return code.builder.sitofp(field, F16.llvm)
 
 
-@intrinsic
-def power_of_two(typingctx: Any, exponents: Any) -> Any:
+@operation(F16(F16))
+def power_of_two(code: Code, exponents: Any) -> Any:
     """Return 2 to the power of each lane, which must be a whole number from -126 to 127."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        biased = builder.add(builder.fptosi(args[0], I16.llvm), broadcast(builder, INT(127), I16))
-        return builder.bitcast(builder.shl(biased, broadcast(builder, INT(23), I16)), F16.llvm)
-
-    return F16(F16), codegen
+    biased = code.builder.add(code.builder.fptosi(exponents, I16.llvm), broadcast(code, INT(127), I16))
+    return code.builder.bitcast(code.builder.shl(biased, broadcast(code, INT(23), I16)), F16.llvm)
 
 
-@intrinsic
-def one_bit(typingctx: Any, places: Any) -> Any:
+@operation(I16(F16))
+def one_bit(code: Code, places: Any) -> Any:
     """Return int32 lanes with one bit set, at the index that each lane of `places` truncates to, from 0 to 31."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.shl(broadcast(builder, INT(1), I16), builder.fptosi(args[0], I16.llvm))
-
-    return I16(F16), codegen
+    return code.builder.shl(broadcast(code, INT(1), I16), code.builder.fptosi(places, I16.llvm))
 
 
-@intrinsic
-def select(typingctx: Any, mask: Any, a: Any, b: Any) -> Any:
-    """Select the lane of a where the mask is set, else the lane of b."""
+def _selection(mask: Any, a: Any, b: Any) -> Any:
     vector = a if isinstance(a, Vector) else b
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.select(*args)
-
-    return vector(mask, vector, vector), codegen
+    return vector(mask, vector, vector)
 
 
-@intrinsic
-def bits(typingctx: Any, mask: Any) -> Any:
+@operation(_selection)
+def select(code: Code, mask: Any, a: Any, b: Any) -> Any:
+    """Select the lane of a where the mask is set, else the lane of b."""
+    return code.builder.select(mask, a, b)
+
+
+@operation(lambda mask: types.int64(mask))
+def bits(code: Code, mask: Any) -> Any:
     """Return the mask as an integer, lane 0 in the lowest bit."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        word = builder.bitcast(args[0], ir.IntType(sig.args[0].lanes))
-        return builder.zext(word, ir.IntType(64))
-
-    return types.int64(mask), codegen
+    word = code.builder.bitcast(mask, ir.IntType(code.types.args[0].lanes))
+    return code.builder.zext(word, ir.IntType(64))
 
 
-@intrinsic
-def mask16(typingctx: Any, word: Any) -> Any:
+@operation(Vector("mask", 16)(types.int64))
+def mask16(code: Code, word: Any) -> Any:
     """Return the lowest 16 bits of an integer as a mask."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        word = builder.trunc(args[0], ir.IntType(16))
-        return builder.bitcast(word, ir.VectorType(ir.IntType(1), 16))
-
-    return Vector("mask", 16)(types.int64), codegen
+    return code.builder.bitcast(code.builder.trunc(word, ir.IntType(16)), ir.VectorType(ir.IntType(1), 16))
 
 
-@intrinsic
-def float_bits(typingctx: Any, value: Any) -> Any:
+_WHOLE: dict[Any, Any] = {types.float32: types.int32(types.float32), types.float64: types.int64(types.float64)}
+
+
+@operation(_WHOLE.get)
+def float_bits(code: Code, value: Any) -> Any:
     """Return the bits of a float32 as an int32, of a float64 as an int64."""
-    whole: Any = {types.float32: types.int32, types.float64: types.int64}.get(value)
-    if whole is None:
-        return None
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.bitcast(args[0], ir.IntType(sig.return_type.bitwidth))
-
-    return whole(value), codegen
+    return code.builder.bitcast(value, ir.IntType(code.types.return_type.bitwidth))
 
 
-@intrinsic
-def count_bits(typingctx: Any, word: Any) -> Any:
+@operation(types.int64(types.int64))
+def count_bits(code: Code, word: Any) -> Any:
     """Count the set bits of an integer."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.ctpop(args[0])
-
-    return types.int64(types.int64), codegen
+    return code.builder.ctpop(word)
 
 
-@intrinsic
-def count_trailing_zeros(typingctx: Any, word: Any) -> Any:
+@operation(types.int64(types.int64))
+def count_trailing_zeros(code: Code, word: Any) -> Any:
     """Return the index of the lowest set bit; the word must not be 0."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
-
-    return types.int64(types.int64), codegen
+    return code.builder.cttz(word, ir.Constant(ir.IntType(1), 1))
 
 
-@intrinsic
-def lane(typingctx: Any, vector: Any, index: Any) -> Any:
+@operation(lambda vector, index: vector.scalar(vector, types.int64))
+def lane(code: Code, vector: Any, index: Any) -> Any:
     """Return one lane as a number."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.extract_element(args[0], args[1])
-
-    return vector.scalar(vector, types.int64), codegen
+    return code.builder.extract_element(vector, index)
 
 
-def _reducer(name: str, doc: str) -> Any:
-    def reduce(typingctx: Any, vector: Any) -> Any:
-        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            kind = ir.FunctionType(ir.FloatType(), [vector.llvm])
-            function = cgutils.get_or_insert_function(
-                builder.module, kind, f"llvm.vector.reduce.{name}.v{vector.lanes}f32"
-            )
-            return builder.call(function, args, fastmath=("nnan", "nsz"))
-
-        return types.float32(vector), codegen
-
-    reduce.__doc__ = doc
-    return intrinsic(reduce)
+def _reduce(code: Code, name: str, vector: Any) -> Any:
+    """Emit a reduction of all lanes to one number."""
+    kind = code.types.args[0]
+    called = ir.FunctionType(ir.FloatType(), [kind.llvm])
+    name = f"llvm.vector.reduce.{name}.v{kind.lanes}f32"
+    function = cgutils.get_or_insert_function(code.builder.module, called, name)
+    return code.builder.call(function, [vector], fastmath=("nnan", "nsz"))
 
 
-reduce_min = _reducer("fmin", "Return the least lane; no lane may be NaN.")
-reduce_max = _reducer("fmax", "Return the greatest lane; no lane may be NaN.")
+@operation(lambda vector: types.float32(vector))
+def reduce_min(code: Code, vector: Any) -> Any:
+    """Return the least lane; no lane may be NaN."""
+    return _reduce(code, "fmin", vector)
 
 
-def _folder(steps: tuple[int, ...], doc: str) -> Any:
-    def fold(typingctx: Any, vector: Any) -> Any:
-        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            value = args[0]
-            for step in steps:
-                swapped = shuffle(builder, value, value, [lane ^ step for lane in range(16)])
-                value = builder.fadd(value, swapped, flags=FLAGS)
-            return value
-
-        return F16(F16), codegen
-
-    fold.__doc__ = doc
-    return intrinsic(fold)
+@operation(lambda vector: types.float32(vector))
+def reduce_max(code: Code, vector: Any) -> Any:
+    """Return the greatest lane; no lane may be NaN."""
+    return _reduce(code, "fmax", vector)
 
 
-sum_over_quarters = _folder((4, 8), "Add the four quarters lane by lane; repeat the sum in all of them.")
-sum_over_lanes = _folder((1, 2, 4, 8), "Add all lanes; repeat the sum in all of them.")
+def _fold(code: Code, value: Any, steps: tuple[int, ...]) -> Any:
+    """Emit sums with the lanes whose numbers differ in one bit, for several bits in turn."""
+    for step in steps:
+        swapped = shuffle(code, value, value, [lane ^ step for lane in range(16)])
+        value = code.builder.fadd(value, swapped, flags=FLAGS)
+    return value
 
 
-def _picker(quarter: int, doc: str) -> Any:
-    def pick(typingctx: Any, vector: Any) -> Any:
-        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            return shuffle(builder, args[0], args[0], [4 * quarter + lane % 4 for lane in range(16)])
-
-        return F16(F16), codegen
-
-    pick.__doc__ = doc
-    return intrinsic(pick)
+@operation(F16(F16))
+def sum_over_quarters(code: Code, vector: Any) -> Any:
+    """Add the four quarters lane by lane; repeat the sum in all of them."""
+    return _fold(code, vector, (4, 8))
 
 
-first_quarter = _picker(0, "Repeat the first quarter in all four.")
-third_quarter = _picker(2, "Repeat the third quarter in all four.")
-last_quarter = _picker(3, "Repeat the last quarter in all four.")
+@operation(F16(F16))
+def sum_over_lanes(code: Code, vector: Any) -> Any:
+    """Add all lanes; repeat the sum in all of them."""
+    return _fold(code, vector, (1, 2, 4, 8))
 
 
-@intrinsic
-def shift_lane(typingctx: Any, before: Any, vector: Any) -> Any:
+def _repeat_quarter(code: Code, vector: Any, quarter: int) -> Any:
+    return shuffle(code, vector, vector, [4 * quarter + lane % 4 for lane in range(16)])
+
+
+@operation(F16(F16))
+def first_quarter(code: Code, vector: Any) -> Any:
+    """Repeat the first quarter in all four."""
+    return _repeat_quarter(code, vector, 0)
+
+
+@operation(F16(F16))
+def third_quarter(code: Code, vector: Any) -> Any:
+    """Repeat the third quarter in all four."""
+    return _repeat_quarter(code, vector, 2)
+
+
+@operation(F16(F16))
+def last_quarter(code: Code, vector: Any) -> Any:
+    """Repeat the last quarter in all four."""
+    return _repeat_quarter(code, vector, 3)
+
+
+@operation(F16(F16, F16))
+def shift_lane(code: Code, before: Any, vector: Any) -> Any:
     """Shift the vector up by one lane; the last lane of `before` becomes the first."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return shuffle(builder, args[0], args[1], list(range(15, 31)))
-
-    return F16(F16, F16), codegen
+    return shuffle(code, before, vector, range(15, 31))
 
 
-@intrinsic
-def shift_quarter(typingctx: Any, before: Any, vector: Any) -> Any:
+@operation(F16(F16, F16))
+def shift_quarter(code: Code, before: Any, vector: Any) -> Any:
     """Shift the vector up by one quarter, after the last quarter of `before`: each sample gets its predecessor."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return shuffle(builder, args[0], args[1], list(range(12, 28)))
-
-    return F16(F16, F16), codegen
+    return shuffle(code, before, vector, range(12, 28))
 
 
-@intrinsic
-def columns(typingctx: Any, vector: Any) -> Any:
+@operation(lambda vector: types.UniTuple(vector, 4)(vector))
+def columns(code: Code, vector: Any) -> Any:
     """Return four vectors: lanes 0, 4, 8 and 12 repeated in every quarter, then lanes 1, 5, 9 and 13, and so on."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        parts = [shuffle(builder, args[0], args[0], [lane % 4 * 4 + k for lane in range(16)]) for k in range(4)]
-        return context.make_tuple(builder, sig.return_type, parts)
-
-    return types.UniTuple(vector, 4)(vector), codegen
+    parts = [shuffle(code, vector, vector, [lane % 4 * 4 + k for lane in range(16)]) for k in range(4)]
+    return code.context.make_tuple(code.builder, code.types.return_type, parts)
 
 
-@intrinsic
-def sums_of_fours(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+@operation(F16(F16, F16, F16, F16))
+def sums_of_fours(code: Code, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Return four sums in each quarter: over this quarter's lanes of a, of b, of c and of d."""
+    even = [lane // 4 * 4 + lane % 2 * 2 + lane % 4 // 2 * 16 for lane in range(16)]
+    odd = [k + 1 for k in even]
 
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        def pairs(x: Any, y: Any) -> Any:
-            even = [lane // 4 * 4 + lane % 2 * 2 + lane % 4 // 2 * 16 for lane in range(16)]
-            odd = [k + 1 for k in even]
-            return builder.fadd(shuffle(builder, x, y, even), shuffle(builder, x, y, odd), flags=FLAGS)
+    def pairs(x: Any, y: Any) -> Any:
+        return code.builder.fadd(shuffle(code, x, y, even), shuffle(code, x, y, odd), flags=FLAGS)
 
-        return pairs(pairs(args[0], args[1]), pairs(args[2], args[3]))
-
-    return F16(F16, F16, F16, F16), codegen
+    return pairs(pairs(a, b), pairs(c, d))

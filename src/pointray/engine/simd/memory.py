@@ -9,26 +9,22 @@ from numba.core import cgutils, types
 
 from ..jit.decorators import inline
 from ..jit.disk_cache import cpu_features
-from ..jit.intrinsics import intrinsic
+from ..jit.intrinsics import Code, item_pointer, operation
 from ..jit.library import CHECK
 from .lanes import bits, count_bits, count_trailing_zeros, lane
 from .vector import D8, F4, F8, F16, I16, INT, Vector, broadcast, shuffle
 
 
-def _pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any, vector: Vector) -> Any:
-    data = context.make_array(array_type)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), vector.llvm.as_pointer())
+def _vector_pointer(code: Code, array: Any, index: Any, vector: Vector) -> Any:
+    """Emit the address of the vector that begins with an item of an array, the first argument of the call."""
+    return code.builder.bitcast(item_pointer(code, 0, (array, index)), vector.llvm.as_pointer())
 
 
 def _loader(vector: Vector, doc: str) -> Any:
-    def read(typingctx: Any, array: Any, index: Any) -> Any:
-        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            pointer = _pointer(context, builder, sig.args[0], args[0], args[1], vector)
-            return builder.load(pointer, align=4)
+    @operation(lambda array, index: vector(array, types.intp))
+    def raw(code: Code, array: Any, index: Any) -> Any:
+        return code.builder.load(_vector_pointer(code, array, index, vector), align=4)
 
-        return vector(array, types.intp), codegen
-
-    raw = intrinsic(read)
     lanes = vector.lanes
 
     def load(array: Any, index: Any) -> Any:
@@ -56,38 +52,24 @@ load16_int = _loader(I16, "Load array[index + lane] of a flat int32 array into l
 load4 = _loader(F4, "Load array[index + lane] of a flat float32 array into lanes 0..3.")
 
 
-@intrinsic
-def _store(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        builder.store(args[2], _pointer(context, builder, sig.args[0], args[0], args[1], sig.args[2]), align=4)
-        return context.get_dummy_value()
-
-    return types.none(array, types.intp, vector), codegen
+@operation(lambda array, index, vector: types.none(array, types.intp, vector))
+def _store(code: Code, array: Any, index: Any, vector: Any) -> None:
+    code.builder.store(vector, _vector_pointer(code, array, index, code.types.args[2]), align=4)
 
 
-@intrinsic
-def prefetch(typingctx: Any, array: Any, index: Any) -> Any:
+@operation(lambda array, index: types.none(array, types.intp))
+def prefetch(code: Code, array: Any, index: Any) -> None:
     """Prefetch the cache line of array[index]; an index out of range does no harm."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        pointer = builder.bitcast(builder.gep(data, [args[1]]), ir.IntType(8).as_pointer())
-        kind = ir.FunctionType(ir.VoidType(), [pointer.type, INT, INT, INT])
-        ask = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0i8")
-        builder.call(ask, [pointer, INT(0), INT(3), INT(1)])
-        return context.get_dummy_value()
-
-    return types.none(array, types.intp), codegen
+    pointer = code.builder.bitcast(item_pointer(code, 0, (array, index)), ir.IntType(8).as_pointer())
+    kind = ir.FunctionType(ir.VoidType(), [pointer.type, INT, INT, INT])
+    function = cgutils.get_or_insert_function(code.builder.module, kind, "llvm.prefetch.p0i8")
+    code.builder.call(function, [pointer, INT(0), INT(3), INT(1)])
 
 
-@intrinsic
-def _width(typingctx: Any, vector: Any) -> Any:
+@operation(lambda vector: types.intp(vector))
+def _width(code: Code, vector: Any) -> Any:
     """Return the number of lanes, a constant when compiling."""
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return context.get_constant(types.intp, sig.args[0].lanes)
-
-    return types.intp(vector), codegen
+    return code.context.get_constant(types.intp, code.types.args[0].lanes)
 
 
 @inline
@@ -98,13 +80,9 @@ def store(array: Any, index: Any, vector: Any) -> None:
     _store(array, index, vector)
 
 
-@intrinsic
-def _broadcast_from(typingctx: Any, array: Any, index: Any) -> Any:
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        data = context.make_array(sig.args[0])(context, builder, args[0]).data
-        return broadcast(builder, builder.load(builder.gep(data, [args[1]])), F16)
-
-    return F16(array, types.intp), codegen
+@operation(lambda array, index: F16(array, types.intp))
+def _broadcast_from(code: Code, array: Any, index: Any) -> Any:
+    return broadcast(code, code.builder.load(item_pointer(code, 0, (array, index))), F16)
 
 
 @inline
@@ -115,12 +93,9 @@ def broadcast_from(array: Any, index: Any) -> Any:
     return _broadcast_from(array, index)
 
 
-@intrinsic
-def _each_quarter(typingctx: Any, four: Any) -> Any:
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return shuffle(builder, args[0], args[0], [lane % 4 for lane in range(16)])
-
-    return F16(F4), codegen
+@operation(F16(F4))
+def _each_quarter(code: Code, four: Any) -> Any:
+    return shuffle(code, four, four, [lane % 4 for lane in range(16)])
 
 
 @inline
@@ -129,23 +104,21 @@ def repeat4(array: Any, index: Any) -> Any:
     return _each_quarter(load4(array, index))
 
 
-@intrinsic
-def _permute(typingctx: Any, array: Any, index: Any, indices: Any) -> Any:
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        where = builder.fptosi(args[2], ir.VectorType(INT, 16))
-        pointer = _pointer(context, builder, sig.args[0], args[0], args[1], F16)
-        if PACKS:
-            kind = ir.FunctionType(F16.llvm, [F16.llvm, where.type])
-            permute = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx512.permvar.sf.512")
-            return builder.call(permute, [builder.load(pointer, align=4), where])
-        out = ir.Constant(F16.llvm, ir.Undefined)
-        first = builder.bitcast(pointer, ir.FloatType().as_pointer())
-        for k in range(16):
-            value = builder.load(builder.gep(first, [builder.extract_element(where, INT(k))]))
-            out = builder.insert_element(out, value, INT(k))
-        return out
-
-    return F16(array, types.intp, F16), codegen
+@operation(lambda array, index, indices: F16(array, types.intp, F16))
+def _permute(code: Code, array: Any, index: Any, indices: Any) -> Any:
+    builder = code.builder
+    where = builder.fptosi(indices, ir.VectorType(INT, 16))
+    pointer = _vector_pointer(code, array, index, F16)
+    if PACKS:
+        kind = ir.FunctionType(F16.llvm, [F16.llvm, where.type])
+        permute = cgutils.get_or_insert_function(builder.module, kind, "llvm.x86.avx512.permvar.sf.512")
+        return builder.call(permute, [builder.load(pointer, align=4), where])
+    out = ir.Constant(F16.llvm, ir.Undefined)
+    first = builder.bitcast(pointer, ir.FloatType().as_pointer())
+    for k in range(16):
+        value = builder.load(builder.gep(first, [builder.extract_element(where, INT(k))]))
+        out = builder.insert_element(out, value, INT(k))
+    return out
 
 
 @inline
@@ -165,13 +138,10 @@ def _check_indices(indices: Any) -> None:
             raise IndexError("index of a permutation is not from 0 to 15")
 
 
-@intrinsic
-def _join4(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        low, high = (shuffle(builder, args[k], args[k + 1], list(range(8))) for k in (0, 2))
-        return shuffle(builder, low, high, list(range(16)))
-
-    return F16(F4, F4, F4, F4), codegen
+@operation(F16(F4, F4, F4, F4))
+def _join4(code: Code, a: Any, b: Any, c: Any, d: Any) -> Any:
+    low, high = (shuffle(code, x, y, range(8)) for x, y in ((a, b), (c, d)))
+    return shuffle(code, low, high, range(16))
 
 
 @inline
@@ -180,12 +150,9 @@ def join4(array: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     return _join4(load4(array, a), load4(array, b), load4(array, c), load4(array, d))
 
 
-@intrinsic
-def _join2(typingctx: Any, a: Any, b: Any) -> Any:
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return shuffle(builder, args[0], args[1], list(range(8)))
-
-    return F8(F4, F4), codegen
+@operation(F8(F4, F4))
+def _join2(code: Code, a: Any, b: Any) -> Any:
+    return shuffle(code, a, b, range(8))
 
 
 @inline
@@ -200,17 +167,13 @@ def move4(source: Any, index: Any, target: Any, start: Any) -> None:
     store(target, start, load4(source, index))
 
 
-@intrinsic
-def _compress(typingctx: Any, mask: Any, vector: Any) -> Any:
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        kind = sig.return_type.llvm
-        name = f"llvm.experimental.vector.compress.v16{'f32' if sig.return_type.kind == 'float' else 'i32'}"
-        compress = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(kind, [kind, args[0].type, kind]), name
-        )
-        return builder.call(compress, [args[1], args[0], ir.Constant(kind, ir.Undefined)])
-
-    return vector(mask, vector), codegen
+@operation(lambda mask, vector: vector(mask, vector))
+def _compress(code: Code, mask: Any, vector: Any) -> Any:
+    kind = code.types.return_type.llvm
+    name = f"llvm.experimental.vector.compress.v16{'f32' if code.types.return_type.kind == 'float' else 'i32'}"
+    called = ir.FunctionType(kind, [kind, mask.type, kind])
+    compress = cgutils.get_or_insert_function(code.builder.module, called, name)
+    return code.builder.call(compress, [vector, mask, ir.Constant(kind, ir.Undefined)])
 
 
 @inline

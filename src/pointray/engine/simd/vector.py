@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import operator
+from collections.abc import Sequence
 from typing import Any
 
 import llvmlite.ir as ir
 from numba.core import types
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import lower_builtin, lower_cast, models, register_model
+
+from ..jit.intrinsics import Code
 
 FLAGS = ("nsz", "arcp", "contract", "afn")
 INT = ir.IntType(32)
@@ -41,20 +44,20 @@ class _VectorModel(models.PrimitiveModel):
         super().__init__(dmm, fe_type, fe_type.llvm)  # type: ignore[no-untyped-call]
 
 
-def broadcast(builder: Any, value: Any, vector: Vector) -> Any:
-    """Repeat a scalar in every lane."""
-    one = builder.insert_element(ir.Constant(vector.llvm, ir.Undefined), value, INT(0))
-    zeros = ir.Constant(ir.VectorType(INT, vector.lanes), [0] * vector.lanes)
-    return builder.shuffle_vector(one, one, zeros)
+def broadcast(code: Code, value: Any, vector: Vector) -> Any:
+    """Emit the repetition of a scalar in every lane."""
+    one = code.builder.insert_element(ir.Constant(vector.llvm, ir.Undefined), value, INT(0))
+    return shuffle(code, one, one, [0] * vector.lanes)
 
 
-def shuffle(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
-    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(INT, len(lanes)), lanes))
+def shuffle(code: Code, a: Any, b: Any, lanes: Sequence[int]) -> Any:
+    """Emit a vector of selected lanes of two vectors: lanes of b are numbered after those of a."""
+    return code.builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(INT, len(lanes)), list(lanes)))
 
 
 @lower_cast(types.Number, Vector)
 def _number_to_vector(context: Any, builder: Any, fromty: Any, toty: Any, value: Any) -> Any:
-    return broadcast(builder, context.cast(builder, value, fromty, toty.scalar), toty)
+    return broadcast(Code(context, builder, None), context.cast(builder, value, fromty, toty.scalar), toty)
 
 
 def _binary(op: Any, kinds: tuple[str, ...], emit: Any, to_mask: bool = False) -> None:
