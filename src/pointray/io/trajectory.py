@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from ..base.arguments import check_kind, check_path, real_numbers
 from ..cloud.geographic import LocalFrame, in_file
 from ..cloud.points import Points
 from .files import headers, read
+from .unpacking import packing_of, unpacked
 
 TIMES = ("gps_time", "time", "t", "timestamp", "gpstime", "gps_seconds", "seconds")  # names of times, likeliest first
 WORDS = re.compile(r"[A-Za-z]{2,}")  # words of a header or comment; numbers contain single letters at most
@@ -92,8 +94,9 @@ def _columns(path: str | os.PathLike[str]) -> str | None:
     names = listing.facts.get("columns")
     if names is None or len(names) < 4 or set(TIMES) & set(names[1:]):
         return None
-    with Path(path).open("rb") as file:
-        head = file.read(4096).decode("utf-8", "replace")
+    file = Path(path)
+    with unpacked(file) if packing_of(file) else nullcontext(file) as inner, inner.open("rb") as stream:
+        head = stream.read(4096).decode("utf-8", "replace")
     if WORDS.search(NO_NUMBERS.sub("", head)):
         return None
     return ",".join(["gps_time", "x", "y", "z", *"-" * (len(names) - 4)])

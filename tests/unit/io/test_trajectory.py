@@ -1,5 +1,7 @@
 """Moving scanners: a point's viewpoint is the position of the trajectory at its time."""
 
+import gzip
+
 import numpy as np
 import pytest
 
@@ -54,6 +56,14 @@ def test_normals_face_the_car(tmp_path, header, separator, extra):
     eyes = pr.eyes_along(points, drive(tmp_path / "car.txt", header, separator, extra))
     normals = pr.estimate_normals(points, viewpoint=eyes).normals
     assert (np.sum(normals * exact, axis=1) > 0).all()
+
+
+def test_a_compressed_trajectory_needs_no_header(tmp_path):
+    plain = drive(tmp_path / "car.txt", "", " ")
+    packed = tmp_path / "car.txt.gz"
+    packed.write_bytes(gzip.compress(plain.read_bytes()))
+    for name in ("times", "positions"):
+        assert np.array_equal(getattr(read_trajectory(packed), name), getattr(read_trajectory(plain), name))
 
 
 def test_viewpoints_are_interpolated_and_unknown_outside(tmp_path):

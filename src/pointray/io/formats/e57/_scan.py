@@ -52,7 +52,6 @@ class Scan:
     index: int
     count: int
     announced: int
-    offset: int
     fields: dict[str, Field]
     rotation: NDArray[np.float64]
     station: tuple[float, float, float]
@@ -124,7 +123,6 @@ def _scan(node: Node, index: int, size: int) -> Scan | None:
         index,
         count,
         count,
-        offset,
         fields,
         rotation,
         station,

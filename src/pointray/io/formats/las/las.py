@@ -1,4 +1,4 @@
-"""LAS, LAZ and COPC, versions 1.0 to 1.4.
+"""LAS, LAZ and COPC, versions 1.0 to 1.5.
 
 laspy names the fields of each point format and writes files; lazrs decompresses. The header is read in `_header`, which
 checks every number against the file's size.
@@ -156,7 +156,7 @@ FORMAT = Format(
         "colors": "red, green, blue",
         "attributes": "all other dimensions with their types; bit fields as uint8; extra bytes with a scale as float64",
         "survey": "coordinate system (well-known text or EPSG code), unit, scale and offset",
-        "note": "includes LAZ and COPC; versions 1.0 to 1.4, point formats 0 to 10; written as 1.4; no waveforms",
+        "note": "includes LAZ and COPC; versions 1.0 to 1.5, point formats 0 to 10; written as 1.4; no waveforms",
     },
     write=write,
 )
