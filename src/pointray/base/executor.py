@@ -118,7 +118,7 @@ class Backend(Protocol):
         """
 
     def is_spread_preferred(self, client: Client) -> bool:
-        """Whether each worker of a client opens, by default, only some parts of models in parts."""
+        """Return whether each worker of a client opens, by default, only some parts of models in parts."""
 
     def snapshot_and_executor(self, scene: Any, client: Client, spread: bool | None) -> tuple[Any, Executor]:
         """Return a snapshot of a scene, and an executor that runs jobs on it on a client's workers.
@@ -154,7 +154,7 @@ class Backend(Protocol):
 
 
 def is_chunked(*values: Any) -> bool:
-    """Whether any of the values is a Dask array, whose chunks are computed on demand."""
+    """Return whether any of the values is a Dask array, whose chunks are computed on demand."""
     kind = getattr(sys.modules.get("dask.array"), "Array", None)
     return kind is not None and any(isinstance(value, kind) for value in values)
 

@@ -4,12 +4,13 @@ commands : the commands, one file for each group; declare : options as fields of
 picture_options, read_options : the options of pictures and of reading, each declared once; options : parsers
 scan_files : the files of a scan
 scan_scene, scan_surface, scan_material, scan_lights : the scene of a scan
-scene_file, views, keys : scene files, cameras, and camera keys of films
+scene_file, views, keys : scene files, cameras, and keyframes of films
 outputs, animate : the work of `render` and `animate`
 baked_light, bake : sources of baked light, and the work of `bake`
 prepare, convert, demo, serve, benchmark : the work of `prepare`, `convert`, `demo`, `view` and `bench`
 facts, report, tables, system : the work of `info`
 waiting : progress bars and Ctrl-C; printable : texts without control characters; cluster : Dask workers
+__main__ : `python -m pointray.cli`
 
 Begin with commands.
 """
@@ -55,7 +56,7 @@ def execute(arguments: Sequence[str]) -> int:
 
 
 def _is_interrupted(error: BaseException | None) -> bool:
-    """Whether an error, or one that caused it, is a KeyboardInterrupt (Ctrl-C).
+    """Return whether an error, or one that caused it, is a KeyboardInterrupt (Ctrl-C).
 
     Python raises a RuntimeError instead if Ctrl-C comes while a class is being created, or if it lets a lock of
     `threading` be released twice.
@@ -90,7 +91,7 @@ def _report(error: Exception) -> int:
 
 
 def _lacks_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one that caused it, is due to a lack of memory."""
+    """Return whether an error, or one that caused it, is due to a lack of memory."""
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))

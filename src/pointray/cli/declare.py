@@ -70,7 +70,11 @@ def option(
 
     panel : group in --help; metavar : name of the value there, None for a flag
     flags : such as "--strict"; empty: made from the field's name
-    commands, part, kind, choices, parse : as for `Declaration`; more : keyword arguments of `typer.Option`
+    commands : names of those that have it; empty: all that use the dataclass
+    part : what it belongs to, such as the table "camera" of scene files
+    kind : type on the command line; None: text if there is `parse`, otherwise that of the field
+    choices : accepted words; empty: any value; parse : converts the value, is called with it and the option's name
+    more : keyword arguments of `typer.Option`
     """
     info = single(panel, metavar, help, *flags, **more)
     declaration = Declaration(info, commands, part, kind, tuple(choices), parse)

@@ -104,8 +104,8 @@ def size_of(text: str, name: str = "--size") -> tuple[int, int]:
 def background_of(text: str) -> Any:
     """Parse the value of --background for `Scene.background`.
 
-    `none` and `auto` become None, `sky` becomes "environment", and `r,g,b` a tuple. With `auto` a gradient appears
-    behind the scan, which is not part of the scene.
+    `none` and `auto` become None, `sky` becomes "environment", and `r,g,b` a tuple. With `auto` images get a gradient
+    behind the scan when they are written; the scene has no background.
     """
     named = {"none": None, "sky": "environment", AUTO: None}
     return named[text] if text in named else numbers(text, "--background")
@@ -177,9 +177,11 @@ def color_of(text: str) -> Any:
 
 
 def settings_of(threads: int | None = None, **others: Any) -> Any:
-    """Return `Settings` of images, with the threads of the option --threads, None by default.
+    """Return `Settings` of images, and use the same number of threads for all other work of this process.
 
-    Raise ValueError if a value is invalid, or if a denoiser is needed but not installed. others : fields of `Settings`
+    Raise ValueError if a value is invalid, or if a denoiser is needed but not installed.
+
+    threads : value of --threads; None: POINTRAY_THREADS, or all cores; others : fields of `Settings`
     """
     from ..image.denoise import check_denoise
     from ..rendering.settings import Settings

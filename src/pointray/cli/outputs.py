@@ -12,7 +12,7 @@ LEGEND_BYTES = 8  # per pixel, for the copy of the image into which the legend i
 
 
 def is_layered(output: Path) -> bool:
-    """Whether a result has the extension .exr or .npz: it then holds all layers of an image (colour, depth, ...)."""
+    """Return whether a result has the extension .exr or .npz: it then holds all layers of an image (depth, ...)."""
     from ..image.write import LAYERED
 
     return output.suffix.lower() in LAYERED

@@ -49,7 +49,7 @@ _workers = partial(option, panel=CLUSTER, commands=SHARED, part=OF_WORKERS)
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """The parsed values of the options that commands share which make or prepare images of scans.
+    """The parsed values of the options of pictures, which `render`, `animate`, `view`, `bake` and other commands share.
 
     Each default declares the option: its default, metavar, help, group in --help (`panel`), the commands that have it,
     and its `part`, what it belongs to: a table of scene files ("camera", "settings", "root", "bake"), or for scans the

@@ -11,7 +11,7 @@ from .declare import INPUT, option
 
 
 def _names(text: str, name: str) -> tuple[str, ...]:
-    """Parse names of columns, separated by commas. name : the option, unused"""
+    """Parse names of columns, separated by commas. name : the option, which all parsers get; unused"""
     return tuple(part.strip() for part in text.split(","))
 
 
@@ -148,7 +148,7 @@ class Reading:
 
     @property
     def request(self) -> Any:
-        """Those options that the readers of file formats need, such as columns and bounds, as a `Request`."""
+        """The options that readers of file formats need, such as columns and bounds, as their `Request`."""
         from ..io.files import request_of
 
         return request_of(

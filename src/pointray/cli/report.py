@@ -47,10 +47,11 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
     -------
     dict
         JSON values; None: not measured. `spacing` is the median distance to the nearest point at another position, and
-        `spacing_sample` the number of points measured. `lone` counts isolated points. `steps` are the steps to which
-        coordinates were rounded, 0 if fine compared with the spacing. `normals_off` is the median angle between the
-        given and the fitted normals in degrees; None if there are no normals, or none can be fitted.
-        `notes` are warnings about normals and rounding.
+        `spacing_sample` the number of points measured. `duplicates`, `outliers` and `lone` count points: at the
+        position of an earlier one, far from all others, and isolated. `steps` are the steps to which coordinates were
+        rounded, 0 if fine compared with the spacing. `normals_off` is the median angle between the given and the fitted
+        normals in degrees; None if there are no normals, or none can be fitted. `notes` are warnings about normals and
+        rounding.
     """
     low, high = points.bounds
     is_finite = points.finite

@@ -110,7 +110,7 @@ def scan_of(paths: Sequence[Path], reading: Reading, cached: bool = False) -> Sc
 
 
 def read_scan(scan: ScanFiles, progress: StageProgress) -> tuple[Any, Any]:
-    """Return the points of a scan or of a saved model, and the saved model, None for scans."""
+    """Return the points of a scan or of a saved model, and the model, which is None for scans: it is not built here."""
     import pointray as pr
 
     if scan.saved is None:

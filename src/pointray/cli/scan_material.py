@@ -22,7 +22,8 @@ class ScanMaterial:
     color_by : str or None
         Value of --color-by: an attribute, optionally with colormap and range, as in "z:terrain:0,250".
     neutral : bool
-        Whether points without colours are neutral grey; otherwise, and for the material "clay", they are clay.
+        Whether points without colours are neutral grey; otherwise, and for the material "clay", they have the colour of
+        clay.
 
     Attributes
     ----------
@@ -50,7 +51,7 @@ class ScanMaterial:
         return CLAY if clay else self._color
 
     def build(self, points: Any, up: Any) -> Any:
-        """Return the material for points; those without any colour become clay or neutral grey.
+        """Return the material for points; those without any colour get the colour of clay or neutral grey.
 
         up : (3,) up direction, along which points are coloured by height; None: not yet known, z is assumed
         """

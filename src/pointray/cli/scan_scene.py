@@ -110,7 +110,10 @@ class ScanScene:
 
     @property
     def backdrop(self) -> Any:
-        """Colours at the top and bottom, sRGB, that `write_image` puts behind the image; None for none."""
+        """Colours at the top and bottom, sRGB, that `write_image` puts behind the image.
+
+        None if the image is transparent or shows the environment.
+        """
         from ..image.tone import GRADIENT, linear_to_srgb
 
         if self._options.background == AUTO:

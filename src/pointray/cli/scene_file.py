@@ -21,7 +21,7 @@ FILM = ("seconds", "fps", "turns", "keys")  # options of the film, not of its co
 
 
 def is_scene(file: Path) -> bool:
-    """Whether a file is a scene file, by its extension .toml."""
+    """Return whether a file is a scene file, by its extension .toml."""
     return file.suffix.lower() == ".toml"
 
 

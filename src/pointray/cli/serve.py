@@ -38,8 +38,8 @@ def shared_scene_of(
     Files and options are checked at once; an error is raised if one is invalid.
 
     typed : options that the user typed, parsed, by name
-    options : fields of `PictureOptions` by name; also "settings", "quick" (`PictureOptions.is_quick`) and perhaps
-        "memory", bytes for open parts of models
+    options : fields of `PictureOptions` by name; also "settings", "quick" (whether light is baked without a request)
+        and perhaps "memory", bytes for open parts of models
     surface : keyword arguments of `Model`; only the default surface gets levels of detail
     cached : whether the model of scans may come from the cache on disk, and is stored there
     """

@@ -96,7 +96,7 @@ class View:
 
     @property
     def _framing_lens(self) -> Any:
-        """Field of view, image size and projection, on which the position of an automatic camera depends."""
+        """Field of view, image size and projection, as a `Lens`, which position an automatic camera."""
         from ..auto_view.framing import Lens
 
         return Lens(self.lens["fov"], self.size, self.lens["projection"])

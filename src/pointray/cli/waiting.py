@@ -93,7 +93,10 @@ class CompilationWatch:
 
 
 def _how_often() -> str:
-    """Return whether kernels are compiled only once, "(first run only" or similar: a remark that the caller closes."""
+    """Return how often kernels are compiled, as part of a message: "for this CPU (first run only" or "(each time: ...".
+
+    The caller adds the time and closes the parenthesis.
+    """
     from ..engine.jit.disk_cache import cache_folder
 
     if cache_folder() is None:
