@@ -29,7 +29,7 @@ def available_memory() -> int | None:
 
 
 def check_memory(need: int, what: str) -> None:
-    """Raise ValueError if `need` bytes are not available. what : "to write a.png", for the message"""
+    """Raise ValueError if `need` bytes are not available. what : such as "to write a.png", for the message"""
     free = available_memory()
     if free is not None and need > free:
         raise ValueError(f"{_in_units(need)} of memory are needed {what}, {_in_units(free)} are available")

@@ -193,7 +193,7 @@ def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: floa
 
 
 def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, client: Any = None) -> str:
-    """Render the frames that are missing and write the film. Return the line that the command prints.
+    """Render the frames that are missing and write the film. Return the line about it that the command prints.
 
     client : Dask client whose workers render; None: this process
     """

@@ -217,9 +217,9 @@ class PictureOptions:
 
     @property
     def is_quick(self) -> bool:
-        """Whether light is baked without a request: that of the studio, if neither --integrator nor --bake is given.
+        """Whether light is baked without a request: in the default lights ("studio"), without --integrator and --bake.
 
-        Scans that are glass or coloured by an attribute are left out.
+        False for scans that are glass or coloured by an attribute.
         """
         chosen = self.integrator is not None or self.bake is not None
         own_look = self.color_by is None and self.material not in UNBAKED

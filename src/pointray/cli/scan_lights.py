@@ -36,8 +36,8 @@ class ScanLights:
         """Return the lights for `Scene.lights`; an empty list for the headlight.
 
         middle, up : (3,), middle and up direction of the scan
-        front : azimuth in degrees of the view for which the studio's key light is fixed; None: the key light follows
-            the camera and is not baked
+        front : azimuth in degrees of the view for which the key light of the default lights ("studio") is fixed;
+            None: the key light follows the camera and is not baked
         """
         from ..auto_view import studio
 

@@ -165,8 +165,8 @@ class ScanScene:
     def shadow(self, settings: Any) -> Any:
         """Compute the shadow of a standing object on an invisible ground, for images of the built scene.
 
-        Return None if the scan does not stand, an option excludes the shadow, the light is not that of the studio, or
-        the image has no background colour to draw it on.
+        Return None if the scan does not stand, an option excludes the shadow, the lights are not the default ones
+        ("studio"), or the image has no background colour to draw it on.
         """
         from ..auto_view.contact import contact_shadow
 
@@ -179,10 +179,10 @@ class ScanScene:
         return in_background(lambda: contact_shadow(self._scene, scan.positions, scan.up, key))
 
     def _front(self, model: Any, scan: Any) -> float | None:
-        """Return the azimuth, in degrees, from which the studio's key light shines; None: it follows the camera.
+        """Return the azimuth in degrees of the view for which the key light of the default lights is fixed.
 
-        It is fixed if light is baked. In rooms and models in parts light is baked only on request: otherwise this
-        method turns baking off.
+        It is fixed if light is baked; None: it follows the camera. In rooms and models in parts light is baked only on
+        request: otherwise this method turns baking off.
         """
         if self._baked is None:
             return None

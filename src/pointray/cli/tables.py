@@ -66,7 +66,10 @@ def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = Fal
 
 
 def _files(files: list[dict[str, Any]]) -> Any:
-    """Return a Rich table with one row per file: its path, format, number of points, and other facts of its header."""
+    """Return a Rich table with one row per file: its path, format, number of points, and other facts of its header.
+
+    files : facts by name of each file
+    """
     rows = [[file["file"], file["format"], _count(file.get("rows")), _describe_header(file)] for file in files]
     return _table([["file", "format", "rows", ""], *rows], right=(2,), heads=True)
 
@@ -99,7 +102,7 @@ def _count(rows: int | None) -> str:
 
 
 def _describe_header(file: dict[str, Any]) -> str:
-    """Return the facts of a file's header as one line, besides those that have columns of their own."""
+    """Return the facts of a file's header as one line, besides those with columns of their own. file : facts by name"""
     return "; ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in _others(file).items())
 
 
@@ -140,7 +143,10 @@ def _of_one_file(facts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _others(file: dict[str, Any]) -> dict[str, Any]:
-    """Return the facts of a file's header besides path, format, size and number of points; empty ones are left out."""
+    """Return the facts of a file's header besides path, format, size and number of points; empty ones are left out.
+
+    file : facts by name
+    """
     return {name: value for name, value in file.items() if name not in OF_FILES and value not in (None, "", [], {})}
 
 
