@@ -196,7 +196,7 @@ def _is_int(value: Any) -> bool:
 
 
 def vector(value: Any, name: str) -> NDArray[np.float64]:
-    """Return an argument that has three finite numbers as (3,) float64; otherwise raise an error that names it."""
+    """Return an argument, three finite numbers, as (3,) float64; raise an error that names it if it is invalid."""
     array = check_numbers(value, name, "three finite numbers").astype(np.float64)
     if isinstance(value, list | tuple) and any(isinstance(part, bool | np.bool_) for part in value):
         raise wrong(name, "three finite numbers", value)
@@ -206,13 +206,13 @@ def vector(value: Any, name: str) -> NDArray[np.float64]:
 
 
 def check_position(value: Any, name: str) -> Vector:
-    """Return an argument that has three finite numbers as Python floats; otherwise raise an error that names it."""
+    """Return an argument, three finite numbers, as Python floats; raise an error that names it if it is invalid."""
     x, y, z = vector(value, name).tolist()
     return x, y, z
 
 
 def check_direction(value: Any, name: str) -> Vector:
-    """Return an argument that has three finite numbers, not all zero, as Python floats, not normalized.
+    """Return an argument, three finite numbers that are not all zero, as Python floats, without normalizing them.
 
     Raise an error that names it if it is invalid.
     """
@@ -223,7 +223,7 @@ def check_direction(value: Any, name: str) -> Vector:
 
 
 def unit_vector(value: Any, name: str) -> NDArray[np.float64]:
-    """Normalize an argument that has three finite numbers, not all zero: a unit vector, (3,) float64.
+    """Normalize an argument, three finite numbers that are not all zero, to a unit vector, (3,) float64.
 
     Raise an error that names it if it is invalid.
     """
@@ -236,9 +236,9 @@ def unit_vector(value: Any, name: str) -> NDArray[np.float64]:
 
 
 def rgb(value: Any, name: str) -> NDArray[np.float64]:
-    """Return an argument that is one number or three, finite and nonnegative, as RGB, (3,) float64.
+    """Return an argument, one number (grey) or three, finite and not negative, as RGB, (3,) float64.
 
-    One number stands for grey. Raise an error that names the argument if it is invalid.
+    Raise an error that names it if it is invalid.
     """
     wanted = "a number or three (red, green, blue)"
     array = check_numbers(value, name, wanted)
@@ -251,7 +251,7 @@ def rgb(value: Any, name: str) -> NDArray[np.float64]:
 
 
 def reflectance(value: Any, name: str) -> NDArray[np.float64]:
-    """Return an argument that is one number (grey) or three, from 0 to 1, as RGB, (3,) float64.
+    """Return an argument, one number (grey) or three, from 0 to 1, as RGB, (3,) float64.
 
     Raise an error that names it if it is invalid.
     """

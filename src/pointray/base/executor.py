@@ -38,6 +38,7 @@ class Job:
         Module-level function, called with the snapshot of the scene, `args`, the values of `shared`, the number of
         threads to use (None: all) and a progress callback, which may raise an error to end the job, or None.
     args : tuple
+        Arguments of `work` for this job only.
     shared : tuple of SharedValue
         Large values that many jobs need; each is sent to a worker once.
     home : str
