@@ -1,4 +1,4 @@
-"""Utilities for all other parts of the package; they import nothing from it.
+"""Utilities for the rest of the package, from which they import nothing.
 
 arguments : validation of parameters
 choices : names shared by options, scene files and the viewer
@@ -10,4 +10,5 @@ progress, warning_log : progress callbacks; warnings collected per thread
 memory, malloc_arenas : available memory, and returning freed memory to the system
 atomic_write : files replaced atomically
 disk_columns : arrays on disk, read and written in pieces
+version : the package's version
 """

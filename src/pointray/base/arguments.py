@@ -29,14 +29,17 @@ class ArgumentTypeError(TypeError, ValueError):
 
 
 def wrong(name: str, wanted: str, value: Any) -> ValueError:
-    """Return the error for an invalid argument: `name` must be `wanted`, not `value`."""
+    """Return the error for an invalid argument, with the message "`name` must be `wanted`, not `value`".
+
+    It is an ArgumentTypeError unless `value` is a number, a sequence such as a string, or an array.
+    """
     if not isinstance(value, np.ndarray | np.generic | Sequence | Number):
         return wrong_type(name, wanted, value)
     return ValueError(f"{name} must be {wanted}, not {_shown(value)}")
 
 
 def wrong_type(name: str, wanted: str, value: Any) -> ArgumentTypeError:
-    """Return the error for an argument of the wrong type."""
+    """Return the error for an argument of the wrong type, with the message "`name` must be `wanted`, not `value`"."""
     return ArgumentTypeError(f"{name} must be {wanted}, not {_shown(value)}")
 
 
@@ -46,32 +49,35 @@ def _shown(value: Any) -> str:
 
 
 def check_kind(value: Any, name: str, kind: type[T] | tuple[type[T], ...], wanted: str) -> T:
-    """Check that a value is an instance of a class, or of one of several."""
+    """Return a value that is an instance of a class, or of one of several; otherwise raise an ArgumentTypeError.
+
+    kind : the class or classes; wanted : their description in the message "`name` must be `wanted`"
+    """
     if not isinstance(value, kind):
         raise wrong_type(name, wanted, value)
     return value
 
 
 def check_callback(value: Any, name: str = "progress") -> None:
-    """Check that a value is callable or None."""
+    """Raise an ArgumentTypeError that names the argument `name` if its value is neither callable nor None."""
     if value is not None and not callable(value):
         raise wrong_type(name, "callable or None", value)
 
 
 def check_flag(value: Any, name: str) -> bool:
-    """Return a bool; NumPy bools are accepted."""
+    """Return an argument as a bool; raise an ArgumentTypeError that names it if it is not a Python or NumPy bool."""
     return bool(check_kind(value, name, (bool, np.bool_), "True or False"))
 
 
 def check_text(value: Any, name: str) -> str:
-    """Return a non-empty string."""
+    """Return an argument that is a non-empty string; otherwise raise an error that names it."""
     if not check_kind(value, name, str, "a non-empty string"):
         raise wrong(name, "a non-empty string", value)
     return str(value)
 
 
 def check_choice(value: Any, name: str, choices: Iterable[str]) -> str:
-    """Return a string that is one of the choices."""
+    """Return an argument that is one of the strings `choices`; otherwise raise an error that lists them."""
     known = tuple(choices)
     if not isinstance(value, str) or value not in known:
         error = ValueError if isinstance(value, str) else ArgumentTypeError
@@ -80,14 +86,14 @@ def check_choice(value: Any, name: str, choices: Iterable[str]) -> str:
 
 
 def check_path(value: Any, name: str = "path") -> Path:
-    """Return a path given as a string or a path object."""
+    """Return an argument, a string or a path object, as a Path; otherwise raise an ArgumentTypeError that names it."""
     if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
         raise wrong_type(name, "a path", value)
     return Path(value)
 
 
 def check_mapping(value: Any, name: str) -> Mapping[Any, Any]:
-    """Check that a value is a dict or another mapping."""
+    """Return an argument that is a dict or another mapping; otherwise raise an ArgumentTypeError that names it."""
     return check_kind(value, name, Mapping, "a dict")
 
 
@@ -99,7 +105,10 @@ def _plain(value: Any) -> Any:
 
 
 def check_whole(value: Any, name: str, low: int, high: int | None = None, or_none: bool = False) -> int:
-    """Return an integer from `low` to `high`. or_none : the message says that None is valid too"""
+    """Return an argument that is an integer from `low` to `high`; otherwise raise an error that names it.
+
+    high : None means no upper limit; or_none : whether the message lists None as valid; None is rejected all the same
+    """
     span = f"from {low}" if high is None else f"from {low} to {high}"
     wanted = f"a whole number {span}{', or None' if or_none else ''}"
     plain = _plain(value)
@@ -115,7 +124,12 @@ def check_whole(value: Any, name: str, low: int, high: int | None = None, or_non
 
 
 def check_number(value: Any, name: str, wanted: str, fits: Callable[[float], bool] = np.isfinite) -> float:
-    """Return a float for which `fits` is true; NaN is invalid. wanted : description of valid numbers for the message"""
+    """Return an argument as a float; raise an error that names it if it is not a number, is NaN or does not fit.
+
+    fits : returns whether a number is valid
+
+    wanted : description of valid numbers in the message "`name` must be `wanted`"
+    """
     plain = _plain(value)
     if isinstance(plain, bool) or not isinstance(plain, int | float):
         raise wrong_type(name, wanted, value)
@@ -129,18 +143,24 @@ def check_number(value: Any, name: str, wanted: str, fits: Callable[[float], boo
 
 
 def check_positive(value: Any, name: str, wanted: str = "a positive number") -> float:
-    """Return a finite float greater than 0."""
+    """Return an argument as a finite float greater than 0; raise an error that names it if it is invalid.
+
+    wanted : description of valid numbers in the message "`name` must be `wanted`"
+    """
     return check_number(value, name, wanted, lambda x: 0 < x < np.inf)
 
 
 def check_range(value: Any, name: str, low: float, high: float = np.inf) -> float:
-    """Return a finite float from `low` to `high`."""
+    """Return an argument as a finite float from `low` to `high`; raise an error that names it if it is invalid."""
     wanted = f"a number from {low:g} to {high:g}" if high < np.inf else f"a finite number, at least {low:g}"
     return check_number(value, name, wanted, lambda x: low <= x <= high and x < np.inf)
 
 
 def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any]:
-    """Return an array of integers or floats of any shape."""
+    """Return an argument as an array of integers or floats of any shape; raise an error that names it if it is invalid.
+
+    Python ints beyond 64 bits are converted to float64. wanted : description in the message "`name` must be `wanted`"
+    """
     try:
         array = np.asarray(value)
         if array.dtype == object and all(_is_int(item) for item in array.flat):  # beyond int64
@@ -153,7 +173,10 @@ def check_numbers(value: Any, name: str, wanted: str = "numbers") -> NDArray[Any
 
 
 def real_numbers(value: Any, name: str) -> NDArray[Any]:
-    """Return an array of integers or floats of any shape; Python ints beyond 64 bits are invalid."""
+    """Return an argument as an array of integers or floats of any shape; raise a ValueError if it is invalid.
+
+    Python ints beyond 64 bits are invalid. name : the argument, for the message
+    """
     try:
         array = np.asarray(value)
     except ValueError:
@@ -163,7 +186,7 @@ def real_numbers(value: Any, name: str) -> NDArray[Any]:
 
 
 def check_real(dtype: Any, name: str) -> None:
-    """Check that a dtype is integer or float."""
+    """Raise a ValueError that names an argument if its dtype is neither integer nor float."""
     if dtype.kind not in "iuf":
         raise ValueError(f"{name} must contain real numbers, not {dtype}")
 
@@ -173,7 +196,7 @@ def _is_int(value: Any) -> bool:
 
 
 def vector(value: Any, name: str) -> NDArray[np.float64]:
-    """Return three finite numbers, (3,) float64."""
+    """Return an argument, three finite numbers, as (3,) float64; raise an error that names it if it is invalid."""
     array = check_numbers(value, name, "three finite numbers").astype(np.float64)
     if isinstance(value, list | tuple) and any(isinstance(part, bool | np.bool_) for part in value):
         raise wrong(name, "three finite numbers", value)
@@ -183,13 +206,16 @@ def vector(value: Any, name: str) -> NDArray[np.float64]:
 
 
 def check_position(value: Any, name: str) -> Vector:
-    """Return three finite numbers as Python floats."""
+    """Return an argument, three finite numbers, as Python floats; raise an error that names it if it is invalid."""
     x, y, z = vector(value, name).tolist()
     return x, y, z
 
 
 def check_direction(value: Any, name: str) -> Vector:
-    """Return three finite numbers, not all zero, as Python floats."""
+    """Return an argument, three finite numbers that are not all zero, as Python floats, without normalizing them.
+
+    Raise an error that names it if it is invalid.
+    """
     numbers = check_position(value, name)
     if not any(numbers):
         raise ValueError(f"{name} must not be zero")
@@ -197,7 +223,10 @@ def check_direction(value: Any, name: str) -> Vector:
 
 
 def unit_vector(value: Any, name: str) -> NDArray[np.float64]:
-    """Return a unit vector, (3,) float64, from three finite numbers that are not all zero."""
+    """Normalize an argument, three finite numbers that are not all zero, to a unit vector, (3,) float64.
+
+    Raise an error that names it if it is invalid.
+    """
     array = vector(value, name)
     most = np.abs(array).max()
     if most < LEAST_LENGTH:
@@ -207,7 +236,10 @@ def unit_vector(value: Any, name: str) -> NDArray[np.float64]:
 
 
 def rgb(value: Any, name: str) -> NDArray[np.float64]:
-    """Return RGB, (3,) float64, from one number or three, finite and nonnegative."""
+    """Return an argument, one number (grey) or three, finite and not negative, as RGB, (3,) float64.
+
+    Raise an error that names it if it is invalid.
+    """
     wanted = "a number or three (red, green, blue)"
     array = check_numbers(value, name, wanted)
     if array.shape not in ((), (1,), (3,)):
@@ -219,7 +251,10 @@ def rgb(value: Any, name: str) -> NDArray[np.float64]:
 
 
 def reflectance(value: Any, name: str) -> NDArray[np.float64]:
-    """Return a reflectance as RGB, (3,) float64, 0 to 1."""
+    """Return an argument, one number (grey) or three, from 0 to 1, as RGB, (3,) float64.
+
+    Raise an error that names it if it is invalid.
+    """
     color = rgb(value, name)
     if (color > 1).any():
         raise ValueError(f"{name} must be a reflectance from 0 to 1, not {value!r}")

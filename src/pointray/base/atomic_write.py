@@ -25,7 +25,10 @@ _swept: set[Path] = set()
 
 
 def check_regular(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a regular file; raise OSError for a missing file, a folder, or a pipe, which would block."""
+    """Return the path of a regular file.
+
+    Raise OSError if it is missing or not a regular file, such as a folder, or a pipe, which would block.
+    """
     file = Path(path)
     if not stat.S_ISREG(file.stat().st_mode):
         number = errno.EISDIR if file.is_dir() else errno.EINVAL
@@ -34,13 +37,16 @@ def check_regular(path: str | os.PathLike[str]) -> Path:
 
 
 def unsupported_extension(file: Path, known: Iterable[str]) -> ValueError:
-    """Return the error for a file that cannot be written because of its extension."""
+    """Return the ValueError for an output file whose extension stands for no supported format.
+
+    known : supported extensions, for the message
+    """
     extension = file.suffix or "a file without extension"
     return ValueError(f"{file}: cannot write {extension}; supported: {', '.join(known)}")
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise the OSError that writing to `path` would raise."""
+    """Raise OSError if a file cannot be written: no such folder, no permission in it, or `path` is a folder itself."""
     file = Path(path)
     folder = file.parent
     if not folder.is_dir():
@@ -52,17 +58,19 @@ def check_writable(path: str | os.PathLike[str]) -> None:
 
 
 class Replacement(io.BufferedIOBase):
-    """Output stream to a new file in the folder of the file it will replace. Writers that need a path can use `path`.
+    """Output stream to a temporary file that replaces another file once it is complete.
 
-    The first error is raised again at the end, in case a library has hidden it. The stream has no file descriptor:
-    Pillow would write to it, and would mistake a partial write for a complete one. A caller that writes to the path
-    must check itself that the file is complete.
+    The temporary file is in the same folder. Writers that need a path instead of a stream can use `path`; their callers
+    must check that the file is complete. The stream has no file descriptor: Pillow would write to it, and would mistake
+    a partial write for a complete one.
 
-    The file is locked until it is renamed; an unlocked one was left behind by a killed process.
+    `take_place_of` raises the first error of a write again, in case a library has hidden it. The temporary file is
+    locked until it is renamed: unlocked ones were left behind by killed processes, and `sweep` removes them.
 
     Attributes
     ----------
     path : path
+        The temporary file.
     """
 
     def __init__(self, file: Path) -> None:
@@ -93,7 +101,7 @@ class Replacement(io.BufferedIOBase):
                 self._file.flush()
 
     def take_place_of(self, file: Path) -> None:
-        """Replace the file once all data has reached the disk; raise OSError if any write failed."""
+        """Rename the temporary file to `file` once all data has reached the disk; raise OSError if any write failed."""
         self.flush()
         with self._remembering():
             os.fsync(self._file.fileno())
@@ -107,7 +115,7 @@ class Replacement(io.BufferedIOBase):
             os.close(self._lock)
 
     def discard(self) -> None:
-        """Remove the new file."""
+        """Close and remove the temporary file, so that the file that it should replace stays as it is."""
         for close in (self._file.close, lambda: os.close(self._lock)):
             with suppress(OSError):  # the disk may be full, but the file is removed anyway
                 close()
@@ -124,7 +132,7 @@ class Replacement(io.BufferedIOBase):
 
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
-    """Yield a stream to a new file in the same folder, which replaces `path` at the end, or is removed on an error.
+    """Yield an output stream to a temporary file, which replaces `path` at the end, or is removed on an error.
 
     `path` is added to an OSError without a file name, such as that of a full disk.
     """
@@ -143,7 +151,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Replacement]:
 
 
 def sweep(folder: Path) -> None:
-    """Remove unfinished files left behind by killed processes, once per folder."""
+    """Remove unfinished files that killed processes left in a folder; do so only once per folder in this process."""
     if folder in _swept:
         return
     _swept.add(folder)
@@ -154,7 +162,10 @@ def sweep(folder: Path) -> None:
 
 
 def _new_beside(file: Path) -> tuple[Path, int]:
-    """Create an empty file in the same folder; return its path and the descriptor that holds its lock."""
+    """Create an empty temporary file in the folder of `file`, with its extension, and lock it.
+
+    Return its path and the file descriptor that holds the lock.
+    """
     while True:
         path = file.with_name(f".pointray-{secrets.token_hex(8)}{file.suffix}")
         lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
@@ -169,7 +180,10 @@ def _new_beside(file: Path) -> tuple[Path, int]:
 
 
 def _remove_left(path: str) -> None:
-    """Remove an unfinished file; raise OSError if a process on this or another machine has locked it."""
+    """Remove a temporary file left behind by a killed process.
+
+    Raise OSError if a process on this or another machine still writes it and has therefore locked it.
+    """
     if sys.platform == "win32":
         os.unlink(path)  # fails while it is open
         return

@@ -87,10 +87,10 @@ COLORMAPS = [  # available in every installation
 
 
 def number_of(choices: Iterable[str], name: str) -> int:
-    """Return the index of a choice, its number in kernels."""
+    """Return the index of a name among `choices`, by which kernels identify the choice."""
     return list(choices).index(name)
 
 
 def listed(choices: dict[str, str]) -> str:
-    """Return the choices and their descriptions for a help text."""
+    """Return "name: description; name: description" for the help text of an option. choices : descriptions by name"""
     return "; ".join(f"{name}: {meaning}" for name, meaning in choices.items())

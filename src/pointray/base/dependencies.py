@@ -27,15 +27,15 @@ _FIRST_WORD = re.compile(rb"(?:^|[(,])\s*(\w+)")
 
 
 def files_of(roots: Iterable[Path], deferred: bool = False) -> list[Path]:
-    """Find the files that modules import, directly or indirectly, including themselves.
+    """Find the Python source files that modules import, directly or indirectly, including the modules themselves.
 
     Parameters
     ----------
     roots : iterable of path
-        Python files. From files outside the package, imports of the package and of files in their own folder are
-        followed.
+        Files of the modules. From modules of pointray, only imports of pointray's own modules are followed; from
+        other files, also imports of files in their own folder.
     deferred : bool
-        Also follow imports inside functions and other blocks, on which kernels cannot depend.
+        Also follow imports inside functions and other blocks; kernels depend only on those at module level.
 
     Returns
     -------
@@ -53,7 +53,15 @@ def files_of(roots: Iterable[Path], deferred: bool = False) -> list[Path]:
 
 
 def key_of(roots: Iterable[Path], deferred: bool = False) -> str:
-    """Return a hash of the names and contents of `files_of(roots, deferred)`, 16 hexadecimal digits."""
+    """Hash the source files that modules depend on, so that caches of their results are renewed when one is edited.
+
+    The files are those of `files_of(roots, deferred)`: `roots`, and all files of pointray that these import.
+
+    Returns
+    -------
+    str
+        16 hexadecimal digits, from the names and contents of the files.
+    """
     digest = hashlib.sha256()
     for path in files_of(roots, deferred):
         name = path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT) else path.name
@@ -63,7 +71,7 @@ def key_of(roots: Iterable[Path], deferred: bool = False) -> str:
 
 @cache
 def digest_of(path: Path) -> str:
-    """Return a hash of the content of a file."""
+    """Return the SHA-256 of the contents of a file, in hexadecimal digits. Later changes of the file are not seen."""
     return hashlib.sha256(_text(path)).hexdigest()
 
 
@@ -74,7 +82,12 @@ def _text(path: Path) -> bytes:
 
 @cache
 def _imports(path: Path, deferred: bool) -> frozenset[Path]:
-    """Return the files that a file imports directly."""
+    """Return the source files that a Python file imports directly, as far as they belong to pointray.
+
+    From a file outside the package, imports of files in its own folder count too.
+
+    deferred : whether imports inside functions and other blocks count
+    """
     found: set[str] = set()
     own = path.is_relative_to(ROOT)
     for indent, dots, module, names in _FROM.findall(_text(path)):
@@ -93,7 +106,10 @@ def _imports(path: Path, deferred: bool) -> frozenset[Path]:
 
 
 def _base(path: Path, own: bool, level: int, module: str) -> str | None:
-    """Return the path, without extension, of `from <level dots><module> import`; None for other packages."""
+    """Return the path, without extension, of the module named in an import statement; None if it is of another package.
+
+    path : file with the statement; own : whether that is inside pointray; level : leading dots before `module`
+    """
     parts = module.split(".")
     if level:
         return os.path.join(path.parents[level - 1], *parts)
@@ -103,13 +119,16 @@ def _base(path: Path, own: bool, level: int, module: str) -> str | None:
 
 
 def _below(base: str, names: set[str]) -> list[str]:
-    """Return the paths of the imported names that are modules of a folder."""
+    """Return the paths, without extension, of imported names that are modules, as in `from package import module`.
+
+    base : path of the package; names : imported names, which may also be functions or classes
+    """
     known = _listing(base.rstrip(os.sep))
     return [os.path.join(base, name) for name in names if name in known or f"{name}.py" in known]
 
 
 def _files_at(base: str) -> list[str]:
-    """Return the file of the module or package at a path without extension."""
+    """Return the source file of the module or package at a path without extension, as a list; empty if missing."""
     base = base.rstrip(os.sep)
     folder, name = os.path.split(base)
     files = [f"{base}.py"] if f"{name}.py" in _listing(folder) else []
@@ -118,7 +137,7 @@ def _files_at(base: str) -> list[str]:
 
 @cache
 def _listing(folder: str) -> frozenset[str]:
-    """Return the names in a folder; empty if it does not exist."""
+    """Return the names of the files in a folder, cached by folder; empty if it does not exist."""
     try:
         return frozenset(os.listdir(folder))
     except OSError:

@@ -12,12 +12,15 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def warn_renamed(old: str, new: str) -> None:
-    """Warn the caller of a deprecated alias, which is removed after one release."""
+    """Issue a DeprecationWarning at the caller of a deprecated alias `old`, with the advice to use `new`."""
     warn(f"{old} is deprecated: use {new}", DeprecationWarning, stacklevel=3)
 
 
 def accept_renamed(old: str, new: str) -> Callable[[Function], Function]:
-    """Return a decorator for functions that still accept an argument by its old keyword, with a warning."""
+    """Return a decorator for functions whose keyword argument `old` is now called `new`.
+
+    A call with the old keyword still works, with a DeprecationWarning.
+    """
 
     def decorate(function: Function) -> Function:
         @wraps(function)

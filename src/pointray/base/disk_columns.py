@@ -29,14 +29,16 @@ SPAN = 1 << 20  # maximum bytes per call when only some rows are needed
 
 
 class Column:
-    """Array of rows on disk. Threads may read and write different rows at the same time.
+    """Array of n rows in a file, for clouds larger than memory.
+
+    Threads may read and write different rows at the same time.
 
     Parameters
     ----------
     path : path
         An existing file; its name states name, dtype and width: "positions.f4x3".
     written : set of Column, optional
-        Receives this column when it is written to.
+        Set to which the column adds itself when it is written to, so that its owner knows what to flush to the disk.
 
     Attributes
     ----------
@@ -80,7 +82,7 @@ class Column:
         return len(self) * self._row
 
     def __getitem__(self, rows: slice | NDArray[np.integer[Any]]) -> NDArray[Any]:
-        """Return a new array with the rows of a slice, or with the given row numbers in any order."""
+        """Read rows into a new array, (m,) or (m, width): those of a slice, or with the given numbers in any order."""
         if not isinstance(rows, slice):
             return self._gather(np.asarray(rows))
         start, stop, step = rows.indices(len(self))
@@ -106,7 +108,7 @@ class Column:
                 bytes_left, place = bytes_left[written:], place + written
 
     def append(self, rows: ArrayLike) -> None:
-        """Write rows after the last one; not thread-safe."""
+        """Write rows, (m,) or (m, width), after the last one; not thread-safe."""
         self.write(len(self), rows)
 
     def sync(self) -> None:
@@ -118,7 +120,10 @@ class Column:
         return np.empty((n, self.width) if self.width else n, self.dtype)
 
     def _gather(self, rows: NDArray[Any]) -> NDArray[Any]:
-        """Return the rows with the given numbers. Rows that are close together are read in one call."""
+        """Read the rows with the given numbers, (m,) in any order, into a new array, (m,) or (m, width).
+
+        Rows that are close together in the file are read in one call.
+        """
         if rows.ndim != 1 or (rows.dtype.kind not in "iu" and len(rows)):
             raise TypeError(f"row numbers must be integers, (n,), not {rows.dtype} {rows.shape}")
         out = self._empty_rows(len(rows))
@@ -142,7 +147,7 @@ class Column:
         return out
 
     def _read(self, start: int, out: NDArray[Any]) -> None:
-        """Fill an array with the rows from `start` on."""
+        """Fill the array `out`, (m,) or (m, width), with the rows `start` to start + m."""
         bytes_left, place = out.reshape(-1).view(np.uint8).data, start * self._row
         while len(bytes_left):
             read = self._get(bytes_left, place)
@@ -173,7 +178,9 @@ class Column:
 
 
 class Columns:
-    """Folder of columns and small JSON records. It can be pickled for processes that share the folder.
+    """Folder of arrays on disk (columns), found by name, and of small JSON records, for clouds larger than memory.
+
+    It can be pickled for processes that share the folder.
 
     Parameters
     ----------
@@ -191,7 +198,7 @@ class Columns:
 
     @property
     def names(self) -> list[str]:
-        """Sorted names of all columns."""
+        """Sorted names of all columns in the folder, without those of JSON records."""
         return sorted({match[1] for match in map(FILE.fullmatch, os.listdir(self.folder)) if match})
 
     def __contains__(self, name: str) -> bool:
@@ -211,7 +218,10 @@ class Columns:
         return self[name] if name in self else None  # noqa: SIM401
 
     def make(self, name: str, dtype: DTypeLike, width: int = 0, rows: int = 0) -> Column:
-        """Create a column, replacing one with this name. Its rows are 0 and take no disk space until written."""
+        """Create a column of zeros, replacing one with this name. Its rows take no disk space until they are written.
+
+        width : numbers per row, 0 for an (n,) array; rows : initial number of rows
+        """
         path = self._path(name, np.dtype(dtype), width)
         self.drop(name)
         with _explaining_errors(path), path.open("xb") as file:
@@ -219,7 +229,7 @@ class Columns:
         return Column(path, self._written)
 
     def fill(self, name: str, rows: NDArray[Any]) -> None:
-        """Write a column atomically, replacing one with this name."""
+        """Write all `rows`, (n,) or (n, width), of a column atomically, replacing one with this name."""
         path = self._path(name, rows.dtype, rows.shape[1] if rows.ndim > 1 else 0)
         with replacing(path) as beside:
             beside.write(np.ascontiguousarray(rows).reshape(-1).view(np.uint8).data)
@@ -231,7 +241,7 @@ class Columns:
         column.path.replace(self._path(new, column.dtype, column.width))
 
     def drop(self, name: str) -> None:
-        """Remove the column and the record with this name, if they exist."""
+        """Remove the column and the JSON record with this name, if they exist."""
         self._written -= {column for column in self._written if column.name == name}
         for file in (*self._files(name), self._facts(name)):
             file.unlink(missing_ok=True)
@@ -243,12 +253,12 @@ class Columns:
             self._written.discard(column)
 
     def put(self, name: str, facts: Mapping[str, Any]) -> None:
-        """Store a record of JSON values, replacing one with this name."""
+        """Store a JSON record, a file NAME.json in the folder, replacing one with this name."""
         with replacing(self._facts(name)) as beside:
             beside.write(json.dumps(facts, indent=1).encode())
 
     def get(self, name: str) -> dict[str, Any] | None:
-        """Return the record with a name; None if it is missing."""
+        """Return the JSON record with a name as a dict; None if it is missing."""
         path = self._facts(name)
         try:
             facts = json.loads(path.read_bytes())
@@ -261,7 +271,7 @@ class Columns:
         return facts
 
     def get_or_put(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-        """Return the record with a name; compute and store it if it is missing."""
+        """Return the JSON record with a name as a dict; if it is missing, call `compute` and store its result."""
         known = self.get(name)
         if known is not None:
             return known
@@ -283,9 +293,10 @@ class Columns:
 
 
 def refresh_listing(folder: Path) -> None:
-    """Refresh the listing of a folder on a network file system; raise OSError if the folder is not writable.
+    """Make files that other machines have written into a folder of a network file system visible here.
 
-    Such a file system may show an outdated listing for up to a minute, until a file is created in the folder.
+    Such a file system may show an outdated listing for up to a minute, until a file is created in the folder: a
+    temporary file is created and removed. Raise OSError if the folder is not writable.
     """
     path = folder / f".{secrets.token_hex(8)}"
     with _explaining_errors(folder):
@@ -295,7 +306,7 @@ def refresh_listing(folder: Path) -> None:
 
 @contextmanager
 def _explaining_errors(path: Path) -> Iterator[None]:
-    """Add the path to an OSError, such as that of a full disk."""
+    """Add the path to an OSError raised in this context; that of a full disk, for example, names no file."""
     try:
         yield
     except OSError as error:
@@ -303,7 +314,7 @@ def _explaining_errors(path: Path) -> Iterator[None]:
 
 
 def _parsed(path: Path) -> tuple[str, str, int]:
-    """Return the name, dtype and width stated in a file name."""
+    """Return what the file name of a column states: its name, dtype such as "f4", and width (0 for an (n,) array)."""
     match = FILE.fullmatch(path.name)
     if match is None:
         raise ValueError(f"{path}: is not the file name of a column, such as positions.f4x3")

@@ -11,7 +11,7 @@ class MissingPackageError(ImportError, ValueError):
 
 
 def require(module: str, extra: str, what: str) -> Any:
-    """Import a module of an optional package; raise MissingPackageError with the `pip install` command.
+    """Import and return a module of an optional package; if missing, raise an error with the `pip install` command.
 
     Parameters
     ----------

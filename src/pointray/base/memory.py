@@ -20,20 +20,23 @@ VERSION_1 = "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_fi
 
 
 def available_memory() -> int | None:
-    """Return the bytes available to this process, limited by the machine and by its control groups; None if unknown."""
+    """Return the bytes of memory that this process can still use; None if unknown.
+
+    They are limited by the machine and by the limits of control groups, as in a container.
+    """
     known = [free for free in (_of_the_machine(), *_of_groups()) if free is not None]
     return max(min(known), 0) if known else None
 
 
 def check_memory(need: int, what: str) -> None:
-    """Raise ValueError if `need` bytes are not available. what : their purpose, for the message"""
+    """Raise ValueError if `need` bytes are not available. what : such as "to write a.png", for the message"""
     free = available_memory()
     if free is not None and need > free:
         raise ValueError(f"{_in_units(need)} of memory are needed {what}, {_in_units(free)} are available")
 
 
 def trim_heap() -> None:
-    """Return freed memory of the heap to the system."""
+    """Return freed memory of the heap to the system, which glibc would keep."""
     with suppress(AttributeError, OSError, TypeError):
         ctypes.CDLL(None).malloc_trim(0)
 
@@ -54,7 +57,10 @@ def _of_the_machine() -> int | None:
 
 
 def _of_groups() -> Iterator[int | None]:
-    """Yield the bytes left below the limit of each control group of this process, from its own to the root."""
+    """Yield the bytes left below the memory limit of each control group (cgroup) of this process, its own first.
+
+    None stands for a group without a limit, or whose files cannot be read.
+    """
     with suppress(OSError, ValueError):
         for line in OWN_CGROUPS.read_text().splitlines():
             _, controllers, name = line.split(":", 2)
@@ -68,7 +74,11 @@ def _of_groups() -> Iterator[int | None]:
 
 
 def _left_in(folder: Path, files: tuple[str, str, str]) -> int | None:
-    """Return the bytes left below a group's limit; None if it has none."""
+    """Return the bytes left below the memory limit of a control group (cgroup); None if it has no limit.
+
+    folder : folder of the group; files : name of the limit's file, name of the usage's file, and key in memory.stat of
+    the part of the usage that the system can reclaim
+    """
     limit, used, reclaimable = files
     try:
         left = int((folder / limit).read_text()) - int((folder / used).read_text())  # ValueError for "max", no limit

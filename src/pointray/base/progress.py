@@ -10,12 +10,18 @@ StageProgress = Callable[[str, float], None]  # called with the name of the stag
 
 
 def in_stage(progress: StageProgress | None, stage: str) -> Progress | None:
-    """Return the progress of one stage, which a function with a single stage reports."""
+    """Return a callback for the completed fraction, which calls `progress` with the name `stage` and the fraction.
+
+    Functions with a single stage of work take such a callback. None becomes None.
+    """
     return None if progress is None else partial(progress, stage)
 
 
 def part_of(progress: Progress | None, begin: float, end: float) -> Progress | None:
-    """Return a callback for a part of the work, which covers the fractions `begin` to `end` of the whole."""
+    """Return a progress callback for a part of the work; None if `progress` is None.
+
+    It converts the completed fraction of the part to that of the whole, of which the part covers `begin` to `end`.
+    """
     if progress is None:
         return None
     whole = progress
@@ -23,6 +29,6 @@ def part_of(progress: Progress | None, begin: float, end: float) -> Progress | N
 
 
 def report_progress(progress: Progress | None, share: float) -> None:
-    """Report the completed fraction to a callback, if there is one."""
+    """Call `progress` with the completed fraction, 0 to 1, unless it is None."""
     if progress is not None:
         progress(share)

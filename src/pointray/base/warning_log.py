@@ -15,7 +15,7 @@ _COLLECTED: ContextVar[list[str] | None] = ContextVar("collected", default=None)
 
 
 def warn(message: str, category: type[Warning] = UserWarning, stacklevel: int = 1) -> None:
-    """Issue a warning like `warnings.warn`, or collect it within `collect_warnings`."""
+    """Issue a warning like `warnings.warn`; within `collect_warnings`, collect its message instead."""
     collected = _COLLECTED.get()
     if collected is None:
         warnings.warn(message, category, stacklevel=stacklevel + 1)
@@ -25,7 +25,10 @@ def warn(message: str, category: type[Warning] = UserWarning, stacklevel: int = 
 
 @contextmanager
 def collect_warnings() -> Iterator[list[str]]:
-    """Collect the warnings that this thread issues in the context instead of showing them."""
+    """Yield a list that receives the messages of this thread's warnings, which are then not shown.
+
+    Only warnings issued by `warning_log.warn` are collected.
+    """
     found: list[str] = []
     token = _COLLECTED.set(found)
     try:

@@ -4,12 +4,13 @@ commands : the commands, one file for each group; declare : options as fields of
 picture_options, read_options : the options of pictures and of reading, each declared once; options : parsers
 scan_files : the files of a scan
 scan_scene, scan_surface, scan_material, scan_lights : the scene of a scan
-scene_file, views, keys : scene files, cameras, and camera keys of films
+scene_file, views, keys : scene files, cameras, and keyframes of films
 outputs, animate : the work of `render` and `animate`
 baked_light, bake : sources of baked light, and the work of `bake`
 prepare, convert, demo, serve, benchmark : the work of `prepare`, `convert`, `demo`, `view` and `bench`
 facts, report, tables, system : the work of `info`
 waiting : progress bars and Ctrl-C; printable : texts without control characters; cluster : Dask workers
+__main__ : `python -m pointray.cli`
 
 Begin with commands.
 """
@@ -34,7 +35,13 @@ NO_MEMORY_SIGNS = ("bad_alloc", "start new thread", "failed to map segment", "an
 
 
 def execute(arguments: Sequence[str]) -> int:
-    """Run a command and return the exit status: 0, 1 (failed), 2 (bad input), 130 (interrupted)."""
+    """Run a command given as command-line arguments, and print errors and warnings in one line each.
+
+    Returns
+    -------
+    int
+        Exit status: 0, 1 (failed), 2 (bad input), 130 (interrupted).
+    """
     with warnings.catch_warnings():
         warnings.showwarning = _note  # type: ignore[assignment]
         warnings.simplefilter("default", UserWarning)
@@ -49,10 +56,10 @@ def execute(arguments: Sequence[str]) -> int:
 
 
 def _is_interrupted(error: BaseException | None) -> bool:
-    """Whether an error was caused by Ctrl-C.
+    """Return whether an error, or one that caused it, is a KeyboardInterrupt (Ctrl-C).
 
-    Python turns Ctrl-C into a RuntimeError while a class is being created, and a lock of `threading` may be released
-    twice.
+    Python raises a RuntimeError instead if Ctrl-C comes while a class is being created, or if it lets a lock of
+    `threading` be released twice.
     """
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
@@ -64,7 +71,7 @@ def _is_interrupted(error: BaseException | None) -> bool:
 
 
 def _report(error: Exception) -> int:
-    """Print an error in one line and return the exit status."""
+    """Print an error in one line and return the exit status of the command: 1 (failed) or 2 (bad input)."""
     status = getattr(error, "exit_code", None)  # typer's own errors have one
     if type(error).__name__ == "NoArgsIsHelpError":
         print(error)
@@ -84,7 +91,7 @@ def _report(error: Exception) -> int:
 
 
 def _lacks_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one that caused it, is due to a lack of memory."""
+    """Return whether an error, or one that caused it, is due to a lack of memory."""
     seen: set[int] = set()
     while error is not None and id(error) not in seen:
         seen.add(id(error))
@@ -97,7 +104,7 @@ def _lacks_memory(error: BaseException | None) -> bool:
 
 
 def _usage(error: Any) -> str:
-    """Return the message of an error of Typer, with the closest match of a misspelt option."""
+    """Return the message of an error of Typer, with the most similar option if one is misspelt."""
     from ..scenefile.spelling import did_you_mean
 
     if hasattr(error, "possibilities"):
@@ -106,7 +113,7 @@ def _usage(error: Any) -> str:
 
 
 def _reason(error: OSError | ValueError) -> str:
-    """Return the message of an error, with the closest match of a misspelt file or attribute."""
+    """Return the message of an error, with the most similar name if a file or an attribute of points is misspelt."""
     from ..scenefile.spelling import did_you_mean, suggest_file
 
     if isinstance(error, OSError) and error.strerror:
@@ -123,12 +130,12 @@ def _print(text: str) -> None:
 
 
 def _note(message: Any, *rest: Any) -> None:
-    """Print a warning of the library in one line."""
+    """Print a warning of the package in one line, in place of `warnings.showwarning`. rest : not used"""
     _print(f"note: {message}")
 
 
 def main() -> None:
-    """The entry point of the program `pointray`."""
+    """Run the program `pointray` with the arguments of this process, and exit without waiting for threads."""
     try:
         status = execute(sys.argv[1:])
     except KeyboardInterrupt:  # a second Ctrl-C

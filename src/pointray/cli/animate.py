@@ -27,14 +27,26 @@ TRANSPARENT = "MP4 does not support transparency; use numbered .png"
 
 
 class CameraPath:
-    """A turntable, or a path through keys. Raises ValueError or OSError if an option is invalid.
+    """The cameras of a film: a turntable, or a flight along keyframes from a file.
+
+    Raises ValueError or OSError if an option is invalid.
+
+    Parameters
+    ----------
+    view : View or SceneView
+        Camera of the command's options or of a scene file, from which size and lens are taken.
+    fps : float
+        Frames per second.
+    options : dict
+        Values of `animate`'s options keys, seconds, turns, eye and target; None: not given.
 
     Attributes
     ----------
     count : int
         Number of frames.
     inputs : dict
-        Inputs of the cameras besides the size, as JSON values.
+        All that the cameras depend on besides the image size, as JSON values. If it has changed, an interrupted film is
+        rendered again from the start.
     """
 
     def __init__(self, view: View | SceneView, fps: float, options: dict[str, Any]) -> None:
@@ -61,7 +73,7 @@ class CameraPath:
         self.inputs = {"fps": fps, "keys": [[time, *astuple(camera)] for time, camera in keys]}
 
     def cameras(self, first: Any) -> list[Any]:
-        """Return the camera of each frame; a turntable begins with `first`."""
+        """Return the camera of each frame. first : first camera of a turntable; unused for keyframes"""
         from ..rendering.camera_path import turntable
 
         return self._cameras or turntable(first, self.count, self._turns)
@@ -77,14 +89,14 @@ def _frames(count: float) -> int:
 
 @dataclass(frozen=True)
 class FilmOutput:
-    """Paths of a film.
+    """Paths to which the frames of a film are written.
 
     Attributes
     ----------
     path : Path
         The path that the user gave.
     pattern : Path
-        Name of numbered images: the result, or temporary files beside an MP4 until it is written.
+        Path of numbered images, such as %04d.png: the result, or temporary files until an MP4 is made of them.
     mp4 : bool
         Whether the result is an MP4.
     """
@@ -95,7 +107,10 @@ class FilmOutput:
 
 
 def film_output(output: Path, background: str) -> FilmOutput:
-    """Return the output for -o; an error if the film cannot be written there."""
+    """Return where to write a film for the value of -o: an .mp4, a folder, or a name like %04d.png.
+
+    Raise an error if the film cannot be written there. background : value of --background; an MP4 cannot be transparent
+    """
     from ..base.atomic_write import sweep
     from ..image.frames import check_pattern, note_of
     from ..image.mp4 import check_mp4
@@ -119,29 +134,30 @@ def film_output(output: Path, background: str) -> FilmOutput:
 
 
 class FilmSource(NamedTuple):
-    """The contents of a film.
+    """What a film shows, a scan or a scene file, and how its frames are rendered and written.
 
     Attributes
     ----------
     build : callable
         Takes a Progress; returns the scene, the first camera of a turntable, and the final settings.
     settings : Settings
-        As known before the scene is built.
+        Those known before the scene is built.
     exposure : float or "auto"
-        "auto": one exposure for all frames.
+        In stops. "auto": one exposure for all frames.
     curve : str
-        "auto": chosen with the exposure.
+        Tone curve. "auto": chosen with the exposure.
     inputs : dict
-        Inputs of the scene, as JSON values.
+        All that the scene depends on, as JSON values. If it has changed, all frames are rendered again.
     leveled : bool
         Whether to make levels of detail if a frame would show them.
     backdrop : two sRGB colours, or None
+        Colours at the top and bottom of the background.
     light : callable, optional
         Takes a Progress; gives the scene its baked light, unless `build` does.
     bakes : bool
-        Whether light is baked.
+        Whether light is baked, not read from a file.
     shadow : callable, optional
-        Returns the contact shadow, or None. Called after `build`.
+        Returns the shadow of a standing object, drawn on an invisible ground, or None. Called after `build`.
     """
 
     build: Callable[[Progress], tuple[Any, Any, Any]]
@@ -157,7 +173,10 @@ class FilmSource(NamedTuple):
 
 
 def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: float | str) -> FilmSource:
-    """Return a film of a scan. With an automatic camera a turntable keeps the whole scan in the image."""
+    """Return the contents of a film of a scan. With an automatic camera a turntable keeps the whole scan in the image.
+
+    settings : those of the images; exposure : in stops, or "auto"
+    """
 
     def build(progress: Progress) -> tuple[Any, Any, Any]:
         scene, _, scan = scan_scene.build(progress)
@@ -174,7 +193,7 @@ def scan_source(scan_scene: ScanScene, view: View, settings: Any, exposure: floa
 
 
 def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, client: Any = None) -> str:
-    """Render the missing frames and write the film; return a line for the user.
+    """Render the frames that are missing and write the film. Return the line about it that the command prints.
 
     client : Dask client whose workers render; None: this process
     """
@@ -218,7 +237,11 @@ def animate(output: FilmOutput, camera_path: CameraPath, source: FilmSource, cli
 def _render(
     frames: Any, missing: list[int], camera_path: CameraPath, work: tuple[FilmSource, Any], progress: Progress
 ) -> None:
-    """Render the missing frames and store them in order. work : source and client"""
+    """Build the scene of a film, render the missing frames and write them as images, in order.
+
+    frames : `Frames`, the numbered images; missing : frame numbers, from 0
+    work : source of the film, and Dask client or None
+    """
     from ..rendering.lod import is_far
 
     source, client = work
@@ -246,7 +269,10 @@ def _render(
 
 
 def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Progress, client: Any) -> Iterator[Any]:
-    """Render frames in order. job : scene, cameras and settings"""
+    """Render frames of a film one after the other; yield their images, (h, w, 4) float32, linear.
+
+    job : scene, cameras and settings; numbers : frame number of each camera
+    """
     from ..rendering.ray_forwarding.spread import check_spread
     from ..rendering.sequence import render_each
 
@@ -263,7 +289,10 @@ def _pictures(job: tuple[Any, list[Any], Any], numbers: list[int], progress: Pro
 
 
 def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str]:
-    """Return exposure and curve of a film: the lowest exposure of some small frames, so that none is overexposed."""
+    """Return the exposure, in stops, and the tone curve of a film.
+
+    Some frames are rendered in a small size. Of their exposures the lowest is taken, so that no frame is overexposed.
+    """
     from ..image.exposure import PLAIN, auto_exposure, auto_tone, white_under
     from ..rendering.picture import render_snapshot
 
@@ -283,7 +312,10 @@ def _exposure(scene: Any, cameras: list[Any], settings: Any) -> tuple[float, str
 
 
 def _inputs(camera_path: CameraPath, source: FilmSource) -> dict[str, Any]:
-    """Return the inputs of the images as JSON values, without the number of threads."""
+    """Return everything that the frames of a film depend on, as JSON values; the number of threads is left out.
+
+    If it has changed since an interrupted film was begun, all frames are rendered again.
+    """
     from .. import __version__
 
     settings = {name: value for name, value in asdict(source.settings).items() if name != "threads"}

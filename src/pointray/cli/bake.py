@@ -30,11 +30,12 @@ WHITE = (1.0, 1.0, 1.0)
 
 
 class BakeOutput(NamedTuple):
-    """Result of a bake.
+    """The result of the command `bake`: a file of light, or points with their light as attributes.
 
     Attributes
     ----------
     path : Path
+        The extension .bake stands for a file of light.
     colors : bool
         Whether the points get colours that contain the light.
     """
@@ -44,12 +45,12 @@ class BakeOutput(NamedTuple):
 
     @property
     def is_light(self) -> bool:
-        """Whether the file holds light instead of points."""
+        """Whether the file holds light for the option --bake, instead of points."""
         return self.path.suffix.lower() == LIGHT
 
 
 def check_output(output: BakeOutput) -> None:
-    """Raise an error, before any work is done, if the result cannot be written."""
+    """Raise an error, before any work is done, if the result of `bake` cannot be written to its path."""
     from ..io.known_formats import written
 
     if output.colors and output.is_light:
@@ -60,9 +61,9 @@ def check_output(output: BakeOutput) -> None:
 def scan_to_bake(
     scan: ScanFiles, options: PictureOptions, baking: dict[str, Any], output: BakeOutput
 ) -> tuple[ScanScene, LightSource]:
-    """Return the scene of a scan and the source of its light; ValueError if an option is invalid.
+    """Return the scene of a scan, not yet built, and the source of its light; raise ValueError if an option is invalid.
 
-    baking : values of `BakeSettings`
+    baking : keyword arguments of `BakeSettings`
     """
     from ..baking.settings import BakeSettings
 
@@ -80,7 +81,10 @@ def scan_to_bake(
 
 
 def bake_scan(scan_scene: ScanScene, source: LightSource, output: BakeOutput, client: Any = None) -> str:
-    """Bake and write the light of a scan; return lines for the user. client : Dask client, or None for this process"""
+    """Bake the light of a scan and write it; return the lines that the command prints.
+
+    scan_scene, source : as returned by `scan_to_bake`; client : Dask client whose workers bake; None: this process
+    """
     with Progress(bakes=True) as progress:
         scene, model, scan = scan_scene.build(progress)
         wait_for_kernels(client)
@@ -95,9 +99,9 @@ def bake_scan(scan_scene: ScanScene, source: LightSource, output: BakeOutput, cl
 
 
 def bake_scene(described: DescribedScene, settings: dict[str, Any], output: BakeOutput, client: Any = None) -> str:
-    """Bake and write the light of a scene file; return a line for the user.
+    """Bake the light of a scene file and write it; return the line that the command prints.
 
-    settings : values of `BakeSettings` that options give
+    settings : fields of `BakeSettings` to replace, by options that the user typed
     client : Dask client whose workers bake; None: this process
     """
     plan, count = described.plan, described.plan.model_instances
@@ -125,7 +129,12 @@ def _write_light(output: BakeOutput, baked: Any, count: int, progress: Progress)
 
 
 def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, look: tuple[Any, float | None]) -> str:
-    """Write points with the light of an instance. look : color and white, see `lit_colors`"""
+    """Write points with ambient occlusion and irradiance as attributes; return the line that the command prints.
+
+    number : the instance whose light is written
+    look : for colours that contain the light, the linear colour of all points or None, and the radiance of a white
+    surface that faces the lights or None
+    """
     import pointray as pr
 
     irradiance = baked.irradiance(number)
@@ -145,7 +154,7 @@ def _write_points(output: BakeOutput, baked: Any, number: int, points: Points, l
 def lit_colors(
     points: Points, irradiance: NDArray[np.float32], color: Any = None, white: float | None = None
 ) -> tuple[NDArray[np.uint8], float, str]:
-    """Return the sRGB colours of lit diffuse points as in an image, the exposure in stops, and the curve.
+    """Return the colours of diffuse points in their baked light, as an image with automatic exposure would show them.
 
     Points of unknown irradiance keep their colours.
 
@@ -156,7 +165,16 @@ def lit_colors(
     color : (3,) float, linear, optional
         Colour of all points; None: their own, or white if they have none.
     white : float, optional
-        See `auto_exposure`.
+        Radiance of a white surface that faces the lights, which keeps dark points dark. None: unknown.
+
+    Returns
+    -------
+    colors : (n, 3) uint8
+        sRGB.
+    exposure : float
+        In stops.
+    curve : str
+        Name of the tone curve.
     """
     constant = WHITE if color is None else color
     own = np.broadcast_to(np.array(constant, np.float32), irradiance.shape)

@@ -21,15 +21,16 @@ ONCE = f"baking light first, once for all frames ({KEEP})"
 
 @dataclass(frozen=True)
 class LightSource:
-    """Baked light of a scan.
+    """Where the baked light of a scan comes from: a file, or a bake with these settings.
 
     Attributes
     ----------
     settings : BakeSettings
         Used if there is no file.
     file : Path or None
+        Light written by `pointray bake`.
     quick : bool
-        Whether it is baked by default, not on request.
+        Whether it is baked by default, not on request: roughly, to save time.
     """
 
     settings: Any
@@ -38,16 +39,19 @@ class LightSource:
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """Inputs of the light besides the scene, as JSON values, without the number of threads."""
+        """All that the light depends on besides the scene, as JSON values: file, or settings of the bake.
+
+        If it has changed, all frames of an interrupted film are rendered again. The number of threads is left out.
+        """
         if self.file is not None:
             facts = self.file.stat()
             return {"light": [str(self.file.resolve()), facts.st_size, facts.st_mtime_ns]}
         return {"bake": {name: value for name, value in asdict(self.settings).items() if name != "threads"}}
 
     def make(self, scene: Any, show: Any, client: Any = None) -> Any:
-        """Return the light of a scene; ValueError if that of the file does not fit.
+        """Read or bake the light of a scene, as `Baked`; raise ValueError if the file's light does not fit the scene.
 
-        show : callable that takes a stage and the share done
+        show : called with the name of a stage and its completed fraction
         client : Dask client whose workers trace the rays of a bake; None: this process
         """
         import pointray as pr
@@ -61,7 +65,7 @@ class LightSource:
         return pr.bake(scene, self.settings, show, client)
 
     def light(self, scene: Any, progress: Progress, note: str = FIRST) -> None:
-        """Give a scene its light. note : printed if it is baked on request"""
+        """Read or bake the light of a scene and set `scene.baked`. note : printed if the light is baked on request"""
         if self.file is None:
             warn(LOOK if self.quick else note, stacklevel=2)
         scene.baked = in_background(lambda: self.make(scene, progress.show))
@@ -70,7 +74,11 @@ class LightSource:
 
 
 def light_source(settings: Any, file: Path | None, quick: bool = False) -> LightSource | None:
-    """Return the source of baked light for these settings, None if they need none; OSError if the file is missing."""
+    """Return where the baked light for images with these settings comes from; None if they do not show baked light.
+
+    file : value of --bake, or None; raise OSError if it is missing
+    quick : whether light is baked by default, not on request; it is then baked roughly, in one to two seconds
+    """
     from ..baking.settings import BakeSettings
     from ..base.atomic_write import check_regular
 

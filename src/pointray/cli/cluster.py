@@ -11,9 +11,12 @@ from .waiting import in_background
 
 @contextmanager
 def working_on(cluster: str | None, workers: int | None, spread: bool = False) -> Iterator[Any]:
-    """Yield a Dask client whose workers do the work, or None for this process; ValueError for invalid options.
+    """Yield a Dask client for the options --cluster and --workers, or None if neither is given: this process works.
 
-    spread : whether models in parts are spread over the workers
+    Raise ValueError if the options are invalid or no scheduler is found.
+
+    cluster : address of a Dask scheduler; workers : number of processes to start on this computer
+    spread : whether each worker opens only some parts of models in parts
     """
     if cluster is None and workers is None:
         if spread:
@@ -31,7 +34,9 @@ def working_on(cluster: str | None, workers: int | None, spread: bool = False) -
 
 
 def wait_for_kernels(client: Any, settings: Any = None) -> None:
-    """Wait until a kernel is compiled, if workers of this computer load it from the same cache.
+    """Wait until a kernel is compiled if --workers started processes here, so that they load it from the cache on disk.
+
+    Do not wait with --spread.
 
     settings : of the images that the kernel renders; None: the kernel traces the rays of a bake
     """

@@ -14,7 +14,10 @@ from .waiting import Progress, in_background, writing
 
 
 def convert(paths: Sequence[Path], reading: Reading, output: Path, force: bool) -> str:
-    """Read a scan and write it; return a line for the user."""
+    """Read a scan and write it in the format of the output's extension; return the line that the command prints.
+
+    force : whether the output may overwrite an input
+    """
     check_result(output)
     scan = scan_of(paths, reading)
     check_not_input(scan.files, output, force)
@@ -29,7 +32,7 @@ def convert(paths: Sequence[Path], reading: Reading, output: Path, force: bool) 
 
 
 def _write(output: Path, points: Any, progress: Progress) -> list[str]:
-    """Write points and return messages about what the format cannot store."""
+    """Write points to a file and return messages about what its format cannot store."""
     from ..io.files import write_points
 
     return write_points(output, points, lambda share: progress.show("writing", share))

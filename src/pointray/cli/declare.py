@@ -18,16 +18,16 @@ PANELS = (INPUT, CAMERA, LIGHT, LOOK, QUALITY, FILM, PAGE, OUTPUT, CLUSTER)  # i
 
 
 class Declaration(NamedTuple):
-    """An option.
+    """An option of the command line, declared once as a field of a dataclass that several commands share.
 
     Attributes
     ----------
     info : OptionInfo
-        Help, panel, flags and metavar, as Typer takes them.
+        Help, panel (group in --help), flags and metavar, as Typer takes them.
     commands : tuple of str
         Names of the commands that have the option; empty: all that use the dataclass.
     part : str
-        What the option belongs to, such as a table of scene files; see the dataclass.
+        What the option belongs to, such as the table "camera" of scene files; the dataclass defines the names.
     kind : type or None
         Type on the command line; None: text if there is `parse`, otherwise that of the field.
     choices : tuple of str
@@ -45,7 +45,11 @@ class Declaration(NamedTuple):
 
 
 def single(panel: str, metavar: str | None, help: str, *flags: str, **more: Any) -> Any:
-    """Return an option that only one command has. more : arguments of `typer.Option`"""
+    """Return an option that only one command has, as the annotation of a parameter.
+
+    panel : group in --help; metavar : name of the value there, None for a flag
+    flags : such as "-o"; empty: made from the parameter's name; more : keyword arguments of `typer.Option`
+    """
     return typer.Option(*flags, metavar=metavar, help=help, rich_help_panel=panel, **more)
 
 
@@ -62,19 +66,31 @@ def option(
     parse: Callable[[Any, str], Any] | None = None,
     **more: Any,
 ) -> Any:
-    """Return the field of an option, see `Declaration`. more : arguments of `typer.Option`"""
+    """Return a dataclass field that declares an option of the command line, which several commands share.
+
+    panel : group in --help; metavar : name of the value there, None for a flag
+    flags : such as "--strict"; empty: made from the field's name
+    commands : names of those that have it; empty: all that use the dataclass
+    part : what it belongs to, such as the table "camera" of scene files
+    kind : type on the command line; None: text if there is `parse`, otherwise that of the field
+    choices : accepted words; empty: any value; parse : converts the value, is called with it and the option's name
+    more : keyword arguments of `typer.Option`
+    """
     info = single(panel, metavar, help, *flags, **more)
     declaration = Declaration(info, commands, part, kind, tuple(choices), parse)
     return field(default=default, metadata={"declaration": declaration})
 
 
 def declarations(group: Any) -> dict[str, Declaration]:
-    """Return the declarations of a dataclass by name."""
+    """Return the options that a dataclass declares, by the name of their field. group : class or instance"""
     return {each.name: each.metadata["declaration"] for each in fields(group)}
 
 
 def parsed(group: Any, values: Mapping[str, Any]) -> Any:
-    """Return the dataclass made from values of the command line; ValueError if one is invalid."""
+    """Return an instance of a dataclass of options, made from values of the command line; ValueError if one is invalid.
+
+    group : the dataclass; values : by field name; missing ones have their declared defaults
+    """
     made = {each.name: each.default for each in fields(group)}
     made |= {name: getattr(value, "value", value) for name, value in values.items()}
     for name, declared in declarations(group).items():
@@ -84,9 +100,10 @@ def parsed(group: Any, values: Mapping[str, Any]) -> Any:
 
 
 def with_options(*examples: str, **defaults: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that replaces each parameter of a dataclass by the options that the dataclass declares.
+    """Return a decorator for commands of Typer that have a dataclass of options as a parameter.
 
-    The command gets the dataclass. Its options are listed panel by panel.
+    The decorated command has one parameter for each option that the dataclass declares, sorted by groups of --help. It
+    calls the original command with an instance of the dataclass.
 
     Parameters
     ----------
@@ -126,7 +143,11 @@ def with_options(*examples: str, **defaults: Any) -> Callable[[Callable[..., Non
 
 
 def _parameters(group: Any, command: str, defaults: dict[str, Any]) -> Iterable[inspect.Parameter]:
-    """Yield the parameters that a command has of a dataclass."""
+    """Yield the parameters that stand for the options of a dataclass in the signature of a command.
+
+    group : the dataclass; command : name of the command, which may not have all options
+    defaults : default values that replace the declared ones
+    """
     hints = get_type_hints(group)
     default_of: dict[str, Any] = {each.name: each.default for each in fields(group)} | defaults
     for name, declared in declarations(group).items():
@@ -144,6 +165,6 @@ def _parameters(group: Any, command: str, defaults: dict[str, Any]) -> Iterable[
 
 
 def _place(parameter: inspect.Parameter) -> int:
-    """Return the number of a parameter's panel, by which options are sorted; arguments come first."""
+    """Return the position of a parameter's group in --help, to sort by; -1 for arguments, which come first."""
     info = next(iter(getattr(parameter.annotation, "__metadata__", ())), None)
     return PANELS.index(info.rich_help_panel) if isinstance(info, OptionInfo) else -1

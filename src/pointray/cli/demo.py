@@ -25,7 +25,7 @@ SKY = (0.62, 0.72, 0.84)
 
 
 def statue_scene(model: Model) -> Scene:
-    """Return the statue on the ground, under a sun and a weaker second one."""
+    """Return a scene with the statue on a checkered ground plane, under a sun and a weaker second one."""
     scene = Scene()
     scene.add(model, material=Phong(specular=0.04, exponent=40))
     scene.add(Plane((0, 0, float(model.bounds[0, 2])), (0, 0, 1), color=GROUND, checker=0.5))
@@ -41,7 +41,18 @@ def statue_camera(model: Model, size: tuple[int, int]) -> Camera:
 
 
 class Clock:
-    """A progress callback that measures the seconds of each stage, without the compilation of kernels."""
+    """A progress callback that measures the seconds of each stage, without those in which kernels were compiled.
+
+    Parameters
+    ----------
+    show : callable
+        Progress callback that is called too.
+
+    Attributes
+    ----------
+    seconds : dict of str to float
+        Duration of each stage by name.
+    """
 
     def __init__(self, show: Callable[[str, float], None]) -> None:
         self.seconds: dict[str, float] = {}
@@ -52,7 +63,10 @@ class Clock:
         return time.perf_counter() - compile_seconds()
 
     def __call__(self, stage: str, share: float) -> None:
-        """Begin or continue a stage."""
+        """Add the time since the last call to the stage named there, and begin or continue the stage `stage`.
+
+        share : completed fraction of the stage, passed on
+        """
         now = self._now()
         if self._stage:
             self.seconds[self._stage] = self.seconds.get(self._stage, 0.0) + now - self._since
@@ -68,9 +82,26 @@ def run_demo(
     threads: int | None,
     show: Callable[[str, float], None],
 ) -> dict[str, Any]:
-    """Make the statue, its model and its image; return the table of results.
+    """Generate a statue, build its model, write an image of it, and measure the time of each.
 
-    Counted rays are one camera ray per pixel, and one shadow ray per light and covered pixel.
+    Parameters
+    ----------
+    path : Path
+        The image.
+    count : int
+        Number of points.
+    size : (int, int)
+        Width and height of the image.
+    frames : int
+        Number of timed frames.
+    show : callable
+        Called with the stage's name and the share done.
+
+    Returns
+    -------
+    dict
+        Table for the user: times, frame rate, rays per second, bytes per point. Counted rays are one camera ray per
+        pixel, and one shadow ray per light and covered pixel.
     """
     clock = Clock(show)
     clock("points", 0.0)
@@ -109,6 +140,6 @@ def run_demo(
 
 
 def scene_sky(scene: Scene) -> float:
-    """Return the red of the background, which an image of depths shows where there is no surface."""
+    """Return the value of a pixel that shows the background in an image of depths: the red of the background colour."""
     color = scene.background
     return 0.0 if color is None else float(color[0])

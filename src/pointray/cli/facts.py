@@ -22,7 +22,10 @@ MOST_CLASSES = 256  # values of a byte
 
 
 def describe_all(scan: ScanFiles, deep: bool) -> dict[str, Any]:
-    """Return all facts that `info` prints, as JSON values. deep : see `describe`"""
+    """Return all facts that `info` prints about a scan or a saved model, as JSON values.
+
+    deep : whether to search the neighbours of all points, which is slow for large clouds
+    """
     with Progress() as progress:
         progress.show("reading", 0.0)
         points, model = in_background(lambda: read_scan(scan, progress.show))
@@ -38,7 +41,10 @@ def describe_all(scan: ScanFiles, deep: bool) -> dict[str, Any]:
 
 
 def describe_picture(points: Points) -> dict[str, Any]:
-    """Return the automatic choices of `render` for a scan, and their reasons, as JSON values."""
+    """Return what `render` would choose automatically for a scan, as JSON values.
+
+    These are the up direction and the view, with the reasons, colours, normals, and points left out of the view.
+    """
     from ..auto_view.first_view import Scan, ViewChoice
 
     scan = Scan(points, ViewChoice())
@@ -55,14 +61,17 @@ def describe_picture(points: Points) -> dict[str, Any]:
 
 
 def describe_files(scan: ScanFiles) -> list[dict[str, Any]]:
-    """Return facts from file headers: file, format, bytes, rows (None: unknown before reading), and others."""
+    """Return facts from the headers of a scan's files, one dict per file: file, format, bytes, rows and others.
+
+    rows is None if their number is unknown before the file is read. For a saved model there are no rows.
+    """
     if scan.saved is not None:
         return [{"file": str(scan.saved), "format": "saved model", "bytes": _bytes_of(scan.saved)}]
     return list(_headers(scan))
 
 
 def _bytes_of(saved: Path) -> int:
-    """Return the size in bytes of a saved model, or of all files of a model in parts."""
+    """Return the size in bytes of a saved model; for a model in parts, of all its files."""
     files = saved.iterdir() if saved.is_dir() else [saved]
     return sum(file.stat().st_size for file in files)
 
@@ -76,7 +85,7 @@ def _headers(scan: ScanFiles) -> Iterator[dict[str, Any]]:
 
 
 def describe_georeference(georeference: Georeference) -> dict[str, Any]:
-    """Return the coordinate system with its name and unit, the coordinate resolution, and scanner positions."""
+    """Return a cloud's coordinate system with name and unit, its resolution and scanner positions, as JSON values."""
     return {
         "crs": georeference.crs,
         "crs_name": None if georeference.crs is None else crs_name(georeference.crs),
@@ -88,15 +97,18 @@ def describe_georeference(georeference: Georeference) -> dict[str, Any]:
 
 
 def crs_name(crs: str) -> str:
-    """Return the name in well-known text, its first quoted string; other codes or texts unchanged."""
+    """Return the name of a coordinate system in well-known text (WKT), its first quoted string.
+
+    Other descriptions, such as "EPSG:25832", are returned unchanged.
+    """
     found = re.search(r'"([^"]+)"', crs)
     return found[1] if found and "[" in crs[: found.start()] else crs
 
 
 def describe_attributes(points: Points) -> dict[str, dict[str, Any]]:
-    """Return the dtype and the exact minimum and maximum of each attribute, as lists if it has columns.
+    """Return dtype and exact minimum and maximum ("low", "high") of each attribute, lists if the attribute has columns.
 
-    NaN and infinite values are ignored and counted in `not_finite`. LAS classes have counts.
+    NaN and infinite values are ignored; "not_finite" counts them. Attributes of LAS classes have "counts" by class.
     """
     return {name: _describe(name, points.attributes[name]) for name in sorted(points.attributes)}
 
@@ -132,5 +144,5 @@ def _ends(values: NDArray[Any]) -> tuple[Any, Any]:
 
 
 def class_name(value: str) -> str:
-    """Return the name of a LAS class."""
+    """Return the name of the LAS class with this number, such as "ground" for "2"; "unnamed" if it has none."""
     return ASPRS[int(value)][0] if int(value) in ASPRS else "unnamed"

@@ -27,7 +27,7 @@ Vector = tuple[float, float, float]
 
 
 def numbers(text: str, name: str) -> Vector:
-    """Parse `x,y,z`. name : the option, for messages"""
+    """Parse `x,y,z` into three finite floats; raise ValueError if it is invalid. name : the option, for messages"""
     try:
         x, y, z = (float(part) for part in text.split(","))
     except ValueError:
@@ -38,7 +38,7 @@ def numbers(text: str, name: str) -> Vector:
 
 
 def linear_rgb(text: str, name: str) -> Vector:
-    """Parse `r,g,b`, each from 0 to 1."""
+    """Parse `r,g,b`, linear and each from 0 to 1; raise ValueError if it is invalid. name : the option, for messages"""
     color = numbers(text, name)
     if not all(0 <= part <= 1 for part in color):
         raise ValueError(f"{name} must be linear r,g,b from 0 to 1, not {text}")
@@ -46,7 +46,7 @@ def linear_rgb(text: str, name: str) -> Vector:
 
 
 def up_axis(text: str, name: str = "--up") -> Vector | None:
-    """Parse `z`, `-y`, ..., or `x,y,z`; None for `auto`."""
+    """Parse the value of --up into a vector: `z`, `-y`, ..., or `x,y,z`; return None for `auto`."""
     if text == AUTO:
         return None
     from ..auto_view.first_view import up_of
@@ -58,14 +58,14 @@ def up_axis(text: str, name: str = "--up") -> Vector | None:
 
 
 def positive(value: float, name: str) -> float:
-    """Return a positive finite number."""
+    """Return the value of an option, a positive finite number. name : the option, for the error if it is invalid"""
     from ..base.arguments import check_positive
 
     return check_positive(value, name)
 
 
 def smooth_of(text: str, name: str = "--smooth") -> str | float:
-    """Parse "auto" or a standard deviation, 0 or more."""
+    """Parse the value of --smooth: "auto", or the standard deviation of the noise, 0 or more."""
     if text == AUTO:
         return text
     from ..cloud.denoising.smooth import check_sigma
@@ -77,7 +77,10 @@ def smooth_of(text: str, name: str = "--smooth") -> str | float:
 
 
 def exposure_of(text: str, integrator: str = "phong") -> float | str:
-    """Parse a number of stops or "auto", which is 0 for integrators whose images show no light."""
+    """Parse the value of --exposure: a number of stops, or "auto", returned as "auto".
+
+    For integrators whose images show no light, such as depth, "auto" becomes 0.0.
+    """
     if text == AUTO:
         return AUTO if integrator in EXPOSED else 0.0
     try:
@@ -90,7 +93,7 @@ def exposure_of(text: str, integrator: str = "phong") -> float | str:
 
 
 def size_of(text: str, name: str = "--size") -> tuple[int, int]:
-    """Parse `640x480`."""
+    """Parse `640x480` into (width, height) in pixels; ValueError if it is invalid. name : the option, for messages"""
     try:
         width, height = (int(part) for part in text.lower().split("x"))
     except ValueError:
@@ -99,17 +102,23 @@ def size_of(text: str, name: str = "--size") -> tuple[int, int]:
 
 
 def background_of(text: str) -> Any:
-    """Parse `none`, `sky` or `r,g,b` for `Scene.background`; None for `auto`, for which there is a backdrop."""
+    """Parse the value of --background for `Scene.background`.
+
+    `none` and `auto` become None, `sky` becomes "environment", and `r,g,b` a tuple. With `auto` images get a gradient
+    behind the scan when they are written; the scene has no background.
+    """
     named = {"none": None, "sky": "environment", AUTO: None}
     return named[text] if text in named else numbers(text, "--background")
 
 
 def light_of(text: str) -> Callable[[Any], Any]:
-    """Parse `sun:dx,dy,dz` (direction of travel), `point:x,y,z`, `sky:r,g,b` or `sky:FILE`.
+    """Parse a value of --light: `sun:dx,dy,dz` (direction of travel), `point:x,y,z`, `sky:r,g,b` or `sky:FILE`.
 
     Suns and points may end in `:strength`, `,camera`, or both in this order; with `,camera` the light moves with the
-    camera. The returned function makes the light for the middle of a scan, where a point light without a strength is
-    as bright as a sun.
+    camera.
+
+    Return a function that takes the middle of the scan, (3,), and returns the light: a point light without a strength
+    is there as bright as a sun.
     """
     import pointray as pr
 
@@ -141,7 +150,7 @@ def light_of(text: str) -> Callable[[Any], Any]:
 
 
 def _sky_of(text: str) -> Any:
-    """Return an environment light of constant radiance, or of an environment map."""
+    """Return an environment light for the rest of `sky:r,g,b` (constant radiance) or `sky:FILE` (environment map)."""
     import pointray as pr
 
     if text.lower().endswith((".hdr", ".exr")):
@@ -150,7 +159,10 @@ def _sky_of(text: str) -> Any:
 
 
 def color_of(text: str) -> Any:
-    """Parse `NAME`, `NAME:colormap` or `NAME:colormap:low,high` into an `Attribute`."""
+    """Parse the value of --color-by, `NAME`, `NAME:colormap` or `NAME:colormap:low,high`, into an `Attribute`.
+
+    NAME : attribute of the points or coordinate whose values are shown; low, high : values at the ends of the colormap
+    """
     import pointray as pr
 
     name, _, rest = text.partition(":")
@@ -165,7 +177,12 @@ def color_of(text: str) -> Any:
 
 
 def settings_of(threads: int | None = None, **others: Any) -> Any:
-    """Return `Settings`; ValueError if one is invalid, or if a denoiser is needed and not installed."""
+    """Return `Settings` of images, and use the same number of threads for all other work of this process.
+
+    Raise ValueError if a value is invalid, or if a denoiser is needed but not installed.
+
+    threads : value of --threads; None: POINTRAY_THREADS, or all cores; others : fields of `Settings`
+    """
     from ..image.denoise import check_denoise
     from ..rendering.settings import Settings
 
@@ -176,7 +193,7 @@ def settings_of(threads: int | None = None, **others: Any) -> Any:
 
 
 def given(context: typer.Context) -> dict[str, Any]:
-    """Return the options that the user typed, even with default values."""
+    """Return the options that the user typed, by parameter name, even those typed with their default values."""
     values = {}
     for name, value in context.params.items():
         source = context.get_parameter_source(name)
@@ -186,7 +203,10 @@ def given(context: typer.Context) -> dict[str, Any]:
 
 
 def use_threads(threads: int | None) -> int:
-    """Set the number of threads for all stages and return it."""
+    """Set the number of threads for all work of this process, by the variable POINTRAY_THREADS, and return it.
+
+    threads : None means that this variable stays as it is, or all cores if it is not set
+    """
     from ..engine.jit import thread_count
 
     count = thread_count(threads)

@@ -12,14 +12,17 @@ LEGEND_BYTES = 8  # per pixel, for the copy of the image into which the legend i
 
 
 def is_layered(output: Path) -> bool:
-    """Whether the result is layers instead of an image to look at."""
+    """Return whether a result has the extension .exr or .npz: it then holds all layers of an image (depth, ...)."""
     from ..image.write import LAYERED
 
     return output.suffix.lower() in LAYERED
 
 
 def check_output(output: Path, exposed: bool, legend: bool) -> None:
-    """Raise an error, before any work is done, if the result cannot be written."""
+    """Raise an error, before any work is done, if the result of `render` cannot be written to its path.
+
+    exposed, legend : whether --exposure or --legend was given, which layers (.exr, .npz) do not support
+    """
     from ..base.atomic_write import check_writable, unsupported_extension
     from ..image.write import LAYERED, SHOWN, check_layers_path
 
@@ -35,7 +38,10 @@ def check_output(output: Path, exposed: bool, legend: bool) -> None:
 
 
 def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool = False) -> None:
-    """Raise ValueError if there is not enough memory for rendering and writing the image."""
+    """Raise ValueError if there is not enough memory for rendering and writing an image.
+
+    output : its path, with the extension of an image or of layers; size : width and height
+    """
     from ..image.write import EXR_BYTES, LAYERED, SHOWN_BYTES
     from ..rendering.layers import LAYER_BYTES
     from ..rendering.picture import check_picture, picture_bytes
@@ -48,16 +54,20 @@ def check_fits(output: Path, size: tuple[int, int], settings: Any, legend: bool 
 
 
 class Shown(NamedTuple):
-    """How to show an image.
+    """How a rendered image is converted to the pixels of a file.
 
     Attributes
     ----------
     exposure : float or "auto"
+        In stops.
     curve : str
+        Name of the tone curve, or "auto".
     legend : Attribute or None
+        Attribute of the points that colours the image; its legend is drawn.
     backdrop : two sRGB colours, or None
+        Colours at the top and bottom of the background.
     shadow : ContactShadow or None
-        Drawn under the image.
+        Shadow of a standing object, drawn under the image on an invisible ground.
     """
 
     exposure: float | str = 0.0
@@ -68,9 +78,9 @@ class Shown(NamedTuple):
 
 
 def write_picture(output: Path, job: tuple[Any, Any, Any], shown: Shown, progress: Progress, client: Any = None) -> str:
-    """Render and write an image; return the end of the message about it.
+    """Render an image, or its layers (.exr, .npz), and write it; return the end of the message about the file.
 
-    job : scene, camera and settings
+    job : scene, camera and settings; shown : how to convert the image to pixels
     client : Dask client whose workers render; None: this process
     """
     import pointray as pr

@@ -49,7 +49,12 @@ _workers = partial(option, panel=CLUSTER, commands=SHARED, part=OF_WORKERS)
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """The options of pictures, parsed. Help, panel, commands and part of each stand in its field, see `Declaration`."""
+    """The parsed values of the options of pictures, which `render`, `animate`, `view`, `bake` and other commands share.
+
+    Each default declares the option: its default, metavar, help, group in --help (`panel`), the commands that have it,
+    and its `part`, what it belongs to: a table of scene files ("camera", "settings", "root", "bake"), or for scans the
+    "view", "surface", "scene" or "workers".
+    """
 
     eye: Vector | None = _camera(None, "X,Y,Z", "Camera position. Default: the scan fills the image.", parse=numbers)
     target: Vector | None = _camera(None, "X,Y,Z", "Point to look at. Default: the middle of the scan.", parse=numbers)
@@ -212,25 +217,31 @@ class PictureOptions:
 
     @property
     def is_quick(self) -> bool:
-        """Whether light is baked although no integrator was chosen: that of the studio, if the scan shows it."""
+        """Whether light is baked without a request: in the default lights ("studio"), without --integrator and --bake.
+
+        False for scans that are glass or coloured by an attribute.
+        """
         chosen = self.integrator is not None or self.bake is not None
         own_look = self.color_by is None and self.material not in UNBAKED
         return not chosen and own_look and (self.light or [STUDIO]) == [STUDIO]
 
     @property
     def shown(self) -> str:
-        """The integrator, chosen or implied."""
+        """Name of the integrator: the one given, else "baked" with --bake or where `is_quick`, else "phong"."""
         return self.integrator or ("baked" if self.is_quick or self.bake is not None else "phong")
 
     def of(self, part: str) -> dict[str, Any]:
-        """Return the options of a part by name."""
+        """Return the values of options by name: those of a part such as "camera", "surface" or "workers"."""
         return {name: getattr(self, name) for name in names_of(part)}
 
     def parsed(self, given: Mapping[str, Any]) -> dict[str, Any]:
-        """Return options that the user has typed, with their values parsed."""
+        """Return the options that the user typed, with the parsed values of this instance instead of the typed ones.
+
+        given : typed values by name; those of options that this class does not have are returned unchanged
+        """
         return {name: getattr(self, name, value) for name, value in given.items()}
 
 
 def names_of(*parts: str) -> tuple[str, ...]:
-    """Return the names of the options of some parts."""
+    """Return the names of the options that belong to one of some parts, such as "camera", "surface" or "workers"."""
     return tuple(name for name, declared in declarations(PictureOptions).items() if declared.part in parts)

@@ -32,7 +32,10 @@ VALUES = {"out": "-o", "fit": "--estimate-normals", "file": "--normals file"}
 
 
 def options_of(reading: Reading, output: str, given: dict[str, Any]) -> PreparationOptions:
-    """Return the checked options. given : the other options by name"""
+    """Convert the options of the command `prepare` to checked `PreparationOptions`.
+
+    reading : options of reading the scan; output : value of -o; given : values of all other options by parameter name
+    """
     sharing = next((name for name in SHARING if given[name] is not None), "")
     names = {**VALUES, "client": f"--{sharing}"}
     memory = None if given["memory"] is None else bytes_of(given["memory"])
@@ -52,7 +55,10 @@ def options_of(reading: Reading, output: str, given: dict[str, Any]) -> Preparat
 
 
 def prepare(paths: Sequence[Path], reading: Reading, output: str, given: dict[str, Any]) -> str:
-    """Prepare a scan and write the result; return a line for the user. given : see `options_of`"""
+    """Run the command `prepare`: clean, reduce or convert a scan, write the result, and return the line to print.
+
+    reading : options of reading the scan; output : value of -o; given : values of all other options by parameter name
+    """
     options = options_of(reading, output, given)
     check_saved(paths[0], given["normals"] == AUTO and options.storage.drawing is None)
     plan = plan_preparation(paths, options)

@@ -9,5 +9,8 @@ UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\
 
 
 def printable(text: str) -> str:
-    """Return a text with U+FFFD in place of control characters; tabs and line ends stay."""
+    """Return a text with U+FFFD in place of control characters, so that names in files cannot control the terminal.
+
+    Tabs and line ends stay.
+    """
     return UNPRINTABLE.sub("\ufffd", text)

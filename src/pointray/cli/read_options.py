@@ -11,12 +11,15 @@ from .declare import INPUT, option
 
 
 def _names(text: str, name: str) -> tuple[str, ...]:
-    """Parse names of columns."""
+    """Parse names of columns, separated by commas. name : the option, which all parsers get; unused"""
     return tuple(part.strip() for part in text.split(","))
 
 
 def _numbers(text: str, name: str, wanted: str) -> tuple[float, ...]:
-    """Parse numbers. wanted : what messages expect"""
+    """Parse numbers separated by commas; raise ValueError if one is invalid.
+
+    name : the option; wanted : description of valid values; both are for the message
+    """
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -24,7 +27,10 @@ def _numbers(text: str, name: str, wanted: str) -> tuple[float, ...]:
 
 
 def _choices(texts: list[str], name: str) -> dict[str, tuple[float, ...]] | None:
-    """Parse `attribute=value,value`; the values of an attribute that is given twice are combined."""
+    """Parse values of --keep or --drop, such as `classification=ground,6`, into numbers by attribute; None if empty.
+
+    The values of an attribute that is given twice are combined. name : the option, for messages
+    """
     found: dict[str, tuple[float, ...]] = {}
     for text in texts:
         attribute, _, values = text.rpartition("=")
@@ -36,7 +42,10 @@ def _choices(texts: list[str], name: str) -> dict[str, tuple[float, ...]] | None
 
 
 def _value(text: str, attribute: str, name: str) -> tuple[float, ...]:
-    """Parse one value: a number, or the name of a LAS class."""
+    """Parse one value of an attribute, a number or the name of a LAS class such as "ground"; return it as a 1-tuple.
+
+    name : the option, for messages
+    """
     if not text or text[0] in "+-." or text[0].isdigit():
         return _numbers(text, name, f"like {attribute}=2,6")
     from ..shade.attributes import ASPRS, is_classification
@@ -58,7 +67,11 @@ _selection = partial(_reading, None, "NAME=VALUES", kind=list[str] | None, parse
 
 @dataclass(frozen=True)
 class Reading:
-    """How scans are read: the arguments of `pr.read` besides the files, and `drop_strays`. Defaults read all points."""
+    """The parsed values of the options that say how a scan is read, for all commands that read scans.
+
+    They are the arguments of `pr.read` besides the files, and `drop_strays`: whether to remove strays afterwards. The
+    defaults read all points.
+    """
 
     columns: tuple[str, ...] | None = _reading(
         None,
@@ -115,27 +128,27 @@ class Reading:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Arguments of `pr.read` that differ from the defaults."""
+        """Keyword arguments of `pr.read`: the options whose values differ from their defaults."""
         return {name: getattr(self, name) for name in self.unusual if name != "drop_strays"}
 
     @property
     def unusual(self) -> list[str]:
-        """Names of options that differ from the defaults."""
+        """Names of the options whose values differ from their defaults."""
         return [x.name for x in fields(self) if getattr(self, x.name) != x.default]
 
     @property
     def is_plain(self) -> bool:
-        """Whether all options have their defaults."""
+        """Whether all options have their defaults: all points are read."""
         return not self.unusual
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """All options, as JSON values."""
+        """All options as JSON values, which identify cached models and interrupted films that were made with them."""
         return asdict(self)
 
     @property
     def request(self) -> Any:
-        """The `Request` that formats get."""
+        """The options that readers of file formats need, such as columns and bounds, as their `Request`."""
         from ..io.files import request_of
 
         return request_of(
@@ -144,6 +157,6 @@ class Reading:
 
 
 def _as_option(message: str) -> str:
-    """Return a message that begins with an argument's name, with the option in place of the name."""
+    """Replace the parameter at the beginning of a message by the option: "max_points ..." by "--max-points ..."."""
     name = next((each.name for each in fields(Reading) if message.startswith(each.name)), "")
     return f"--{name.replace('_', '-')}{message.removeprefix(name)}" if name else message

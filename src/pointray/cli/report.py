@@ -32,14 +32,14 @@ CELL = 3.0  # size of a cell in estimated spacings
 
 
 def describe(points: Points, deep: bool = False, progress: Progress | None = None) -> dict[str, Any]:
-    """Describe a cloud, and how missing parts are replaced.
+    """Describe the points of a scan, and how missing normals and colours are replaced, for the command `info`.
 
     Parameters
     ----------
     points : Points
     deep : bool
-        Whether to compute slow facts: for more than FEW points `duplicates`, `outliers` and a spacing from many points;
-        for any number of points `lone`, which takes as long as building a model.
+        Whether to compute slow facts: for more than 500,000 points `duplicates`, `outliers` and a spacing from many
+        points; for any number of points `lone`, which takes as long as building a model.
     progress : callable, optional
         Called with the share done.
 
@@ -47,10 +47,11 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
     -------
     dict
         JSON values; None: not measured. `spacing` is the median distance to the nearest point at another position, and
-        `spacing_sample` the number of points measured. `lone` counts isolated points. `steps` are the steps to which
-        coordinates were rounded, 0 if fine compared with the spacing. `normals_off` is the median angle between the
-        given and the fitted normals in degrees; None if there are no normals, or none can be fitted.
-        `notes` are warnings about normals and rounding.
+        `spacing_sample` the number of points measured. `duplicates`, `outliers` and `lone` count points: at the
+        position of an earlier one, far from all others, and isolated. `steps` are the steps to which coordinates were
+        rounded, 0 if fine compared with the spacing. `normals_off` is the median angle between the given and the fitted
+        normals in degrees; None if there are no normals, or none can be fitted. `notes` are warnings about normals and
+        rounding.
     """
     low, high = points.bounds
     is_finite = points.finite
@@ -107,7 +108,10 @@ def describe(points: Points, deep: bool = False, progress: Progress | None = Non
 
 
 def _count_isolated(points: Points, finite: Positions, progress: Progress | None) -> int:
-    """Return the number of isolated points whose radii a model would limit; 0 if the points have radii."""
+    """Return the number of isolated points: a model would limit their radii, as their neighbours are far away.
+
+    The result is 0 if the points have given radii. finite : (m, 3) float32, the positions that are finite
+    """
     if radii_in(points) is not None or len(distinct(finite)[0]) < 2:
         return 0
     cloud = points if len(finite) == len(points) else points.select(points.finite)
@@ -120,7 +124,11 @@ def _count_isolated(points: Points, finite: Positions, progress: Progress | None
 
 
 def describe_model(model: Model) -> dict[str, Any]:
-    """Return facts about a model besides its points: its surface, and the points in each level of detail."""
+    """Return facts about a saved model as JSON values.
+
+    These are the kind of surface, samples in the diameter of a support, the median radius, the number of points in each
+    level of detail, and the number of parts.
+    """
     radii = model.radii[model.radii > 0]
     return {
         "surface": model.surface,
@@ -132,27 +140,34 @@ def describe_model(model: Model) -> dict[str, Any]:
 
 
 def _levels_of_parts(model: Model) -> list[int]:
-    """Return the number of points in each level of detail of all parts on disk, without opening them."""
+    """Return the number of points in each level of detail of a model in parts, without opening the parts."""
     sizes = [[level.source.file.points for level in part.levels if level.source is not None] for part in model.parts]
     return [sum(level) for level in itertools.zip_longest(*sizes, fillvalue=0)]
 
 
 def _spacing(positions: Positions) -> tuple[float, int]:
-    """Return the median distance to the nearest point at another position, and the number of points measured."""
+    """Measure the spacing of a cloud: the median distance from a point to the nearest one at another position.
+
+    Return it, and the number of points measured, at most 200,000, whose neighbours are searched among all points.
+    """
     unique = positions[distinct(positions)[0]]
     queries = unique[:: -(-len(unique) // SAMPLE)]
     return _median_distance(unique, queries), len(queries)
 
 
 def _median_distance(unique: Positions, queries: Positions) -> float:
-    """Return the median distance from queries to the nearest other distinct position; 0 if there is none."""
+    """Return the median distance from some positions to the nearest other one; 0 if there is none.
+
+    unique : (n, 3) float32, without duplicates; queries : (m, 3) float32, some of them
+    """
     return float(np.median(neighbors(unique, 2, queries)[0][:, 1])) if len(unique) > 1 else 0.0
 
 
 def _sampled_spacing(positions: Positions) -> tuple[float, int]:
-    """Return the spacing as `_spacing`, for a sample of points whose neighbours are searched in nearby cells only.
+    """Measure the spacing of a large cloud: the median distance from a point to the nearest one at another position.
 
-    All neighbours within a cell's size are found, so a median below that size is exact for the sample.
+    Return it, and the number of points measured, about 4,000. Their neighbours are searched only in nearby cells of a
+    grid: all within a cell's size are found, so a median below that size is exact for the sample.
     """
     random = np.random.default_rng(0)
     some, queries = (positions[np.unique(random.integers(len(positions), size=n))] for n in (GUESS, SAMPLED))

@@ -14,14 +14,15 @@ from .read_options import Reading
 
 @dataclass(frozen=True)
 class ScanFiles:
-    """A scan, one or several files that are read as one cloud; or a single saved model.
+    """The files of a scan, which are read as one cloud, and how they are read; or a single saved model.
 
     Attributes
     ----------
     files : tuple of Path
     reading : Reading
+        Options of reading, such as columns and bounds.
     cached : bool
-        Whether its model may come from the cache, and is stored there.
+        Whether the scan's model may come from the cache on disk, and is stored there.
     """
 
     files: tuple[Path, ...]
@@ -30,7 +31,7 @@ class ScanFiles:
 
     @property
     def name(self) -> str:
-        """Name in messages."""
+        """Name of the scan in messages: its path, or the number of its files."""
         return str(self.files[0]) if len(self.files) == 1 else f"{len(self.files):,} files"
 
     @property
@@ -40,7 +41,10 @@ class ScanFiles:
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """Inputs of its points, as JSON values."""
+        """All that the points depend on, as JSON values: paths, sizes and times of files, and options of reading.
+
+        If it has changed, all frames of an interrupted film are rendered again.
+        """
         facts = [file.stat() for file in self.files]
         return {
             "scan": [str(file.resolve()) for file in self.files],
@@ -50,18 +54,21 @@ class ScanFiles:
         }
 
     def entry(self, **made: Any) -> Any:
-        """Return the cache entry of its model, None without cache. made : parameters of the model"""
+        """Return the place of the scan's model in the cache on disk, as an `Entry`; None if the cache is not used.
+
+        made : arguments with which the model is built; different ones give another place
+        """
         from ..model.model_cache import entry_of
 
         return entry_of(self.files, {"reading": self.reading.inputs, **made}) if self.cached else None
 
     def check(self) -> None:
-        """Raise an error if one of its files has no known format."""
+        """Raise an error if a file cannot be opened, or has an unknown format or an invalid header."""
         for file in self.files:
             check_scan(file, self.reading.request)
 
     def verify(self) -> None:
-        """Raise an error if a file of a model in parts does not match its index."""
+        """Raise an error if this is not a model in parts, or a file of it does not match the hash in its index."""
         from ..model.model_folder import verify_folder
 
         if not self.is_in_parts:
@@ -70,11 +77,14 @@ class ScanFiles:
 
     @property
     def is_in_parts(self) -> bool:
-        """Whether it is a model in parts."""
+        """Whether this is a saved model in parts, a folder, which opens its parts when needed."""
         return is_in_parts(self.files[0])
 
     def read(self, progress: StageProgress | None = None, viewpoint: tuple[float, float, float] | None = None) -> Any:
-        """Return its points; not for saved models. viewpoint : scanner position, for the detection of veils"""
+        """Read the points of the scan, without strays if the options say so; not for saved models.
+
+        viewpoint : scanner position, by which points between an object's edge and its background are found
+        """
         import pointray as pr
 
         points = pr.read(self.files, progress=progress, **self.reading.arguments)
@@ -86,7 +96,11 @@ class ScanFiles:
 
 
 def scan_of(paths: Sequence[Path], reading: Reading, cached: bool = False) -> ScanFiles:
-    """Return the scan of some paths; an error if a file is missing, or files cannot be combined."""
+    """Return the scan of the paths given to a command; an error if a file is missing, or files cannot be combined.
+
+    paths : files, or folders that stand for the scans in them; reading : options of reading
+    cached : whether the scan's model may come from the cache on disk, and is stored there
+    """
     files = files_of(paths)
     saved = next(filter(is_saved, files), None)
     if saved is not None and len(files) > 1:
@@ -96,7 +110,7 @@ def scan_of(paths: Sequence[Path], reading: Reading, cached: bool = False) -> Sc
 
 
 def read_scan(scan: ScanFiles, progress: StageProgress) -> tuple[Any, Any]:
-    """Return the points of a scan, and its model if it is a saved one."""
+    """Return the points of a scan or of a saved model, and the model, which is None for scans: it is not built here."""
     import pointray as pr
 
     if scan.saved is None:
@@ -106,7 +120,7 @@ def read_scan(scan: ScanFiles, progress: StageProgress) -> tuple[Any, Any]:
 
 
 def check_unread(files: Sequence[Path], reading: Reading) -> None:
-    """Raise ValueError if options of reading are given for a saved model."""
+    """Raise ValueError if options of reading are given, but a file is a saved model, which has its points already."""
     saved = next(filter(is_saved, files), None)
     if saved is not None and not reading.is_plain:
         option = reading.unusual[0].replace("_", "-")

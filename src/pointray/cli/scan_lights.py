@@ -9,14 +9,19 @@ from .options import FILL, light_of
 
 
 class ScanLights:
-    """The lights of a scan. Raises ValueError if an option is invalid.
+    """The lights of a scan, from the options --light and --fill. Raises ValueError if an option is invalid.
 
     Parameters
     ----------
     texts : list of str, or None
-        Values of --light; None or empty: the studio.
+        Values of --light; None or empty: "studio", a key light, a weaker light from behind, and a sky.
     fill : float, optional
-        Strength of the sky that is added to lights.
+        Value of --fill: strength of the sky that is added to suns and point lights, as a share of a sun's light.
+
+    Attributes
+    ----------
+    look : {"studio", "headlight"} or None
+        None: suns, point lights or skies.
     """
 
     def __init__(self, texts: list[str] | None, fill: float | None) -> None:
@@ -28,11 +33,11 @@ class ScanLights:
         self._fill = _fill_of(fill, given, self.look is None)
 
     def make(self, middle: Any, up: Any, front: float | None = None) -> list[Any]:
-        """Return the lights of a scan.
+        """Return the lights for `Scene.lights`; an empty list for the headlight.
 
-        middle : (3,) middle of the scan
-        front : azimuth in degrees of the view for which the studio's key light is fixed; None: the key light follows
-            the camera and is not baked
+        middle, up : (3,), middle and up direction of the scan
+        front : azimuth in degrees of the view for which the key light of the default lights ("studio") is fixed;
+            None: the key light follows the camera and is not baked
         """
         from ..auto_view import studio
 
@@ -44,7 +49,11 @@ class ScanLights:
 
 
 def _fill_of(fill: float | None, texts: list[str], single: bool) -> float:
-    """Return the strength of the sky that is added to lights, 0 if one is a sky. single : whether there are lights"""
+    """Return the strength of the sky that is added to the lights, as a share of a sun's light; ValueError if invalid.
+
+    fill : value of --fill, None for the default; texts : values of --light, 0 is returned if one is a sky
+    single : whether the lights are suns, point lights or skies; --fill is not for the studio or the headlight
+    """
     if fill is not None and not 0 <= fill <= 1e6:
         raise ValueError(f"--fill must be a number from 0 to 1e6, not {fill}")
     if fill is not None and not single:

@@ -11,18 +11,24 @@ HEIGHT = "height"  # value of --color-by: the coordinate along --up
 
 
 class ScanMaterial:
-    """The material and colour of a scan. Raises ValueError if options are invalid.
+    """The material and colour of a scan, from options. Raises ValueError if options are invalid.
 
     Parameters
     ----------
-    material : str
-        One of `MATERIALS`.
+    material : {"own", "clay", "phong", "metal", "glass"}
+        Value of --material; "own" is diffuse in the points' colours.
     color : (3,) tuple or None
-        Linear RGB.
+        Value of --color: linear RGB of all points.
     color_by : str or None
-        Attribute, colormap and range, as for `color_of`.
+        Value of --color-by: an attribute, optionally with colormap and range, as in "z:terrain:0,250".
     neutral : bool
-        Whether points without colours are grey; otherwise, and for the material "clay", they are clay.
+        Whether points without colours are neutral grey; otherwise, and for the material "clay", they have the colour of
+        clay.
+
+    Attributes
+    ----------
+    attribute : Attribute or None
+        Attribute that colours the points.
     """
 
     def __init__(
@@ -38,16 +44,16 @@ class ScanMaterial:
 
     @property
     def one_color(self) -> Vector | None:
-        """Linear colour of all points; None if points may differ."""
+        """Linear RGB of all points if options give them one colour; None if they may differ."""
         from ..auto_view.studio import CLAY
 
         clay = self._kind == "clay" and self._color is None and self.attribute is None
         return CLAY if clay else self._color
 
     def build(self, points: Any, up: Any) -> Any:
-        """Return the material for points; those without any colour become clay or grey.
+        """Return the material for points; those without any colour get the colour of clay or neutral grey.
 
-        up : (3,) tuple; None if unknown, in which case it will be an axis
+        up : (3,) up direction, along which points are coloured by height; None: not yet known, z is assumed
         """
         from ..auto_view.studio import CLAY, NEUTRAL
         from ..scene.paints import check_attribute
@@ -81,7 +87,7 @@ class ScanMaterial:
 
 
 def _axis_of(up: Vector) -> str:
-    """Return the name of the coordinate that increases upwards."""
+    """Return the coordinate that is the height, "x", "y" or "z"; raise ValueError if none increases along `up`."""
     axes = sorted(map(abs, up))
     if axes[:2] != [0, 0] or max(up) <= 0:
         raise ValueError(f"--color-by {HEIGHT} requires --up along x, y or z, got {up}: use --color-by x, y or z")

@@ -26,7 +26,9 @@ from .waiting import Progress, in_background
 
 
 def staged(scan: ScanFiles, options: PictureOptions, layers: bool = False) -> tuple[View, Any, ScanScene]:
-    """Return the view, settings and scene of a scan; ValueError if an option is invalid.
+    """Return camera (a View), Settings and ScanScene of a scan for the options of a command, before the scan is read.
+
+    Raise ValueError if an option is invalid.
 
     layers : whether the result is layers for other programs, not an image to look at
     """
@@ -42,27 +44,30 @@ def staged(scan: ScanFiles, options: PictureOptions, layers: bool = False) -> tu
 
 
 class ScanScene:
-    """A scan with its lights. Raises ValueError for invalid options, before the file is read.
+    """A scan with its lights, material, ground and background, from the options of a command. `build` makes the scene.
+
+    Raises ValueError for invalid options, before the scan is read.
 
     Parameters
     ----------
     files : ScanFiles
     options : PictureOptions
     choice : ViewChoice
-        How to view the scan.
+        Options of the view: up direction, side, angles and zoom.
     layers : bool
-        Whether the background is part of the scene, as in layers. Images get it as a backdrop.
+        Whether the result is layers for other programs: the background colour is then part of the scene. Otherwise it
+        is put behind the image when that is written, and the exposure does not change it.
     baked : LightSource, optional
         Source of baked light; None: none is used.
     neutral : bool
-        See `ScanMaterial`.
+        Whether points without colours are neutral grey instead of clay.
 
     Attributes
     ----------
     read : Points or None
         Points of a scan as read, once it has been built: its model may have other normals.
     auto_backfaces : bool
-        Whether muted back faces are shown as front faces are where many are visible.
+        Whether back faces are muted (desaturated) only if few are visible. False: an option decides.
     """
 
     def __init__(
@@ -94,7 +99,10 @@ class ScanScene:
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """Inputs of the scene, as JSON values."""
+        """All that the scene depends on, as JSON values: files, options and light.
+
+        If it has changed, all frames of an interrupted film are rendered again.
+        """
         baked = {} if self._baked is None else self._baked.inputs
         options = {**self._surface, **self._options.of(OF_SCENE), "background": self._options.background}
         options |= {"normals": self._options.normals, "auto_backfaces": self.auto_backfaces}
@@ -102,7 +110,10 @@ class ScanScene:
 
     @property
     def backdrop(self) -> Any:
-        """Backdrop of the image, as `write_image` takes it."""
+        """Colours at the top and bottom, sRGB, that `write_image` puts behind the image.
+
+        None if the image is transparent or shows the environment.
+        """
         from ..image.tone import GRADIENT, linear_to_srgb
 
         if self._options.background == AUTO:
@@ -114,12 +125,15 @@ class ScanScene:
 
     @property
     def legend(self) -> Any:
-        """Attribute that colours the scan, with the range shown and the name that the user gave."""
+        """The Attribute that colours the scan, for a legend: with the range shown, and the name that the user typed."""
         assert self._material.attribute is not None
         return replace(self._scene.shown_attributes[0], name=self._material.attribute.name)
 
     def build(self, progress: Progress) -> tuple[Any, Any, Any]:
-        """Return the scene, its model, and the `Scan` with the automatic choices."""
+        """Read the scan, build or load its model and make the scene; return the scene, the Model and the `Scan`.
+
+        The `Scan` has the up direction and the view direction that were chosen automatically.
+        """
         from ..auto_view.first_view import Scan
 
         self.files.check()
@@ -134,9 +148,10 @@ class ScanScene:
         return self._scene, model, scan
 
     def shown_with(self, settings: Any, camera: Any) -> Any:
-        """Return the settings for images of the built scene.
+        """Return the settings for images of the built scene from a camera.
 
-        They are without baked light where it was not worth it, and without muted back faces where many are visible.
+        Baked light becomes direct light where `build` turned baking off, as it does by default in rooms.
+        Back faces are lit like front faces if many of them are visible, unless an option decides.
         """
         from ..auto_view.fronts import shows_backs
         from ..auto_view.studio import with_direct_light
@@ -148,9 +163,10 @@ class ScanScene:
         return settings
 
     def shadow(self, settings: Any) -> Any:
-        """Return the contact shadow of the built scene; None if the scan does not stand.
+        """Compute the shadow of a standing object on an invisible ground, for images of the built scene.
 
-        It needs the light of the studio and a backdrop.
+        Return None if the scan does not stand, an option excludes the shadow, the lights are not the default ones
+        ("studio"), or the image has no background colour to draw it on.
         """
         from ..auto_view.contact import contact_shadow
 
@@ -163,7 +179,11 @@ class ScanScene:
         return in_background(lambda: contact_shadow(self._scene, scan.positions, scan.up, key))
 
     def _front(self, model: Any, scan: Any) -> float | None:
-        """Return the front of the key light, see `ScanLights.make`; rooms and models in parts are baked on request."""
+        """Return the azimuth in degrees of the view for which the key light of the default lights is fixed.
+
+        It is fixed if light is baked; None: it follows the camera. In rooms and models in parts light is baked only on
+        request: otherwise this method turns baking off.
+        """
         if self._baked is None:
             return None
         outlook = scan.natural_outlook
@@ -174,29 +194,32 @@ class ScanScene:
 
     @property
     def one_color(self) -> tuple[float, float, float] | None:
-        """Linear colour that options give to all points, if they do."""
+        """Linear RGB of all points if options give them one colour, otherwise None."""
         return self._material.one_color
 
     @property
     def bakes(self) -> bool:
-        """Whether light is baked."""
+        """Whether light is baked, not read from a file."""
         return self._baked is not None and self._baked.file is None
 
     @property
     def may_level(self) -> bool:
-        """Whether the model may get levels of detail: its surface is the default, and no file has light for it."""
+        """Whether levels of detail may be added to the model.
+
+        Its surface must be the default, and baked light must not come from a file, which has no light for them.
+        """
         return self._surface == PLAIN and (self._baked is None or self._baked.file is None)
 
     def light(self, progress: Progress, note: str = FIRST) -> None:
-        """Give the scene its baked light, if there is to be any, after `build` and after levels of detail are made.
+        """Bake or read the light of the scene, if it has baked light, and add it to the scene.
 
-        note : printed if the light is baked on request
+        Call it after `build`, and after levels of detail are made. note : printed if the light is baked on request
         """
         if self._baked is not None:
             self._baked.light(self._scene, progress, note)
 
     def _load(self, progress: Progress) -> Any:
-        """Return the model of a scan or of a saved model."""
+        """Return the model: a saved one, one from the cache, or built from the points of the scan."""
         import pointray as pr
 
         from ..model.model_cache import built
@@ -216,7 +239,7 @@ class ScanScene:
         return model
 
     def keep(self, progress: Progress) -> None:
-        """Store a newly built model in the cache, if it is in use."""
+        """Store a newly built model in the cache on disk for the next start, if the cache is used."""
         if self._unkept is not None:
             entry, model, notes = self._unkept
             self._unkept = None
@@ -227,7 +250,7 @@ class ScanScene:
             in_background(lambda: entry.store(model, notes, show))
 
     def _built(self, progress: Progress) -> Any:
-        """Return the model of a scan, read and built."""
+        """Read the points of the scan and build the model, with the normals that the options select."""
         import pointray as pr
 
         from ..rendering.warmup import NORMALS, expect
@@ -247,7 +270,7 @@ class ScanScene:
 
 
 def ground_under(bounds: Any, up: tuple[float, float, float]) -> Any:
-    """Return a plane under a box."""
+    """Return a `Plane` that a bounding box stands on. bounds : (2, 3), minimum and maximum; up : (3,), its normal"""
     from ..scene.instances import Plane
 
     return Plane([low if u >= 0 else high for u, low, high in zip(up, *bounds, strict=True)], up)

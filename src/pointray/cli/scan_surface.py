@@ -11,13 +11,16 @@ PLAIN = PictureOptions().of(OF_SURFACE)  # the surface without options
 
 
 def as_option(error: ValueError) -> str:
-    """Return the message of an error of `Model`, with an option in place of the parameter with which it begins."""
+    """Return the message of an error of `Model` for the command line: "scatter: ..." becomes "--scatter: ..."."""
     text = str(error)
     return f"--{text}" if text.startswith("scatter: ") else text
 
 
 def check_saved(file: Path, is_plain: bool) -> None:
-    """Raise ValueError if options ask for another surface or other normals than those of a saved model."""
+    """Raise ValueError if a file is a saved model, but options change the surface or the normals, which it contains.
+
+    is_plain : whether these options have their defaults
+    """
     if is_saved(file) and not is_plain:
         names = [f"--{name.replace('_', '-')}" for name in PLAIN]
         raise ValueError(f"{file}: {', '.join(names)} and --normals are part of a saved model")

@@ -21,12 +21,15 @@ FILM = ("seconds", "fps", "turns", "keys")  # options of the film, not of its co
 
 
 def is_scene(file: Path) -> bool:
-    """Whether a file has the extension of scene files."""
+    """Return whether a file is a scene file, by its extension .toml."""
     return file.suffix.lower() == ".toml"
 
 
 def scene_of(files: Sequence[Path]) -> Path | None:
-    """Return the scene file of a command, None if it gets scans; ValueError if there are other files."""
+    """Return the scene file among the files given to a command; None if they are scans or models.
+
+    Raise ValueError if there are other files beside a scene file.
+    """
     found = next(filter(is_scene, files), None)
     if found is not None and len(files) > 1:
         raise ValueError(f"{found}: a scene file cannot be combined with other files")
@@ -34,16 +37,23 @@ def scene_of(files: Sequence[Path]) -> Path | None:
 
 
 class DescribedScene:
-    """A scene file and the options given with it. Raises ValueError or OSError if either is invalid.
+    """A checked scene file, some of whose values are replaced by options of the command.
+
+    Raises ValueError or OSError if the file or an option is invalid.
 
     Parameters
     ----------
     options : dict
-        Options that the user typed, parsed.
+        Options that the user typed, parsed, by name.
     others : sequence of str
-        Names of other options that are allowed.
+        Names of options that are allowed, but are not for the scene file.
     pictures : bool
-        Whether options of images are allowed.
+        Whether options of images, such as --size, are allowed.
+
+    Attributes
+    ----------
+    plan : Plan
+        The checked file with the replaced values, from which the scene is built.
     """
 
     def __init__(self, file: Path, options: dict[str, Any], others: Sequence[str] = (), pictures: bool = True) -> None:
@@ -78,24 +88,30 @@ class DescribedScene:
 
     @property
     def bakes(self) -> bool:
-        """Whether light is baked first: images show it, and no file has it."""
+        """Whether light must be baked: images show baked light, and there is no file of it."""
         return self.plan.is_baked and self.plan.bake.found is None
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """Inputs of the scene, as JSON values."""
+        """All that the scene depends on, as JSON values: paths, sizes and times of all files, and the background.
+
+        If it has changed, all frames of an interrupted film are rendered again.
+        """
         facts = [(path, path.stat()) for path in self.plan.files]
         files = [(str(path.resolve()), fact.st_size, fact.st_mtime_ns) for path, fact in facts]
         return {"scene": files, "background": self.plan.background}
 
     def build(self, progress: Progress, note: str = FIRST) -> Any:
-        """Return the `SceneFile`, with its baked light if images show it. note : printed if the light is baked"""
+        """Build the scene and return a `SceneFile`: scene, camera, settings, exposure and tone curve.
+
+        The scene has baked light if images show it. note : message printed if the light must be baked
+        """
         if self.bakes:
             warn(note, stacklevel=2)
         return in_background(lambda: self.plan.build(progress.show))
 
     def source(self) -> FilmSource:
-        """Return the source of a film of the scene."""
+        """Return the contents of a film of this scene: how to build it, settings and exposure."""
         from .animate import FilmSource
 
         def build(progress: Progress) -> tuple[Any, Any, Any]:
@@ -106,7 +122,11 @@ class DescribedScene:
 
 
 def render_scene(file: Path, output: Path, options: dict[str, Any], client: Any = None) -> str:
-    """Render a scene file; return a line for the user."""
+    """Render a scene file to an image; return the line that the command prints.
+
+    options : those that the user typed, by name; they replace values of the file
+    client : Dask client whose workers render; None: this process
+    """
     described = DescribedScene(file, options, names_of(OF_WORKERS))
     plan = described.plan
     check_fits(output, SceneView(plan.camera).size, plan.settings)
@@ -118,7 +138,11 @@ def render_scene(file: Path, output: Path, options: dict[str, Any], client: Any 
 
 
 def animate_scene(file: Path, output: FilmOutput, options: dict[str, Any], fps: float, client: Any = None) -> str:
-    """Make a film of a scene file; return a line for the user."""
+    """Make a film of a scene file; return the line that the command prints.
+
+    options : those that the user typed, by name; they replace values of the file; fps : frames per second
+    client : Dask client whose workers render; None: this process
+    """
     from .animate import TRANSPARENT, CameraPath, animate
 
     described = DescribedScene(file, options, (*FILM, *names_of(OF_WORKERS)))

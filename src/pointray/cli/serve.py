@@ -33,12 +33,15 @@ def shared_scene_of(
     surface: dict[str, Any],
     cached: bool = False,
 ) -> Any:
-    """Return the shared scene to view, and its loader; an error at once if a file or an option is invalid.
+    """Return the scene that browsers show, an empty `SharedScene`, and the loader that fills it while it is shown.
 
-    typed : options that the user typed, parsed
-    options : attributes of `PictureOptions`; and settings, quick (`PictureOptions.is_quick`) and perhaps memory
-    surface : arguments of `Model`; only the default surface gets levels of detail
-    cached : whether the model of scans may come from the cache, and is stored there
+    Files and options are checked at once; an error is raised if one is invalid.
+
+    typed : options that the user typed, parsed, by name
+    options : fields of `PictureOptions` by name; also "settings", "quick" (whether light is baked without a request)
+        and perhaps "memory", bytes for open parts of models
+    surface : keyword arguments of `Model`; only the default surface gets levels of detail
+    cached : whether the model of scans may come from the cache on disk, and is stored there
     """
     from ..auto_view.first_view import Scan, ViewChoice
     from ..auto_view.fronts import shows_backs
@@ -111,7 +114,10 @@ def shared_scene_of(
 
 
 def serve(shared: Any, loader: Any, host: str, port: int, open_browser: bool) -> None:
-    """Serve the scene until Ctrl-C."""
+    """Show a scene in browsers until Ctrl-C, which raises KeyboardInterrupt.
+
+    shared, loader : as returned by `shared_scene_of`; host, port : address to listen on; port 0: 8080 or higher
+    """
     from ..base.malloc_arenas import keep_one_heap
 
     keep_one_heap()

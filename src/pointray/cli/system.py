@@ -13,7 +13,7 @@ PACKAGES = ("numpy", "scipy", "numba", "laspy", "OpenEXR", "OpenImageIO", "pye57
 
 
 def describe_system() -> dict[str, Any]:
-    """Return versions, facts about the computer, and which kernels are used and why."""
+    """Return facts for bug reports by name: versions of packages, computer, threads, cache, kernels in use."""
     from .. import __version__
     from ..engine.jit import thread_count
     from ..engine.jit.library import choice

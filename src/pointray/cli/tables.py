@@ -19,7 +19,10 @@ MOST_STATIONS = 12  # that the table lists
 
 
 def show_table(facts: dict[str, Any], as_json: bool) -> None:
-    """Print facts, one a line, or as one JSON object."""
+    """Print facts as a table, one a line, followed by tables of files, attributes, LAS classes and automatic choices.
+
+    facts : values by name, such as those of `describe_all`; as_json : whether to print them as one JSON object instead
+    """
     if as_json:
         print(json.dumps(facts))
         return
@@ -41,7 +44,7 @@ def show_table(facts: dict[str, Any], as_json: bool) -> None:
 
 
 def _picture(facts: dict[str, Any]) -> Any:
-    """Return the table of automatic choices of `render`."""
+    """Return a Rich table of what `render` would choose automatically: up direction, view, colours and normals."""
     view = f"{facts['view']} (azimuth {facts['azimuth']:.0f}, elevation {facts['elevation']:.0f})"
     rows = [["up", facts["up"]], ["view", view], ["colours", facts["colors"]], ["normals", facts["normals"]]]
     if facts["ignored"]:
@@ -50,7 +53,7 @@ def _picture(facts: dict[str, Any]) -> Any:
 
 
 def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = False) -> Any:
-    """Return a table of texts. right : right-aligned columns; heads : whether the first row has titles"""
+    """Return a Rich table of texts. right : indices of right-aligned columns; heads : whether row 0 has titles"""
     from rich.table import Table
     from rich.text import Text
 
@@ -63,13 +66,16 @@ def _table(rows: list[list[str]], right: tuple[int, ...] = (), heads: bool = Fal
 
 
 def _files(files: list[dict[str, Any]]) -> Any:
-    """Return the table of several files."""
+    """Return a Rich table with one row per file: its path, format, number of points, and other facts of its header.
+
+    files : facts by name of each file
+    """
     rows = [[file["file"], file["format"], _count(file.get("rows")), _describe_header(file)] for file in files]
     return _table([["file", "format", "rows", ""], *rows], right=(2,), heads=True)
 
 
 def _ranges(ranges: dict[str, dict[str, Any]]) -> Any:
-    """Return the table of attributes."""
+    """Return a Rich table with one row per attribute: dtype, minimum, maximum, and number of values not finite."""
     rows = []
     for name, about in ranges.items():
         low, high = (_exact(about[end], about["dtype"]) for end in ("low", "high"))
@@ -79,7 +85,7 @@ def _ranges(ranges: dict[str, dict[str, Any]]) -> Any:
 
 
 def _exact(value: Any, dtype: str) -> str:
-    """Return a value with all its digits."""
+    """Return a number, or a list of them, as text with all digits; "-" for None. dtype : that of the attribute"""
     if isinstance(value, list):
         return ", ".join(_exact(one, dtype) for one in value)
     if value is None:
@@ -96,12 +102,15 @@ def _count(rows: int | None) -> str:
 
 
 def _describe_header(file: dict[str, Any]) -> str:
-    """Return the other facts of a header in one line."""
+    """Return the facts of a file's header as one line, besides those with columns of their own. file : facts by name"""
     return "; ".join(f"{name.replace('_', ' ')} {_text(value)}" for name, value in _others(file).items())
 
 
 def _rows(facts: dict[str, Any]) -> dict[str, Any]:
-    """Return the facts of the table, without empty `steps` and `notes`."""
+    """Return the facts that the main table lists, one a row: value by name, in order.
+
+    Facts with tables of their own, such as files and attributes, and empty `steps` and `notes` are left out.
+    """
     shown: dict[str, Any] = {}
     for name, value in facts.items():
         if name == "points":
@@ -125,7 +134,7 @@ def _rows(facts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _of_one_file(facts: dict[str, Any]) -> dict[str, Any]:
-    """Return facts of the header, if there is one file."""
+    """Return the facts of the file's header for the main table; empty if the scan has several files."""
     if len(facts.get("files", ())) != 1:
         return {}
     file = facts["files"][0]
@@ -134,12 +143,15 @@ def _of_one_file(facts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _others(file: dict[str, Any]) -> dict[str, Any]:
-    """Return facts of a header besides name, format and size."""
+    """Return the facts of a file's header besides path, format, size and number of points; empty ones are left out.
+
+    file : facts by name
+    """
     return {name: value for name, value in file.items() if name not in OF_FILES and value not in (None, "", [], {})}
 
 
 def _georeference(facts: dict[str, Any]) -> dict[str, Any]:
-    """Return coordinate system, unit and scanner positions, if known."""
+    """Return rows of the main table, value by label: coordinate system, unit, resolution and scanner positions."""
     shown = {}
     if facts.get("crs_name"):
         shown["coordinate system"] = facts["crs_name"]

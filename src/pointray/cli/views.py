@@ -11,7 +11,21 @@ LENS = ("fov", "projection", "aperture", "focus")
 
 
 class View:
-    """The camera of the options, or an automatic one. Raises ValueError if an option is invalid."""
+    """The camera of images of a scan: given by options, or positioned automatically once the scan is read.
+
+    Raises ValueError if an option is invalid.
+
+    Attributes
+    ----------
+    eye, target : (3,) tuple or None
+        Values of --eye and --target.
+    size : (int, int)
+        Width and height in pixels.
+    lens : dict
+        fov, projection, aperture and focus, as for `Camera.look_at`.
+    choice : ViewChoice
+        Options of the automatic camera: up direction, side, angles and zoom.
+    """
 
     def __init__(self, options: PictureOptions) -> None:
         from ..auto_view.first_view import ViewChoice
@@ -32,7 +46,10 @@ class View:
 
     @property
     def inputs(self) -> dict[str, Any]:
-        """Inputs of the frames of a turntable besides the size, as JSON values."""
+        """All options that the cameras of a turntable depend on besides the image size, as JSON values.
+
+        If they have changed, all frames of an interrupted film are rendered again.
+        """
         return {"eye": self.eye, "target": self.target, **asdict(self.choice), **self.lens}
 
     @property
@@ -42,11 +59,11 @@ class View:
 
     @property
     def framed(self) -> bool:
-        """Whether the camera is positioned automatically."""
+        """Whether the camera is positioned automatically: neither --eye nor --target is given."""
         return self.eye is None and self.target is None
 
     def camera(self, scan: Any) -> Any:
-        """Return the camera for a `Scan`."""
+        """Return the camera of an image, from options or automatic. scan : `Scan`, with its up and view direction"""
         from ..auto_view.coverage import LEAST
         from ..base.warning_log import warn
 
@@ -66,9 +83,11 @@ class View:
         return camera
 
     def turning(self, scan: Any) -> Any:
-        """Return the first camera of a turntable for a `Scan`; an automatic one keeps the scan in all images.
+        """Return the first camera of a turntable. An automatic one keeps the scan in the image through the whole turn.
 
-        A panorama is not framed: `CameraPath` rejects a turntable for it, and keys do not use this camera.
+        This does not hold for a panorama, for which `CameraPath` rejects a turntable; keyframes do not use this camera.
+
+        scan : `Scan`, with its up and view direction
         """
         if self.framed and self.lens["projection"] != "panorama":
             framed = scan.turning(self._framing_lens)
@@ -77,7 +96,7 @@ class View:
 
     @property
     def _framing_lens(self) -> Any:
-        """Lens properties that determine the automatic camera."""
+        """Field of view, image size and projection, as a `Lens`, which position an automatic camera."""
         from ..auto_view.framing import Lens
 
         return Lens(self.lens["fov"], self.size, self.lens["projection"])
@@ -89,9 +108,9 @@ class View:
 
 
 class SceneView:
-    """The camera of a scene file, with the attributes of `View` that films need.
+    """The camera of a scene file, with the attributes of `View` that films need: size, up, lens and inputs.
 
-    values : arguments of `Camera.look_at` or `Camera.frame`
+    values : arguments of `Camera.look_at`, or of `Camera.frame` for a camera that shows the whole scene
     """
 
     def __init__(self, values: dict[str, Any]) -> None:

@@ -13,7 +13,9 @@ POLL = 0.2  # seconds between checks of the compilation
 
 
 class Progress:
-    """Progress bars on the terminal with the time left: one for the current stage, one for compiling kernels.
+    """Progress bars on the terminal with the time left: one for the current stage of work, one for compiling kernels.
+
+    Used as a context. If standard error is not a terminal, nothing is drawn.
 
     Parameters
     ----------
@@ -47,7 +49,7 @@ class Progress:
         self._bars.stop()
 
     def show(self, stage: str, share: float) -> None:
-        """Show the current stage and the share of it that is done."""
+        """Show the name of the current stage of work and its completed fraction, 0 to 1."""
         if stage != self._stage:  # the remaining time is estimated for each stage
             self._stage = stage
             self._bars.reset(self._task, total=1.0, description=stage)
@@ -55,7 +57,12 @@ class Progress:
 
 
 class CompilationWatch:
-    """A bar that is visible while kernels are compiled; without bars, one line when compilation begins."""
+    """A progress bar that is visible while kernels are compiled.
+
+    If nothing is drawn, because standard error is not a terminal, one line is printed when compilation begins.
+
+    bars : `rich.progress.Progress` to which the bar is added
+    """
 
     def __init__(self, bars: Any) -> None:
         self._bars, self._task, self._ended = bars, bars.add_task("", total=1.0, visible=False), threading.Event()
@@ -64,7 +71,7 @@ class CompilationWatch:
         self._thread.start()
 
     def end(self) -> None:
-        """Stop watching."""
+        """Stop watching the compilation, and wait for the thread that updates the bar."""
         self._ended.set()
         self._thread.join()
 
@@ -86,7 +93,10 @@ class CompilationWatch:
 
 
 def _how_often() -> str:
-    """Return how often kernels are compiled, as the beginning of a remark."""
+    """Return how often kernels are compiled, as part of a message: "for this CPU (first run only" or "(each time: ...".
+
+    The caller adds the time and closes the parenthesis.
+    """
     from ..engine.jit.disk_cache import cache_folder
 
     if cache_folder() is None:
@@ -95,7 +105,7 @@ def _how_often() -> str:
 
 
 def in_background(work: Callable[[], T]) -> T:
-    """Do work in a thread and return its result.
+    """Run a function in a thread, wait for it, and return its result or raise its error.
 
     The compiler and SciPy do not react to Ctrl-C; the main thread, which waits, does.
     """
@@ -129,12 +139,12 @@ def in_background(work: Callable[[], T]) -> T:
 
 
 class WriteError(Exception):
-    """The result could not be written, though the input was good."""
+    """Error for a result that could not be written although the input was good, which matters for the exit status."""
 
 
 @contextmanager
 def writing(output: Path) -> Iterator[None]:
-    """Turn OSError, such as a full disk, into WriteError, because the input is not bad."""
+    """Turn an OSError raised in this context, such as that of a full disk, into a WriteError: the input is not bad."""
     try:
         yield
     except OSError as error:

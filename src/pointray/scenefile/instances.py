@@ -23,18 +23,20 @@ ADD = {**words_of(Scene.add), "material": optional(TEXT), **TRANSFORM}
 
 
 class Placement(NamedTuple):
-    """The arguments of `Scene.add`.
+    """One or more instances of a model, or a plane, as a scene file describes them; later arguments of `Scene.add`.
 
     Attributes
     ----------
+    key : Key
+        Where it is in the file, for messages, such as ("instances", 0).
     shape : str or Plane
-        Name of a model, or a plane.
+        Name of a model in the file, or a plane.
     matrix : (4, 4) float64
         Model to world.
     matrices : Path or None
-        File of many such matrices, one per instance; replaces `matrix`.
+        .npy file of many such matrices, (n, 4, 4), one per instance; replaces `matrix`.
     material : str or None
-        Name of a material.
+        Name of a material in the file; None: diffuse.
     """
 
     key: Key
@@ -45,7 +47,13 @@ class Placement(NamedTuple):
 
 
 def check_instance(source: Source, key: Key, models: Any, materials: Any) -> Placement:
-    """Return the placement of a table of `instances`. A file of matrices is checked, but not read."""
+    """Check a table of `instances` in a scene file and return its contents: model, transforms and material.
+
+    A file of matrices is checked, but its rows are not read.
+
+    key : path of the table in the file, such as ("instances", 0)
+    models, materials : those of the file, by name
+    """
     values = check_table(source, key, {"model": TEXT, **ADD, "transforms": optional(TEXT)})
     model = values.pop("model")
     if model not in models:
@@ -63,7 +71,10 @@ def check_instance(source: Source, key: Key, models: Any, materials: Any) -> Pla
 
 
 def check_plane(source: Source, key: Key, materials: Any) -> Placement:
-    """Return the placement of a table of `planes`."""
+    """Check a table of `planes` in a scene file and return its contents: plane, transform and material.
+
+    key : path of the table in the file, such as ("planes", 0); materials : those of the file, by name
+    """
     words = words_of(Plane)
     values = check_table(source, key, {**words, **ADD})
     with source.errors_at(key, values):
@@ -72,7 +83,10 @@ def check_plane(source: Source, key: Key, materials: Any) -> Placement:
 
 
 def check_clip_plane(source: Source, key: Key) -> NDArray[np.float64]:
-    """Return point and normal, (2, 3), of a table of `clips`."""
+    """Check a table of `clips`, planes that cut the scene, and return its point and normal, (2, 3) float64.
+
+    key : path of the table in the scene file, such as ("clips", 0)
+    """
     if key[-1] == MOST:
         raise source.error(key, f"at most {MOST} clip planes are supported")
     values = check_table(source, key, words_of(check_clip))
@@ -93,12 +107,15 @@ def _placement(source: Source, key: Key, shape: str | Plane, values: dict[str, A
 
 
 def count_matrices(placement: Placement) -> int:
-    """Return the number of instances of a placement; a file of matrices is not read."""
+    """Return the number of instances that a table of a scene file makes: 1, or one per matrix of the file it names."""
     return 1 if placement.matrices is None else len(_open_matrices(placement.matrices))
 
 
 def load_matrices(source: Source, placement: Placement) -> list[NDArray[np.float64]]:
-    """Return the matrices of all instances of a placement; reads their file, if any."""
+    """Return the model-to-world matrices, (4, 4) float64, of all instances that a table makes; read their file, if any.
+
+    Errors name the line in the scene file and the row of the matrix.
+    """
     if placement.matrices is None:
         return [placement.matrix]
     with source.errors_at((*placement.key, "transforms")):
@@ -111,7 +128,7 @@ def load_matrices(source: Source, placement: Placement) -> list[NDArray[np.float
 
 
 def _open_matrices(path: Path) -> NDArray[Any]:
-    """Map a .npy file of (n, 4, 4) numbers into memory; Python objects are rejected."""
+    """Map a .npy file of (n, 4, 4) numbers into memory; raise ValueError for other shapes, and for Python objects."""
     try:
         array = open_memmap(check_regular(path), mode="r")
     except ValueError as error:

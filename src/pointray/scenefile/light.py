@@ -18,15 +18,16 @@ WORDS = {**words_of(BakeSettings), "file": optional(TEXT)}
 
 
 class BakePlan(NamedTuple):
-    """Source of the baked light of a scene.
+    """Where the baked light of a scene comes from: a file, or a bake with these settings.
 
     Attributes
     ----------
     settings : BakeSettings
-        Used if there is no file.
+        Used if the file does not exist.
     file : Path or None
+        Light written by `pointray bake`.
     key : Key or None
-        Key of the file in the scene file; None: given by an option.
+        Where the scene file names it, for messages: ("bake", "file"). None: it was given by a command-line option.
     """
 
     settings: BakeSettings
@@ -35,12 +36,15 @@ class BakePlan(NamedTuple):
 
     @property
     def found(self) -> Path | None:
-        """The file, if it exists."""
+        """The file of baked light if it exists, otherwise None: the light must be baked."""
         return self.file if self.file is not None and self.file.exists() else None
 
 
 def check_bake(source: Source, seed: int) -> BakePlan:
-    """Return the plan of the table `bake`. A file is checked, but not read. seed : default, that of images"""
+    """Check the table `bake` of a scene file and return its contents. A file of baked light is checked, but not read.
+
+    seed : default of the bake's seed, the one that images use
+    """
     values = check_table(source, KEY, WORDS) if KEY[0] in source.data else {}
     name = values.pop("file", None)
     with source.errors_at(KEY, values):
@@ -55,7 +59,7 @@ def check_bake(source: Source, seed: int) -> BakePlan:
 
 
 def load_light(path: Path, scene: Scene) -> Baked:
-    """Return light that was baked for this scene; ValueError if it does not fit."""
+    """Read a file of baked light; raise ValueError if the scene has changed since it was baked."""
     baked = Baked.load(path, scene)
     reason = baked.stale
     if reason is not None:

@@ -13,14 +13,17 @@ LIMIT = 10**7  # characters parsed to find a line, which take some seconds
 
 
 def line_of(text: str, key: Key) -> int:
-    """Return the first line of the statement that defines a key, or its longest prefix in a valid text.
+    """Return the number, from 1, of the line in a TOML text where the statement begins that defines a key.
 
-    Return 0 if there is none, or the search would take long.
+    Return the line of the table that should have the key if the key is missing, and 0 if that is missing too, or if the
+    search would take long.
+
+    text : valid TOML; key : names and row numbers, such as ("instances", 0, "model")
     """
     lines, parsed = text.split("\n"), 0
 
     def depth(end: int) -> int:
-        """Return how many parts of the key are defined by the statements that begin in the first `end` lines."""
+        """Return how many leading parts of the key are defined by statements that begin in the first `end` lines."""
         nonlocal parsed
         for stop in range(end, len(lines) + 1):
             start = "\n".join(lines[:stop])
@@ -39,7 +42,7 @@ def line_of(text: str, key: Key) -> int:
 
 
 def _depth(data: Any, key: Key) -> int:
-    """Return how many parts of the key are in the data."""
+    """Return how many leading parts of the key exist in the nested dicts and lists `data`."""
     for depth, part in enumerate(key):
         try:
             data = data[part]

@@ -39,21 +39,25 @@ Report = Callable[[str, float], None]
 
 
 class Recipe(NamedTuple):
-    """Parameters of a model.
+    """What a table under `models` of a scene file states: the contents of a model and how to build it.
 
     Attributes
     ----------
+    key : Key
+        Where it is in the file, for messages, such as ("models", "bust").
     file : Path or None
+        Scan or saved model.
     procedural : (str, int, int)
-        Name, number of points and seed; used if there is no file.
+        Name of the formula, number of points and seed; used if there is no file.
     arguments : dict
-        Arguments of `Model`.
+        Keyword arguments of `Model`.
     levels : bool
         Whether to make levels of detail.
     normals : {"auto", "file", "fit"}
-        Normals of a scan to use, as for `select_normals`.
+        Normals of a scan to use. "auto": those of the file unless they are wrong; "file": those of the file;
+        "fit": estimated.
     reading : dict
-        Arguments of `read`.
+        Keyword arguments of `read` for a scan.
     """
 
     key: Key
@@ -66,7 +70,12 @@ class Recipe(NamedTuple):
 
 
 def check_model(source: Source, key: Key) -> Recipe:
-    """Return the recipe of a table under `models`. A file must exist, but is not read."""
+    """Check a table under `models` of a scene file and return its contents.
+
+    Its scan or saved model must exist, but is not read.
+
+    key : path of the table in the file, such as ("models", "bust")
+    """
     table = value_at(source, key)
     if isinstance(table, dict) and "file" not in table and "procedural" not in table:
         raise source.error(key, "file or procedural is missing")
@@ -111,7 +120,10 @@ def _check_file(source: Source, key: Key, file: Path, values: dict[str, Any]) ->
 
 
 def check_contents(source: Source, recipe: Recipe) -> None:
-    """Raise an error if the format of a scan is unknown: after errors of the scene file, before models are built."""
+    """Raise an error if the format of a model's scan cannot be detected from its contents.
+
+    Called after the scene file is checked, so that its errors come first, and before any model is built.
+    """
     if recipe.file is not None and recipe.file.suffix.lower() != SAVED:
         with source.errors_at((*recipe.key, "file")):
             check_readable(recipe.file)
@@ -127,7 +139,10 @@ def _check_procedural(source: Source, key: Key, name: str, count: int, seed: int
 
 
 def load_model(source: Source, recipe: Recipe, report: Report) -> Model:
-    """Read and build a model, with levels of detail if the recipe has them."""
+    """Read or generate the points of a model and build it, with levels of detail if the scene file sets `levels`.
+
+    report : called with the name of a stage and its completed fraction
+    """
     model = _load(source, recipe, report)
     if recipe.levels and not model.levels and not model.parts:  # a saved model may have them
         with source.errors_at(recipe.key):
@@ -136,7 +151,12 @@ def load_model(source: Source, recipe: Recipe, report: Report) -> Model:
 
 
 def _load(source: Source, recipe: Recipe, report: Report) -> Model:
-    """Return the model without new levels of detail. The attribute `radius` of a scan gives its radii."""
+    """Read or generate the points of a model and build it, or load a saved model; do not add levels of detail.
+
+    If the points of a scan have the attribute `radius`, it gives the radii of the splats.
+
+    report : called with the name of a stage and its completed fraction
+    """
     file = recipe.file
     report("reading", 0.0)
     if file is None:

@@ -49,9 +49,9 @@ class SceneFile(NamedTuple):
     camera : Camera
     settings : Settings
     exposure : float
-        In stops, as for `write_image`.
+        In stops; an argument of `write_image`.
     curve : str
-        As for `write_image`.
+        Name of the tone curve; an argument of `write_image`.
 
     Examples
     --------
@@ -71,18 +71,20 @@ class SceneFile(NamedTuple):
 
 
 class Plan:
-    """A checked scene file. The files that it refers to have not been read.
+    """A scene file, completely checked, from which `build` makes the scene. The files that it names have not been read.
 
     Attributes
     ----------
     camera : dict
-        Arguments of `Camera.look_at` or `Camera.frame`.
+        Keyword arguments of `Camera.look_at`, or of `Camera.frame` for a camera that shows the whole scene.
     settings : Settings
     background : array_like, "environment" or None
     exposure : float
+        In stops.
     curve : str
+        Name of the tone curve.
     bake : BakePlan
-        For the integrator "baked".
+        Where the baked light comes from, for the integrator "baked".
 
     Raises
     ------
@@ -114,7 +116,10 @@ class Plan:
 
     @property
     def files(self) -> list[Path]:
-        """The scene file and the files that it refers to."""
+        """The scene file and all files that it names: scans, models, matrices, environment maps, baked light.
+
+        Baked light is included only if images show it and its file exists.
+        """
         named = [recipe.file for recipe in self._models.values()]
         named += [placement.matrices for placement in self._placements]
         named += [light.values.get("image") for light in self._lights]
@@ -123,16 +128,16 @@ class Plan:
 
     @property
     def is_baked(self) -> bool:
-        """Whether images show baked light."""
+        """Whether images show baked light: the integrator is "baked"."""
         return self.settings.integrator == "baked"
 
     @property
     def model_instances(self) -> int:
-        """Number of instances of models."""
+        """Number of instances of models in the scene, without planes."""
         return sum(count_matrices(placement) for placement in self._placements if isinstance(placement.shape, str))
 
     def error(self, name: str, message: str) -> ValueError:
-        """Return an error about a key at the top level of the file, present or missing."""
+        """Return a ValueError whose message begins with file, line and name of a top-level key, present or missing."""
         return self._source.error((name,), message)
 
     def _check_root(self) -> None:
@@ -158,7 +163,11 @@ class Plan:
         return values
 
     def change(self, camera: dict[str, Any], settings: dict[str, Any], root: dict[str, Any]) -> None:
-        """Replace values of the file; ValueError if a new one is invalid. root : background and exposure"""
+        """Replace values of the file by those of command-line options; raise ValueError if a new one is invalid.
+
+        camera : arguments of `Camera.look_at` or `Camera.frame`; settings : fields of `Settings`
+        root : "background" and "exposure"; missing ones stay as they are, as in the other dicts
+        """
         self.settings = replace(self.settings, **settings)
         self.camera = {**self.camera, **camera}
         if "eye" in camera or "target" in camera:
@@ -169,9 +178,10 @@ class Plan:
         self._check_root()
 
     def build(self, progress: Report | None = None, lit: bool = True) -> SceneFile:
-        """Read the files and build the scene: instances in the order of the file, then planes.
+        """Read the files that the scene file names, and build the scene: instances in the file's order, then planes.
 
-        lit : whether to add baked light, if images show it
+        progress : called with the name of a stage and its completed fraction
+        lit : whether to add baked light if images show it; False leaves that to the caller
         """
         source, report = self._source, progress or (lambda stage, share: None)
         scene = Scene()
@@ -195,7 +205,7 @@ class Plan:
         return SceneFile(scene, camera, self.settings, self.exposure, self.curve)
 
     def _light(self, scene: Scene, report: Report) -> Baked:
-        """Return the light of the file, or baked if there is none."""
+        """Return the baked light of the scene: read from a file, or baked if none is named or it does not exist."""
         plan, file = self.bake, self.bake.found
         if file is None:
             report("baking light", 0.0)
@@ -207,7 +217,11 @@ class Plan:
 
 
 def camera_of(values: Mapping[str, Any], bounds: ArrayLike) -> Camera:
-    """Return the camera of a file for a scene with these bounds."""
+    """Make the camera of a scene file.
+
+    values : arguments of `Camera.look_at` if they include eye and target, otherwise of `Camera.frame`
+    bounds : (2, 3), minimum and maximum of the scene, which `Camera.frame` shows completely
+    """
     if "eye" in values or "target" in values:
         for name in ("eye", "target"):
             if name not in values:

@@ -25,15 +25,16 @@ LIGHTS = _by_kind([*get_args(Light), EnvironmentLight])
 
 
 class CheckedLight(NamedTuple):
-    """A checked light, whose image has not been read.
+    """A light of a scene file, checked. The image of an environment light has not been read.
 
     Attributes
     ----------
     key : Key
-        Its key in the file.
+        Where it is in the file, for messages, such as ("lights", 0).
     kind : class
+        Such as `SunLight`.
     values : dict
-        Arguments of the class.
+        Keyword arguments of the class.
     """
 
     key: Key
@@ -42,7 +43,10 @@ class CheckedLight(NamedTuple):
 
 
 def check_material(source: Source, key: Key) -> Material:
-    """Return the material of a table under `materials`."""
+    """Check a table under `materials` of a scene file and return the material.
+
+    key : path of the table in the file, such as ("materials", "gold")
+    """
     kind, values = _check_kind(source, key, material_kinds())
     with source.errors_at(key, values):
         material: Material = kind(**values)
@@ -50,7 +54,10 @@ def check_material(source: Source, key: Key) -> Material:
 
 
 def check_lights(source: Source, keys: list[Key]) -> list[CheckedLight]:
-    """Return the lights of the tables of `lights`. An image must exist, but is not read."""
+    """Check the tables of `lights` in a scene file and return their contents. An image must exist, but is not read.
+
+    keys : paths of the tables in the file, such as ("lights", 0)
+    """
     lights = [_check_light(source, key) for key in keys]
     for light in [light for light in lights if light.kind is EnvironmentLight][1:]:
         raise source.error(light.key, "only one environment light is supported")
@@ -71,7 +78,7 @@ def _check_light(source: Source, key: Key) -> CheckedLight:
 
 
 def make_light(source: Source, light: CheckedLight) -> Any:
-    """Return the light; reads its image, if any."""
+    """Create a checked light of a scene file, for `Scene.add_light`; read its image, if any."""
     with source.errors_at((*light.key, "image")):
         return light.kind(**light.values)
 

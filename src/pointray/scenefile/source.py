@@ -16,13 +16,13 @@ from .spelling import suggest_file
 
 
 class Source:
-    """The text of a scene file.
+    """The text and data of a scene file (TOML). It makes error messages with the line of a key.
 
     Attributes
     ----------
     file : Path
     data : dict
-        Data as returned by tomllib.
+        The data as nested dicts and lists, as parsed by tomllib.
 
     Raises
     ------
@@ -43,18 +43,22 @@ class Source:
             raise ValueError(f"{self.file}:{f'{line[1]}:' if line else ''} not valid TOML: {message}") from None
 
     def path(self, name: str) -> Path:
-        """Return a path of the file, relative to the file's folder."""
+        """Return the path of a file that the scene file names; relative paths start at the scene file's folder."""
         return self.file.parent / name
 
     def error(self, key: Key, message: str) -> ValueError:
-        """Return an error about the value of a key."""
+        """Return a ValueError whose message begins with the file, the line of a key and its name.
+
+        key : names and row numbers, such as ("instances", 0, "model")
+        """
         return ValueError(self._message(key, message))
 
     @contextmanager
     def errors_at(self, key: Key, names: Iterable[str] = ()) -> Iterator[None]:
-        """Add file, line and key to errors raised within.
+        """Add file, line and key to the message of a ValueError or OSError raised in this context.
 
-        An error is assigned to the first of `names`, keys of the table, in its message, otherwise to the table.
+        key : path of a table in the file, or of a value, such as ("instances", 0)
+        names : keys of the table; if the message of a ValueError contains one, the error is reported at its line
         """
         try:
             yield

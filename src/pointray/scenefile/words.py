@@ -17,12 +17,12 @@ LARGEST = 1e18  # the square of a larger number overflows float32
 
 
 class Word(NamedTuple):
-    """A key of a table.
+    """What a scene file may contain at a key: one parameter of the Python class or function that a table stands for.
 
     Attributes
     ----------
     types : tuple of str
-        Keys of TYPES, one of which the value must have.
+        Type annotations, such as "float" and "ArrayLike"; the value must fit one.
     required : bool
     """
 
@@ -63,12 +63,17 @@ TEXT, WHOLE = Word(("str",), True), Word(("int",), True)
 
 
 def optional(word: Word) -> Word:
-    """Return a word that may be omitted."""
+    """Return the description of a key with `required` set to False: it may be omitted."""
     return word._replace(required=False)
 
 
 def words_of(make: Callable[..., Any], *without: str) -> dict[str, Word]:
-    """Return the parameters of a class or function with TOML types, except those in `without`."""
+    """Return the keys of a table in a scene file, each with its types: the parameters of a class or function.
+
+    Parameters whose annotation has no TOML type are left out.
+
+    make : the class or function; without : names of parameters that are no keys
+    """
     words = {}
     for name, parameter in inspect.signature(make).parameters.items():
         types = tuple(part for part in str(parameter.annotation).split(" | ") if part in TYPES)
@@ -78,15 +83,19 @@ def words_of(make: Callable[..., Any], *without: str) -> dict[str, Word]:
 
 
 def unknown(what: str, name: Any, known: Iterable[str]) -> str:
-    """Return the message about an unknown name, with the closest match."""
+    """Return a message such as "unknown kind 'sum' (did you mean 'sun'?); available: ...".
+
+    what : what the name stands for, such as "kind"; known : the valid names
+    """
     names = list(known)
     return f"unknown {what} {name!r}{did_you_mean(str(name), names)}; available: {', '.join(names) or 'none'}"
 
 
 def check_table(source: Source, key: Key, words: Mapping[str, Word], what: str = "key") -> dict[str, Any]:
-    """Return the values of a table after checking its keys and types; "none" becomes None.
+    """Check the keys and types of a table in a scene file and return its values by key; "none" becomes None.
 
-    what : name of a key in messages
+    key : path of the table in the file, such as ("models", "bust"); () is the whole file
+    words : the keys it may have; what : what messages call a key
     """
     table = value_at(source, key)
     if not isinstance(table, dict):
@@ -101,7 +110,7 @@ def check_table(source: Source, key: Key, words: Mapping[str, Word], what: str =
 
 
 def value_at(source: Source, key: Key) -> Any:
-    """Return the value of a key of the file."""
+    """Return the value of a key in a scene file. key : names and row numbers, such as ("instances", 0, "model")"""
     value: Any = source.data
     for part in key:
         value = value[part]

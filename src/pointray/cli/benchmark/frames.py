@@ -32,7 +32,29 @@ Show = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class Row:
-    """One case: the rendered scene, and its frame rates here and in the paper (None: not given)."""
+    """One measured case, a view of the statue: its frame rate, and the one that the paper reports.
+
+    Attributes
+    ----------
+    points : int
+        Number of points of the statue.
+    view : {"far", "near"}
+        Whole statue, or a part of it that fills the image.
+    size : str
+        Width and height of the image, such as "512x512".
+    light : str
+        "headlight", or "sun, shadows".
+    covered : float
+        Share of the pixels that show the statue, 0 to 1.
+    frame_ms, frames_per_second : float
+        Median time of a frame and its reciprocal.
+    paper_frames_per_second : float or None
+        None: the paper gives none for this case.
+    bytes_per_point : float
+        Size of the model.
+    seconds_for_model : float
+        Time to build the model, without the compilation of kernels.
+    """
 
     points: int
     view: str
@@ -47,7 +69,9 @@ class Row:
 
 
 def measure(counts: Sequence[int], runs: int, threads: int, show: Show) -> list[Row]:
-    """Render each case `runs` times, alternating between the views of a cloud, and take the medians.
+    """Measure frame rates of the statue in the cases of the paper: clouds of several sizes, each in one or two views.
+
+    Each case is rendered `runs` times, alternating between the views of a cloud; its time is the median.
 
     Parameters
     ----------
@@ -56,6 +80,11 @@ def measure(counts: Sequence[int], runs: int, threads: int, show: Show) -> list[
         as the paper's 32,000 points were. Other clouds are distinct points on the same surface.
     show : callable
         Called with the stage's name and the share done.
+
+    Returns
+    -------
+    list of Row
+        One for each case.
 
     Raises
     ------
@@ -75,7 +104,10 @@ def measure(counts: Sequence[int], runs: int, threads: int, show: Show) -> list[
 
 
 def _clouds(counts: list[int], show: Show) -> Iterator[tuple[Points, np.ndarray | None]]:
-    """Yield the statue with each number of points, and radii if it was subsampled."""
+    """Yield a statue of each number of points, and its support radii if it was subsampled from a larger one, else None.
+
+    counts : numbers of points, ascending; show : called with the stage's name and the share done
+    """
     for k, count in enumerate(counts):
         if k == 0 and len(counts) > 1:
             continue
@@ -87,7 +119,10 @@ def _clouds(counts: list[int], show: Show) -> Iterator[tuple[Points, np.ndarray 
 
 
 def _cases(model: Model, threads: int) -> Iterator[tuple[str, Scene, Camera, Settings]]:
-    """Yield the cases of a model: view, scene, camera and settings."""
+    """Yield the cases measured for a model of the statue: "far" or "near", and scene, camera and settings to render.
+
+    Models of 24 million points and more have one case with a sun and shadows, others two without shadows.
+    """
     scene = Scene()
     scene.add(model)
     if len(model.points) >= STRESS:
@@ -100,7 +135,10 @@ def _cases(model: Model, threads: int) -> Iterator[tuple[str, Scene, Camera, Set
 
 
 def _rows(model: Model, seconds: float, runs: int, threads: int, show: Show) -> list[Row]:
-    """Time the cases of a model, alternating between them."""
+    """Render the cases of a model `runs` times each, alternating between them, and return their median times.
+
+    seconds : time in which the model was built, for the table
+    """
     cases = list(_cases(model, threads))
     covered = [float((render(scene, camera, settings)[..., 3] > 0).mean()) for _, scene, camera, settings in cases]
     times: list[list[float]] = [[] for _ in cases]

@@ -16,7 +16,7 @@ PLOTS = (".png", ".svg", ".pdf")
 
 
 def show_rows(rows: Sequence[Row], threads: int, as_json: bool) -> None:
-    """Print the rows as a table or as JSON."""
+    """Print the measured cases as a table or as JSON. threads : number of threads that rendered"""
     if as_json:
         print(json.dumps({"threads": threads, "cases": [asdict(row) for row in rows]}))
         return
@@ -54,7 +54,7 @@ def check_plot(path: Path) -> None:
 
 
 def plot(path: Path, rows: Sequence[Row]) -> None:
-    """Draw the frame rates beside those of the paper."""
+    """Draw a bar chart of the measured frame rates beside those that the paper reports, and write it to a file."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -19,7 +19,10 @@ Floats = NDArray[np.float64]
 
 
 def far_view(points: Points, bounds: Floats, size: tuple[int, int]) -> Camera:
-    """Return a camera whose image the silhouette spans by TALL, in height, or in width if it is wider than tall."""
+    """Return a camera that shows the whole model, its silhouette spanning 90% of the image's height.
+
+    If the silhouette is too wide for that, it spans 90% of the width. bounds : (2, 3), minimum and maximum
+    """
     camera = Camera.frame(bounds, FROM, size=size)
     world = points.world[:: max(1, len(points) // 100_000)]
     for _ in range(4):
@@ -40,7 +43,10 @@ def far_view(points: Points, bounds: Floats, size: tuple[int, int]) -> Camera:
 
 
 def near_view(scene: Scene, far: Camera, size: tuple[int, int]) -> Camera:
-    """Return a camera so near to the widest place of the silhouette that FULL of the pixels hit."""
+    """Return a camera so near to the model that 95% of the pixels hit it, aimed at the widest place of its silhouette.
+
+    far : camera that shows the whole model; the returned one is moved from there towards the model
+    """
     coarse = Camera.look_at(far.eye, far.target, fov=far.fov, size=(COARSE, COARSE))
     hits = scene.intersect(*coarse.rays())
     inside = distance_transform_edt(np.pad(np.isfinite(hits.t), 1))[1:-1, 1:-1]

@@ -32,10 +32,10 @@ app = typer.Typer(
 
 
 class Command(TyperCommand):
-    """A command whose option --help has a panel, as all others have."""
+    """A command of Typer that lists its option --help in the panel "Output"; all other options are in panels too."""
 
     def get_help_option(self, ctx: Any) -> Any:
-        """Return the option --help."""
+        """Return the option --help, assigned to the panel "Output"."""
         option = super().get_help_option(ctx)
         if option is not None:
             option.rich_help_panel = OUTPUT
