@@ -40,7 +40,9 @@ class Frame(NamedTuple):
 
 
 def find_camera_frame(positions: Floats) -> Frame | None:
-    """Return the depth camera frame that the points form, or None if no camera at the origin sees nearly all of them.
+    """Return the frame of a depth camera at the origin that the points form; None if they form none.
+
+    Its image must contain nearly all points, without depth jumps between most neighbours. It indicates the up axis.
 
     positions : (n, 3), world
     """

@@ -44,7 +44,7 @@ class Ends(NamedTuple):
 
     @classmethod
     def of(cls, positions: Floats, axis: int) -> Ends:
-        """Return the ends of points (n, 3) along axis 0, 1 or 2."""
+        """Return the points near the ends of an object along axis 0, 1 or 2. positions : (n, 3), all its points"""
         height, across = positions[:, axis], np.delete(positions, axis, axis=1)
         low, high, size = height.min(), height.max(), float(np.ptp(height))
         near = {share: (height <= low + share * size, height >= high - share * size) for share in (SLAB, TIP)}

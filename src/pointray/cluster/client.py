@@ -63,7 +63,7 @@ def dask_for(what: str) -> Any:
 
 
 def unfit(client: Any, workers: list[str]) -> dict[str, str]:
-    """Return the reason for each worker, by address, that cannot be used: another version of pointray, or none installed.
+    """Return the reason for each worker, by address, that cannot be used: pointray has another version or is missing.
 
     Each worker is asked once, as a stopped one would not answer. A worker lost meanwhile is not in the result, and
     `is_fit` returns False for it.
@@ -110,7 +110,7 @@ def memory_of(client: Any) -> float:
 
 
 def machines_of(client: Any) -> list[tuple[int | None, int]]:
-    """Return for each worker the free bytes of memory of its machine (None: unknown), and the number of workers there."""
+    """Return for each worker the free bytes of memory of its machine (None: unknown) and how many workers run there."""
     found = client.run(available_memory, on_error="ignore")
     hosts = Counter(map(_host, found))
     return [(free, hosts[_host(worker)]) for worker, free in found.items()]

@@ -55,7 +55,7 @@ def check_chunks(values: Mapping[str, Any]) -> list[Any]:
 class Distribution(NamedTuple):
     """Distribution of the work on each chunk of rays over workers that hold different parts of a scene.
 
-    homes : by address of the preferred worker, the argument of the work that says which parts it holds
+    homes : from the address of each worker to the argument of the work that says which parts it holds
     join : module-level function that merges the results (dicts of arrays) of all workers
     """
 
@@ -70,7 +70,7 @@ def chunked_like(
     forms: Mapping[str, ArrayForm],
     shared: Distribution | None = None,
 ) -> dict[str, Any]:
-    """Return Dask arrays, by name, with the chunks of Dask arrays of rays, from which they are computed on demand.
+    """Return Dask arrays whose chunks are computed on demand from a scene and the chunks of arrays of rays, by name.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def _make(*chunks: Any, work: tuple[Any, ...], scene: SerializedScene) -> Any:
 
 
 def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Distribution, scene: SerializedScene) -> Any:
-    """Compute a chunk of the results on several workers that hold different parts of the scene: a dict of arrays by name.
+    """Compute a chunk of the results on several workers that hold different parts of a scene: a dict of arrays.
 
     The tasks are submitted here, as Dask's optimization of arrays drops the assignment to workers from a graph.
 

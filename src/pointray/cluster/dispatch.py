@@ -123,8 +123,8 @@ class Dispatch:
     def _take_over(self, worker: str) -> bool:
         """Assign to an idle worker a job that is queued at another worker, or that is slow on all workers that do it.
 
-        A slow transfer counts too, even from this worker: Dask joins transfers, so that one may wait for a hung worker.
-        Returns False if jobs cannot be sent.
+        A slow transfer of a result counts too, even from this worker: Dask joins transfers, so that it may wait for
+        another worker that hangs. Returns False if jobs cannot be sent; True also without such a job.
         """
         for assignment in [one for one in self.assignments if one.worker != worker or one.result is not None]:
             same = self._assignments_for(assignment.job)
@@ -212,7 +212,7 @@ class Dispatch:
         self._retries.append((assignment.job, attempt))
 
     def _submit(self, job: Job, attempt: int, worker: str) -> bool:
-        """Submit a job to a worker; if it cannot be sent, queue it again and return False.
+        """Submit a job to a worker; return whether it was sent. If not, it waits for another attempt.
 
         attempt : counts from 1; worker : address
         """

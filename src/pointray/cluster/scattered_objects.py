@@ -42,7 +42,7 @@ class ScatteredObject:
 class ScatteredObjects:
     """The objects that a client has sent to its workers.
 
-    by_owner : each object by the one whose lifetime it shares, such as a model or a bake
+    by_owner : the sent objects; each stays on the workers as long as its owner, such as a model, lives here
     unseen : files of models that some worker cannot read, or sees in another state; these models are sent
     asked : files of models that all workers were asked about
     """

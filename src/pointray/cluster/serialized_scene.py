@@ -56,8 +56,8 @@ class SerializedScene:
     def use(self, work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
         """Return the result of a function on the scene, called in this process, one call at a time.
 
-        work : called with a snapshot of the scene, `args`, a number of threads and a progress callback; these two are
-            None outside of Dask's workers
+        work : called with a snapshot of the scene, `args`, a number of threads and a progress callback (None for both
+            outside of Dask's workers)
         """
         return run_exclusively(lambda cache: self._scene.snapshot(), work, args)
 
@@ -95,8 +95,8 @@ class _Packed:
     def use(self, work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
         """Return the result of a function on the scene, called in this process, one call at a time.
 
-        work : called with a snapshot of the scene, `args`, a number of threads and a progress callback; these two are
-            None outside of Dask's workers
+        work : called with a snapshot of the scene, `args`, a number of threads and a progress callback (None for both
+            outside of Dask's workers)
         """
         key, version, recipe, models = self._args
         if version != version_here():
@@ -119,7 +119,7 @@ def current_client() -> Any:
 
 
 def homes_for(models: Sequence[Model]) -> list[str]:
-    """Return the addresses of the workers of the default client, over which models in parts are spread.
+    """Return the addresses of the workers of the default client, among which the parts of models on disk are divided.
 
     models : those of the scene
 

@@ -46,7 +46,7 @@ class _EmptyScene:
 
 
 class TaskPool:
-    """Workers of a client that call functions with numbers, such as part numbers, without a scene. Such calls are tasks.
+    """Workers of a client that do tasks: calls of a function with numbers, such as part numbers, without a scene.
 
     Parameters
     ----------

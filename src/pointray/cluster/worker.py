@@ -25,7 +25,10 @@ T = TypeVar("T")
 
 
 class UnseenFileError(Exception):
-    """Raised if a worker does not see the file of a model, or sees another one. args : its `Place` (path, size, time)"""
+    """Raised if a worker does not see the file of a model, or sees another one.
+
+    args : its `Place` (path, size and time)
+    """
 
     def __str__(self) -> str:
         return f"a worker does not see {self.args[0].path} or sees another file: save it where all workers see it"
@@ -128,8 +131,8 @@ def run_exclusively(scene_of: Callable[[WorkerCache], Any], work: Callable[..., 
     """Call `work` on a scene and return its result, one call at a time in this worker, or in this process without one.
 
     scene_of : returns the snapshot of the scene, given the cache
-    work : called with the snapshot, `args`, a number of threads and a progress callback; these two are None without a
-        worker
+    work : called with the snapshot, `args`, a number of threads and a progress callback (None for both without a
+        worker)
     """
     worker = worker_here()
     if worker is None:

@@ -188,12 +188,15 @@ class Baker:
             raise _SupersededError
 
     def _report_rough_progress(self, stage: str, share: float) -> None:
-        """Report the progress of a rough bake. share : fraction done; stage : ignored"""
+        """Pass on the progress of a rough bake, and abandon the bake after `close`.
+
+        share : fraction done; stage : ignored
+        """
         self._check()
         self._report(STAGE, share, self._time_left(STAGE, share))
 
     def _report_progress(self, stage: str, share: float) -> None:
-        """Report the progress of a fine bake, and relight images meanwhile if lights or materials change.
+        """Pass on the progress of a fine bake, and relight images meanwhile if lights or materials change.
 
         Raise _SupersededError, which abandons the bake, if models changed or after `close`.
 

@@ -50,7 +50,9 @@ class StoppedError(Exception):
 
 
 class Exports:
-    """Saves images and films for one browser in the background, one at a time, and copies views as code.
+    """Saves images and films for one browser in the background, one at a time.
+
+    Also shows the view on the page as a command or as Python code to copy.
 
     Parameters
     ----------
@@ -68,7 +70,7 @@ class Exports:
     def start(self, name: str, request: FrameRequest, output: Output, shared: SharedScene) -> None:
         """Start the export of a button in the panel; warn on the page if another one is in progress.
 
-        name : "save.picture", "save.film", "copy.command" or "copy.python"
+        name : "save.picture", "save.film", "copy.command" or "copy.python" (only texts, at once)
         request : the image shown; output : size, samples and format
         shared : gives the name of the file, and the source and surface options of the command
         """

@@ -53,7 +53,7 @@ def size_of(message: dict[str, Any]) -> tuple[int, int]:
 def free_of(message: dict[str, Any]) -> tuple[int, int, int, int]:
     """Return the part of the view not covered by the panel from a message: left, top, right, bottom in pixels.
 
-    The default is the whole view. The values are scaled like those of `size_of`.
+    The default is the whole view. If the view is larger than 3840 pixels, the part is reduced with it.
     """
     width, height = size_of(message)
     if "free" not in message:

@@ -31,7 +31,7 @@ class Found:
 
 
 def prepare(scene: Scene) -> None:
-    """Trace a ray that misses, so that what a click needs is loaded or compiled before the first click."""
+    """Trace a ray that misses, to load or compile the kernel that finds clicked points before the first click."""
     scene.intersect(np.zeros(3), np.full(3, np.nan))
 
 

@@ -64,7 +64,7 @@ class Newest(Generic[T]):
         self._waiting: list[T] = []
 
     def ask(self, question: T) -> None:
-        """Queue a request; it is dropped if a newer one arrives before it starts."""
+        """Queue a request for `answer`; it is dropped if a newer one that does not need it arrives before it starts."""
         with self._lock:
             waiting = self._waiting
             self._waiting = [*waiting[-1:], question] if self._needed_by(question) else [question]
@@ -118,7 +118,10 @@ class Lookups:
         self._legends.ask(request)
 
     def prepare(self, scene: Scene) -> None:
-        """Load or compile in the background what a click needs, which takes seconds; later calls have no effect."""
+        """Load or compile in the background the kernel that finds clicked points; later calls have no effect.
+
+        This takes seconds, which a click then need not wait.
+        """
         with self._state:
             if not self._prepared and not self._stopped:
                 self._prepared = True

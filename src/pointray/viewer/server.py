@@ -207,7 +207,7 @@ class Server:
         return self.is_public and name in {own, f"{own}.local", socket.getfqdn().lower()}
 
     def _is_proxied(self, headers: Headers) -> bool:
-        """Return whether a request comes through the hub's proxy, judged by the proxy's header.
+        """Return whether a request comes through the JupyterHub's proxy, judged by the proxy's header.
 
         A page of another site cannot make a browser add this header. After DNS rebinding it could, but lacks the token.
         """

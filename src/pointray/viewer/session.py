@@ -217,7 +217,7 @@ class Session:
     # Results. The painter and the lookups call these from their own threads.
 
     def _deliver(self, frame: Frame) -> None:
-        """Send an image to the page. After the first one, load what clicks need."""
+        """Send an image to the page. After the first one, load the kernel that finds clicked points."""
         self._outbox.frame(frame, self._painter.frames_a_second)
         if frame.request.sketch is None:
             self._lookups.prepare(frame.request.scene)
