@@ -129,12 +129,12 @@ class Scan:
         return np.asarray(self._sample.origin + [low, high])
 
     def camera(self, lens: Lens = STANDARD, free: Part = WHOLE) -> Camera:
-        """Return the camera that frames all points, centred and as large as fits.
+        """Return the camera that frames all points, centred and as large as fits, or shows a room from inside.
 
-        If they would cover less than 0.5% of the image, it frames the largest cluster, if that helps, and warns.
+        If the points would cover less than 0.5% of the image, it frames the largest cluster, if that helps, and warns.
 
         lens : field of view, size and projection
-        free : part of the image that they fill: left, top, right, bottom, from 0 to 1
+        free : part of the image that the points fill: left, top, right, bottom, from 0 to 1
         """
         direction = towards(self.outlook, self.up)
         if self.outlook.within and lens.projection == "perspective":

@@ -88,7 +88,7 @@ class Baker:
         return light[1] if light[0] is scene or light[1].lacks_levels(scene) else None
 
     def fine_for(self, scene: Scene) -> Baked | None:
-        """Return the light of the last fine bake if it fits a scene, else None. Requests nothing."""
+        """Return the light of the last fine bake, the second one, if it fits a scene; else None. Requests nothing."""
         fine = self._fine
         return fine if fine is not None and fine.fits(scene) else None
 
@@ -144,7 +144,10 @@ class Baker:
             return (self._wanted, self._refines) if self._open and self._wanted is not None else None
 
     def _bake(self, scene: Scene, refines: bool) -> None:
-        """Bake and publish rough light for a scene that has none yet. refines : whether to bake fine light, too"""
+        """Bake and publish rough light, with few patches, for a scene that has no light yet.
+
+        refines : whether to bake fine light, too, with the patches that `bake` chooses
+        """
         if self._baked is not scene:
             rough = run_niced(ROUGH_LIGHT, lambda: self._bake_rough(scene))
             wait_until_warm(SHOWN)
@@ -161,7 +164,7 @@ class Baker:
             self._publish(self._baked, self._fine, rough=False)
 
     def _bake_rough(self, scene: Scene) -> Baked:
-        """Return the rough light of a scene.
+        """Return rough light of a scene, with few patches, which is shown until fine light is baked.
 
         It is computed from the last rough bake if only lights, materials or colours have changed. Otherwise it is
         baked, and the fine light of the old models is discarded.
@@ -174,7 +177,10 @@ class Baker:
         return light
 
     def _publish(self, scene: Scene | None, light: Baked | None, rough: bool = True) -> None:
-        """Set the light that images of a scene use; have the image drawn again. rough : False if it is fine light"""
+        """Set the light that images of a scene use, and have the image drawn again.
+
+        rough : whether it is the first, rough solution; False for the fine one
+        """
         assert scene is not None and light is not None
         with self._changed:
             self._light, self._baked = (scene, light), scene
@@ -188,7 +194,7 @@ class Baker:
             raise _SupersededError
 
     def _report_rough_progress(self, stage: str, share: float) -> None:
-        """Pass on the progress of a rough bake, and abandon the bake after `close`.
+        """Pass on the progress of the first, rough bake, and abandon it after `close`.
 
         share : fraction done; stage : ignored
         """
@@ -196,7 +202,7 @@ class Baker:
         self._report(STAGE, share, self._time_left(STAGE, share))
 
     def _report_progress(self, stage: str, share: float) -> None:
-        """Pass on the progress of a fine bake, and relight images meanwhile if lights or materials change.
+        """Pass on the progress of the second, fine bake; relight images meanwhile if lights or materials change.
 
         Raise _SupersededError, which abandons the bake, if models changed or after `close`.
 

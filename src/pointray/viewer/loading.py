@@ -165,9 +165,9 @@ class FileLoader:
         return points
 
     def _sample(self, cloud: Points | Model, number: int) -> Points:
-        """Return at most COARSE (60,000) points of a scan, for a coarse version.
+        """Return at most COARSE (60,000) points of a scan or model, for a coarse version and for dots shown before it.
 
-        They have no normals if the file's are unwanted or deviate too much from the surface of this sample.
+        A scan's points have no normals if these are unwanted or deviate too much from the surface of this sample.
 
         number : index in `_groups`, for error messages
         """

@@ -309,7 +309,7 @@ class Painter:
         return replace(settings, levels=False) if light.lacks_levels(scene) else settings
 
     def light_of(self, scene: Scene) -> Baked | None:
-        """Return the finely baked light of a scene, or None if it is not baked yet; for exported images."""
+        """Return the final (fine) baked light of a scene, or None if it is not baked yet; for exported images."""
         return self._baker.fine_for(scene)
 
     def _is_old(self, request: FrameRequest, seconds: float) -> bool:
