@@ -1,6 +1,7 @@
 """Automatic view of a scan: up direction, camera and lights for a render without options.
 
 sample: evenly drawn points of a scene in world coordinates; fitted: their normals, from a model's tree
+clusters: the points to frame, without distant and duplicate ones
 upright: up direction from weighted evidence; evidence: scores from the shape; stability, planes: their inputs
 camera_frame: detection of depth camera frames
 direction: view direction; framing: camera distance; coverage: share of the image that points cover

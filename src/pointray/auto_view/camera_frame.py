@@ -25,14 +25,14 @@ THINNED = 0.6  # certainty of a frame without a regular pixel grid
 
 
 class Frame(NamedTuple):
-    """Camera convention of a depth camera frame.
+    """A detected frame of a depth camera: points that one camera at the origin sees, facing along +z or -z.
 
     Attributes
     ----------
     up : str
-        "-y" or "y".
+        Axis that is up in its image: "-y" if it looks along +z, "y" if along -z.
     certainty : float
-        From 0 to 1.
+        From 0 to 1; 1 for a regular grid of pixels.
     """
 
     up: str
@@ -40,7 +40,12 @@ class Frame(NamedTuple):
 
 
 def find_camera_frame(positions: Floats) -> Frame | None:
-    """Return the frame that the points form, or None. positions : (n, 3), world"""
+    """Return the frame of a depth camera at the origin that the points form; None if they form none.
+
+    Its image must contain nearly all points, without depth jumps between most neighbours. It indicates the up axis.
+
+    positions : (n, 3), world
+    """
     x, y, z = positions.T
     ahead = 1.0 if np.median(z) > 0 else -1.0
     depth = ahead * z
@@ -59,7 +64,7 @@ def find_camera_frame(positions: Floats) -> Frame | None:
 
 
 def _fills_picture(pixels: Floats) -> bool:
-    """Return whether image positions fill a centred rectangle with the aspect ratio of a camera."""
+    """Return whether image positions, (n, 2), fill a centred rectangle with the aspect ratio of a camera."""
     low, high = np.quantile(pixels, [STRAY, 1 - STRAY], axis=0)
     half, middle = (high - low) / 2, (high + low) / 2
     is_centred = bool((np.abs(middle) <= BESIDE * half).all())
@@ -67,7 +72,10 @@ def _fills_picture(pixels: Floats) -> bool:
 
 
 def _nearest_pixels(pixels: Floats, rows: NDArray[np.int64]) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the image distances to the four nearest other pixels, (m, 4), and the row of the nearest, (m,)."""
+    """Return the image distances to the four nearest other pixels, (m, 4), and the index of the nearest, (m,).
+
+    pixels : (n, 2), image positions; rows : (m,), indices of the pixels whose neighbours are sought
+    """
     order = np.argsort(pixels[:, 0])
     reach = min(int(4.0 * np.sqrt(len(pixels))), len(pixels) // 2)
     middle = np.searchsorted(pixels[order, 0], pixels[rows, 0])

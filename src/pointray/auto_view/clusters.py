@@ -22,18 +22,23 @@ ASIDE = np.array([o for o in np.ndindex(3, 3, 3) if o > (1, 1, 1)]) - 1
 
 
 def places(positions: Floats) -> NDArray[np.int64]:
-    """Return the first row of each distinct position, sorted. Scanners repeat a position for rows without a return."""
+    """Return the first row of each distinct position, sorted, (m,), so that each position counts once.
+
+    Scanners repeat a position for rows without a return.
+
+    positions : (n, 3)
+    """
     bits = np.ascontiguousarray(positions + 0.0).view(np.uint64).reshape(-1, 3)  # -0 is 0
     _, first = np.unique(_hash(bits), return_index=True)
     return np.sort(first)
 
 
 def find_main(positions: Floats) -> tuple[Flags, Flags]:
-    """Find the points to frame, and the distant points among the others.
+    """Find the points that the camera frames, and the distant points among the others.
 
-    A cluster is distant if its distance from the main cluster exceeds the size of that cluster. At most 2% of the
+    A cluster is distant if its distance from the main cluster exceeds the size of the main cluster. At most 2% of the
     points may be distant. Clusters are connected cells of a grid, which is refined to the main cluster until no
-    cluster is distant. Groups smaller than `ISLAND` are not framed either if they have at most 2% of the points.
+    cluster is distant. Groups of less than 0.25% of the points are not framed either if they have at most 2% together.
 
     Parameters
     ----------
@@ -43,6 +48,7 @@ def find_main(positions: Floats) -> tuple[Flags, Flags]:
     Returns
     -------
     framed, distant : (n,) bool
+        Whether each point is framed; whether it is distant.
     """
     n = len(positions)
     distant = np.zeros(n, bool)
@@ -70,7 +76,10 @@ def find_main(positions: Floats) -> tuple[Flags, Flags]:
 
 
 def largest_cluster(positions: Floats) -> NDArray[np.int64]:
-    """Return the rows of the largest cluster, found again within itself while it is much smaller than before."""
+    """Return the rows of the largest cluster of positions, (n, 3).
+
+    While it is at least 8 times smaller than the points in which it was found, the largest cluster inside it is taken.
+    """
     rows = np.arange(len(positions))
     size = float(np.ptp(positions, axis=0).max())
     while size > 0:
@@ -84,10 +93,11 @@ def largest_cluster(positions: Floats) -> NDArray[np.int64]:
 
 
 def clusters(positions: Floats, low: Floats, cell: float) -> NDArray[np.int64]:
-    """Return the cluster number of each point. Clusters are cells of a grid connected by faces, edges or corners.
+    """Return the cluster number of each point, (n,). Clusters are cells of a grid connected by faces, edges or corners.
 
     Parameters
     ----------
+    positions : (n, 3) float64
     low : (3,) float64
         Minimum corner of a cell.
     cell : float
@@ -114,12 +124,18 @@ def clusters(positions: Floats, low: Floats, cell: float) -> NDArray[np.int64]:
 
 
 def _hash(rows: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return a hash of each row, (n, 3). It is linear, so a neighbour's hash differs by a constant."""
+    """Return a hash of each row, (n,). rows : (n, 3)
+
+    It is linear, so the hashes of neighbouring cells differ by constants.
+    """
     return np.asarray((rows * FACTORS).sum(axis=1, dtype=np.uint64), np.uint64)
 
 
 def _gaps(positions: Floats, group: NDArray[np.int64], low: Floats, high: Floats) -> Floats:
-    """Return the Chebyshev distance of each group from a box."""
+    """Return the distance (largest along an axis) of each group of points from a box, (groups,); at most 0 inside.
+
+    positions : (n, 3); group : (n,), group number of each; low, high : (3,), corners of the box
+    """
     gap = np.maximum(low - positions, positions - high).max(axis=1)
     out = np.full(int(group.max()) + 1, np.inf)
     np.minimum.at(out, group, gap)

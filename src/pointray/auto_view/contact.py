@@ -35,7 +35,7 @@ GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0
 
 
 class ContactShadow(NamedTuple):
-    """Shadow of a standing object on the ground plane.
+    """Soft shadow under a standing object, on an invisible ground plane: a grid of blocked light.
 
     Attributes
     ----------
@@ -75,7 +75,10 @@ class ContactShadow(NamedTuple):
         return self._look_up(place[0], place[1], t)
 
     def _look_up(self, x: Floats, y: Floats, t: Floats) -> NDArray[np.float32]:
-        """Interpolate the shadow bilinearly at ground positions; 0 outside the grid and behind the camera."""
+        """Return the shadow at positions on the ground, interpolated; 0 outside the grid and behind the camera.
+
+        x, y : relative to the grid's centre, along its axes; t : distance along the ray, negative behind the camera
+        """
         out = np.zeros(t.shape, np.float32)
         inside = (t > 0) & (np.abs(x) < self.half) & (np.abs(y) < self.half)
         at = (np.stack([x[inside], y[inside]]) / self.half + 1) * (CELLS / 2) - 0.5
@@ -88,9 +91,9 @@ class ContactShadow(NamedTuple):
         return out
 
     def put_under(self, image: NDArray[np.float32], camera: Camera) -> NDArray[np.float32]:
-        """Composite an image over the shadow, which is black with premultiplied alpha.
+        """Return an image composited over the shadow, (h, w, 4) float32. The shadow is black with an alpha.
 
-        image : (h, w, 4) float32, premultiplied
+        image : (h, w, 4) float32, premultiplied; camera : the one that rendered it
         """
         alpha = self.for_camera(camera)
         if alpha is None:
@@ -101,7 +104,7 @@ class ContactShadow(NamedTuple):
 
 
 def contact_shadow(scene: Scene, positions: Floats, up: ArrayLike, key: ArrayLike | None = None) -> ContactShadow:
-    """Compute the contact shadow of a scene's models.
+    """Trace the contact shadow of a scene's models: the soft shadow under a standing object.
 
     Parameters
     ----------
@@ -109,7 +112,7 @@ def contact_shadow(scene: Scene, positions: Floats, up: ArrayLike, key: ArrayLik
         Points of the standing object, world.
     up : (3,) array_like
     key : (3,) array_like, optional
-        Direction in which the key light travels, world.
+        Direction in which the key light travels, world. None: only the sky is blocked.
     """
     axes = axes_of(up)
     local = positions @ axes.T
@@ -129,10 +132,12 @@ def contact_shadow(scene: Scene, positions: Floats, up: ArrayLike, key: ArrayLik
 
 
 def _directions(key: Floats | None) -> tuple[Floats, Floats]:
-    """Return light directions for each cell in ground axes, (CELLS, CELLS, k, 3), and their weights, (k,).
+    """Return directions of shadow rays for each grid cell, (CELLS, CELLS, k, 3), and their weights, (k,), with sum 1.
 
-    All cells share one pattern under different rotations, which smoothing averages. Sky directions are
-    cosine-distributed.
+    The directions are in the axes of the grid (two along the ground, and up). All cells share one pattern under
+    different rotations, which smoothing averages. Sky directions are cosine-distributed.
+
+    key : (3,), direction to the key light; None: only sky directions
     """
     k = np.arange(CELLS)
     turn = (k[:, None] * GOLDEN + k[None, :] * GOLDEN**2)[..., None] % 1.0
@@ -151,14 +156,20 @@ def _directions(key: Floats | None) -> tuple[Floats, Floats]:
 
 
 def _disc(count: int, turn: Floats) -> Floats:
-    """Return points of the unit disc in a sunflower pattern, (..., count, 2). turn : rotation, in full turns"""
+    """Return points of the unit disc in a sunflower pattern, (..., count, 2).
+
+    turn : (..., 1), rotation of the pattern in full turns
+    """
     k = np.arange(count)
     radius, angle = np.sqrt((k + 0.5) / count), 2 * np.pi * (k * GOLDEN + turn)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
 
 
 def _smooth_and_fade(shadow: Floats, place: Floats) -> NDArray[np.float32]:
-    """Smooth a grid of blocked light and fade it out towards the edge."""
+    """Smooth a grid of blocked light, (CELLS, CELLS), and fade it out towards the edge.
+
+    place : (CELLS, CELLS, 3), position of each cell relative to the centre, in half widths of the grid
+    """
     for axis in (0, 1):
         padded = np.pad(shadow, [(2, 2) if k == axis else (0, 0) for k in (0, 1)], mode="edge")
         rows = [np.take(padded, np.arange(CELLS) + k, axis=axis) for k in range(5)]

@@ -18,7 +18,7 @@ CELLS = 160  # largest number of cells across the image; fewer for few points, w
 
 
 def coverage(positions: Floats, camera: Camera) -> float:
-    """Return the share of the image's cells that contain points in front of the camera.
+    """Return the share of an image that points cover: of its grid cells that contain points in front of the camera.
 
     Only the fullest cells, with 75% of the points, count, so isolated points do not raise the coverage.
 
@@ -46,6 +46,6 @@ def coverage(positions: Floats, camera: Camera) -> float:
 
 
 def of_largest_cluster(sample: Sample) -> Sample:
-    """Return the points of the largest cluster, see `largest_cluster`."""
+    """Return the sample reduced to its largest cluster, which is framed if all points would cover almost no pixels."""
     rows = largest_cluster(sample.positions)
     return sample._replace(positions=sample.positions[rows], normals=sample.normals[rows])

@@ -34,9 +34,9 @@ class Outlook(NamedTuple):
     Attributes
     ----------
     azimuth, elevation : float
-        Degrees.
+        Degrees, about the up direction. Azimuth 0 is the front, 90 the right side.
     kind : str
-        Detected kind of scene.
+        Detected kind of scene, for messages, such as "flat, from above"; or the name of the chosen view.
     within : bool
         Whether the camera stands inside the scan, as in a room.
     """
@@ -48,7 +48,10 @@ class Outlook(NamedTuple):
 
 
 def axes_of(up: ArrayLike) -> Floats:
-    """Return unit right, front and up axes as rows, for a viewer in front. Front is -y if z is up, else +z."""
+    """Return the unit axes right, front and up as rows, (3, 3), with front towards a viewer of the front side.
+
+    Front is -y if z is up, and +z if y is up, made perpendicular to `up`.
+    """
     top = np.asarray(up, np.float64) / np.linalg.norm(up)
     ahead = np.array([0.0, -1.0, 0.0]) if abs(top[1]) < 0.9 else np.array([0.0, 0.0, 1.0])
     front = ahead - top * (ahead @ top)
@@ -57,25 +60,28 @@ def axes_of(up: ArrayLike) -> Floats:
 
 
 def direction_of(azimuth: float, elevation: float, up: ArrayLike) -> Floats:
-    """Return the unit vector of an azimuth and an elevation, degrees."""
+    """Return the unit vector, (3,), towards a viewer at an azimuth (0 front, 90 right) and an elevation, in degrees."""
     right, front, top = axes_of(up)
     a, e = math.radians(azimuth), math.radians(elevation)
     return np.asarray(math.cos(e) * (math.cos(a) * front + math.sin(a) * right) + math.sin(e) * top)
 
 
 def towards(outlook: Outlook, up: ArrayLike) -> Floats:
-    """Return the unit vector towards the viewer; elevation is clamped so that the azimuth stays defined."""
+    """Return the unit vector, (3,), towards the viewer; elevation is clamped so that the azimuth stays defined."""
     return direction_of(outlook.azimuth, max(-STEEPEST, min(STEEPEST, outlook.elevation)), up)
 
 
 def angles_of(direction: ArrayLike, up: ArrayLike) -> tuple[float, float]:
-    """Return azimuth and elevation of a direction, degrees."""
+    """Return azimuth (0 front, 90 right) and elevation of a direction, (3,), in degrees."""
     right, front, top = axes_of(up) @ np.asarray(direction, np.float64)
     return math.degrees(math.atan2(right, front)), math.degrees(math.atan2(top, math.hypot(right, front)))
 
 
 def find_outlook(sample: Sample, up: ArrayLike) -> Outlook:
-    """Choose the view direction from the shape and the normals of the points."""
+    """Choose the view direction of a scan from the shape and the normals of its points.
+
+    Objects are seen from slightly above, flat scans from higher up, one-sided scans from that side, rooms from inside.
+    """
     frame = find_camera_frame(sample.positions + sample.origin)
     if frame and (frame.certainty == 1 or np.array_equal(axis_direction(frame.up), up)):
         azimuth, elevation = angles_of(-np.median(sample.positions + sample.origin, axis=0), up)
@@ -101,7 +107,10 @@ def find_outlook(sample: Sample, up: ArrayLike) -> Outlook:
 
 
 def _broadside(positions: Floats) -> float:
-    """Return the azimuth, near the front, that puts the longest horizontal extent across the image."""
+    """Return the azimuth, near the front, that puts the longest horizontal extent of a flat scan across the image.
+
+    positions : (n, 3), right, front, up. Scans that are not elongated get a fixed azimuth.
+    """
     flat = positions[:, :2] - np.median(positions[:, :2], axis=0)
     size, axes = np.linalg.eigh(flat.T @ flat)
     if size[1] < LONG * LONG * size[0]:
@@ -111,7 +120,10 @@ def _broadside(positions: Floats) -> float:
 
 
 def _surroundings(positions: Floats, normals: Floats, middle: Floats) -> tuple[bool, bool]:
-    """Return whether walls stand all around a centre and face it, and whether there is a ceiling."""
+    """Return whether walls stand all around a centre and face it, and whether there is a ceiling: then it is a room.
+
+    positions, normals : (n, 3), right, front, up; middle : (3,), the centre
+    """
     if len(positions) == 0:
         return False, False
     away = positions - middle

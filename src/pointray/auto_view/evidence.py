@@ -34,16 +34,18 @@ BELT = 75.0  # degrees: largest range of elevation that a rotating scanner sees
 
 
 class Shape(NamedTuple):
-    """Shape of a scan, the input of all sources.
+    """Points and local planes of a scan, from which the functions of this file score axes as its up direction.
 
     Attributes
     ----------
     positions, normals : (n, 3) float64
         Without outliers; unknown normals are zero.
     planes : Planes
+        Fitted to neighbourhoods of some of the points.
     eye : (3,) float64
-        Possible scanner position.
+        Possible scanner position: the only known one, or else the origin of world coordinates.
     stations : (k, 3) float64
+        Known scanner positions.
     """
 
     positions: Floats
@@ -61,30 +63,40 @@ Scores = NDArray[np.float64]  # (6,), of `AXES`
 
 
 def both_ways(scores: list[float]) -> Scores:
-    """Expand scores of x, y and z to the six axes, the same in both directions."""
+    """Expand scores of x, y and z to x, -x, y, -y, z and -z, (6,), the same in both directions."""
     return np.repeat(np.array(scores, np.float64), 2)
 
 
 def opposed(scores: list[float]) -> Scores:
-    """Expand scores of x, y and z to the six axes, with opposite signs in opposite directions."""
+    """Expand scores of x, y and z to x, -x, y, -y, z and -z, (6,), with opposite signs in opposite directions."""
     return both_ways(scores) * np.array([1, -1] * 3)
 
 
 def stands(shape: Shape) -> tuple[Scores, Scores, Scores]:
-    """Score axes by a stable stance (broad base below the centre, small top), by feet, and by a flat lower end."""
+    """Score axes as up by how well the scan stands on its lower end: positive if well, negative if badly.
+
+    Returns three arrays, (6,), for x, -x, y, -y, z and -z: by a stable stance (broad base below the centre, small top),
+    by feet, and by a flat lower end.
+    """
     ends = [Ends.of(shape.positions, axis) for axis in range(3)]
     stances = np.concatenate([end.stances() for end in ends])
     return stances, opposed([end.feet() for end in ends]), opposed([end.flatness() for end in ends])
 
 
 def faces(shape: Shape) -> Scores:
-    """Score axes by the mean normal: scanners mostly see upper sides."""
+    """Score axes, x, -x, y, -y, z and -z, as up by the mean normal: (6,), from -1 to 1.
+
+    Scanners mostly see upper sides, so most normals point up.
+    """
     known = shape.normals.any(axis=1)
     return opposed(list(shape.normals[known].mean(axis=0))) if known.any() else np.zeros(6)
 
 
 def walls(shape: Shape) -> Scores:
-    """Score axes by vertical walls that face several directions. On terrain, steep planes share one direction."""
+    """Score axes, x, -x, y, -y, z and -z, as vertical by walls along them: (6,), from 0 to 1.
+
+    Walls must face several directions. On terrain, steep planes share one direction.
+    """
     scores = []
     for axis in range(3):
         upright = shape.planes.flat & (np.abs(shape.planes.normals[:, axis]) < PLUMB)
@@ -99,7 +111,11 @@ def walls(shape: Shape) -> Scores:
 
 
 def ground(shape: Shape) -> tuple[Scores, Scores]:
-    """Score axes by a horizontal surface below everything, and by objects on it, below half of the height."""
+    """Score axes, x, -x, y, -y, z and -z, as up by the ground: two arrays, (6,).
+
+    The first, from 0 to 1: by a horizontal surface below everything. The second, from -1 to 1: by objects that stand on
+    it, below half of the height.
+    """
     floors, things = [], []
     for axis in range(3):
         layers = Layers.of(shape.planes, axis)
@@ -110,12 +126,12 @@ def ground(shape: Shape) -> tuple[Scores, Scores]:
 
 
 class Layers(NamedTuple):
-    """Counts of a scan's planes in layers along an axis and in columns across it.
+    """Numbers of planes, fitted to neighbourhoods of a scan's points, in a grid of layers along an axis.
 
     Attributes
     ----------
     planes, level : (layers, COLUMNS, COLUMNS) int64
-        All planes, and the horizontal ones.
+        All planes, and those perpendicular to the axis, in each cell of each layer; the last two indices run across it.
     """
 
     planes: NDArray[np.int64]
@@ -140,7 +156,10 @@ class Layers(NamedTuple):
         return Layers(self.planes[::-1], self.level[::-1])
 
     def floor(self) -> float:
-        """Return how much of the view along the axis a horizontal surface in the lower half covers, from 0 to 1."""
+        """Return how much of the scan, seen along the axis, a level surface in its lower half covers: 0 to 1.
+
+        Planes below that surface reduce the result.
+        """
         whole = np.asarray(self.planes.any(axis=0))
         rim = whole & ~_within(whole)
         best, total = 0.0, self.planes.sum()
@@ -152,7 +171,10 @@ class Layers(NamedTuple):
         return best
 
     def lowness(self) -> float:
-        """Return how far below half of the height the planes other than walls, bottom and top lie, from -1 to 1."""
+        """Return how far below half of the height objects on the ground lie, from -1 (above it) to 1.
+
+        Planes of walls, and of the lowest and highest layers, do not count.
+        """
         inner = self.planes[SLAB:-SLAB]
         if len(inner) < BANDS:
             return 0.0
@@ -166,13 +188,16 @@ class Layers(NamedTuple):
 
 
 def _within(whole: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the cells whose four neighbours are occupied."""
+    """Return the cells of a grid whose four neighbours are occupied. whole : (m, m) bool, the occupied cells"""
     wide = np.pad(whole, 1)
     return wide[:-2, 1:-1] & wide[2:, 1:-1] & wide[1:-1, :-2] & wide[1:-1, 2:]
 
 
 def foliage(shape: Shape) -> Scores:
-    """Score axes by foliage, which fills a volume, above surfaces such as trunks and the ground."""
+    """Score axes, x, -x, y, -y, z and -z, as up by foliage above surfaces: (6,), from -1 to 1.
+
+    Foliage fills a volume; surfaces are trunks and the ground. 0 if less than 5% or more than 95% are foliage.
+    """
     scattered = shape.planes.scattered
     share = float(scattered.mean()) if len(scattered) else 0.0
     if not 0.05 < share < 0.95:
@@ -184,7 +209,10 @@ def foliage(shape: Shape) -> Scores:
 
 
 def trunk(shape: Shape) -> Scores:
-    """Score axes by a long thin trunk below a wide crown: trees, lamps, signs."""
+    """Score axes, x, -x, y, -y, z and -z, as up by a long thin trunk below a wide crown: (6,), from -1 to 1.
+
+    Trees, lamps and signs have one.
+    """
     scores = []
     for axis in range(3):
         runs = [_trunk_length(shape.positions, axis, sign) for sign in (1.0, -1.0)]
@@ -193,7 +221,10 @@ def trunk(shape: Shape) -> Scores:
 
 
 def _trunk_length(positions: Floats, axis: int, sign: float) -> float:
-    """Return the length of a trunk at the lower end of an axis: 1 for half of the height or more, 0 for none."""
+    """Return the length of a trunk at the lower end of an axis: 1 for half of the height or more, 0 for none.
+
+    positions : (n, 3); axis : 0, 1 or 2; sign : 1, or -1 to look at its upper end
+    """
     height = sign * positions[:, axis]
     across = np.delete(positions, axis, axis=1)
     slice_of = np.minimum((height - height.min()) / (np.ptp(height) or 1.0) * SLICES, SLICES - 1).astype(int)
@@ -215,7 +246,10 @@ def _trunk_length(positions: Floats, axis: int, sign: float) -> float:
 
 
 def turning(shape: Shape) -> Scores:
-    """Score axes by a limited range of elevation around them, as of a rotating scanner that sees all around."""
+    """Score axes, x, -x, y, -y, z and -z, as vertical by a limited range of elevation: (6,), from 0 to 1.
+
+    A rotating scanner sees all around itself, but not far up and down.
+    """
     away = shape.planes.positions - shape.eye
     far = np.linalg.norm(away, axis=1)
     away = away[far > 0] / far[far > 0, None]
@@ -230,7 +264,10 @@ def turning(shape: Shape) -> Scores:
 
 
 def stationed(shape: Shape) -> Scores:
-    """Score axes negatively by the spread of scanner stations along them: stations have similar heights."""
+    """Score axes, x, -x, y, -y, z and -z, as vertical by scanner positions, which have similar heights: (6,).
+
+    -1 for the axis along which they spread most; 0 if there are fewer than two.
+    """
     if len(shape.stations) < 2:
         return np.zeros(6)
     spread = shape.stations.std(axis=0)

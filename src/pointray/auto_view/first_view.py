@@ -39,7 +39,7 @@ class ViewChoice:
     ----------
     up : (3,) tuple or None
     view : str
-        "auto", or one of `VIEWS`.
+        "auto", "iso", "front", "back", "left", "right", "top" or "bottom".
     azimuth, elevation : float or None
         Degrees; they override those of the view.
     zoom : float
@@ -60,7 +60,7 @@ class ViewChoice:
 
 
 class Scan:
-    """A subject with its up direction and view direction.
+    """Points of a scene with the up direction and the view direction that were detected or chosen for them.
 
     Parameters
     ----------
@@ -71,8 +71,9 @@ class Scan:
     ----------
     up : (3,) tuple
     found_up : Up or None
-        Automatic up direction. None if the choice has one.
+        Automatic up direction with the reason. None if the choice has one.
     outlook : Outlook
+        View direction.
     ignored : str
         Message about points that are not framed; empty if all are.
     """
@@ -87,7 +88,7 @@ class Scan:
 
     @property
     def found(self) -> str:
-        """Automatic choices in one line, with the options that change them; empty if the user chose everything."""
+        """Line for the user with the automatic choices, reasons and options that change them; empty without any."""
         up = self.found_up
         view = f"view: {self.natural_outlook.kind}" if self._is_found else ""
         parts = [view, f"up {up.axis if up.axis.startswith('-') else f'+{up.axis}'} ({up.why})" if up else ""]
@@ -97,35 +98,44 @@ class Scan:
 
     @cached_property
     def natural_outlook(self) -> Outlook:
-        """Automatic view direction, whatever the choice is."""
+        """Automatic view direction, also if the user has chosen another one."""
         return find_outlook(self._sample, self.up)
 
     @cached_property
     def stands(self) -> bool:
-        """Whether the subject is an object, seen from all sides, that stands on a base, feet or a trunk."""
+        """Whether the points show an object from all sides that stands on a base, feet or a trunk.
+
+        Such objects get a contact shadow.
+        """
         if self.natural_outlook.kind != OBJECT:
             return False
         return self.found_up.stands if self.found_up is not None else stands_along(self._sample, self.up)
 
     @property
     def positions(self) -> Floats:
-        """Framed points, (n, 3), world."""
+        """Points that the camera frames, without distant ones, (n, 3), world."""
         return np.asarray(self._sample.origin + self._sample.positions)
 
     @property
     def middle(self) -> Vector:
-        """Median of the framed points, world."""
+        """Median of the points that the camera frames, world."""
         x, y, z = (self._sample.origin + np.median(self._sample.positions, axis=0)).tolist()
         return x, y, z
 
     @property
     def bounds(self) -> Floats:
-        """Bounding box of the framed points, (2, 3), world."""
+        """Bounding box of the points that the camera frames: minimum and maximum, (2, 3), world."""
         low, high = self._sample.positions.min(axis=0), self._sample.positions.max(axis=0)
         return np.asarray(self._sample.origin + [low, high])
 
     def camera(self, lens: Lens = STANDARD, free: Part = WHOLE) -> Camera:
-        """Return the camera that frames all points in a part of its image: (left, top, right, bottom), from 0 to 1."""
+        """Return the camera that frames all points, centred and as large as fits, or shows a room from inside.
+
+        If the points would cover less than 0.5% of the image, it frames the largest cluster, if that helps, and warns.
+
+        lens : field of view, size and projection
+        free : part of the image that the points fill: left, top, right, bottom, from 0 to 1
+        """
         direction = towards(self.outlook, self.up)
         if self.outlook.within and lens.projection == "perspective":
             return _within(self._sample, direction, self.up, lens._replace(fov=max(lens.fov, WIDE)))
@@ -145,7 +155,10 @@ class Scan:
         return coverage(self._sample.origin + self._sample.positions, camera)
 
     def turning(self, lens: Lens = STANDARD) -> Camera:
-        """Return the camera for a turntable, with the scan inside the image through the whole turn."""
+        """Return the first camera of a turntable, with the scan inside the image through the whole turn about `up`.
+
+        lens : field of view, size and projection
+        """
         direction = towards(self.outlook, self.up)
         return self._near(frame_turning(self._sample, direction, self.up, lens))
 
@@ -165,7 +178,10 @@ class Scan:
         return outlook
 
     def _near(self, camera: Camera) -> Camera:
-        """Return the zoomed camera. An orthographic eye must stay in front of the scan, so its view is narrowed."""
+        """Return a camera with the user's zoom: nearer, or, if orthographic, with a narrower field of view.
+
+        An orthographic eye must stay in front of the scan.
+        """
         if camera.projection == "orthographic":
             return magnified(camera, self._choice.zoom)
         eye, target = np.asarray(camera.eye), np.asarray(camera.target)
@@ -197,7 +213,7 @@ def frame(
         "auto" chooses the axis with the most evidence: large coordinates, the file format, a depth camera at the
         origin, the shape and normals of the scan, and common practice (z, then y).
     fov, size, projection
-        As for `Camera.look_at`.
+        As for `Camera.look_at`: vertical field of view in degrees, (width, height) in pixels, kind of projection.
     azimuth, elevation : float, optional
         Degrees; they override those of the view. (0, 0) is the front, (90, 0) the right side.
     zoom : float
@@ -232,7 +248,10 @@ def frame(
 
 
 def up_of(up: Any) -> Vector | None:
-    """Return the up direction as a vector, or None for "auto"."""
+    """Return the up direction as a vector; None for "auto".
+
+    up : (3,) array_like, "x", "-x", "y", "-y", "z", "-z" or "auto"; ValueError for anything else
+    """
     from .upright import axis_direction
 
     if isinstance(up, str):
@@ -245,7 +264,10 @@ def up_of(up: Any) -> Vector | None:
 
 
 def _within(sample: Sample, direction: Floats, up: Vector, lens: Lens) -> Camera:
-    """Return a camera inside a room that looks across its centre."""
+    """Return a camera inside a room that looks across its centre.
+
+    direction : (3,), from the points towards the camera; lens : field of view, size and projection
+    """
     middle = np.median(sample.positions, axis=0)
     width = float(np.ptp(np.quantile(sample.positions @ direction, [0.01, 0.99])))
     for share in BACK:

@@ -11,9 +11,11 @@ from ..engine.kernels.tree import BLOCK, NX, Tree
 
 
 def fitted_normals(tree: Tree, rows: NDArray[np.integer[Any]], count: int) -> NDArray[np.float32]:
-    """Return normals of some of `count` points from a tree, (m, 3); zero for rows without a splat. Needs no kernel.
+    """Return normals of some points from the splats of a model's tree, (m, 3); zero for points without a splat.
 
-    rows : (m,), ascending
+    They are read with NumPy alone, before kernels are compiled.
+
+    rows : (m,), ascending, rows of the points; count : number of all points of the model
     """
     wanted = np.zeros(count, bool)
     wanted[rows] = True

@@ -43,7 +43,7 @@ STANDARD = Lens()
 def frame_points(
     sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1), lens: Lens = STANDARD, free: Part = WHOLE
 ) -> Camera:
-    """Return a camera that shows the points centred and as large as fits with a margin of 5%.
+    """Return a camera that shows the points of a sample centred and as large as fits with a margin of 5%.
 
     Parameters
     ----------
@@ -64,9 +64,11 @@ def frame_points(
 
 
 def frame_turning(sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1), lens: Lens = STANDARD) -> Camera:
-    """Return a camera that keeps the points in its image while they turn about an axis along `up` through their centre.
+    """Return a camera for a turntable: the points stay in its image while they turn about an axis along `up`.
 
-    Its target lies on the axis.
+    The axis passes through the middle of the points, and the camera's target lies on it.
+
+    direction : from the points towards the camera
 
     Raises
     ------
@@ -90,7 +92,7 @@ def frame_turning(sample: Sample, direction: ArrayLike, up: ArrayLike = (0, 0, 1
 
 
 def magnified(camera: Camera, times: float) -> Camera:
-    """Return the camera with its image magnified at the target's distance by narrowing the field of view."""
+    """Return the camera with a narrower field of view, which magnifies the image of its target by `times`."""
     return replace(camera, fov=float(np.degrees(2.0 * np.arctan(np.tan(np.radians(camera.fov) / 2.0) / times))))
 
 
@@ -133,10 +135,11 @@ def _frame(
 def _fit(
     points: Floats, depth: Floats, part: tuple[Floats, Floats], limits: tuple[float, float]
 ) -> tuple[float, float, float]:
-    """Return camera offsets to the right, upwards and backwards with which points fill a part of the image.
+    """Return offsets of the camera to the right, upwards and backwards with which points fill a part of the image.
 
-    points : (2, n), to the right and upwards; part : half sizes and centre, as tangents
-    limits : smallest distance, share of outliers
+    points : (2, n), coordinates to the right and upwards; depth : (n,), coordinates along the view
+    part : half sizes and centre of the part, (2,) each, as tangents of angles from the view direction
+    limits : smallest distance of the camera, and share of the points at either side that may lie outside
     """
     (room, aim), (least, stray) = part, limits
     shift, distance = np.zeros(2), 2.0 * max(least, float(np.abs(points).max(initial=0.0)) / float(room.min()))
@@ -155,7 +158,12 @@ def _fit(
 
 
 def _swept_circles(positions: Floats, axis: Floats) -> Floats:
-    """Return circles swept by points that turn about an axis through the origin: the outermost at each height."""
+    """Return points, (m, 3), on the circles that a scan sweeps when it turns about an axis through the origin.
+
+    Only the outermost circle at each height is kept, and outliers are left out.
+
+    positions : (n, 3); axis : (3,), unit
+    """
     height = positions @ axis
     radius = np.linalg.norm(positions - height[:, None] * axis, axis=1)
     low, high = np.quantile(height, [STRAY, 1.0 - STRAY])

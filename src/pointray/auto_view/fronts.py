@@ -16,7 +16,7 @@ BACKS = 0.25  # share of the hits
 def shows_backs(scene: Scene, camera: Camera) -> bool:
     """Return whether more than 25% of a camera's hits are back faces, as for leaves and unoriented normals.
 
-    Muted back faces, see `Settings`, would then produce patches instead of marking holes.
+    Marking holes by desaturated back faces (`Settings.backfaces`) would then only produce patches.
     """
     width, height = camera.size
     few = replace(camera, size=(ACROSS, max(round(ACROSS * height / width), 1)))

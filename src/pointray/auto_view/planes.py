@@ -35,7 +35,10 @@ class Planes(NamedTuple):
 
 
 def fit_planes(positions: Floats) -> Planes:
-    """Fit planes to points, (n, 3). Return none if there are too few points."""
+    """Fit a plane to the 12 points nearest to each of up to 600 places spread over a scan; none if points are too few.
+
+    positions : (n, 3), the scan's points
+    """
     subset = positions[:: max(len(positions) // SUBSET, 1)]
     if len(subset) <= NEIGHBORS:
         none = np.zeros((0, 3))
@@ -56,7 +59,10 @@ def fit_planes(positions: Floats) -> Planes:
 
 
 def _spread_places(subset: Floats, size: float) -> NDArray[np.int64]:
-    """Return a row of each occupied cell of the finest grid with at most `PLACES` occupied cells."""
+    """Return rows of up to `PLACES` points spread evenly: one in each occupied cell of the finest grid that allows it.
+
+    subset : (n, 3), centred; size : largest extent
+    """
     cells = 64
     while True:
         keys = np.floor((subset - subset.min(axis=0)) / size * cells).astype(np.int64) @ (1, 128, 128 * 128)
@@ -67,7 +73,10 @@ def _spread_places(subset: Floats, size: float) -> NDArray[np.int64]:
 
 
 def _nearest(places: Floats, subset: Floats) -> NDArray[np.int64]:
-    """Return the rows of each position's nearest points, including itself, (m, NEIGHBORS)."""
+    """Return the rows in `subset` of the points nearest to each place, including itself, (m, NEIGHBORS).
+
+    places : (m, 3); subset : (n, 3)
+    """
     a, b = places.astype(np.float32), subset.astype(np.float32)
     squared = np.square(b).sum(axis=1) - 2.0 * (a @ b.T)
     return np.argpartition(squared, NEIGHBORS, axis=1)[:, :NEIGHBORS]

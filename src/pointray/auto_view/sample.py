@@ -23,14 +23,14 @@ COARSE = 20_000  # smallest number of points in a level of detail that represent
 
 
 class Ignored(NamedTuple):
-    """Counts of points that are not framed.
+    """Counts of points that the camera does not frame.
 
     Attributes
     ----------
     distant : int
         Points far from all others.
     zeros : int
-        Points at (0, 0, 0), far from all others: rows without a return in world coordinates.
+        Points at (0, 0, 0), far from all others: rows of the file without a return (no echo of the laser).
     total : int
         All points of the sample.
     """
@@ -50,7 +50,7 @@ class Ignored(NamedTuple):
 
 
 class Sample(NamedTuple):
-    """Points of a scene.
+    """Points drawn evenly from a scene, from which its view is chosen.
 
     Attributes
     ----------
@@ -59,6 +59,7 @@ class Sample(NamedTuple):
     normals : (n, 3) float64
         World, unit; zero where unknown.
     origin : (3,) float64
+        World position.
     far : bool
         Whether some coordinates are as large as map coordinates, so that the points have an origin.
     splats : bool
@@ -68,6 +69,7 @@ class Sample(NamedTuple):
     stations : (k, 3) float64
         Scanner positions relative to the origin.
     ignored : Ignored
+        Counts of the points that were left out because they are far away.
     """
 
     positions: Floats
@@ -80,12 +82,12 @@ class Sample(NamedTuple):
     ignored: Ignored = Ignored()
 
     def relative_to(self, point: Floats) -> Sample:
-        """Return the points relative to another point. point : (3,), relative to the origin of this sample"""
+        """Return the sample with another origin. point : (3,), the new origin relative to the old one"""
         stations = self.stations - point
         return self._replace(positions=self.positions - point, origin=self.origin + point, stations=stations)
 
     def without_islands(self) -> Sample:
-        """Return the points to frame: distinct positions without distant clusters, outliers and small islands."""
+        """Return the points to frame: distinct positions without small groups of points, near or far from the rest."""
         rows = places(self.positions)
         framed, distant = find_main(self.positions[rows])
         if len(rows) == len(self.positions) and framed.all():
@@ -109,10 +111,11 @@ def _percent(share: float) -> str:
 
 
 def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool = True) -> Sample:
-    """Draw at most `most` points evenly from a subject's rows; ValueError if it has none.
+    """Draw at most `most` points evenly from a subject's rows; raise ValueError if it has none.
 
     Planes are ignored. Each instance of a model contributes its points.
-    islands : whether to keep small groups of a model's points far from the others, see `without_islands`
+
+    islands : whether to keep duplicates and small groups of a model's points, see `Sample.without_islands`
     """
     placed = _placed(subject)
     total = sum(len(one.points) for one in placed)
@@ -134,7 +137,10 @@ def sample_of(subject: Scene | Model | Points, most: int = MOST, islands: bool =
 
 
 class _PlacedPoints(NamedTuple):
-    """Points with their transform to the world, (4, 4), and a tree with fitted normals if they have none."""
+    """Points with the transform of their instance, and the tree of its model, from which missing normals are read.
+
+    matrix : (4, 4), from the coordinates of the points' file (origin + positions) to the world
+    """
 
     points: Points
     matrix: Floats
@@ -147,31 +153,34 @@ class _PlacedPoints(NamedTuple):
 
     @property
     def stations(self) -> Floats:
-        """World positions of scanners, (k, 3)."""
+        """World positions of the scanners that the points' file names, (k, 3)."""
         local = np.reshape(self.points.georeference.stations, (-1, 3))
         return np.asarray(local @ self.matrix[:3, :3].T + self.matrix[:3, 3])
 
     @property
     def format(self) -> str | None:
-        """File format of the points; None if the transform rotates them."""
+        """File format of the points, evidence for the up axis; None if the transform rotates them."""
         linear = self.matrix[:3, :3]
         is_turned = not np.allclose(linear, abs(linear[0, 0]) * np.eye(3))
         return None if is_turned else self.points.georeference.format
 
 
 def _format(placed: list[_PlacedPoints]) -> str | None:
-    """Return the file format that all points share, or None."""
+    """Return the file format that all points share, or None if they differ."""
     formats = {one.format for one in placed}
     return formats.pop() if len(formats) == 1 else None
 
 
 def _were_splats(points: Points) -> bool:
-    """Return whether points were Gaussian splats, by their attributes. PLY files number the scales."""
+    """Return whether points come from a file of Gaussian splats, by their attributes.
+
+    These have an "opacity" and a "scale" or, in PLY files, a "scale_0".
+    """
     return "opacity" in points.attributes and not points.attributes.keys().isdisjoint(("scale", "scale_0"))
 
 
 def _placed(subject: Scene | Model | Points) -> list[_PlacedPoints]:
-    """Return the point clouds of a subject with their transforms to the world."""
+    """Return the points of each instance of a model in a subject, with their transforms to the world."""
     if isinstance(subject, Points):
         return [_PlacedPoints(subject, np.eye(4))]
     if isinstance(subject, Model):
@@ -187,15 +196,18 @@ def _placed(subject: Scene | Model | Points) -> list[_PlacedPoints]:
 
 
 def _tree_of(model: Model) -> Tree | None:
-    """Return the tree with fitted normals of a model's points, or None if the points have normals."""
+    """Return the tree of a model, from whose splats normals are read; None if the points have normals.
+
+    None also for models in parts.
+    """
     return None if model.parts or model.points.normals is not None else model.tree
 
 
 def _representative_points(model: Model) -> list[Points]:
-    """Return the points of a model, or representative points of a model whose parts are on disk.
+    """Return the points of a model; for a model in parts on disk, points that represent it in all parts.
 
-    The parts are represented by one level of detail with the same density everywhere: the coarsest with COARSE points.
-    Parts without this level contribute the same share of their points.
+    The parts are represented by one level of detail with the same density everywhere: the coarsest with COARSE (20,000)
+    points. Parts without this level contribute the same share of their points.
     """
     counts = [part.source.file.points for part in model.parts if part.source is not None]
     if not counts:
@@ -215,7 +227,7 @@ def _representative_points(model: Model) -> list[Points]:
 
 
 def _coarsest(model: Model) -> int:
-    """Return the number of the coarsest level of detail with COARSE points in all parts together.
+    """Return the number of the coarsest level of detail with COARSE (20,000) points in all parts of a model together.
 
     1 if no level has as many; 0 if there are no levels.
     """
@@ -228,7 +240,10 @@ def _coarsest(model: Model) -> int:
 
 
 def _matrix(to_model: Floats, points: Points) -> Floats:
-    """Return an instance's transform from positions relative to the points' origin to the world."""
+    """Return an instance's transform from the coordinates of its points' file to the world, (4, 4).
+
+    to_model : (12,), rows of (3, 4), from the world to positions relative to the points' origin
+    """
     out = np.eye(4)
     out[:3] = to_model.reshape(3, 4)
     out[:3, 3] += points.origin
@@ -236,7 +251,10 @@ def _matrix(to_model: Floats, points: Points) -> Floats:
 
 
 def _part(placed: _PlacedPoints, share: float, origin: Floats) -> tuple[Floats, Floats]:
-    """Draw a random share of points; return their positions relative to an origin, and their normals."""
+    """Draw a random share of placed points; return their positions relative to an origin, and their normals, (n, 3).
+
+    share : 0 to 1; origin : (3,), world. Normals are unit, in world axes; zero if unknown.
+    """
     points, matrix, tree = placed
     rows = np.flatnonzero(points.finite)
     if share < 1.0:

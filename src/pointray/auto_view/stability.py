@@ -23,15 +23,16 @@ AROUND = np.stack([np.cos(np.arange(32) * (np.pi / 16)), np.sin(np.arange(32) * 
 
 
 class Ends(NamedTuple):
-    """Ends of an object along an axis, as positions across it.
+    """Points near the two ends of an object along an axis, to judge on which end it stands.
 
     Attributes
     ----------
     low, high, whole : (n, 2) float64
-        Points near either end, and all points.
+        Points in the lowest and in the highest 5% of the height, and all points: coordinates across the axis.
     lowest, highest : (n, 2) float64
-        Points at the very ends.
+        Points in the lowest and in the highest 1.5% of the height.
     height : float
+        Extent along the axis.
     """
 
     low: Floats
@@ -43,7 +44,7 @@ class Ends(NamedTuple):
 
     @classmethod
     def of(cls, positions: Floats, axis: int) -> Ends:
-        """Return the ends of points (n, 3) along axis 0, 1 or 2."""
+        """Return the points near the ends of an object along axis 0, 1 or 2. positions : (n, 3), all its points"""
         height, across = positions[:, axis], np.delete(positions, axis, axis=1)
         low, high, size = height.min(), height.max(), float(np.ptp(height))
         near = {share: (height <= low + share * size, height >= high - share * size) for share in (SLAB, TIP)}
@@ -51,7 +52,10 @@ class Ends(NamedTuple):
         return cls(base, top, across, lowest, highest, size)
 
     def stances(self) -> tuple[float, float]:
-        """Return scores of the object as it is and upside down: 1 for a cone, -1 or less for one on its tip."""
+        """Return scores of how stably the object stands as it is, and upside down.
+
+        1 for a cone on its base, -1 or less for one on its tip.
+        """
         whole = _outline_and_cells(self.whole, self.whole)
         low, high = (_spread(end, self.whole, whole) for end in (self.low, self.high))
         middle = self.whole.mean(axis=0)
@@ -59,19 +63,27 @@ class Ends(NamedTuple):
         return low - high - falls[0], high - low - falls[1]
 
     def flatness(self) -> float:
-        """Return how much wider the lowest points are than the highest, from -1 to 1. Bases are flat or cut off."""
+        """Return how much wider the object is at its very bottom than at its very top, from -1 to 1.
+
+        Bases are flat or cut off, tops seldom.
+        """
         area = max(outline(self.whole), 1e-300)
         low, high = (min(outline(tip) / area, 1.0) if len(tip) else 0.0 for tip in (self.lowest, self.highest))
         thickness = float(np.ptp(self.whole, axis=0).min())
         return float(np.sqrt(low) - np.sqrt(high)) * min(THIN * thickness / (self.height or 1.0), 1.0)
 
     def feet(self) -> float:
-        """Return how much better the object stands on feet than upside down, from -1 to 1."""
+        """Return how much better the object stands on feet as it is than upside down, from -1 to 1; 0 without feet."""
         return _feet(self.low, self.whole) - _feet(self.high, self.whole)
 
 
 def _spread(part: Floats, whole: Floats, of_whole: tuple[float, int]) -> float:
-    """Return the share of the view along the axis that a part covers: geometric mean of outline and cells."""
+    """Return the share of the object, seen along the axis, that the points of a part cover, from 0 to 1.
+
+    It is the geometric mean of the shares of outline and occupied cells.
+
+    part, whole : (n, 2), points of the part, and all; of_whole : outline area and number of cells of the whole
+    """
     if len(part) < FEW:
         return 0.0
     area, cells = _outline_and_cells(part, whole)
@@ -79,7 +91,10 @@ def _spread(part: Floats, whole: Floats, of_whole: tuple[float, int]) -> float:
 
 
 def _outline_and_cells(part: Floats, whole: Floats) -> tuple[float, int]:
-    """Return the area of a part's outline, and the number of its cells in a grid over the whole."""
+    """Return the area of a part's outline, and the number of cells that it occupies in a 32 x 32 grid over the whole.
+
+    part, whole : (n, 2), points of the part, and all
+    """
     size = np.ptp(whole, axis=0)
     unit = (part - whole.min(axis=0)) / np.where(size > 0, size, 1.0)
     column = np.minimum((unit * CELLS).astype(int), CELLS - 1) @ (1, CELLS)
@@ -87,7 +102,10 @@ def _outline_and_cells(part: Floats, whole: Floats) -> tuple[float, int]:
 
 
 def outline(flat: Floats) -> float:
-    """Return the area of the polygon through the extreme points in 32 directions; 0 if it is a line."""
+    """Return the area of the polygon through the extreme points in 32 directions; 0 if it is a line.
+
+    The polygon approximates the convex hull. flat : (n, 2)
+    """
     flat = flat - flat.mean(axis=0)
     reach = AROUND[:, :1] * flat[:, 0] + AROUND[:, 1:] * flat[:, 1]  # a matrix product's BLAS threads cost 10 ms
     x, y = flat[reach.argmax(axis=1)].T
@@ -96,7 +114,12 @@ def outline(flat: Floats) -> float:
 
 
 def carries(base: Floats, middle: Floats) -> bool:
-    """Return whether an object's centre lies over its base: no half circle around it is free of base points."""
+    """Return whether an object with its centre over `middle` stands on its base without falling over.
+
+    Each half circle around the centre must contain points of the base.
+
+    base : (n, 2), its lowest points, seen along the vertical; middle : (2,)
+    """
     if len(base) == 0 or outline(base) == 0:
         return False
     x, y = (base - middle).T
@@ -105,7 +128,12 @@ def carries(base: Floats, middle: Floats) -> bool:
 
 
 def _feet(base: Floats, whole: Floats) -> float:
-    """Return outline minus cells of an end, as shares of the whole; 0 unless it consists of a few feet."""
+    """Return how much an end of an object looks like 2 to 12 feet on which it can stand, from 0 to 1.
+
+    Feet enclose a large outline but occupy few cells: the result is the difference of both as shares of the whole.
+
+    base, whole : (n, 2), points of the end, and all
+    """
     if len(base) < FEW or not carries(base, whole.mean(axis=0)):
         return 0.0
     low, size = whole.min(axis=0), float(np.ptp(whole, axis=0).max()) or 1.0
@@ -116,14 +144,14 @@ def _feet(base: Floats, whole: Floats) -> float:
 
 
 def _grid(unit: Floats) -> NDArray[np.bool_]:
-    """Return the occupied cells of the unit square, with an empty border."""
+    """Return the occupied cells of a grid over the unit square, with an empty border. unit : (n, 2), positions in it"""
     cells = np.zeros((FEET_CELLS + 2, FEET_CELLS + 2), bool)
     cells[tuple(np.minimum(unit * FEET_CELLS, FEET_CELLS - 1).astype(int).T + 1)] = True
     return cells
 
 
 def _count_islands(cells: NDArray[np.bool_]) -> int:
-    """Count 8-connected groups of cells; the border is empty."""
+    """Count groups of occupied cells that are connected by edges or corners. cells : (m, m), with an empty border"""
     left, count = cells.copy(), 0
     while left.any():
         island = np.zeros_like(left)

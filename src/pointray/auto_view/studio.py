@@ -40,8 +40,8 @@ def studio(up: ArrayLike = (0, 0, 1), azimuth: float | None = None) -> list[Ligh
     up : (3,) array_like
         Zenith of the sky.
     azimuth : float, optional
-        Degrees, as for `frame`. Fix the suns in the world, as for a viewer on this side. Lights that follow the camera
-        are not baked, see `bake`. None: the suns follow the camera.
+        Side of a viewer for whom the suns are fixed in the world: 0 degrees is the front, 90 the right, as for `frame`.
+        None: the suns follow the camera. Lights that follow the camera are not baked, see `bake`.
 
     Returns
     -------
@@ -72,15 +72,21 @@ def studio(up: ArrayLike = (0, 0, 1), azimuth: float | None = None) -> list[Ligh
 
 
 def fill(strength: float, up: ArrayLike = (0, 0, 1)) -> EnvironmentLight:
-    """Return a sky. strength : its light relative to a sun of irradiance pi, on a surface that faces both"""
+    """Return a sky with a vertical gradient. up : its zenith
+
+    strength : its light relative to a sun of irradiance pi, on a surface that faces both
+    """
     return EnvironmentLight(strength, horizon=0.8 * strength, ground=0.5 * strength, up=check_direction(up, "up"))
 
 
 def with_contact(settings: Settings) -> Settings:
-    """Return the settings with contact shadows from the sky if the integrator is "phong"."""
+    """Return the settings with soft shadows from the sky (`Settings.sky_rays`) if the integrator is "phong"."""
     return replace(settings, sky_rays=SKY_RAYS) if settings.integrator == "phong" else settings
 
 
 def with_direct_light(settings: Settings) -> Settings:
-    """Return settings for previews until baked light is ready; settings without baked light are unchanged."""
+    """Return settings for previews until baked light is ready: direct light ("phong") in its place.
+
+    Settings that need no baked light are returned unchanged.
+    """
     return with_contact(replace(settings, integrator="phong")) if settings.integrator == "baked" else settings

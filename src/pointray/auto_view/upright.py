@@ -79,14 +79,14 @@ LEAST = 0.05  # smallest margin of a source that is reported as the reason
 
 
 class Up(NamedTuple):
-    """Up direction of a scan.
+    """Detected up direction of a scan.
 
     Attributes
     ----------
     axis : str
         "x", "-x", "y", "-y", "z" or "-z".
     why : str
-        The decisive evidence, in a few words.
+        The decisive evidence, in a few words, for messages.
     stands : bool
         Whether the shape has a flat base, feet or a trunk at its lower end.
     """
@@ -109,7 +109,10 @@ def axis_direction(axis: str) -> tuple[float, float, float]:
 
 
 def find_up(sample: Sample) -> Up:
-    """Find the up direction and the decisive source."""
+    """Find the up direction of a scan: the axis with the largest sum of evidence.
+
+    The reason given is the evidence by which it most exceeds the second axis.
+    """
     scores = weighted_evidence(sample)
     total = np.sum(list(scores.values()), axis=0)
     best, next_best = np.argsort(-total, kind="stable")[:2]
@@ -123,7 +126,7 @@ def find_up(sample: Sample) -> Up:
 
 
 def stands_along(sample: Sample, up: ArrayLike) -> bool:
-    """Return whether an object stands on a flat base, feet or a trunk for this up direction; False off the axes."""
+    """Return whether an object stands on a flat base, feet or a trunk if `up` is up; False if `up` is not an axis."""
     found = [k for k, axis in enumerate(AXES) if np.allclose(axis_direction(axis), up)]
     return bool(found) and _stands(weighted_evidence(sample), found[0])
 
@@ -133,7 +136,10 @@ def _stands(scores: dict[str, Scores], axis: int) -> bool:
 
 
 def weighted_evidence(sample: Sample) -> dict[str, Scores]:
-    """Return weighted scores of the six axes, (6,) each, by source name."""
+    """Return weighted scores of x, -x, y, -y, z and -z as the up direction, (6,) each, by name of the evidence.
+
+    Evidence is the file format, a depth camera, large coordinates, the shape, and common practice.
+    """
     frame = find_camera_frame(sample.positions + sample.origin)
     sample = _thinned(sample)
     habit = SPLAT_HABIT if sample.splats else HABIT
@@ -153,7 +159,10 @@ def weighted_evidence(sample: Sample) -> dict[str, Scores]:
 
 
 def _shape_evidence(sample: Sample) -> dict[str, Scores]:
-    """Return unweighted scores from the points alone."""
+    """Return unweighted scores of x, -x, y, -y, z and -z as the up direction, (6,) each, from the points alone.
+
+    The keys are names of the evidence, such as "trunk" and "walls".
+    """
     kept = _without_strays(sample.positions)
     normals = np.zeros((0, 3)) if sample.splats else sample.normals[kept]
     eye = sample.stations[0] if len(sample.stations) == 1 else -sample.origin
@@ -183,7 +192,10 @@ def _thinned(sample: Sample) -> Sample:
 
 
 def _without_strays(positions: Floats) -> NDArray[np.bool_]:
-    """Return whether each point lies within the central 98% along each axis, or not far outside, (n,) bool."""
+    """Return whether each point is no outlier, (n,): within or not far outside the central 98% along each axis.
+
+    positions : (n, 3)
+    """
     low, high = np.quantile(positions, [EDGE, 1.0 - EDGE], axis=0)
     margin = FAR_OUT * (high - low).max()
     return np.asarray(((positions >= low - margin) & (positions <= high + margin)).all(axis=1))
@@ -194,6 +206,6 @@ def _only(axis: str) -> Scores:
 
 
 def is_flat(positions: Floats) -> bool:
-    """Return whether points, (n, 3), are at most a fifth as high (along the last axis) as wide."""
+    """Return whether points, (n, 3), are at most a fifth as high (along the last axis) as wide, without outliers."""
     across, deep, high = np.ptp(np.quantile(positions, [EDGE, 1.0 - EDGE], axis=0), axis=0)
     return bool(high <= FLAT * max(across, deep))

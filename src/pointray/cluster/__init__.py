@@ -1,4 +1,4 @@
-"""Execution on Dask's workers. Only this folder depends on Dask; it is imported when a client is given.
+"""Execution on Dask's workers. Only this folder depends on Dask; it is imported when a client or a Dask array is given.
 
 backend : the interface to other folders, see `base/executor.py`
 client : validation of clients; clients for the command line, from a LocalCluster or a scheduler's address

@@ -28,7 +28,9 @@ WANTED = "a dask.distributed.Client, not asynchronous, or None"
 
 
 def check_client(client: Any, name: str = "client") -> Any:
-    """Return a Dask client whose workers have this version of pointray, or None. name : used in messages
+    """Return a Dask client if it has workers, all with this version of pointray. None is returned as it is.
+
+    name : of the parameter or option, for messages
 
     Raises
     ------
@@ -53,15 +55,20 @@ def check_client(client: Any, name: str = "client") -> Any:
 
 
 def dask_for(what: str) -> Any:
-    """Return the package `distributed`; ValueError if it is not installed. what : start of the message"""
+    """Return the package `distributed`; raise ValueError if it is not installed.
+
+    what : parameter or option that needs it, the start of the message
+    """
     return require("distributed", "cluster", what)
 
 
 def unfit(client: Any, workers: list[str]) -> dict[str, str]:
-    """Return the reason for each worker that cannot be used: another version of pointray, or none.
+    """Return the reason for each worker, by address, that cannot be used: pointray has another version or is missing.
 
-    Each worker is asked once, as a stopped one would not answer. Workers lost meanwhile are neither reported nor fit,
-    see `is_fit`.
+    Each worker is asked once, as a stopped one would not answer. A worker lost meanwhile is not in the result, and
+    `is_fit` returns False for it.
+
+    workers : addresses
     """
     fit = _FIT.setdefault(client, set())
     new = [worker for worker in workers if worker not in fit]
@@ -80,40 +87,43 @@ def unfit(client: Any, workers: list[str]) -> dict[str, str]:
 
 
 def is_fit(client: Any, worker: str) -> bool:
-    """Return whether a worker has reported the version of this process."""
+    """Return whether a worker has reported the same version of pointray as this process. worker : address"""
     return worker in _FIT.get(client, ())
 
 
 def prefer_spread(client: Any) -> None:
-    """Spread models in parts over the workers of a client by default."""
+    """Let the workers of a client share models in parts by default: each opens only some of the parts."""
     _SPREAD[client] = True
 
 
 def is_spread_preferred(client: Any) -> bool:
-    """Return whether models in parts are spread by default, see `prefer_spread`."""
+    """Return whether the workers of a client share models in parts by default: each opens only some of the parts."""
     return check_client(client) is not None and _SPREAD.get(client, False)
 
 
 def memory_of(client: Any) -> float:
-    """Return the bytes of memory available to the worker with the least, if workers of a machine share it evenly."""
+    """Return the bytes of memory available to the worker with the least; infinite if unknown.
+
+    Workers of a machine are assumed to share its free memory evenly.
+    """
     return min((free / sharing for free, sharing in machines_of(client) if free is not None), default=inf)
 
 
 def machines_of(client: Any) -> list[tuple[int | None, int]]:
-    """Return for each worker its machine's free bytes of memory, None if unknown, and number of workers."""
+    """Return for each worker the free bytes of memory of its machine (None: unknown) and how many workers run there."""
     found = client.run(available_memory, on_error="ignore")
     hosts = Counter(map(_host, found))
     return [(free, hosts[_host(worker)]) for worker, free in found.items()]
 
 
 def _host(worker: str) -> str:
-    """Return the host in the address of a worker."""
+    """Return the host in the address of a worker: "10.0.0.1" in "tcp://10.0.0.1:4321"."""
     return worker.rpartition("://")[2].rpartition(":")[0]
 
 
 @contextmanager
 def connected(address: str) -> Iterator[Any]:
-    """Connect to a scheduler; ValueError if none answers."""
+    """Yield a client connected to the scheduler at an address (--cluster); raise ValueError if none answers."""
     distributed = dask_for("--cluster")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # failures are raised as errors
     clients: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -137,7 +147,7 @@ def connected(address: str) -> Iterator[Any]:
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Any]:
-    """Start `count` worker processes on this machine, which share its cores evenly."""
+    """Start `count` worker processes on this machine, which share its cores evenly, and yield a client for them."""
     distributed = dask_for("--workers")
     import dask
 

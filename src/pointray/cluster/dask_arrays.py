@@ -24,14 +24,16 @@ from .worker import worker_here
 
 
 class ArrayForm(NamedTuple):
-    """Type of a result. columns : shape of the value of a ray"""
+    """Type of an array with one value for each ray. columns : shape of a value, such as () or (3,)"""
 
     dtype: np.dtype[Any]
     columns: tuple[int, ...]
 
 
 def check_chunks(values: Mapping[str, Any]) -> list[Any]:
-    """Return arrays of real numbers, by the names of parameters. Dask arrays are not computed.
+    """Return arrays or Dask arrays as arrays of real numbers. Dask arrays are not computed.
+
+    values : arrays by the names of parameters, for messages
 
     Raises
     ------
@@ -51,10 +53,10 @@ def check_chunks(values: Mapping[str, Any]) -> list[Any]:
 
 
 class Distribution(NamedTuple):
-    """Distribution of the work on each chunk over several workers.
+    """Distribution of the work on each chunk of rays over workers that hold different parts of a scene.
 
-    homes : the last argument of the work, by the address of the preferred worker
-    join : function of a module that merges the results of all workers
+    homes : from the address of each worker to the argument of the work that says which parts it holds
+    join : module-level function that merges the results (dicts of arrays) of all workers
     """
 
     homes: Mapping[str, Any]
@@ -68,7 +70,7 @@ def chunked_like(
     forms: Mapping[str, ArrayForm],
     shared: Distribution | None = None,
 ) -> dict[str, Any]:
-    """Return Dask arrays computed from rays, by name.
+    """Return Dask arrays whose chunks are computed on demand from a scene and the chunks of arrays of rays, by name.
 
     Parameters
     ----------
@@ -77,8 +79,10 @@ def chunked_like(
         threads and a `Progress` (both may be None). It returns a dict of arrays as described by `forms`.
     arrays : sequence
         Origins and directions, (..., 3), and limits, (...); broadcast.
+    forms : dict of str to ArrayForm
+        Types of the returned arrays, by name.
     shared : Distribution, optional
-        Distribution over several workers. None: one worker, any, computes a chunk.
+        Distribution over workers that hold different parts. None: one worker, any, computes a chunk.
     """
     dask, da = (require(name, "cluster", "an array of Dask") for name in ("dask", "dask.array"))
     axes = max(array.ndim - (k < 2) for k, array in enumerate(arrays))
@@ -111,15 +115,20 @@ def chunked_like(
 
 
 def _make(*chunks: Any, work: tuple[Any, ...], scene: SerializedScene) -> Any:
-    """Compute a chunk."""
+    """Compute a chunk of the results: a dict of arrays by name.
+
+    chunks : of the arrays of rays; work : function and first arguments, see `chunked_like`
+    """
     function, *args = work
     return scene.use(function, (*args, chunks))
 
 
 def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Distribution, scene: SerializedScene) -> Any:
-    """Compute a chunk with tasks on several workers.
+    """Compute a chunk of the results on several workers that hold different parts of a scene: a dict of arrays.
 
     The tasks are submitted here, as Dask's optimization of arrays drops the assignment to workers from a graph.
+
+    chunks : of the arrays of rays; work : function and first arguments, see `chunked_like`
     """
     function, *args = work
     if worker_here() is None:
@@ -136,5 +145,9 @@ def _make_shared(*chunks: Any, work: tuple[Any, ...], shared: Distribution, scen
 
 
 def _use(scene: SerializedScene, function: Callable[..., Any], args: tuple[Any, ...], *chunks: Any) -> Any:
-    """Compute one worker's part of a chunk."""
+    """Compute the results of a chunk of rays for the parts of the scene that one worker holds, on that worker.
+
+    function : called with a snapshot of the scene, `args`, `chunks`, a number of threads and a progress callback
+    chunks : of the arrays of rays
+    """
     return scene.use(function, (*args, chunks))

@@ -21,7 +21,11 @@ ALONG = "along"  # key of distances in float64, which compare hits of several wo
 
 
 def intersect_chunks(scene: SceneLike, given: RayArguments, attributes: Sequence[str], spread: bool = False) -> Hits:
-    """Return the hits of rays in Dask arrays, see `Scene.intersect`. spread : each worker opens only some parts"""
+    """Return the closest hits of rays in Dask arrays, as Dask arrays: `Scene.intersect`, computed on demand.
+
+    given : origins, directions, t_min and t_max; attributes : names of attributes to blend at the hits
+    spread : whether each worker opens only some parts of models on disk
+    """
     arrays = _check(given)
     now = scene.snapshot()
     blended = {name: hit_attribute(now, name) for name in attributes}
@@ -45,7 +49,10 @@ def intersect_chunks(scene: SceneLike, given: RayArguments, attributes: Sequence
 
 
 def occluded_chunks(scene: SceneLike, given: RayArguments, spread: bool = False) -> Any:
-    """Return whether rays in Dask arrays are blocked, see `Scene.occluded`."""
+    """Return whether rays in Dask arrays are blocked, as a Dask array of bool: `Scene.occluded`, computed on demand.
+
+    given : origins, directions, t_min and t_max; spread : whether each worker opens only some parts of models on disk
+    """
     arrays, forms = _check(given), {"occluded": ArrayForm(np.dtype(np.bool_), ())}
     if spread:
         shared = Distribution(_homes(scene, scene.snapshot()), _any)
@@ -54,32 +61,41 @@ def occluded_chunks(scene: SceneLike, given: RayArguments, spread: bool = False)
 
 
 def _check(given: RayArguments) -> list[Any]:
-    """Return checked arrays, without computing those of Dask."""
+    """Return origins, directions, t_min and t_max after checks of dtypes and shapes. Dask arrays are not computed."""
     arrays = check_chunks(dict(zip(("origins", "directions", "t_min", "t_max"), given, strict=True)))
     leading_shape(*arrays)
     return arrays
 
 
 def _key(attribute: str) -> str:
-    """Return the key of an attribute among the fields of `Hits`."""
+    """Return the key of an attribute in a dict of the arrays of `Hits`, beside its fields: "attributes NAME"."""
     return f"attributes {attribute}"
 
 
 def _intersect(
     scene: Snapshot, names: tuple[str, ...], rays: RayArguments, threads: int | None, check: Any
 ) -> dict[str, Any]:
-    """Return the hits of a chunk."""
+    """Return the closest hits of a chunk of rays: the arrays of `Hits` by field, attributes as "attributes NAME".
+
+    names : of the attributes; threads, check : number of threads and progress callback; may be None
+    """
     hits = vars(intersect_snapshot(scene, *check_rays(*rays), names, Pace(threads, check)))
     return {**hits, **{_key(name): values for name, values in hits["attributes"].items()}}
 
 
 def _occlude(scene: Snapshot, rays: RayArguments, threads: int | None, check: Any) -> dict[str, Any]:
-    """Return whether the rays of a chunk are blocked."""
+    """Return whether the rays of a chunk are blocked: {"occluded": bool array}.
+
+    threads, check : number of threads and progress callback; may be None
+    """
     return {"occluded": occluded_snapshot(scene, *check_rays(*rays), Pace(threads, check))}
 
 
 def _homes(scene: SceneLike, now: Snapshot) -> dict[str, Rows]:
-    """Return the rows of the instances that each worker holds."""
+    """Return for each worker of the default client, by address, the rows of the instances whose parts it opens.
+
+    now : snapshot of the scene
+    """
     shares = Shares(now, homes_for(scene.models))
     return {holder: shares.of(holder) for holder in shares.holders}
 
@@ -87,7 +103,12 @@ def _homes(scene: SceneLike, now: Snapshot) -> dict[str, Rows]:
 def _intersect_held(
     scene: Snapshot, names: tuple[str, ...], rows: Rows, rays: RayArguments, threads: int | None, check: Any
 ) -> dict[str, Any]:
-    """Return the hits of a chunk with one worker's instances, and their distances in float64."""
+    """Return the closest hits of a chunk with the instances that one worker holds, and their distances in float64.
+
+    The distances, under "along", decide between the hits of several workers.
+
+    names : of attributes; rows : of the instances; threads, check : number of threads and progress callback or None
+    """
     found = _intersect(held_scene(scene, rows), names, rays, threads, check)
     del found["attributes"]  # contained one by one
     origins, directions = np.asarray(rays[0], np.float64), np.asarray(rays[1], np.float64)
@@ -96,12 +117,18 @@ def _intersect_held(
 
 
 def _occlude_held(scene: Snapshot, rows: Rows, rays: RayArguments, threads: int | None, check: Any) -> dict[str, Any]:
-    """Return whether the rays of a chunk are blocked by one worker's instances."""
+    """Return whether the rays of a chunk are blocked by the instances that one worker holds: {"occluded": bool array}.
+
+    rows : of the instances; threads, check : number of threads and progress callback or None
+    """
     return _occlude(held_scene(scene, rows), rays, threads, check)
 
 
 def _nearest(found: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return the nearest of the hits that several workers have found."""
+    """Return for each ray the nearest of the hits that several workers have found, each with its own instances.
+
+    found : the arrays of each worker by name, as from `_intersect_held`
+    """
     best = dict(found[0])
     for other in found[1:]:
         nearer, same = np.zeros(best["t"].shape, np.bool_), np.ones(best["t"].shape, np.bool_)
@@ -115,5 +142,5 @@ def _nearest(found: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _any(found: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return whether rays are blocked for any worker."""
+    """Return whether rays are blocked by the instances of any worker. found : {"occluded": bool array} of each"""
     return {"occluded": np.logical_or.reduce([some["occluded"] for some in found])}

@@ -31,6 +31,8 @@ ATTEMPTS = 4  # attempts of a job whose workers die, as it may be the cause
 class _Assignment:
     """A job on a worker, until its result has been received.
 
+    attempt : number of the attempt, from 1; increases when a worker is lost
+    worker : its address; future : Dask's future of the job
     begun : estimated time at which the worker began the job, or to send the result
     result : future of the transfer of the result; None while the job is not finished
     """
@@ -44,22 +46,30 @@ class _Assignment:
 
 
 class WorkerBackend(Protocol):
-    """Interface of workers that do jobs, see `worker_pool.WorkerPool`."""
+    """Interface of the workers to which `Dispatch` assigns jobs. workers : number of threads by address"""
 
     workers: dict[str, int]
 
     def submit(self, job: Job, worker: str) -> Any:
-        """Submit a job to a worker. Returns its future, or None if that failed."""
+        """Submit a job to the worker with an address. Returns its Dask future, or None if it could not be sent."""
 
     def fetch(self, future: Any) -> Any:
         """Start the transfer of a future's result. Returns a `concurrent.futures.Future`."""
 
     def mark_unseen(self, place: Place) -> None:
-        """Record that a worker does not see a file."""
+        """Record that a worker does not see a model's file, so that the model itself is sent to workers instead."""
 
 
 class Dispatch:
-    """Assignment of jobs to the workers of a pool, and collection of the results."""
+    """Assigns jobs to workers, at most two to each, collects their results and repeats jobs of lost or slow workers.
+
+    Parameters
+    ----------
+    pool : WorkerBackend
+        The workers.
+    jobs : deque of Job
+        Jobs to do. The caller may add more.
+    """
 
     def __init__(self, pool: WorkerBackend, jobs: deque[Job]) -> None:
         self._pool, self._jobs = pool, jobs
@@ -70,24 +80,29 @@ class Dispatch:
 
     @property
     def is_done(self) -> bool:
-        """Whether all jobs are done."""
+        """Whether no job is waiting or assigned."""
         return not (self._jobs or self._retries or self.assignments)
 
     def drop_lost(self) -> None:
-        """Retry the jobs of lost workers."""
+        """Queue the jobs of workers that are no longer in the pool for another attempt."""
         for assignment in [one for one in self.assignments if one.worker not in self._pool.workers]:
             self._release(assignment)
             self._retry(assignment, assignment.attempt + 1)
 
     def assign_jobs(self) -> None:
-        """Assign jobs until each worker has JOBS_PER_WORKER of them."""
+        """Assign jobs until each worker has two: one in progress, and one queued so that it need not wait."""
         for round in range(JOBS_PER_WORKER):
             for worker in self._pool.workers:
                 if len(self._assignments_of(worker)) <= round and not self._assign_next(worker):
                     return
 
     def _assign_next(self, worker: str) -> bool:
-        """Assign a job to a worker, if there is one for it. Returns False if jobs cannot be sent."""
+        """Assign the next job to a worker, if there is one for it; an idle worker may take one over from another.
+
+        Returns False if jobs cannot be sent.
+
+        worker : address
+        """
         retry = next((one for one in self._retries if self._is_for(one[0], worker)), None)
         if retry is not None:
             self._retries.remove(retry)
@@ -99,13 +114,17 @@ class Dispatch:
         return bool(self._assignments_of(worker)) or self._take_over(worker)
 
     def _is_for(self, job: Job, worker: str) -> bool:
-        """Return whether a job may be assigned to a worker: it has no other home that is present."""
+        """Return whether a job may be assigned to a worker: it prefers this worker, or none that is connected.
+
+        worker : address
+        """
         return not job.home or job.home == worker or job.home not in self._pool.workers
 
     def _take_over(self, worker: str) -> bool:
-        """Assign a job that is queued at another worker, or slow wherever it is done, to an idle worker.
+        """Assign to an idle worker a job that is queued at another worker, or that is slow on all workers that do it.
 
-        A slow transfer counts too, even from this worker: Dask joins transfers, so that one may wait for a hung worker.
+        A slow transfer of a result counts too, even from this worker: Dask joins transfers, so that it may wait for
+        another worker that hangs. Returns False if jobs cannot be sent; True also without such a job.
         """
         for assignment in [one for one in self.assignments if one.worker != worker or one.result is not None]:
             same = self._assignments_for(assignment.job)
@@ -122,7 +141,7 @@ class Dispatch:
         return bool(self._times) and spent > max(SLOW * float(np.median(self._times)), least)
 
     def collect_results(self) -> Iterator[tuple[Job, Any]]:
-        """Wait for results for TICK seconds at most, and yield those that are ready."""
+        """Wait for results for TICK (0.1) seconds at most, and yield jobs with results that have been received."""
         try:
             futures = [self._ready.get(timeout=TICK)]
         except queue.Empty:
@@ -139,7 +158,10 @@ class Dispatch:
                 yield from self._finish_transfer(assignment)
 
     def _start_transfer(self, assignment: _Assignment) -> None:
-        """Start the transfer of the result of a finished job, which never ends if the worker hangs."""
+        """Start the transfer of the result of a finished job; if the job failed, retry it or raise its error.
+
+        The transfer never ends if the worker hangs, so it is asynchronous.
+        """
         now = time.monotonic()
         for waiting in self._assignments_of(assignment.worker)[1:]:
             waiting.begun = now
@@ -151,7 +173,7 @@ class Dispatch:
         assignment.result.add_done_callback(self._ready.put)
 
     def _finish_transfer(self, assignment: _Assignment) -> Iterator[tuple[Job, Any]]:
-        """Yield a result that was received, or retry its job if the transfer failed."""
+        """Yield a job with its received result, and release its duplicates; retry the job if the transfer failed."""
         if assignment.result.cancelled() or assignment.result.exception() is not None:
             self._fail(assignment, None)
             return
@@ -161,7 +183,10 @@ class Dispatch:
         yield assignment.job, assignment.result.result()
 
     def _fail(self, assignment: _Assignment, error: BaseException | None) -> None:
-        """Retry a failed job, or raise its error. error : None if the job or its result was lost with its worker"""
+        """Retry a failed job if its worker was lost or does not see a file; otherwise raise its error.
+
+        error : None if the job or its result was lost with its worker
+        """
         self._release(assignment)
         if isinstance(error, UnseenFileError):
             if assignment.job.home and error.args[0].index:  # workers hold only some of its parts
@@ -174,7 +199,12 @@ class Dispatch:
             raise error
 
     def _retry(self, assignment: _Assignment, attempt: int) -> None:
-        """Retry a job, unless another worker does it too."""
+        """Queue a job for another attempt, unless another worker does it too.
+
+        Raises RuntimeError after 4 attempts whose workers were lost, as the job may be the cause.
+
+        attempt : number of the next attempt
+        """
         if self._assignments_for(assignment.job):
             return
         if attempt > ATTEMPTS:
@@ -182,7 +212,10 @@ class Dispatch:
         self._retries.append((assignment.job, attempt))
 
     def _submit(self, job: Job, attempt: int, worker: str) -> bool:
-        """Submit a job to a worker. Returns whether it could be sent."""
+        """Submit a job to a worker; return whether it was sent. If not, it waits for another attempt.
+
+        attempt : counts from 1; worker : address
+        """
         future = self._pool.submit(job, worker)
         if future is None:
             self._retries.appendleft((job, attempt))
@@ -192,18 +225,21 @@ class Dispatch:
         return True
 
     def _release(self, assignment: _Assignment) -> None:
-        """Release a job: its worker stops it."""
+        """Forget a job on a worker, and release its Dask future, upon which the worker stops it."""
         self.assignments.remove(assignment)
         assignment.future.release()
 
     def _assignments_of(self, worker: str) -> list[_Assignment]:
-        """Return the unfinished jobs of a worker; the first is in progress."""
+        """Return the unfinished jobs of a worker in the order of assignment; the first is in progress.
+
+        worker : address
+        """
         return [one for one in self.assignments if one.worker == worker and one.result is None]
 
     def _assignments_for(self, job: Job) -> list[_Assignment]:
         return [one for one in self.assignments if one.job is job]
 
     def end(self) -> None:
-        """Release all jobs."""
+        """Release the futures of all jobs, upon which workers stop them."""
         for assignment in self.assignments[:]:
             self._release(assignment)

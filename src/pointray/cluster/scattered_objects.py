@@ -21,14 +21,17 @@ PATIENCE = 5  # timeout in seconds for any worker to be available
 
 @dataclass
 class ScatteredObject:
-    """An object on Dask's workers. future : keeps it there"""
+    """An object that a client sends to its workers once, although many jobs need it.
+
+    name : shown on the dashboard; future : keeps the object on the workers; None until it is sent
+    """
 
     name: str
     value: Any
     future: Any = None
 
     def send(self, client: Any) -> Any:
-        """Return the future of the object, which is sent if no worker has it."""
+        """Return the Dask future of the object for use in jobs; send it first if no worker has it."""
         if self.future is None or self.future.status != "finished":
             key = f"{self.name}-{uuid.uuid4().hex}"
             self.future = client.scatter({key: self.value}, timeout=PATIENCE)[key]
@@ -37,9 +40,10 @@ class ScatteredObject:
 
 @dataclass
 class ScatteredObjects:
-    """The objects that a client has sent, by owner.
+    """The objects that a client has sent to its workers.
 
-    unseen : files of models that some worker does not see
+    by_owner : the sent objects; each stays on the workers as long as its owner, such as a model, lives here
+    unseen : files of models that some worker cannot read, or sees in another state; these models are sent
     asked : files of models that all workers were asked about
     """
 
@@ -49,14 +53,17 @@ class ScatteredObjects:
     asked: set[Place] = field(default_factory=set)
 
     def of(self, owner: Any, name: str, value: Any) -> ScatteredObject:
-        """Return the scattered object of an owner, a new one if the object has changed."""
+        """Return the scattered object of an owner, a new one if its value has changed. Sends nothing yet.
+
+        owner : the object stays on the workers as long as this one lives; name : shown on the dashboard
+        """
         scattered = self.by_owner.get(owner)
         if scattered is None or not _is_same(scattered.value, value):
             scattered = self.by_owner[owner] = ScatteredObject(name, value)
         return scattered
 
     def of_model(self, model: Model) -> ScatteredObject | Place:
-        """Return the place of a model's file if all workers see it, else a scattered object."""
+        """Return what to send for a model: the place of its file, or the model if it has none or a worker lacks it."""
         place = model.place
         if place is not None and place not in self.unseen:
             return place
@@ -65,14 +72,17 @@ class ScatteredObjects:
 
 
 def _is_same(old: Any, new: Any) -> bool:
-    """Return whether two objects are the same, or copies of a model with the same levels of detail."""
+    """Return whether two values are the same object, or copies of a model with the same levels of detail."""
     if isinstance(old, Model) and isinstance(new, Model):
         return old.levels is new.levels
     return old is new
 
 
 def check_spreadable(model: Model) -> Place:
-    """Return the folder of a model in parts, which workers open; ValueError if it is missing."""
+    """Return the place of the folder of a model in parts, where workers open the parts; ValueError if it is missing.
+
+    A `Place` is a path with the size and time of the file.
+    """
     if model.place is None:
         raise ValueError("spread: the folder of a model in parts is missing or has changed: load the model again")
     return model.place
@@ -82,7 +92,7 @@ _OBJECTS: WeakKeyDictionary[Any, ScatteredObjects] = WeakKeyDictionary()  # by c
 
 
 def scattered_objects_of(client: Any) -> ScatteredObjects:
-    """Return the objects that a client has sent."""
+    """Return the objects that a client has sent to its workers; the same collection for each call."""
     if client not in _OBJECTS:
         _OBJECTS[client] = ScatteredObjects(client)
     return _OBJECTS[client]

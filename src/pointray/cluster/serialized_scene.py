@@ -25,12 +25,12 @@ _NAMES: WeakKeyDictionary[Model, str] = WeakKeyDictionary()  # unique names of m
 
 
 class SerializedScene:
-    """A copy of a scene that can be pickled.
+    """A copy of a scene that can be pickled into the graph of a Dask array, and used in any process.
 
     Attributes
     ----------
     key : str
-        Unique name.
+        Unique name of the scene in this state.
     """
 
     def __init__(self, scene: SceneLike) -> None:
@@ -54,18 +54,28 @@ class SerializedScene:
         return self.key
 
     def use(self, work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-        """Do work on the scene, see `worker.JobSpec`."""
+        """Return the result of a function on the scene, called in this process, one call at a time.
+
+        work : called with a snapshot of the scene, `args`, a number of threads and a progress callback (None for both
+            outside of Dask's workers)
+        """
         return run_exclusively(lambda cache: self._scene.snapshot(), work, args)
 
     def _portable(self) -> list[Model | Place | ScatteredModel]:
-        """Return the models as they are sent. It must not wait for messages, as Dask holds a lock while pickling."""
+        """Return what to pickle for each model: the model, its file's place, or the name of the copy that workers have.
+
+        It must not wait for messages, as Dask holds a lock while pickling.
+        """
         client, places = current_client(), [model.place for model in self._models]
         if client is None or client is not self._client:
             return [place or model for place, model in zip(places, self._models, strict=True)]
         return [self._as_sent(*pair) for pair in zip(self._sent, self._models, strict=True)]
 
     def _as_sent(self, sent: ScatteredObject | Place, model: Model) -> Model | Place | ScatteredModel:
-        """Return a model as it is sent to the workers of the client."""
+        """Return what to pickle for a model for workers of the client to which it was sent.
+
+        sent : its file, or the object on the workers; if that is lost, the model itself is returned
+        """
         if isinstance(sent, Place):
             return model.place or model
         if sent.future is None or sent.future.status != "finished":
@@ -74,7 +84,7 @@ class SerializedScene:
 
 
 class _Packed:
-    """The serialized scene in another process."""
+    """A `SerializedScene` after unpickling in another process, which makes the scene when it is used."""
 
     def __init__(self, key: str, version: str, recipe: bytes, models: Sequence[Model | Place | ScatteredModel]) -> None:
         self._args = key, version, recipe, models
@@ -83,7 +93,11 @@ class _Packed:
         return _Packed, self._args
 
     def use(self, work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-        """See `SerializedScene.use`."""
+        """Return the result of a function on the scene, called in this process, one call at a time.
+
+        work : called with a snapshot of the scene, `args`, a number of threads and a progress callback (None for both
+            outside of Dask's workers)
+        """
         key, version, recipe, models = self._args
         if version != version_here():
             raise ValueError(f"this worker has pointray {version_here()}, the scene was sent by pointray {version}")
@@ -105,12 +119,14 @@ def current_client() -> Any:
 
 
 def homes_for(models: Sequence[Model]) -> list[str]:
-    """Return the workers of the default client, over which models in parts are spread.
+    """Return the addresses of the workers of the default client, among which the parts of models on disk are divided.
+
+    models : those of the scene
 
     Raises
     ------
     ValueError
-        If there is no client, it has no workers, or one of them does not see a folder.
+        If there is no client, it has no workers, or one of them does not see the folder of a model.
     """
     client = current_client()
     if client is None:
@@ -126,7 +142,7 @@ def homes_for(models: Sequence[Model]) -> list[str]:
 
 
 def _send(client: Any, models: Sequence[Model]) -> list[ScatteredObject | Place]:
-    """Return the places or scattered objects of models, and send those that some worker does not see."""
+    """Return for each model its file's place or the object on the workers; send models whose file a worker lacks."""
     objects = scattered_objects_of(client)
     _find_unseen(client, objects, {model.place for model in models} - {None} - objects.asked)
     sent = [objects.of_model(model) for model in models]
@@ -138,7 +154,10 @@ def _send(client: Any, models: Sequence[Model]) -> list[ScatteredObject | Place]
 
 
 def _find_unseen(client: Any, objects: ScatteredObjects, places: set[Any]) -> None:
-    """Find out which files all workers see."""
+    """Ask all workers which files they see, and record the answers in `objects.unseen` and `objects.asked`.
+
+    places : files of models
+    """
     wanted = list(places)
     for answers in client.run(_check_places, wanted).values() if places else ():
         objects.unseen |= {place for place, there in zip(wanted, answers, strict=True) if not there}

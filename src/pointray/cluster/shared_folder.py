@@ -13,7 +13,7 @@ from .task_pool import TaskPool
 
 
 def tasks_beside(client: Any, file: Path) -> TaskPool:
-    """Return the workers of a client, all of which must see a file and be able to write beside it.
+    """Return the workers of a client as a pool; all must see a file and be able to write beside it.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def tasks_beside(client: Any, file: Path) -> TaskPool:
 
 
 def _unseen(place: Place, client: Any, workers: list[str]) -> dict[str, str]:
-    """Return the reason for each worker that does not see a file."""
+    """Return a message for each worker, by address, that does not see a file or cannot write beside it."""
     folder = Path(place.path).parent.parent
     share = "all workers must share its file system"
     answers = client.run(_is_seen, place, workers=workers, on_error="return") if workers else {}

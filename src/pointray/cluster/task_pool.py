@@ -33,7 +33,7 @@ T = TypeVar("T")
 
 
 class _EmptyScene:
-    """A scene without contents."""
+    """A scene without contents, for workers whose tasks need none."""
 
     def __init__(self) -> None:
         self.baked, self.models = None, list[Any]()
@@ -46,14 +46,14 @@ class _EmptyScene:
 
 
 class TaskPool:
-    """Workers of a client that do tasks.
+    """Workers of a client that do tasks: calls of a function with numbers, such as part numbers, without a scene.
 
     Parameters
     ----------
     client : distributed.Client
-        See `check_client`.
+        One with workers, as checked by `check_client`.
     ask : callable, optional
-        See `WorkerPool`.
+        Called with the client and addresses of workers, returns the reason for each one that must not be used.
     """
 
     def __init__(self, client: Any, ask: WorkerCheck | None = None) -> None:
@@ -62,7 +62,7 @@ class TaskPool:
     def share(
         self, name: str, do: Callable[[int], T], numbers: Sequence[int], tick: Callable[[], None]
     ) -> Iterator[tuple[int, T]]:
-        """Call a function with each number; yield numbers and results in the order of completion.
+        """Call a function with each number on any worker; yield numbers and results in the order of completion.
 
         The function is sent to each worker once, so data bound to it may be large. It may be called twice with the same
         number, even at the same time.
@@ -75,19 +75,27 @@ class TaskPool:
             yield job.args[0], unpack(result)
 
     def refresh(self, folder: Path) -> None:
-        """Make files that workers have written into a folder visible here."""
+        """Make files that workers have written into a shared folder visible here, despite an outdated listing."""
         refresh_listing(folder)
 
 
 def do_task(scene: None, number: int, todo: bytes, threads: int | None, check: Progress | None) -> bytes:
-    """Call a function on a worker and return its packed result."""
+    """Call a function with a number on a worker and return its pickled result; `Job.work` of all tasks.
+
+    todo : the function, pickled; threads : limit of the threads of kernels
+    check : raises DroppedError if the result is no longer needed; None: not called
+    """
     do = unpack(todo)
     with _thread_limit(threads):
         return pack(do(number) if check is None else stoppable(lambda: do(number), check))
 
 
 def stoppable(work: Callable[[], T], check: Progress) -> T:
-    """Do work in a thread. If `check` raises DroppedError, end it by SystemExit while it waits for a kernel."""
+    """Return the result of `work`, called in another thread, which is ended if the result is no longer needed.
+
+    check : called ten times a second. If it raises DroppedError, the thread is ended by SystemExit as soon as it waits
+        for a kernel, and DroppedError is raised here.
+    """
     task, is_dropped, interrupted_at = _Task(work), False, -INTERRUPT_AGAIN
     task.start()
     while task.is_alive():
@@ -109,7 +117,7 @@ def stoppable(work: Callable[[], T], check: Progress) -> T:
 
 
 class _Task(threading.Thread):
-    """Thread that keeps the result or the exception of its work."""
+    """Thread that keeps the result or the exception of its work, and can be ended from outside."""
 
     def __init__(self, work: Callable[[], Any]) -> None:
         super().__init__(daemon=True)
@@ -119,7 +127,7 @@ class _Task(threading.Thread):
         self._ending = threading.Lock()
 
     def run(self) -> None:
-        """Do the work, see `Thread`."""
+        """Do the work and keep its result or exception; overrides the method of `Thread`."""
         try:
             self.result = self._work()
         except BaseException as error:
@@ -127,7 +135,10 @@ class _Task(threading.Thread):
         self._ending.acquire()  # never released: `end` must not use the ident of this thread after it was reused
 
     def end(self) -> bool:
-        """Raise SystemExit in this thread if it waits for kernels; return whether it does."""
+        """End this thread by SystemExit if it waits for a kernel; return whether it does.
+
+        Elsewhere it may hold a lock, which would stay locked.
+        """
         if not self._ending.acquire(blocking=False):
             return False
         try:
@@ -140,7 +151,7 @@ class _Task(threading.Thread):
             self._ending.release()
 
     def _waits_for_kernels(self) -> bool:
-        """Return whether this thread only waits for kernels."""
+        """Return whether this thread is inside `engine.jit.run`, waiting for the threads of a kernel to end."""
         frame = sys._current_frames().get(self.ident or 0)
         while frame is not None and frame.f_code.co_filename == threading.__file__:
             frame = frame.f_back
@@ -156,7 +167,10 @@ _LOCK, _SAVED_LIMITS = threading.Lock(), list[str | None]()  # settings before e
 
 @contextmanager
 def _thread_limit(threads: int | None) -> Iterator[None]:
-    """Limit the threads of kernels. Workers in one process use the same limit; the last one restores the setting."""
+    """Limit the threads of kernels by the environment variable POINTRAY_THREADS in this context; None: no limit.
+
+    Workers in one process use the same limit; the last one restores the setting.
+    """
     if threads is None:
         yield
         return

@@ -25,24 +25,27 @@ T = TypeVar("T")
 
 
 class UnseenFileError(Exception):
-    """Raised if the worker does not see the file of a model. args : its place"""
+    """Raised if a worker does not see the file of a model, or sees another one.
+
+    args : its `Place` (path, size and time)
+    """
 
     def __str__(self) -> str:
         return f"a worker does not see {self.args[0].path} or sees another file: save it where all workers see it"
 
 
 class DroppedError(Exception):
-    """Raised if the result of a task is no longer needed."""
+    """Raised inside a job or task on a worker to end it: its result is no longer needed."""
 
 
 @dataclass(frozen=True)
 class JobSpec:
-    """Specification of a job.
+    """Specification of a job on a scene, sent to a worker.
 
-    scene : name of the scene
-    work : function of a module that takes the scene's snapshot, `args`, shared values, a number of threads and a
+    scene : unique name of the scene, key of the worker's cache
+    work : module-level function that takes the scene's snapshot, `args`, shared values, a number of threads and a
         `Progress`
-    value_count : number of shared values
+    value_count : number of shared values, which are sent separately
     """
 
     scene: str
@@ -53,7 +56,7 @@ class JobSpec:
 
 @dataclass(frozen=True)
 class ScatteredModel:
-    """A model that workers have. key : Dask's key; scheduler : id of their scheduler"""
+    """Name of a model that was sent to workers. key : Dask's key of it; scheduler : id of the workers' scheduler"""
 
     key: str
     scheduler: str
@@ -61,9 +64,11 @@ class ScatteredModel:
 
 @dataclass
 class WorkerCache:
-    """Cache of a worker.
+    """Scenes and models that a worker has made or loaded, for its next jobs.
 
-    lock : held by the running job; scenes : snapshots; files, sent : models
+    lock : held by the running job, as jobs run one at a time
+    scenes : snapshots by the name of the scene; files : models by their file
+    sent : models that a client has sent, as long as they are used
     """
 
     lock: threading.Lock = field(default_factory=threading.Lock)
@@ -72,7 +77,11 @@ class WorkerCache:
     sent: WeakValueDictionary[ScatteredModel, Model] = field(default_factory=WeakValueDictionary)
 
     def scene(self, name: str, recipe: bytes, baked: Any, models: Sequence[Model | Place | ScatteredModel]) -> Any:
-        """Return the snapshot of a scene, which is cached."""
+        """Return the snapshot of a scene, from the cache or made from its parts.
+
+        name : unique; recipe : the scene without models, from `write_recipe`; baked : light or None
+        models : each as itself, as a file to load, or as the name of a model that workers have
+        """
         return _get_or_make(self.scenes, name, SCENES, lambda: self._snapshot(recipe, baked, models))
 
     def _snapshot(self, recipe: bytes, baked: Any, models: Sequence[Model | Place | ScatteredModel]) -> Any:
@@ -81,7 +90,7 @@ class WorkerCache:
         return scene.snapshot()
 
     def _model(self, model: Model | Place | ScatteredModel) -> Model:
-        """Return a model: passed along, fetched from a worker, or loaded from a file."""
+        """Return a model: the given one, one fetched from the workers that have it, or one loaded from a file."""
         if isinstance(model, Place):
             return _get_or_make(self.files, model, FILES, lambda: _load(model))
         if isinstance(model, ScatteredModel):
@@ -102,7 +111,10 @@ def version_here() -> str:
 
 
 def do_job(spec: JobSpec, recipe: bytes, baked: Any, *sent: Any) -> Any:
-    """Do a job on a Dask worker and return its result. sent : models, then shared values
+    """Do a job on a Dask worker and return its result; None if it was cancelled.
+
+    recipe : the scene without models, from `write_recipe`; baked : its light or None
+    sent : models (or what was sent for them), then values that jobs share
 
     Raises
     ------
@@ -116,9 +128,11 @@ def do_job(spec: JobSpec, recipe: bytes, baked: Any, *sent: Any) -> Any:
 
 
 def run_exclusively(scene_of: Callable[[WorkerCache], Any], work: Callable[..., Any], args: tuple[Any, ...]) -> Any:
-    """Do work with exclusive use of the cache, in a task of a worker or in any other thread.
+    """Call `work` on a scene and return its result, one call at a time in this worker, or in this process without one.
 
-    scene_of : returns the scene from the cache; work : see `JobSpec`
+    scene_of : returns the snapshot of the scene, given the cache
+    work : called with the snapshot, `args`, a number of threads and a progress callback (None for both without a
+        worker)
     """
     worker = worker_here()
     if worker is None:
@@ -140,7 +154,7 @@ def run_exclusively(scene_of: Callable[[WorkerCache], Any], work: Callable[..., 
 
 
 def worker_here() -> Any:
-    """Return the Dask worker of this thread, or None."""
+    """Return the Dask worker that runs the current thread, or None outside of workers."""
     distributed: Any = sys.modules.get("distributed")
     try:
         return None if distributed is None else distributed.get_worker()
@@ -149,7 +163,7 @@ def worker_here() -> Any:
 
 
 def _fetch(sent: ScatteredModel) -> Model:
-    """Fetch a model from the workers that have it."""
+    """Fetch a model from the workers to which a client has sent it; raise an error if they are lost."""
     distributed: Any = sys.modules["distributed"]
     client = distributed.get_client()
     if client.scheduler_info()["id"] != sent.scheduler:
@@ -163,7 +177,7 @@ def _fetch(sent: ScatteredModel) -> Model:
 
 
 def _load(place: Place) -> Model:
-    """Load the model in a file."""
+    """Load the model in a file; raise UnseenFileError if the file is missing here or has changed."""
     if not place.is_there:
         raise UnseenFileError(place)
     model = Model.load(place.path)
@@ -173,7 +187,10 @@ def _load(place: Place) -> Model:
 
 
 def _get_or_make(cache: OrderedDict[K, T], key: K, most: int, make: Callable[[], T]) -> T:
-    """Return an object from a cache, or make it and drop the least recently used one."""
+    """Return an object from a cache, or make it and add it.
+
+    most : size of the cache; the least recently used object is dropped
+    """
     if key not in cache:
         made = make()
         while len(cache) >= most:
@@ -184,7 +201,7 @@ def _get_or_make(cache: OrderedDict[K, T], key: K, most: int, make: Callable[[],
 
 
 def _aligned(model: Model) -> Model:
-    """Align the arrays of a model for kernels, and return it."""
+    """Align the arrays of a model from a message in memory, as kernels require, and return the model."""
     for one in (model, *model.levels, *model.parts):
         if one.source is None:
             one.align_tree()

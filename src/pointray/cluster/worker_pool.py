@@ -28,23 +28,23 @@ WorkerCheck = Callable[[Any, list[str]], dict[str, str]]
 
 
 class WorkerPool:
-    """Executor over the workers of a client, for one scene.
+    """The workers of a Dask client as an executor of jobs on one scene (`base.executor.Executor`).
 
     Parameters
     ----------
     client : distributed.Client
-        See `check_client`.
+        One with workers, as checked by `check_client`.
     scene : Scene
         It is copied.
     ask : callable, optional
-        Given the client and addresses of workers, return the reason for each one that must not be used, like `unfit`.
+        Called with the client and addresses of workers, returns the reason for each one that must not be used.
     spread : bool
         Whether each worker opens only some parts of models in parts. Jobs must provide for that.
 
     Attributes
     ----------
     workers : dict
-        The threads of each, by its address.
+        Number of threads of each worker, by its address.
     """
 
     def __init__(self, client: Any, scene: SceneLike, ask: WorkerCheck | None = None, spread: bool = False) -> None:
@@ -61,7 +61,7 @@ class WorkerPool:
         self._refresh_workers()
 
     def run(self, jobs: deque[Job], tick: Callable[[], None]) -> Iterator[tuple[Job, Any]]:
-        """Do jobs; yield each with its result, in the order of completion.
+        """Do jobs on the workers; yield each with its result, in the order of completion.
 
         jobs : the caller may add jobs between two results
         tick : called ten times a second; an exception in it stops all jobs
@@ -83,7 +83,7 @@ class WorkerPool:
             work.end()
 
     def submit(self, job: Job, worker: str) -> Any:
-        """Submit a job to a worker. Returns its future, or None if its data cannot be sent to any worker.
+        """Submit a job to the worker with an address. Returns its Dask future, or None if its data cannot be sent.
 
         If the worker dies, Dask may give it to another one.
         """
@@ -105,24 +105,27 @@ class WorkerPool:
         return client.submit(*todo, key=key, workers=[worker], allow_other_workers=True, pure=False)
 
     def fetch(self, future: Any) -> Any:
-        """Start the transfer of a future's result. Returns a `concurrent.futures.Future`."""
+        """Start the transfer of a future's result to this process. Returns a `concurrent.futures.Future`."""
         import asyncio
 
         gathered = self._client.gather(future, asynchronous=True)
         return asyncio.run_coroutine_threadsafe(gathered, self._client.loop.asyncio_loop)
 
     def mark_unseen(self, place: Place) -> None:
-        """Record that a worker does not see a file: its model is sent from now on."""
+        """Record that a worker does not see a model's file: the model itself is sent to workers from now on."""
         self._objects.unseen.add(place)
 
     def _send_baked(self) -> Any:
-        """Return the future of the baked light, or None without one."""
+        """Return the Dask future of the scene's baked light, sent if necessary, or None without light."""
         if self._baked is None:
             return None
         return self._objects.of(self._baked, "baked light", self._baked.portable()).send(self._client)
 
     def _refresh_workers(self) -> None:
-        """Update the list of workers, at most once a second."""
+        """Update `workers` from the scheduler, at most once a second.
+
+        Raises RuntimeError if the scheduler is lost, or there was no worker for 60 seconds.
+        """
         now = time.monotonic()
         if now - self._refreshed < REFRESH:
             return
@@ -135,7 +138,10 @@ class WorkerPool:
             raise RuntimeError(f"no Dask worker available for {NO_WORKERS_TIMEOUT:.0f} seconds")
 
     def _update_workers(self, there: dict[str, int]) -> None:
-        """Update `workers` from the threads of the present workers, by address."""
+        """Set `workers` to the usable ones of those present; warn of new ones that are not.
+
+        there : number of threads of each present worker, by address
+        """
         new = [worker for worker in there if worker not in self.workers and worker not in self._unfit]
         for worker, reason in (self._find_unusable(new) if new else {}).items():
             self._unfit.add(worker)
@@ -146,7 +152,7 @@ class WorkerPool:
             self._had_workers = time.monotonic()
 
     def _find_unusable(self, workers: list[str]) -> dict[str, str]:
-        """Return the reason for each worker that cannot be used."""
+        """Return the reason for each worker, by address, that cannot be used, such as another version of pointray."""
         wrongs = unfit(self._client, workers)
         if self._ask is not None:
             wrongs |= self._ask(self._client, [worker for worker in workers if worker not in wrongs])
@@ -154,9 +160,9 @@ class WorkerPool:
 
 
 def snapshot_and_executor(scene: SceneLike, client: Any, spread: bool | None = False) -> tuple[Any, WorkerPool]:
-    """Return a snapshot of a scene, and an executor over the workers of a client for it.
+    """Return a snapshot of a scene, and the workers of a client as an executor of jobs on this state of the scene.
 
-    spread : whether models in parts are spread over the workers; None: if one does not fit into a worker's memory
+    spread : whether each worker opens only some parts of models in parts; None: only if one exceeds a worker's memory
     """
     check_client(client)
     scene = scene.copy()
@@ -170,5 +176,5 @@ def snapshot_and_executor(scene: SceneLike, client: Any, spread: bool | None = F
 
 
 def _unique_name(sent: Any) -> str:
-    """Return the unique name of a sent object."""
+    """Return a unique name of what was sent for a model or light: the key of a future, or a file's place as text."""
     return str(getattr(sent, "key", sent))

@@ -6,7 +6,7 @@
 - `display`: its camera, its `view_settings` (the values of the panel) and its panel (`panel`, `controls`,
   `light_control`)
 - `painter`: its images, at the quality that `pace` chooses; `baker` bakes light and `fetcher` opens parts of large
-  models in threads of lower priority (`thread_priority`)
+  models in threads of lower priority (`thread_priority`); `contacts` caches the shadow under a standing object
 - `queries`: answers to clicks (`pick`) and legends; `exports`: saved images and films
 
 `loading` loads the shared scene (`time_left`: estimates of the time left); `sketch` draws points while kernels are
@@ -58,7 +58,7 @@ def view(
     block : bool
         Whether to wait until Ctrl-C. In a notebook the call never waits, and the page appears in the cell.
     up : (3,) array_like, or "x", "-x", "y", "-y", "z", "-z", or "auto"
-        Up direction; "auto": see `pointray.frame`.
+        Up direction; "auto" chooses the axis with the most evidence in the points and their file, as in `frame`.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def view(
 
 
 def in_notebook() -> bool:
-    """Return whether the code runs in the kernel of a notebook."""
+    """Return whether the code runs in the kernel of a Jupyter notebook."""
     ipython = sys.modules.get("IPython")
     shell = ipython.get_ipython() if ipython is not None else None
     return type(shell).__name__ == "ZMQInteractiveShell"

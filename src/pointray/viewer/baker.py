@@ -37,16 +37,18 @@ STAGE, FINE_STAGE = "baking light", "baking finer light"
 
 
 class _SupersededError(Exception):
-    """The scene has changed: the current work is obsolete."""
+    """Raised in the baker's thread to abandon a bake: the models have changed, or the browser has disconnected."""
 
 
 class Baker:
-    """Bakes the newest requested scene.
+    """Bakes global illumination of the scene that one browser shows, in its own thread: a rough, then a fine solution.
+
+    A new request replaces the last one. A change of lights or materials only recomputes light from the last bake.
 
     Parameters
     ----------
     ready : callable
-        Called from the baker's thread when there is new light.
+        Called without arguments from the baker's thread when there is new light, so that the image is drawn again.
     report : callable
         Called with stage, fraction done and seconds left (or None) while baking, and with an empty stage at the end.
     """
@@ -66,9 +68,12 @@ class Baker:
         self._time_left = TimeLeft()
 
     def light_for(self, scene: Scene, fine: bool = True) -> Baked | None:
-        """Return the light of a scene, perhaps without levels of detail (`Baked.lacks_levels`); None if not baked.
+        """Return the newest light if it was baked for a scene, else None.
 
-        If needed, request its baking in place of earlier requests. fine : whether fine light may be baked now
+        It may lack levels of detail that were added to models meanwhile (`Baked.lacks_levels`). If the arguments differ
+        from those of the last call, a bake for them is requested in place of earlier requests.
+
+        fine : whether the fine bake may follow the rough one; False while models are built, which needs the CPU
         """
         with self._changed:
             light = self._light
@@ -83,17 +88,17 @@ class Baker:
         return light[1] if light[0] is scene or light[1].lacks_levels(scene) else None
 
     def fine_for(self, scene: Scene) -> Baked | None:
-        """Return the fine light if it exists and fits a scene."""
+        """Return the light of the last fine bake, the second one, if it fits a scene; else None. Requests nothing."""
         fine = self._fine
         return fine if fine is not None and fine.fits(scene) else None
 
     @property
     def has_ended(self) -> bool:
-        """Whether baking has stopped after `close`."""
+        """Whether `close` was called and the baking thread has ended."""
         return not self._open and (self._thread is None or not self._thread.is_alive())
 
     def close(self) -> None:
-        """Stop baking."""
+        """Request the end of the baking thread, which abandons a bake at its next progress report."""
         with self._changed:
             self._open = False
             self._changed.notify_all()
@@ -116,7 +121,12 @@ class Baker:
             self._wanted = self._baked = self._light = self._rough = self._fine = None
 
     def _finish(self, done: tuple[Scene, bool]) -> None:
-        """Request a last image if one was waiting for finer light that will not come."""
+        """Have the image drawn again if the fine bake has ended without new light.
+
+        While fine light was expected, images had few samples.
+
+        done : the finished request: a scene, and whether fine light was requested
+        """
         with self._changed:
             ended = self.is_baking and (self._wanted, self._refines) == done
             if ended:
@@ -125,13 +135,19 @@ class Baker:
             self._ready()
 
     def _next(self, done: tuple[Scene | None, bool]) -> tuple[Scene, bool] | None:
-        """Wait for another scene or a request for its fine light; return None after `close`."""
+        """Wait for a request that differs from the last one; return None after `close`.
+
+        done : the last request, and the form of the result: a scene, and whether fine light is requested
+        """
         with self._changed:
             self._changed.wait_for(lambda: not self._open or (self._wanted, self._refines) != done)
             return (self._wanted, self._refines) if self._open and self._wanted is not None else None
 
     def _bake(self, scene: Scene, refines: bool) -> None:
-        """Bake rough light, then fine light."""
+        """Bake and publish rough light, with few patches, for a scene that has no light yet.
+
+        refines : whether to bake fine light, too, with the patches that `bake` chooses
+        """
         if self._baked is not scene:
             rough = run_niced(ROUGH_LIGHT, lambda: self._bake_rough(scene))
             wait_until_warm(SHOWN)
@@ -148,7 +164,11 @@ class Baker:
             self._publish(self._baked, self._fine, rough=False)
 
     def _bake_rough(self, scene: Scene) -> Baked:
-        """Return the rough light of a scene, relit if possible; otherwise bake it and discard the fine light."""
+        """Return rough light of a scene, with few patches, which is shown until fine light is baked.
+
+        It is computed from the last rough bake if only lights, materials or colours have changed. Otherwise it is
+        baked, and the fine light of the old models is discarded.
+        """
         light = _relit(self._rough, scene)
         if light is None:
             self._fine, (patches, links) = None, ROUGH
@@ -157,7 +177,10 @@ class Baker:
         return light
 
     def _publish(self, scene: Scene | None, light: Baked | None, rough: bool = True) -> None:
-        """Store new light and notify the painter."""
+        """Set the light that images of a scene use, and have the image drawn again.
+
+        rough : whether it is the first, rough solution; False for the fine one
+        """
         assert scene is not None and light is not None
         with self._changed:
             self._light, self._baked = (scene, light), scene
@@ -166,17 +189,25 @@ class Baker:
         self._ready()
 
     def _check(self) -> None:
-        """Raise _SupersededError after `close`."""
+        """Raise _SupersededError after `close`; called from progress reports, to abandon a bake."""
         if not self._open:
             raise _SupersededError
 
     def _report_rough_progress(self, stage: str, share: float) -> None:
-        """Report the progress of rough light."""
+        """Pass on the progress of the first, rough bake, and abandon it after `close`.
+
+        share : fraction done; stage : ignored
+        """
         self._check()
         self._report(STAGE, share, self._time_left(STAGE, share))
 
     def _report_progress(self, stage: str, share: float) -> None:
-        """Report the progress of fine light; meanwhile update rough light. Raise _SupersededError if models changed."""
+        """Pass on the progress of the second, fine bake; relight images meanwhile if lights or materials change.
+
+        Raise _SupersededError, which abandons the bake, if models changed or after `close`.
+
+        share : fraction done; stage : ignored
+        """
         self._check()
         wanted = self._wanted
         if wanted is not None and wanted is not self._baked:
@@ -188,17 +219,20 @@ class Baker:
 
 
 def _relit(baked: Baked | None, scene: Scene | None) -> Baked | None:
-    """Return the light of a scene, from that of a scene with the same models and planes; None if they differ."""
+    """Return baked light recomputed for the lights, materials and colours of a scene, reusing its light transport.
+
+    None if models, planes or clip planes differ from those of the bake, or if an argument is None.
+    """
     return None if baked is None or scene is None else baked.relit(_without_light(scene))
 
 
 def _without_light(scene: Scene) -> Scene:
-    """Return a copy without light. Light refers to the scene that it was baked for, so this avoids a cycle."""
+    """Return a copy of a scene without baked light. Light refers to the scene of its bake, so this avoids a cycle."""
     copy = scene.copy()
     copy.baked = None
     return copy
 
 
 def _threads() -> int:
-    """Return the number of threads that bake."""
+    """Return the number of threads that bake: all, or half of them where threads cannot get a lower priority."""
     return thread_count() if HAS_THREAD_NICENESS else max(1, thread_count() // 2)

@@ -28,7 +28,11 @@ MAX_PARTIAL_RATE = 10.0  # control frames and fragments a second, bursts of ten 
 
 
 class _File(NamedTuple):
-    """A file that is read from disk while it is sent. done : set when the file is no longer needed"""
+    """Message whose contents are read from an open file while they are sent.
+
+    header : bytes sent before the contents; stream : the file
+    done : set when the file has been sent, or will not be
+    """
 
     header: bytes
     stream: BinaryIO
@@ -39,9 +43,10 @@ _Message = str | bytes | _File
 
 
 class Connection(ServerConnection):
-    """Connection that drops clients that flood it with pings or message fragments.
+    """WebSocket connection that drops clients that flood it with pings or message fragments.
 
-    These are processed in the thread that serves all browsers, and neither pongs nor fragments wait in bounded memory.
+    These are processed in the thread that serves all browsers, and neither the replies to pings nor fragments of
+    unfinished messages are limited otherwise.
     """
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
@@ -49,12 +54,15 @@ class Connection(ServerConnection):
         self._parts = RateLimiter(MAX_PARTIAL_RATE, 10 * MAX_PARTIAL_RATE)
 
     def connection_made(self, transport: Any) -> None:
-        """Limit the read size, then begin as in the base class."""
+        """Limit the bytes that the event loop reads at once, so that reading can pause; begin as in the base class."""
         transport.max_size = READ_SIZE  # attribute of transports of asyncio's own event loops
         super().connection_made(transport)
 
     def process_event(self, event: Any) -> None:
-        """Process an event as in the base class, subject to the rate limit."""
+        """Process a received WebSocket frame as in the base class; abort the connection if the client floods it.
+
+        Control frames other than close, and fragments of messages, are limited to 10 a second with bursts of 100.
+        """
         whole = not isinstance(event, Frame) or (event.fin and event.opcode in (Opcode.TEXT, Opcode.BINARY))
         if whole or event.opcode is Opcode.CLOSE or self._parts.take():
             super().process_event(event)
@@ -68,6 +76,7 @@ class Link:
     Attributes
     ----------
     open : bool
+        Whether the browser is connected. Later messages are ignored.
     is_local : bool
         Whether the browser runs on this machine.
     """
@@ -81,11 +90,14 @@ class Link:
         self._sending = False
 
     def send(self, message: str | bytes) -> None:
-        """Queue a message; ignored after the browser has disconnected."""
+        """Queue a text or binary message; ignored after the browser has disconnected.
+
+        A browser that leaves more than 15 MiB unread is disconnected.
+        """
         self._put(message)
 
     def send_file(self, header: bytes, path: Path) -> None:
-        """Send a header and a file's contents as one message; return when the file is no longer needed.
+        """Send a header and a file's contents as one message; wait until it is sent or the browser has disconnected.
 
         Raises
         ------
@@ -98,7 +110,7 @@ class Link:
                 file.done.wait()
 
     def close(self) -> None:
-        """Discard waiting messages: the browser has disconnected."""
+        """Discard waiting messages and ignore later ones: the browser has disconnected."""
         with self._lock:
             self.open = False
             files = [message for message in self._queue if isinstance(message, _File)]
@@ -107,7 +119,10 @@ class Link:
             file.done.set()
 
     def _put(self, message: _Message) -> bool:
-        """Queue a message; return whether it was queued."""
+        """Queue a message and start sending; return False if the browser has disconnected.
+
+        A browser is disconnected if the messages that it has not read exceed MAX_WAITING bytes.
+        """
         with self._lock:
             if not self.open:
                 return False
@@ -129,7 +144,7 @@ class Link:
         return fits
 
     async def _send_all(self) -> None:
-        """Send until the queue is empty."""
+        """Send messages until the queue is empty. One such coroutine runs at a time, on the server's event loop."""
         try:
             while (message := self._next()) is not None:
                 try:
@@ -153,12 +168,12 @@ class Link:
 
 
 def _bytes_of(message: _Message) -> int:
-    """Return the bytes of memory that a message takes."""
+    """Return the bytes of memory that a waiting message takes; the contents of a file do not count."""
     return MESSAGE_OVERHEAD + len(message.header if isinstance(message, _File) else message)
 
 
 def _pieces(message: _Message) -> str | bytes | Iterator[str] | Iterator[bytes]:
-    """Return a message in pieces as the WebSocket sends them."""
+    """Return a message as `ServerConnection.send` accepts it: the message, or its fragments if it is long or a file."""
     if isinstance(message, _File):
         return _read(message)
     if len(message) <= PIECE:
@@ -173,7 +188,7 @@ def _read(file: _File) -> Iterator[bytes]:
 
 
 def is_loopback(host: str) -> bool:
-    """Return whether an address, or "localhost", is this machine and unreachable from others."""
+    """Return whether a host, an IP address or "localhost", is this machine and unreachable from others."""
     if host == "localhost":
         return True
     with suppress(ValueError):

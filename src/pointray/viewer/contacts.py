@@ -15,7 +15,7 @@ from .view_settings import ViewSettings
 
 
 class Contacts:
-    """Cache of one contact shadow, that of the last scene."""
+    """Cache of one contact shadow (soft shadow on the ground under a standing object), that of the last scene."""
 
     def __init__(self) -> None:
         self._key: Any = None
@@ -29,17 +29,20 @@ class Contacts:
         view: ViewSettings,
         may_trace: bool = True,
     ) -> ContactShadow | None:
-        """Return the contact shadow of a scene lit by the studio before a backdrop; None if it has none, or not yet.
+        """Return the contact shadow to put under the image of a scene; None if it has none, or not yet.
+
+        Only objects that stand have one, in studio light, before a gradient or (if automatically exposed) one colour.
 
         Parameters
         ----------
         scan : callable, optional
-            Returns the `Scan` of the scene. None: no contact shadow.
-        seen : (Scene, version)
-            The scene with view settings applied, and the version of the scene.
+            Returns the scene's points with their detected up direction. None: no contact shadow.
+        seen : (Scene, (int, int))
+            The scene with the panel's settings applied, and its version (`SharedScene.version`).
         view : ViewSettings
+            The panel's settings.
         may_trace : bool
-            Whether the shadow may be computed now, which takes about 0.1 s.
+            Whether a shadow that is not cached may be computed now, which takes about 0.1 s.
         """
         scene, version = seen
         plain = view.around == "gradient" or (view.around == "color" and view.exposes)
@@ -53,7 +56,7 @@ class Contacts:
 
 
 def _found(scan: Scan, scene: Scene) -> ContactShadow | None:
-    """Return the contact shadow of a scan that stands and is in memory."""
+    """Trace the contact shadow of a scan in a scene; None if it stands on no base, or has a model in parts on disk."""
     if any(model.parts for model in scene.models) or not scan.stands:
         return None
     still = (light.direction for light in scene.lights if isinstance(light, SunLight) and not light.camera)

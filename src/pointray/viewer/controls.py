@@ -12,14 +12,18 @@ from ..base.arguments import Vector, check_flag, check_number, check_position
 
 @dataclass(frozen=True)
 class Control:
-    """One row of the panel.
+    """One row of the panel: a slider, menu, switch or other control, or a text.
 
     Attributes
     ----------
     name : str
-        Name of the value that the control changes.
+        Name of the value that the control changes, such as "exposure" or "lamps.0.color"; of a button, its action.
+    label : str
+        Text shown beside it.
     kind : str
         "choice", "range", "number", "switch", "color" (sRGB), "vector", "button" or "note".
+    value : object
+        Current value; of a note, its text.
     options : sequence of (value, label)
         Options of a choice.
     low, high, step : float
@@ -42,7 +46,7 @@ class Control:
     hint: str = ""
 
     def describe(self) -> dict[str, Any]:
-        """Return the description that is sent to the page."""
+        """Return the control as a dict of JSON types, from which the page builds the row."""
         out: dict[str, Any] = {"name": self.name, "label": self.label, "kind": self.kind, "value": self.value}
         if self.kind == "choice":
             out["options"] = [list(option) for option in self.options]
@@ -51,7 +55,10 @@ class Control:
         return out | ({"hint": self.hint} if self.hint else {})
 
     def check(self, value: Any) -> Any:
-        """Return a value sent by the page, converted; raise ValueError if it is invalid for this control."""
+        """Validate a value sent by the page; return it converted to the type of the control's value.
+
+        Raise ValueError if the value is invalid for this control.
+        """
         checked = getattr(self, f"_check_{self.kind}", self._refuse)(value)
         if isinstance(checked, float) and isinstance(self.value, int):
             if not checked.is_integer():
@@ -90,12 +97,12 @@ class Control:
 
 @dataclass(frozen=True)
 class Folder:
-    """Controls under a common title."""
+    """Collapsible section of the panel: controls under a common title. open : whether it is expanded at first"""
 
     title: str
     controls: Sequence[Control]
     open: bool = False
 
     def describe(self) -> dict[str, Any]:
-        """Return the description that is sent to the page."""
+        """Return the folder and its controls as a dict of JSON types, from which the page builds the section."""
         return {"title": self.title, "open": self.open, "controls": [c.describe() for c in self.controls]}

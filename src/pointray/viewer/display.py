@@ -27,13 +27,14 @@ SKETCH_SETTINGS = ViewSettings(exposes=True)  # for the sketch, before there is 
 
 
 class Display:
-    """State of one browser. Each change is sent to the page or requests a new image.
+    """State of one browser: its camera and panel. Each change is sent to the page or requests a new image.
 
-    Not thread-safe: its session serializes the calls.
+    Not thread-safe: the browser's `Session` serializes the calls.
 
     Parameters
     ----------
     shared : SharedScene
+        The scene that all browsers show.
     outbox : Outbox
         Messages to the page.
     painter : Painter
@@ -44,13 +45,13 @@ class Display:
     Attributes
     ----------
     size : (2,) tuple of int, or None
-        Size of the view in pixels. None: not known yet, and nothing is drawn.
+        Width and height of the view in pixels. None: not known yet, and nothing is drawn.
     time : float
         Timestamp in the page's last camera message.
     camera : Camera or None
         None: nothing to show yet.
     view : ViewSettings or None
-        None: there is no scene yet.
+        Values of the panel. None: there is no scene yet.
     output : Output
         Options of saved images and films.
     """
@@ -71,7 +72,11 @@ class Display:
         self._problem: tuple[int, str] = 0, ""
 
     def resize(self, size: tuple[int, int], free: tuple[int, int, int, int]) -> None:
-        """Set the size of the view and the part of it that the panel does not cover, both in pixels."""
+        """Set the size of the view; frame the model again unless the user has moved the camera.
+
+        size : width and height in pixels
+        free : part of the view that the panel does not cover: left, top, right, bottom in pixels
+        """
         self.size, self._free = size, free
         seen = self._shared.scene or self._shared.sketch
         if (self.camera is None or self._at_home) and seen is not None:
@@ -81,12 +86,15 @@ class Display:
         self.refresh()
 
     def look(self, camera: Camera, time: float) -> None:
-        """Set the camera that the user has moved, and the timestamp of its message."""
+        """Set the camera to which the user has moved. time : timestamp of the page's message"""
         self.camera, self._at_home, self.time = camera, False, time
         self.refresh()
 
     def go(self, name: str, animate: bool) -> None:
-        """Move the page's camera to one of the standard views."""
+        """Move the page's camera to a standard view; raise ValueError if there is none of this name.
+
+        name : "home" (the initial view) or a view of `frame`, such as "front"; animate : whether it moves gradually
+        """
         seen, size = self._shared.scene or self._shared.sketch, self.size
         if seen is None or size is None or (name not in VIEWS and name != "home"):
             raise ValueError(f"unknown view {name!r:.40}")
@@ -100,7 +108,7 @@ class Display:
         self._outbox.go(camera, animate)
 
     def change(self, view: ViewSettings, new_rows: bool) -> None:
-        """Set new view settings. new_rows : whether the rows of the panel may differ."""
+        """Set new values of the panel and request an image. new_rows : whether the panel may have other rows now"""
         self.view = view
         if new_rows:
             self.send_panel()
@@ -108,7 +116,10 @@ class Display:
         self._send_legend()
 
     def move_sun(self, lamp: int, azimuth: float, elevation: float) -> None:
-        """Set a new direction of a light that the user drags, and send it to the panel."""
+        """Set the direction (degrees) of a light that the user drags, and update its sliders on the page.
+
+        lamp : index in `ViewSettings.lamps`
+        """
         assert self.view is not None
         values = {f"lamps.{lamp}.azimuth": azimuth, f"lamps.{lamp}.elevation": elevation}
         for name, value in values.items():
@@ -117,7 +128,7 @@ class Display:
         self.refresh()
 
     def light(self, look: str) -> None:
-        """Set the lights to one of `auto_view.LOOKS`, or to those of the scene."""
+        """Replace the lights by a preset. look : "studio", "headlight" or "own", the lights of the scene"""
         shared, view = self._shared, self.view
         if shared.scene is None or view is None or look == CHANGED:
             return
@@ -130,11 +141,11 @@ class Display:
             self.change(view.lit_by(lights, shared.up, shared.settings.integrator), True)
 
     def change_output(self, name: str, value: Any) -> None:
-        """Set an option of saved images and films."""
+        """Set an option of saved images and films. name : field of `Output`, such as "width"; value : validated"""
         self.output = self.output._replace(**{name: value})
 
     def follow(self) -> None:
-        """Update from the shared scene."""
+        """Update the page after a change of the shared scene: loaded, modified, rebuilt, or an error."""
         self._report_problem()
         version = self._shared.version  # read first: a scene newer than its version is processed twice, never missed
         scene, sketch = self._shared.scene, self._shared.sketch
@@ -151,7 +162,11 @@ class Display:
         self.refresh()
 
     def show_legend(self, request: FrameRequest, shown: Attribute, image: str) -> None:
-        """Send the legend drawn for a request, unless the view settings have changed since."""
+        """Send a legend to the page, unless the panel's settings have changed since it was requested.
+
+        request : image for which it was drawn; image : data URL
+        shown : the attribute in the legend; its range becomes that of the panel if none is set
+        """
         if self.view is None or request.view is not self.view:
             return
         self._outbox.legend(image)
@@ -161,7 +176,7 @@ class Display:
             self.refresh()
 
     def refresh(self) -> None:
-        """Request the image of the current state; an unchanged request has no effect."""
+        """Request the image of the current state from the painter; an unchanged request has no effect."""
         if self.camera is None or self.size is None:
             return
         shared, sketch = self._shared, self._shared.sketch
@@ -174,7 +189,10 @@ class Display:
             )
 
     def request(self) -> FrameRequest:
-        """Return the request for the current image. Requires a camera, view settings and a scene."""
+        """Return the request that the painter needs to draw the current state.
+
+        Requires that `camera`, `view` and the shared scene are not None.
+        """
         shared, version = self._shared, self._shared.version  # version first: a newer scene is requested again
         assert self.camera is not None and self.view is not None and shared.scene is not None
         built = not shared.is_building
@@ -184,7 +202,7 @@ class Display:
         return FrameRequest(*seen, built, self.time, bakes=bakes, scan=scan)
 
     def control(self, name: str) -> Control:
-        """Return the panel's control of this name; raise ValueError if there is none."""
+        """Return the panel's control with this `Control.name`; raise ValueError if there is none."""
         for folder in self._folders():
             for control in folder.controls:
                 if control.name == name:
@@ -192,7 +210,7 @@ class Display:
         raise ValueError(f"unknown control {name!r:.60}")
 
     def send_panel(self) -> None:
-        """Send the panel if it has changed."""
+        """Send the panel's rows and values to the page if they have changed."""
         self._outbox.panel(self._folders())
 
     def _folders(self) -> list[Folder]:
@@ -201,7 +219,7 @@ class Display:
         return folders(view, self._shared, self.output, None if self.view is None else scene)
 
     def _send_legend(self) -> None:
-        """Request the legend of the colours, or remove it from the page if colours need none."""
+        """Request a legend if an attribute colours the points; otherwise remove the legend from the page."""
         assert self.view is not None
         if self.view.color_by in (OWN, CONSTANT) or self.view.material in ("mirror", "glass"):
             self._outbox.legend(None)
@@ -209,7 +227,7 @@ class Display:
             self._lookups.legend(self.request())
 
     def _set_scene(self, scene: Scene) -> None:
-        """Show a new scene, or a newer version of it."""
+        """Show a new or modified scene: its lights and background replace those of the panel if they have changed."""
         lights, around = scene.lights, (scene.shows_sky, None if scene.background is None else list(scene.background))
         if self.view is None:
             self.view = ViewSettings.of(self._shared, scene)
@@ -225,7 +243,7 @@ class Display:
         self._send_legend()
 
     def _report_problem(self) -> None:
-        """Send the latest problem to the page, once for each failure."""
+        """Send the latest error in loading or building to the page, once for each failure."""
         problem = self._shared.failures, self._shared.problem
         if problem != self._problem:
             self._problem = problem

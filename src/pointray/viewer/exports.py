@@ -46,18 +46,20 @@ MIME = {"png": "image/png", "jpg": "image/jpeg", "exr": "image/x-exr", "mp4": "v
 
 
 class StoppedError(Exception):
-    """The user has stopped the export."""
+    """Raised in the thread of an export when the user has stopped it."""
 
 
 class Exports:
-    """Exports of one browser, one at a time, in the background.
+    """Saves images and films for one browser in the background, one at a time.
+
+    Also shows the view on the page as a command or as Python code to copy.
 
     Parameters
     ----------
     outbox : Outbox
-        Messages to the page.
+        Messages to the page, which receives the files.
     light_of : callable
-        Returns the fine light of a scene, or None if it is not baked yet.
+        Returns the finely baked light of a scene, or None if it is not baked yet.
     """
 
     def __init__(self, outbox: Outbox, light_of: Callable[[Scene], Baked | None]) -> None:
@@ -66,7 +68,12 @@ class Exports:
         self._thread: threading.Thread | None = None
 
     def start(self, name: str, request: FrameRequest, output: Output, shared: SharedScene) -> None:
-        """Start the export of a button."""
+        """Start the export of a button in the panel; warn on the page if another one is in progress.
+
+        name : "save.picture", "save.film", "copy.command" or "copy.python" (only texts, at once)
+        request : the image shown; output : size, samples and format
+        shared : gives the name of the file, and the source and surface options of the command
+        """
         if name == "copy.command":
             source = shared.source if self._outbox.is_local else Path(shared.source).name
             text = _command(request, output, source, shared.build)
@@ -86,7 +93,7 @@ class Exports:
         self._thread.start()
 
     def stop(self) -> None:
-        """Stop the export in progress."""
+        """Stop the export in progress at its next progress report; return at once."""
         self._stop.set()
 
     @property
@@ -108,7 +115,11 @@ class Exports:
         self._outbox.progress(Progress())
 
     def _picture(self, request: FrameRequest, output: Output, folder: Path, stem: str) -> None:
-        """Render and send an image."""
+        """Render an image and send it to the page as a file.
+
+        request : camera and scene; output : size, samples and format
+        folder : temporary folder; stem : file name without suffix
+        """
         path = folder / f"{stem}.{output.format}"
         check_image_path(path)
         settings = replace(request.view.settings(output.samples), denoise=output.denoise)
@@ -127,7 +138,11 @@ class Exports:
         self._publish(path)
 
     def _film(self, request: FrameRequest, output: Output, folder: Path, stem: str) -> None:
-        """Render and send a turntable film."""
+        """Render a turntable film as MP4 and send it to the page.
+
+        request : first camera and scene; output : size, samples, duration and frame rate
+        folder : temporary folder; stem : file name without suffix
+        """
         path = folder / f"{stem}.mp4"
         check_mp4(path)
         settings = replace(request.view.settings(output.samples), denoise=output.denoise)
@@ -153,7 +168,10 @@ class Exports:
         self._publish(path)
 
     def _light(self, scene: Scene, shown: Scene, settings: Settings) -> None:
-        """Attach the baked light that images need: that of the shown scene, the painter's, or newly baked light."""
+        """Attach baked light to a scene if the settings need it: the shown scene's, that of the viewer, or new light.
+
+        scene : with the panel's settings applied, to be rendered; shown : without them
+        """
         if settings.integrator != "baked":
             return
         own = shown.baked  # such as from a file
@@ -173,9 +191,10 @@ class Exports:
 
 
 def _command(request: FrameRequest, output: Output, source: str, build: Build | None = None) -> str:
-    """Return a command line that renders the view, as far as options exist for it.
+    """Return a `pointray render` command that renders the view, as far as options exist for it.
 
-    build : how the models are built; None: with the command line's defaults
+    request : the image shown; output : its size, samples and format
+    source : file to render; build : how the models are built; None: with the command line's defaults
     """
     camera, view = request.camera, request.view
     words = ["pointray", "render", source, "-o", f"picture.{output.format}"]
@@ -201,7 +220,10 @@ def _command(request: FrameRequest, output: Output, source: str, build: Build | 
 
 
 def _surface_options(build: Build, models: Sequence[Model]) -> list[str]:
-    """Return the options of the surface that differ from the defaults. models : as they were built"""
+    """Return the options of `pointray render` for a surface that differs from the defaults.
+
+    build : values of the panel; models : the shown ones, for the exact value of --smooth
+    """
     defaults, words = Build(SURFACE, SAMPLES), []
     for name in ("surface", "samples", "radius_scale", "scatter", "scatter_size"):
         value = getattr(build, name)
@@ -212,7 +234,10 @@ def _surface_options(build: Build, models: Sequence[Model]) -> list[str]:
 
 
 def _light_options(view: ViewSettings, up: Vector) -> list[str]:
-    """Return the lights as options; none for a studio with baked light, the default."""
+    """Return the lights as options of `pointray render`; none for a studio with baked light, the default.
+
+    up : direction about which the azimuths of lights are measured
+    """
     lights = view.lights(up)
     if not lights:
         return ["--light", HEADLIGHT]
@@ -224,7 +249,7 @@ def _light_options(view: ViewSettings, up: Vector) -> list[str]:
 
 
 def _light_text(light: Any) -> str:
-    """Return a light as an option's value; an empty text for lights that the command line does not support."""
+    """Return a light as the value of --light; an empty text for lights that the command line does not support."""
     if isinstance(light, SunLight):
         along = ",camera" if light.camera else ""
         return f"sun:{_commas(light.direction)}:{float(np.max(light.irradiance)):.6g}{along}"
@@ -237,7 +262,7 @@ def _light_text(light: Any) -> str:
 
 
 def _python(request: FrameRequest, output: Output) -> str:
-    """Return Python code that renders the view of a scene."""
+    """Return Python code that renders the view; it expects the scene in a variable `scene`."""
     camera, view = request.camera, request.view
     eye, target, up = (f"[{', '.join(repr(float(x)) for x in v)}]" for v in (camera.eye, camera.target, camera.up))
     size = output.width, output.height

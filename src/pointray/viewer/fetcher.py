@@ -17,14 +17,15 @@ REDRAW_INTERVAL = 0.2  # seconds between two images that show newly opened parts
 
 
 class Fetcher:
-    """A `rendering.lod.Fetch` that opens files in its own thread, in the order in which images need them.
+    """Opens files of large models (parts and levels of detail) in its own thread, most important for the image first.
 
-    It opens no more than fits into the memory budget of a model, evicting what earlier images needed.
+    Implements `rendering.lod.Fetch` for one browser. It opens no more than fits into the memory budget of a model, and
+    closes what earlier images needed.
 
     Parameters
     ----------
     redraw : callable
-        Called when more is open than the last image could show.
+        Called without arguments when more is open than the last image could show.
     fail : callable
         Called with the reason why a file cannot be opened, once for each file.
     """
@@ -40,7 +41,7 @@ class Fetcher:
         self._drawn = 0.0
 
     def want(self, models: list[Model]) -> None:
-        """See `Fetch.want`."""
+        """Open the files of these models in their order, within memory budgets, in place of earlier requests."""
         fitting = list(_within_budget([model for model in models if model not in self._failed]))
         for model in reversed(fitting):  # marks them as recently used, the first one last
             if model.source is not None:
@@ -53,7 +54,10 @@ class Fetcher:
             self._changed.notify_all()
 
     def open(self, model: Model) -> bool:
-        """See `Fetch.open`."""
+        """Open a model's file now, in this thread; return whether it is open.
+
+        A file that has failed before is not tried again.
+        """
         if model in self._failed:
             return False
         try:
@@ -66,7 +70,7 @@ class Fetcher:
         return True
 
     def close(self) -> None:
-        """Stop opening files, and drop references to models."""
+        """Stop opening files, and drop references to models, so that their memory is released."""
         with self._changed:
             self._open, self._wanted, self._failed = False, [], set()
             self._changed.notify_all()
@@ -101,7 +105,7 @@ class Fetcher:
                 self._redraw()
 
     def _next(self) -> Model | None:
-        """Return the first requested model that is not open."""
+        """Return the first requested model that is not open and has not failed, or None."""
         for model in self._wanted:
             if model not in self._failed and model.source is not None and not model.source.is_open:
                 return model
@@ -109,7 +113,10 @@ class Fetcher:
 
 
 def _within_budget(models: list[Model]) -> Iterator[Model]:
-    """Yield the requested parts and levels of detail that fit into their models' budgets, see `Fetch.want`."""
+    """Yield the models on disk that together fit into the memory budgets of their caches, in the given order.
+
+    A level of detail is skipped if a finer one of the same part precedes it and fits.
+    """
     left: dict[int, int] = {}
     finest: dict[tuple[int, int], int] = {}  # finest level that fits, by model and part
     for model in models:

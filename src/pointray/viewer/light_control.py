@@ -32,15 +32,18 @@ class LightControl:
     Attributes
     ----------
     kind : str
+        "sun", "point", "sky" (uniform light from all directions) or "own".
     color : (3,) sRGB
         The largest channel is 1.
     strength : float
         Irradiance of a sun, radiant intensity of a point light, radiance of a sky.
     azimuth, elevation : float
-        Direction to a sun in degrees, in axes given by `up`: azimuth 0 is the front, 90 the right.
+        Direction to a sun in degrees, about the scene's up direction: azimuth 0 is the front, 90 the right.
     angle : float
         Diameter of a sun's disk in degrees.
     position : (3,) of a point light, world coordinates
+    on : bool
+        Whether the light is switched on.
     camera : bool
         Whether the light is fixed to the camera; angles and position then are in camera space.
     light : for kind "own": the light of the scene, unchanged
@@ -62,7 +65,7 @@ class LightControl:
     original: Light | EnvironmentLight | None = field(default=None, compare=False)
 
     def make(self, up: Vector) -> Light | EnvironmentLight:
-        """Return the light with these values."""
+        """Return a light for `Scene.lights` with these values. up : the scene's up direction"""
         if self.light is not None:
             return self.light
         if self.original is not None and self == _control_of(self.original, up):
@@ -75,12 +78,15 @@ class LightControl:
         return EnvironmentLight(power, up=up)
 
     def _up(self, up: Vector) -> Vector:
-        """Return the axis about which the angles are measured."""
+        """Return the axis about which the angles are measured: y for camera space, else the scene's up direction."""
         return (0.0, 1.0, 0.0) if self.camera else up
 
 
 def new_light_control(kind: str, scene: Scene, up: Vector) -> LightControl:
-    """Return a new light with default values."""
+    """Return the control of a new light with default values, which the user has added in the panel.
+
+    kind : "sun", "point" or "sky"; scene : a point light is placed by its bounds; up : its up direction
+    """
     if kind != POINT:
         return LightControl(kind, strength=DEFAULT_STRENGTH if kind == SUN else 1.0)
     low, high = scene.bounds
@@ -90,12 +96,12 @@ def new_light_control(kind: str, scene: Scene, up: Vector) -> LightControl:
 
 
 def light_controls_of(scene: Scene, up: Vector) -> tuple[LightControl, ...]:
-    """Return the controls of a scene's lights."""
+    """Return the panel's controls of the lights of a scene, in their order. up : the scene's up direction"""
     return controls_of(scene.lights, up)
 
 
 def controls_of(lights: Iterable[Light | EnvironmentLight], up: Vector) -> tuple[LightControl, ...]:
-    """Return the controls of lights."""
+    """Return the panel's controls of lights, in their order. up : the scene's up direction"""
     return tuple(_control_of(light, up) for light in lights)
 
 
@@ -115,7 +121,7 @@ def _control_of(light: Light | EnvironmentLight, up: Vector) -> LightControl:
 
 
 def _split(power: Any) -> tuple[Color, float]:
-    """Split a power into its colour (sRGB) and its strength."""
+    """Split a linear irradiance, intensity or radiance into a colour (sRGB, largest channel 1) and a strength."""
     values = rgb(power, "power")
     strength = float(values.max()) or 1.0
     r, g, b = linear_to_srgb(values / strength).tolist()

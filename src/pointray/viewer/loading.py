@@ -37,7 +37,9 @@ LARGE_FROM = 4 * COARSE  # points above which a coarse version is built
 
 @dataclass(frozen=True)
 class FileLoader:
-    """A `shared_scene.Loader` of scans, which form one cloud, and of saved models, in one scene.
+    """Loads files for the viewer: scans, which form one cloud, and saved models, all in one scene.
+
+    Called with a `SharedScene`, which it updates: first with a coarse version of large scans, then with all points.
 
     Parameters
     ----------
@@ -53,7 +55,7 @@ class FileLoader:
     normals : {"auto", "file", "fit"}
         Whether to use the file's normals or to fit them.
     light : callable, optional
-        Returns the baked light of a scene, which is shown only with it; its second argument is `SharedScene.report`.
+        Called with a scene and `SharedScene.report`, returns its baked light. The scene is shown only with this light.
     reading : dict
         Arguments of `read` for the scans.
     entry : Entry, optional
@@ -78,7 +80,7 @@ class FileLoader:
 
     @property
     def _groups(self) -> list[list[Path]]:
-        """Files of each model: all scans together, and each saved model by itself."""
+        """Paths of the files of each model: all scans together, and each saved model by itself."""
         scans = [path for path in self.paths if path.suffix.lower() != SAVED]
         return [*([scans] if scans else []), *([path] for path in self.paths if path not in scans)]
 
@@ -115,7 +117,10 @@ class FileLoader:
             run_niced(LEVELS, partial(self.entry.store, models[0], notes))
 
     def _show(self, models: Sequence[Model], shared: SharedScene, coarse: bool = False) -> None:
-        """Show models as soon as the kernels that draw them are compiled."""
+        """Show a scene of models once the kernels that draw it are compiled.
+
+        shared : the scene of all browsers; coarse : whether a finer version follows
+        """
         scene = self._scene(models, shared)
         if self.light is not None:
             scene.baked = self.light(scene, shared.report)
@@ -126,11 +131,17 @@ class FileLoader:
         shared.show(scene, coarse=coarse)
 
     def _first(self, shared: SharedScene) -> Settings:
-        """Return settings of the first images: with direct light, unless the scene comes with baked light."""
+        """Return settings of the first images: with direct light, unless the scene comes with baked light.
+
+        Nothing is shown before the kernel for these settings is compiled.
+        """
         return shared.settings if self.light is not None else with_direct_light(shared.settings)
 
     def _prepare(self, clouds: Sequence[Points | Model], samples: Sequence[Points], shared: SharedScene) -> None:
-        """Announce the kernels that will be needed; show a sketch while they are not compiled."""
+        """Announce the kernels that will be needed; show the samples as dots if those that draw are not compiled yet.
+
+        clouds : the points or model of each group of files; samples : at most COARSE (60,000) points of each
+        """
         if any(sample.normals is None for sample in samples):
             expect(NORMALS)
         if not is_warm(self._first(shared)):
@@ -154,7 +165,12 @@ class FileLoader:
         return points
 
     def _sample(self, cloud: Points | Model, number: int) -> Points:
-        """Return at most COARSE points of a scan, without normals if those are unwanted or, in this sample, wrong."""
+        """Return at most COARSE (60,000) points of a scan or model, for a coarse version and for dots shown before it.
+
+        A scan's points have no normals if these are unwanted or deviate too much from the surface of this sample.
+
+        number : index in `_groups`, for error messages
+        """
         points = _points(cloud)
         if isinstance(cloud, Model) and cloud.parts:  # reading all points would take long
             return points.select(spread_rows(len(points), COARSE))
@@ -207,7 +223,7 @@ def _is_large(cloud: Points | Model) -> bool:
 
 @contextmanager
 def _with_file_name(files: Sequence[Path]) -> Iterator[None]:
-    """Prepend the name of the file, or the number of files, to errors of a scan."""
+    """Prepend the name of the file, or the number of files, to the message of a ValueError raised in this context."""
     try:
         yield
     except ValueError as error:
@@ -216,7 +232,10 @@ def _with_file_name(files: Sequence[Path]) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class SceneFileLoader:
-    """A `shared_scene.Loader` of a scene file."""
+    """Loads a scene file (TOML) for the viewer. plan : the parsed file
+
+    Called with a `SharedScene`, which it updates with the scene, its camera and its exposure.
+    """
 
     plan: Plan
 

@@ -14,7 +14,7 @@ WIDEST = 3840  # pixels, largest width or height of a view
 
 
 def parse(text: str) -> dict[str, Any]:
-    """Parse a message: a JSON object with a type."""
+    """Parse a message of the page: a JSON object with a text "type"; raise ValueError if it is anything else."""
     try:
         message = json.loads(text)
     except (ValueError, RecursionError):
@@ -25,7 +25,10 @@ def parse(text: str) -> dict[str, Any]:
 
 
 def number(message: dict[str, Any], name: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return a finite number within limits."""
+    """Return a finite number from a message; raise ValueError if it is missing or not between `low` and `high`.
+
+    name : key in the message
+    """
     value = check_number(message.get(name), name, "a number")
     if not low <= value <= high:
         raise ValueError(f"{name} must lie between {low:g} and {high:g}, not {value!r:.40}")
@@ -33,7 +36,7 @@ def number(message: dict[str, Any], name: str, low: float = -math.inf, high: flo
 
 
 def short_text(message: dict[str, Any], name: str) -> str:
-    """Return a text of at most 100 characters."""
+    """Return a text from a message; raise ValueError if it is missing or longer than 100 characters. name : its key"""
     value = message.get(name)
     if not isinstance(value, str) or len(value) > 100:
         raise ValueError(f"{name} must be a short text")
@@ -41,14 +44,17 @@ def short_text(message: dict[str, Any], name: str) -> str:
 
 
 def size_of(message: dict[str, Any]) -> tuple[int, int]:
-    """Return the size of a view in pixels."""
+    """Return width and height of the view in pixels from a message, reduced proportionally to 3840 pixels at most."""
     width, height = (int(number(message, name, 1, 1e6)) for name in ("width", "height"))
     over = max(width, height) / WIDEST
     return (max(1, int(width / over)), max(1, int(height / over))) if over > 1 else (width, height)
 
 
 def free_of(message: dict[str, Any]) -> tuple[int, int, int, int]:
-    """Return the part of a view not covered by the panel: left, top, right, bottom in pixels; default: all."""
+    """Return the part of the view not covered by the panel from a message: left, top, right, bottom in pixels.
+
+    The default is the whole view. If the view is larger than 3840 pixels, the part is reduced with it.
+    """
     width, height = size_of(message)
     if "free" not in message:
         return 0, 0, width, height
@@ -67,7 +73,7 @@ def free_of(message: dict[str, Any]) -> tuple[int, int, int, int]:
 
 
 def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
-    """Return the camera of a page's message, for an image of a given size."""
+    """Return the camera that a page's message describes. size : width and height of its image in pixels"""
     vectors = {name: message.get(name) for name in ("eye", "target", "up")}
     projection = "orthographic" if message.get("orthographic") is True else "perspective"
     fov = number(message, "fov", 0.01, 179)
@@ -75,12 +81,15 @@ def camera_of(message: dict[str, Any], size: tuple[int, int]) -> Camera:
 
 
 def describe(camera: Camera) -> dict[str, Any]:
-    """Return a camera in the form that pages use."""
+    """Return a camera as a dict of JSON types, as messages contain it: eye, target, up, fov (degrees), orthographic."""
     fields = {"eye": list(camera.eye), "target": list(camera.target), "up": list(camera.up), "fov": camera.fov}
     return {**fields, "orthographic": camera.projection == "orthographic"}
 
 
 def pack(header: dict[str, Any], payload: bytes = b"") -> bytes:
-    """Pack a binary message: length of the header, header, and payload or the part of it available now."""
+    """Pack a binary message: length of the header (4 bytes), header as JSON, payload.
+
+    payload : all of it, or the part available now; the caller sends the rest
+    """
     text = json.dumps(header).encode()
     return struct.pack("<I", len(text)) + text + payload

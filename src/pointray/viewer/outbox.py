@@ -37,7 +37,13 @@ FOLDERS = re.compile(r"""((?<![^\s'"(])([A-Za-z]:)?[/\\][^:'"\n]*|[^\s:'"]*)[/\\
 
 
 class Outbox:
-    """Sends messages to the page at the other end of a link. Thread-safe."""
+    """Sends messages to the page of one browser, with one method for each type of message. Thread-safe.
+
+    Parameters
+    ----------
+    link : Link
+        Queue of messages to the browser.
+    """
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -47,18 +53,21 @@ class Outbox:
 
     @property
     def is_local(self) -> bool:
-        """Whether the page is on this machine; only then do messages contain folders of files."""
+        """Whether the page is on this machine. If not, folders are removed from file names in texts."""
         return self._link.is_local
 
     def send_message(self, **message: Any) -> None:
-        """Send a message unchanged."""
+        """Send a message with these fields as JSON; one of them is its "type"."""
         self._link.send(json.dumps(message))
 
     def hello(self, title: str) -> None:
         self.send_message(type="hello", title=title, version=__version__)
 
     def place(self, seen: Scene | Sketch, up: Sequence[float]) -> None:
-        """Send the bounds of the scene, or of the sketch that replaces it."""
+        """Send the bounds, the up direction and the direction of north, for the page's navigation and north arrow.
+
+        seen : the scene, or the sketch that replaces it while kernels are compiled
+        """
         if isinstance(seen, Sketch):
             bounds, clouds = seen.points.bounds, [seen.points]
         else:
@@ -66,11 +75,11 @@ class Outbox:
         self.send_message(type="place", bounds=bounds.tolist(), up=list(up), north=north_of(clouds, up))
 
     def go(self, camera: Camera, animate: bool) -> None:
-        """Move the page's camera."""
+        """Move the page's camera. animate : whether it moves gradually"""
         self.send_message(type="camera", **describe(camera), animate=animate)
 
     def panel(self, folders: Sequence[Folder]) -> None:
-        """Send the panel if it has changed: a new one is rebuilt, which would interrupt the user."""
+        """Send the panel if it has changed: the page rebuilds it, which would interrupt the user."""
         described = [folder.describe() for folder in folders]
         if described != self._described:
             self._described = described
@@ -80,7 +89,10 @@ class Outbox:
         self.send_message(type="progress", stage=progress.stage, share=progress.share, seconds=progress.seconds)
 
     def toast(self, level: str, text: str, stay: bool = False) -> None:
-        """Show a text for a while, or permanently; drop repetitions within 2 s. level : info, warning or error"""
+        """Show a text on the page for a while, or permanently if `stay`; drop repetitions within 2 s.
+
+        level : "info", "warning" or "error"
+        """
         now = time.monotonic()
         self._toasts = {recent: at for recent, at in self._toasts.items() if now - at < REPEAT_INTERVAL}
         if not stay and text in self._toasts:
@@ -89,7 +101,10 @@ class Outbox:
         self.send_message(type="toast", level=level, text=text if self.is_local else FOLDERS.sub("", text), stay=stay)
 
     def found(self, found: Found, first: NDArray[np.float64] | None) -> None:
-        """Send the point under the mouse, and its distance from `first`, the point found before, if given."""
+        """Send the surface point that the user has clicked, with its description.
+
+        first : (3,), world position of the point clicked before, to which the distance is sent, too; None: no distance
+        """
         position = found.position.tolist()
         self.send_message(type="picked", lines=found.lines, position=position, second=first is not None)
         if first is not None:
@@ -104,15 +119,15 @@ class Outbox:
             self.send_message(**{"type": "measured", **measured})
 
     def legend(self, image: str | None) -> None:
-        """Send the legend of the colours, see `legend_of`; None removes it."""
+        """Send the legend of the colours to the page. image : PNG as a data URL; None removes the legend"""
         self.send_message(type="legend", image=image)
 
     def file(self, path: Path, mime: str) -> None:
-        """Send a file for the page to save; return when it is sent or the page has disconnected."""
+        """Send a file for the page to save; wait until it is sent or the page has disconnected. mime : media type"""
         self._link.send_file(pack({"type": "file", "name": path.name, "mime": mime}), path)
 
     def frame(self, frame: Frame, rate: float) -> None:
-        """Send an image, and regularly the statistics. rate : frames a second"""
+        """Send an image, and with some of them a text with statistics. rate : images a second while the camera moves"""
         width, height = frame.size
         header = {"number": frame.number, "camera": describe(frame.request.camera), "time": frame.request.time}
         header |= {"width": width, "height": height, "stage": frame.stage.name, "samples": frame.samples}
@@ -124,13 +139,13 @@ class Outbox:
 
 
 def north_of(clouds: Sequence[Points], up: Sequence[float]) -> list[float] | None:
-    """Return the direction of north if the scan is georeferenced: coordinates far from zero, x east, z up."""
+    """Return the direction of north, +y, for georeferenced points: coordinates far from zero and z up; else None."""
     far = any(points.origin.any() for points in clouds)
     return [0.0, 1.0, 0.0] if far and up[2] > 0.99 * float(np.linalg.norm(up)) else None
 
 
 def legend_of(attribute: Attribute) -> str:
-    """Return an image of the legend as a data URL."""
+    """Return a picture of the colour scale of an attribute with its values: PNG as a data URL."""
     stream = io.BytesIO()
     Image.fromarray(draw_legend(np.zeros((*LEGEND, 4), np.uint8), attribute)).save(stream, "PNG")
     return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"

@@ -27,7 +27,11 @@ START = 0.5  # scale of the first frame
 
 
 class Stage(NamedTuple):
-    """One row of the table."""
+    """Stage of refinement of an image, with the compression of its JPEG.
+
+    name : "moving" (perhaps reduced, one sample a pixel), "still" (one sample) or "refined" (more samples)
+    quality : 1 to 100; subsampling : of the chroma: 0 none, 2 half the width and height
+    """
 
     name: str
     quality: int  # of the JPEG
@@ -40,14 +44,14 @@ REFINED = Stage("refined", 94, 0)
 
 
 class Pace:
-    """Chooses the scale of moving images so that they meet their time limits."""
+    """Chooses the resolution of images while the camera moves, so that they meet their time limits."""
 
     def __init__(self) -> None:
         self._seconds: float | None = None  # estimated time of an image at full resolution
         self._scale = START
 
     def scale(self) -> float:
-        """Return the scale of the next moving image."""
+        """Return the resolution of the next moving image: a factor of its width and height, from 1/8 to 1."""
         if self._seconds is None:
             return self._scale
         fitting = [
@@ -59,11 +63,14 @@ class Pace:
         return self._scale
 
     def record(self, seconds: float, scale: float) -> None:
-        """Record the time that a moving image of a given scale took."""
+        """Record how long a moving image took. scale : factor of its width and height"""
         whole = seconds / (scale * scale)
         self._seconds = whole if self._seconds is None else self._seconds + ADAPT * (whole - self._seconds)
 
 
 def next_pass(last: int, seconds: float) -> int:
-    """Return the number of samples of the next pass, given those of the last pass and its time in seconds."""
+    """Return how many samples per pixel the next refinement of an image adds: at most twice as many, and 0.4 s of work.
+
+    last : samples per pixel that the last pass added; seconds : its duration
+    """
     return max(1, min(2 * last, int(last * PASS / max(seconds, 1e-9))))

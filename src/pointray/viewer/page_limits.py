@@ -11,13 +11,16 @@ TRANSPORT = 2e-4  # seconds that transport of a message takes, before parsing
 
 
 class CpuBudget:
-    """Budget of CPU time for the messages of one page. clock : returns seconds"""
+    """Budget of CPU time for the messages of one page: a quarter of a core, so that others stay responsive.
+
+    clock : returns seconds
+    """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock, self._at, self._owed = clock, clock(), 0.0
 
     def rest(self, spent: float) -> float:
-        """Return the seconds to wait after a message that took `spent` seconds."""
+        """Return the seconds to wait before the next message, after one that took `spent` seconds of CPU time."""
         now = self._clock()
         self._owed = max(0.0, self._owed - SHARE * (now - self._at)) + spent + TRANSPORT
         self._at = now
@@ -32,7 +35,7 @@ class RateLimiter:
         self._left, self._at = most, clock()
 
     def take(self) -> bool:
-        """Count an event; return whether it is allowed."""
+        """Count an event; return whether it is allowed. An event that is not allowed does not count."""
         now = self._clock()
         self._left = min(self._most, self._left + self._rate * (now - self._at))
         self._at = now

@@ -47,17 +47,25 @@ class FrameRequest(NamedTuple):
 
     Attributes
     ----------
-    version : version of the scene
-    up : up direction for the sun and the ground
+    camera : Camera
+    view : ViewSettings
+        The panel's settings.
+    scene : Scene
+        The scene without these settings.
+    version : (2,) tuple of int
+        Changes whenever the scene is replaced or modified.
+    up : (3,) tuple
+        Up direction for the sun and the ground.
     refine : bool
-        False while models are built, which needs the CPU.
-    time : timestamp of the page's message
+        False while models are built, which needs the CPU: the image then has one sample per pixel.
+    time : float
+        Timestamp of the page's camera message, sent back with the image.
     sketch : Sketch or None
-        Drawn instead of the scene.
+        Dots, drawn instead of the scene.
     bakes : bool
         False for the coarse version of a scene that is loading: it keeps direct light.
     scan : callable or None
-        Returns the `Scan` of the scene, which decides whether there is a contact shadow.
+        Returns the scene's points with their up direction, which decide whether there is a contact shadow.
     """
 
     camera: Camera
@@ -72,14 +80,20 @@ class FrameRequest(NamedTuple):
     scan: Callable[[], Scan] | None = None
 
     def same_picture(self, other: FrameRequest | None) -> bool:
-        """Return whether both requests give the same image."""
+        """Return whether both requests give the same image, so that the image need not be drawn again."""
         if other is None or self.view is not other.view:  # not ==: lights may hold arrays
             return False
         return (self.camera, self.version, self.refine) == (other.camera, other.version, other.refine)
 
 
 class Frame(NamedTuple):
-    """An image for the page. seconds : tracing time; rays : number of camera rays"""
+    """An encoded image for the page.
+
+    number : counts the images of a browser from 1
+    size : width and height in pixels
+    samples : samples per pixel so far
+    seconds, rays : duration of the last pass, and camera rays traced in it
+    """
 
     number: int
     request: FrameRequest
@@ -92,7 +106,7 @@ class Frame(NamedTuple):
 
 
 class Painter:
-    """Draws the newest request.
+    """Draws the images of one browser in its own thread. A newer request replaces the last one.
 
     Parameters
     ----------
@@ -101,7 +115,7 @@ class Painter:
     fail : callable
         Called with the reason why an image cannot be drawn.
     report : callable
-        Called with stage, fraction done and seconds left while light is baked, see `Baker`.
+        Called with stage, fraction done and seconds left (or None) while light is baked.
     """
 
     def __init__(
@@ -129,7 +143,7 @@ class Painter:
         self._thread.start()
 
     def want(self, request: FrameRequest) -> None:
-        """Set the newest request."""
+        """Request an image in place of the last request; a request for the same image has no effect."""
         with self._changed:
             if not self._open or request.same_picture(self._request):
                 return
@@ -138,13 +152,13 @@ class Painter:
             self._changed.notify_all()
 
     def _draw_lit(self) -> None:
-        """Draw the newest request again with new light."""
+        """Draw the current image again with new light, if it shows baked light."""
         request = self._request
         if request is not None and request.view.integrator == BAKED:
             self._draw_again()
 
     def _draw_again(self) -> None:
-        """Draw the newest request again, because more of it can be shown."""
+        """Draw the current image again, at full resolution, with light or parts of models that it lacked."""
         with self._changed:
             if self._request is not None:
                 self._request = self._redrawn = self._request._replace()
@@ -152,13 +166,13 @@ class Painter:
                 self._changed.notify_all()
 
     def seen(self, number: int) -> None:
-        """Record that the page has drawn an image."""
+        """Record that the page has displayed an image: at most two are on their way. number : `Frame.number`"""
         with self._changed:
             self._seen = max(self._seen, min(number, self._drawn))
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Stop drawing and drop references to scenes; the rest of a session may wait for the garbage collector."""
+        """Stop drawing and baking, and drop references to scenes at once, so that their memory is released."""
         self._baker.close()
         self._fetcher.close()
         with self._changed:
@@ -174,12 +188,12 @@ class Painter:
 
     @property
     def frames_a_second(self) -> float:
-        """Frame rate of the moving images of the last second."""
+        """Frame rate of the images of the last second, without refinements; 0 if there were fewer than three."""
         times = [t for t in self._times if t > time.perf_counter() - 1.0]
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 2 else 0.0
 
     def apply(self, request: FrameRequest) -> Scene:
-        """Return the scene of a request with its view settings applied."""
+        """Return the scene of a request with the panel's settings applied, such as lights and materials; cached."""
         applied = self._last_applied
         if applied is None or applied[0].version != request.version or not applied[0].view.same_scene(request.view):
             applied = request, request.view.apply(request.scene, request.up)
@@ -200,7 +214,10 @@ class Painter:
             done = request
 
     def _next(self, done: FrameRequest | None) -> FrameRequest | None:
-        """Wait for another request and for the page to keep up; return None after `close`."""
+        """Wait for a request other than the last one, and for the page to display earlier images; None after `close`.
+
+        done : the last request
+        """
         with self._changed:
             while self._open and (self._request is done or self._drawn - self._seen >= IN_FLIGHT):
                 self._changed.wait()
@@ -208,7 +225,10 @@ class Painter:
             return self._request if self._open else None
 
     def _draw(self, request: FrameRequest) -> None:
-        """Draw all stages until the image is refined or a newer request arrives."""
+        """Draw a request at the size that the frame rate allows.
+
+        If no newer request arrives, draw it at full size and refine it.
+        """
         if request.sketch is not None:
             begun = time.perf_counter()
             self._send(request, request.sketch.draw(request.camera), STILL, (1, 1), time.perf_counter() - begun)
@@ -226,7 +246,11 @@ class Painter:
         self._refine(request, scene)
 
     def _show(self, request: FrameRequest, scene: Scene, camera: Camera, stage: Stage, cancel: Cancel | None) -> None:
-        """Draw and send an image with one sample per pixel."""
+        """Draw and send an image with one sample per pixel.
+
+        scene : with the panel's settings; camera : with the size to draw
+        cancel : when it is set, drawing stops and nothing is sent; None: the image is always sent
+        """
         begun = time.perf_counter()
         settings = self._light(request, scene, request.view.settings(1))
         if stage is MOVING:  # contact shadows of one sample are mostly noise
@@ -237,7 +261,10 @@ class Painter:
             self._send(request, picture.image, stage, (1, 1), time.perf_counter() - begun)
 
     def _refine(self, request: FrameRequest, scene: Scene) -> None:
-        """Add samples and send intermediate results."""
+        """Add samples to an image in passes and send it after each, until it is complete or a newer request arrives.
+
+        scene : with the panel's settings
+        """
         most = request.view.samples
         if most == 1 or not request.refine or self._cancel.wanted:
             return
@@ -260,7 +287,13 @@ class Painter:
             self._send(request, picture.image, REFINED, (done, count), seconds)
 
     def _light(self, request: FrameRequest, scene: Scene, settings: Settings) -> Settings:
-        """Attach the baked light that an image needs; return settings with direct light until there is any."""
+        """Attach the baked light that an image needs to a scene, and request its baking if there is none.
+
+        Return the settings to draw with: until there is baked light, with direct light; if only levels of detail lack
+        light, without these.
+
+        scene : with the panel's settings; settings : those wanted
+        """
         if settings.integrator != BAKED:
             return settings
         own = request.scene.baked  # such as from a file
@@ -276,7 +309,7 @@ class Painter:
         return replace(settings, levels=False) if light.lacks_levels(scene) else settings
 
     def light_of(self, scene: Scene) -> Baked | None:
-        """Return the fine light of a scene, if it is baked."""
+        """Return the final (fine) baked light of a scene, or None if it is not baked yet; for exported images."""
         return self._baker.fine_for(scene)
 
     def _is_old(self, request: FrameRequest, seconds: float) -> bool:
@@ -285,7 +318,7 @@ class Painter:
             return self._changed.wait_for(lambda: self._request is not request or not self._open, seconds)
 
     def _keeps_up(self, request: FrameRequest) -> bool:
-        """Wait for the page; return False if there is a newer request."""
+        """Wait until the page has displayed all but one of its images; return False if there is a newer request."""
         with self._changed:
             self._changed.wait_for(
                 lambda: self._request is not request or not self._open or self._drawn - self._seen < IN_FLIGHT
@@ -295,7 +328,11 @@ class Painter:
     def _send(
         self, request: FrameRequest, image: NDArray[np.float32], stage: Stage, samples: tuple[int, int], seconds: float
     ) -> None:
-        """Send an image. samples : the total per pixel, and the number added in the given seconds"""
+        """Expose and encode an image, and deliver it to the page.
+
+        image : (h, w, 4) float32, linear, premultiplied
+        samples : the total per pixel, and the number added in the given seconds
+        """
         view, tone = request.view, self._tone(request, image, stage)
         behind = backdrop_rows(view.behind, len(image))[:, 0]
         if request.sketch is None:
@@ -312,10 +349,10 @@ class Painter:
         self._deliver(Frame(self._drawn, request, (width, height), stage, samples[0], jpeg, seconds, rays))
 
     def _tone(self, request: FrameRequest, image: NDArray[np.float32], stage: Stage) -> tuple[float, str]:
-        """Return exposure (stops) and curve.
+        """Return the exposure (stops) and tone curve (its name) of an image, (h, w, 4) float32.
 
-        Both are chosen again when view settings change; the exposure also when still images need a much different one.
-        Images therefore do not flicker while the camera moves.
+        Automatic values are chosen again when the panel's settings or the scene change; the exposure also when a still
+        image needs a much different one. Images therefore do not flicker while the camera moves.
         """
         view, known = request.view, self._last_tone
         if not view.auto_exposed:
@@ -330,7 +367,10 @@ class Painter:
 
 
 def encode(pixels: NDArray[np.uint8], stage: Stage) -> bytes:
-    """Encode a JPEG at its stage's quality, or a lower one if it would exceed MAX_JPEG_BYTES, as noise at 4K does."""
+    """Encode pixels, (h, w, 3) uint8, as JPEG at their stage's quality.
+
+    The quality is reduced if the result would exceed MAX_JPEG_BYTES (6 MiB), as noise at 4K does.
+    """
     for quality, subsampling in ((stage.quality, stage.subsampling), *COARSER):
         stream = io.BytesIO()
         Image.fromarray(pixels).save(stream, "JPEG", quality=quality, subsampling=subsampling)
@@ -340,6 +380,6 @@ def encode(pixels: NDArray[np.uint8], stage: Stage) -> bytes:
 
 
 def _scaled(camera: Camera, scale: float) -> Camera:
-    """Return the camera for an image scaled by a factor."""
+    """Return the camera for the same view with an image of `scale` times the width and height."""
     width, height = camera.size
     return replace(camera, size=(max(1, round(width * scale)), max(1, round(height * scale))))

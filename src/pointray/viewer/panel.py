@@ -21,7 +21,11 @@ MOUSE_HELP = (
 
 
 class Output(NamedTuple):
-    """Options of saved images and films."""
+    """Options of saved images and films.
+
+    width, height : pixels; samples : per pixel; format : of images: "png", "jpg" or "exr"
+    seconds, fps : duration and frame rate of films
+    """
 
     width: int = 1920
     height: int = 1080
@@ -33,7 +37,10 @@ class Output(NamedTuple):
 
 
 def folders(view: ViewSettings, shared: SharedScene, output: Output, scene: Scene | None) -> list[Folder]:
-    """Return all folders of the panel, for a scene or while there is none."""
+    """Return the panel as a list of folders with their controls. scene : None while there is none
+
+    view, output : give the values; shared : gives the surface options and the preset of the lights
+    """
     build = shared.build
     if scene is None:
         return [Folder("View", [Control("help", "", "note", MOUSE_HELP)], open=True)]
@@ -93,7 +100,11 @@ def _view(view: ViewSettings, has_levels: bool) -> Folder:
 
 
 def _light(view: ViewSettings, has_own: bool, allows_contact_shadow: bool) -> Folder:
-    """has_own : whether the scene has lights of its own; allows_contact_shadow : whether it has one if it stands"""
+    """Return the folder with the lights and their controls.
+
+    has_own : whether the scene has lights of its own
+    allows_contact_shadow : whether the scene gets a contact shadow if it stands and studio light is chosen
+    """
     looks = [*LOOKS.items(), *([(OWN_LIGHT, "from the scene")] if has_own else [])]
     look = view.look
     if look == CHANGED:
@@ -128,7 +139,7 @@ def _light(view: ViewSettings, has_own: bool, allows_contact_shadow: bool) -> Fo
 
 
 def _lamp(at: str, number: int, lamp: LightControl) -> list[Control]:
-    """Return the rows of one light."""
+    """Return the controls of one light. at : prefix of their names, such as "lamps.0."; number : index of the light"""
     name = LIGHTS.get(lamp.kind, type(lamp.light).__name__)
     rows = [Control(f"{at}on", f"{number + 1}: {name}", "switch", lamp.on)]
     if lamp.kind != OWN_LIGHT:
@@ -183,7 +194,7 @@ def _material(view: ViewSettings, scene: Scene) -> Folder:
 
 
 def _limits(view: ViewSettings) -> list[Control]:
-    """Return the range of the attribute, once it is known."""
+    """Return the two controls of the colour scale's minimum and maximum; none until the attribute's range is known."""
     rows = []
     for name, label in (("low", "Minimum"), ("high", "Maximum")):
         rows.append(Control(name, label, "number", getattr(view, name)))
@@ -241,7 +252,7 @@ def _surface(build: Build) -> Folder:
 
 
 def _scattered(build: Build) -> list[Control]:
-    """Return the size of scattered points, if they are drawn individually."""
+    """Return the control of the size of scattered points; none unless they are drawn as spheres or discs."""
     if build.scatter not in ("spheres", "discs"):
         return []
     size = build.scatter_size

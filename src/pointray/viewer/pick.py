@@ -21,19 +21,25 @@ WHOLE = 1e15  # integral floats below this limit are written without decimals or
 
 @dataclass(frozen=True)
 class Found:
-    """A point on a surface. lines : its description"""
+    """A point on a surface that the user has clicked.
+
+    position : (3,), world; lines : its coordinates, normal and attributes as text
+    """
 
     position: NDArray[np.float64]
     lines: list[str]
 
 
 def prepare(scene: Scene) -> None:
-    """Trace a ray that misses, so that what a click needs is loaded or compiled before the first click."""
+    """Trace a ray that misses, to load or compile the kernel that finds clicked points before the first click."""
     scene.intersect(np.zeros(3), np.full(3, np.nan))
 
 
 def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
-    """Return the surface point at a position of the view, 0 to 1 from left and top; None if nothing is hit."""
+    """Return the surface point at a position of the view, with its description; None if nothing is hit.
+
+    x, y : position, 0 to 1 from left and from top
+    """
     hits = scene.intersect(*camera.rays_through(2 * x - 1, 1 - 2 * y))
     if hits.instance < 0:
         return None
@@ -48,7 +54,10 @@ def pick(scene: Scene, camera: Camera, x: float, y: float) -> Found | None:
 
 
 def _point_lines(scene: Scene, instance: int, row: int) -> list[str]:
-    """Return the file's values of a point, one a line."""
+    """Return row number, colour and attributes of a point as text, one a line; none if a plane was hit.
+
+    instance : number that `Scene.add` returned; row : of the point in its model
+    """
     model = scene.shapes[instance]
     if not isinstance(model, Model):
         return []
@@ -64,7 +73,10 @@ def _point_lines(scene: Scene, instance: int, row: int) -> list[str]:
 
 
 def _format_value(name: str, value: Any) -> str:
-    """Format an attribute's value: exact, as short as possible, with class names."""
+    """Format an attribute's value, one or several numbers: exact, as short as possible, with names of LAS classes.
+
+    name : of the attribute
+    """
     return " ".join(_format_number(name, number) for number in np.atleast_1d(value))
 
 
@@ -75,6 +87,6 @@ def _format_number(name: str, number: Any) -> str:
 
 
 def _format_coordinate(value: float, pixel: float) -> str:
-    """Format a coordinate, rounded to the decimals of a tenth of a pixel."""
+    """Format a coordinate, rounded to about a tenth of a pixel. pixel : its size there, in world units"""
     decimals = max(0, min(9, 1 - math.floor(math.log10(max(pixel, 1e-300)))))
     return f"{value:.{decimals}f}"

@@ -34,7 +34,7 @@ class Click(NamedTuple):
     purpose : str
         "target": turn the camera to the point. Otherwise the page is sent a description of the point.
     extend : bool
-        Whether to send the distance from the last point, too.
+        Whether to send the distance from the last clicked point, too.
     """
 
     request: FrameRequest
@@ -44,7 +44,7 @@ class Click(NamedTuple):
 
 
 class Newest(Generic[T]):
-    """Queue of length one: a newer request replaces one that still waits.
+    """Queue of length one for background work: a newer request replaces one that still waits.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class Newest(Generic[T]):
     answer : callable
         Called with a request.
     needed_by : callable, optional
-        Whether a request needs the answer to the one before it, which then is kept.
+        Returns whether a request needs the answer to the one before it, which then is kept.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Newest(Generic[T]):
         self._waiting: list[T] = []
 
     def ask(self, question: T) -> None:
-        """Queue a request; it is dropped if a newer one arrives before it starts."""
+        """Queue a request for `answer`; it is dropped if a newer one that does not need it arrives before it starts."""
         with self._lock:
             waiting = self._waiting
             self._waiting = [*waiting[-1:], question] if self._needed_by(question) else [question]
@@ -79,7 +79,7 @@ class Newest(Generic[T]):
 
 
 class Lookups:
-    """Answers the requests of one browser in one thread, one after the other.
+    """Answers clicks and requests for legends of one browser in one thread, one after the other.
 
     Parameters
     ----------
@@ -106,19 +106,22 @@ class Lookups:
         self._legends = Newest(self._jobs, self._draw_legend)
 
     def click(self, click: Click) -> None:
-        """Find the point under a click and send it."""
+        """Find the surface point under a click in the background, and send it to the page."""
         self._clicks.ask(click)
 
     def forget(self) -> None:
-        """Forget the last point, so that no distance is measured from it."""
+        """Forget the last clicked point, so that no distance is measured from it."""
         self._found = None
 
     def legend(self, request: FrameRequest) -> None:
-        """Draw the legend of the colours."""
+        """Draw the legend of the attribute that colours a request's scene, in the background, for `show_legend`."""
         self._legends.ask(request)
 
     def prepare(self, scene: Scene) -> None:
-        """Load what a click needs, which takes seconds; only the first call has an effect."""
+        """Load or compile in the background the kernel that finds clicked points; later calls have no effect.
+
+        This takes seconds, which a click then need not wait.
+        """
         with self._state:
             if not self._prepared and not self._stopped:
                 self._prepared = True

@@ -48,22 +48,22 @@ POLICY = (
 
 
 class PageHandler(Protocol):
-    """Handler of the messages of one browser."""
+    """Interface of the object that processes the messages of one browser."""
 
     def receive(self, text: str) -> None:
-        """Process a message of the page. Calls come one after the other, from the handler's own thread."""
+        """Process a message of the page (JSON). Calls come one after the other, from the handler's own thread."""
 
     def leave(self) -> None:
-        """End: the browser has disconnected. Called from the same thread."""
+        """End processing: the browser has disconnected. Called from the same thread as `receive`."""
 
 
 class Server:
-    """Server of the page, from its construction until `close`.
+    """Web server of the viewer, in its own thread until `close`: the page over HTTP, and a WebSocket for each browser.
 
     Parameters
     ----------
     make_handler : callable
-        Returns the `PageHandler` of a `Link`; called in the handler's own thread.
+        Returns the `PageHandler` of a `Link` (connection to a browser); called in the handler's own thread.
     host : str
         Address to listen on.
     port : int
@@ -102,12 +102,15 @@ class Server:
 
     @property
     def proxied(self) -> str:
-        """Path of the page on the hub, from its root; empty without a hub."""
+        """Path of the page through a JupyterHub's proxy, such as "/user/x/proxy/8080/TOKEN/"; empty without a hub."""
         return f"{self._prefix}/{self.token}/" if self._hub else ""
 
     @property
     def _prefix(self) -> str:
-        """Prefix that jupyter-server-proxy removes from a path and sends in a header."""
+        """Path under which a JupyterHub's proxy serves this port, such as "/user/x/proxy/8080".
+
+        The proxy (jupyter-server-proxy) removes it from the paths of requests and sends it in a header.
+        """
         return f"/{self._hub}/proxy/{self.port}"
 
     @property
@@ -185,7 +188,10 @@ class Server:
         return _response(http.HTTPStatus.OK, file.read_bytes(), KINDS[file.suffix])
 
     def _is_own(self, headers: Headers) -> bool:
-        """Return whether the viewer's page, or no page, opens a socket: other sites must not control the viewer."""
+        """Return whether the page that opens a WebSocket is the viewer's (or there is none), by the Origin header.
+
+        Pages of other sites must not control the viewer.
+        """
         origin = headers.get("Origin")
         own = origin is None or urlsplit(origin).netloc == headers.get("Host")
         if not own:
@@ -201,7 +207,7 @@ class Server:
         return self.is_public and name in {own, f"{own}.local", socket.getfqdn().lower()}
 
     def _is_proxied(self, headers: Headers) -> bool:
-        """Return whether a request comes through the hub's proxy, judged by the proxy's header.
+        """Return whether a request comes through the JupyterHub's proxy, judged by the proxy's header.
 
         A page of another site cannot make a browser add this header. After DNS rebinding it could, but lacks the token.
         """
@@ -238,7 +244,7 @@ class Server:
 
 
 def _cpu_seconds_of(work: Callable[[str], None], text: str) -> float:
-    """Call `work` and return the CPU time that it took, in seconds."""
+    """Call `work` with a text and return the CPU time that it took, in seconds."""
     begun = time.thread_time()
     work(text)
     return time.thread_time() - begun
@@ -268,7 +274,7 @@ def _is_address(name: str) -> bool:
 
 
 def _silent_logger() -> Any:
-    """Return a logger that hides normal events such as connections that end during the handshake."""
+    """Return a logger for the WebSocket library that hides events such as connections that end in the handshake."""
     logger = logging.getLogger("pointray.view.websockets")
     logger.setLevel(logging.CRITICAL)
     return logger

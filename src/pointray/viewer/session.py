@@ -30,13 +30,16 @@ TURN = 180.0  # degrees that the sun turns for a drag over the window's height
 
 
 class Session:
-    """`server.PageHandler` of one browser: calls its display for each message.
+    """Handler of the messages of one browser: changes its camera, panel and image, and starts exports.
+
+    It also updates the page when the shared scene changes.
 
     Parameters
     ----------
     link : Link
         The connection to the browser.
     shared : SharedScene
+        The scene that all browsers show.
     ended : callable
         Called with the session when the browser has disconnected.
     """
@@ -60,7 +63,7 @@ class Session:
         self._follow()
 
     def receive(self, text: str) -> None:
-        """Process a message of the page. Invalid messages are ignored and logged."""
+        """Process a message of the page (JSON). Invalid messages are ignored and logged."""
         try:
             message = parse(text)
             handler = self._handlers.get(message["type"])
@@ -191,7 +194,7 @@ class Session:
     # Changes of the shared scene.
 
     def _on_change(self) -> None:
-        """Queue the processing of a change in this session's own thread, not in that of the notifier."""
+        """Queue an update of the page in this session's own thread, so that the notifier need not wait."""
         with self._state_lock:
             if not self._gone and not self._has_changes:
                 self._has_changes = True
@@ -204,7 +207,7 @@ class Session:
             log.exception("error while updating a browser")
 
     def _follow(self) -> None:
-        """Send the progress and update the display."""
+        """Send the progress of loading or building, and update the page from the shared scene."""
         self._has_changes = False
         self._outbox.progress(self._shared.progress)
         with self._lock:
@@ -214,17 +217,23 @@ class Session:
     # Results. The painter and the lookups call these from their own threads.
 
     def _deliver(self, frame: Frame) -> None:
-        """Send an image. After the first one, load what clicks need."""
+        """Send an image to the page. After the first one, load the kernel that finds clicked points."""
         self._outbox.frame(frame, self._painter.frames_a_second)
         if frame.request.sketch is None:
             self._lookups.prepare(frame.request.scene)
 
     def _report_baking(self, stage: str, share: float | None, seconds: float | None) -> None:
-        """Send the progress of baking, unless models are being built."""
+        """Send the progress of baking to the page, unless models are being built.
+
+        share : fraction done; seconds : time left; both None if unknown
+        """
         shared = self._shared.progress
         self._outbox.progress(shared if shared.stage else Progress(stage, share, seconds))
 
     def _show_legend(self, request: FrameRequest, shown: Attribute, image: str) -> None:
-        """Send a legend."""
+        """Send a legend to the page, if it still shows the same settings.
+
+        request : image for which it was drawn; shown : the attribute; image : data URL
+        """
         with self._lock:
             self._display.show_legend(request, shown, image)

@@ -27,10 +27,11 @@ log = logging.getLogger("pointray.view")
 
 @dataclass(frozen=True)
 class Build:
-    """How models are built: the parameters of `Model` in the panel.
+    """How models are built: those parameters of `Model` that the panel shows.
 
-    measured : whether to smooth measured noise; noise : otherwise the noise to smooth, in median radii
-    scatter, scatter_size : how scattered points are drawn
+    surface, samples, radius_scale, scatter, scatter_size : as for `Model`
+    measured : whether noise is measured and smoothed
+    noise : standard deviation of the noise to smooth otherwise, in median support radii
     """
 
     surface: str
@@ -43,7 +44,7 @@ class Build:
 
 
 def build_of(model: Model) -> Build:
-    """Return how a model was built. Measured noise is reported as its median."""
+    """Return how a model was built. If its noise was measured, `noise` is the median of the measured values."""
     size, found = model.spacing or 1.0, model.tree.noise
     build = Build(model.surface, model.settings.samples, scatter=model.drawing.scatter, scatter_size=model.drawing.size)
     if isinstance(model.smooth, str):
@@ -54,7 +55,11 @@ def build_of(model: Model) -> Build:
 
 @dataclass(frozen=True)
 class Progress:
-    """Work in progress. share, seconds (left) : None if unknown; stage : empty if there is no work"""
+    """Progress of work such as building a model.
+
+    stage : what is done, as a text; empty if there is no work
+    share, seconds : fraction done and time left; None if unknown
+    """
 
     stage: str = ""
     share: float | None = None
@@ -62,16 +67,17 @@ class Progress:
 
 
 class Loader(Protocol):
-    """Loads a scene: calls `SharedScene.show` with each version of it, and `SharedScene.report` with its progress.
+    """Callable that loads a scene into the viewer.
 
-    It first calls `SharedScene.show_sketch` if there are points but the kernels are not compiled.
+    It calls `SharedScene.show` with each version of the scene, such as a coarse one first, and `SharedScene.report`
+    with its progress. If kernels are not compiled, it first calls `SharedScene.show_sketch` with some points.
     """
 
     def __call__(self, shared: SharedScene) -> None: ...
 
 
 class SharedScene:
-    """The scene, and listeners that are notified when it changes.
+    """The scene that all browsers show, perhaps still loading; it notifies listeners when it changes.
 
     Attributes
     ----------
@@ -82,11 +88,11 @@ class SharedScene:
     home : Camera or None
         Initial camera of a browser; None: a view of everything.
     settings, exposes, exposure, curve
-        Initial values of view settings.
+        Initial values of the panel: render settings, whether exposure is automatic, exposure (stops), tone curve.
     sketch : Sketch or None
-        Shown while there is no scene.
+        Points drawn as dots while there is no scene.
     look : str
-        One of `auto_view.LOOKS` if the scene is lit by it; empty if it has lights of its own, or none.
+        "studio" or "headlight" if the scene is lit by this preset; empty if it has lights of its own, or none.
     contact_shadow : bool
         Whether browsers initially show contact shadows.
     is_coarse : bool
@@ -124,7 +130,7 @@ class SharedScene:
 
     @property
     def scene(self) -> Scene | None:
-        """The scene so far, with rebuilt models in place of the original ones."""
+        """The scene to show, with rebuilt models in place of the original ones; None before anything is loaded."""
         scene, built = self._scene, self._built
         if scene is None or built is None:
             return scene
@@ -135,21 +141,24 @@ class SharedScene:
 
     @property
     def progress(self) -> Progress:
-        """Progress of compiling kernels, or else of building."""
+        """Progress of compiling kernels, or else of loading and building."""
         return self._compiling if self._compiling.stage else self._building
 
     @property
     def is_building(self) -> bool:
-        """Whether models are being built."""
+        """Whether a scene is being loaded or models are being built."""
         return bool(self._building.stage)
 
     @property
     def version(self) -> tuple[int, int]:
-        """A value that changes whenever the scene is replaced or modified."""
+        """Two counters, one of which changes whenever the scene is replaced, rebuilt or modified."""
         return self._revision, 0 if self._scene is None else self._scene._version
 
     def subscribe(self, listener: Callable[[], None]) -> Callable[[], None]:
-        """Call a listener, from any thread, on each change; return a function that unsubscribes it."""
+        """Call a listener, from any thread, on each change of the scene, its progress or its problem.
+
+        Returns a function that unsubscribes it.
+        """
         with self._lock:
             self._listeners.append(listener)
 
@@ -161,7 +170,7 @@ class SharedScene:
         return leave
 
     def load(self, loader: Loader) -> threading.Thread:
-        """Load the scene with a loader, in the background."""
+        """Load the scene with a loader, in the background. Returns the thread."""
 
         def work() -> None:
             loader(self)
@@ -170,7 +179,10 @@ class SharedScene:
         return self._start(work)
 
     def scan(self, view: str) -> Scan:
-        """Return the scan of the scene for a view, see `ViewChoice`; raise ValueError if there is no scene."""
+        """Return the points to frame in a view with their up and view directions (`Scan`); cached.
+
+        view : "auto" or a standard view such as "front"; ValueError if nothing is loaded yet
+        """
         seen, key = self.scene or (None if self.sketch is None else self.sketch.points), (self.version, self.up, view)
         if seen is None:
             raise ValueError("no scene loaded yet")
@@ -179,7 +191,7 @@ class SharedScene:
         return self._scan[1]
 
     def show_sketch(self, sketch: Sketch, up: tuple[float, float, float]) -> None:
-        """Show a sketch until there is a scene."""
+        """Show points as dots until there is a scene. up : their up direction"""
         self.sketch, self.up = sketch, up
         self._revision += 1
         self.notify()
@@ -195,16 +207,17 @@ class SharedScene:
 
     @property
     def build(self) -> Build | None:
-        """How the shown models are built; that of the first one if there are several."""
+        """How the shown models are built, that of the first one if there are several; None without models."""
         if self._built is not None:
             return self._built[0]
         models = [] if self._scene is None else self._scene.models
         return build_of(models[0]) if models else None
 
     def rebuild(self, **changes: Any) -> threading.Thread:
-        """Rebuild all models with changes to the last requested build; the old ones are shown meanwhile.
+        """Rebuild all models in the background; the old ones are shown meanwhile. Returns the thread.
 
-        A value for `noise` turns off `measured`, unless that is given, too.
+        changes : fields of `Build` to change in the last requested build. A value for `noise` turns off `measured`,
+            unless that is given, too.
         """
         if "noise" in changes:
             changes.setdefault("measured", False)
@@ -282,12 +295,15 @@ class SharedScene:
         self.problem = why
 
     def report(self, stage: str, share: float | None) -> None:
-        """Report the current stage and the fraction done."""
+        """Set the progress of loading or building, and notify listeners. share : fraction done; None: unknown
+
+        stage : what is done, as a text; empty if the work has ended
+        """
         self._building = Progress(stage, share, self._time_left(stage, share))
         self.notify()
 
     def update_compile_progress(self) -> None:
-        """Update the progress of compiling kernels; called several times a second."""
+        """Read the progress of compiling kernels, and notify listeners if it has changed. Called ten times a second."""
         state, before = BACKLOG.state, self._compiling
         self._compiling = Progress()
         if state is not None:
@@ -297,7 +313,7 @@ class SharedScene:
             self.notify()
 
     def notify(self) -> None:
-        """Notify all listeners of a change."""
+        """Call all listeners: the scene, its progress or its problem has changed."""
         with self._lock:
             listeners = list(self._listeners)
         for listener in listeners:

@@ -23,7 +23,7 @@ DEPTH_STEPS = 2.0**31  # quantization steps of the depth buffer
 
 
 class Sketch:
-    """A sample of a scan's points that can be drawn without compiled kernels.
+    """A sample of a scan's points that can be drawn as dots without compiled kernels.
 
     Parameters
     ----------
@@ -60,7 +60,10 @@ class Sketch:
         self._colors = np.concatenate([_linear_colors(cloud) for cloud in drawn])
 
     def draw(self, camera: Camera) -> NDArray[np.float32]:
-        """Return an image like that of `render`, perhaps at lower resolution: (h, w, 4) float32."""
+        """Return an image of the points as shaded dots: (h, w, 4) float32, linear with alpha, like that of `render`.
+
+        If dots would be large, the image is smaller than the camera's size.
+        """
         radius = self._radius(camera, np.median(self._camera_coordinates(camera)[2]))
         camera = _smaller(camera, radius / MAX_DOT_RADIUS)
         across, upwards, depth = self._camera_coordinates(camera)
@@ -77,14 +80,14 @@ class Sketch:
         return image
 
     def _camera_coordinates(self, camera: Camera) -> tuple[NDArray[np.float64], ...]:
-        """Return coordinates to the right, up and along the view, relative to the eye."""
+        """Return the points' coordinates relative to the eye: to the right, up and along the view, (n,) each."""
         eye = np.asarray(camera.eye) - self.points.origin
         forward, right, top = view_axes(np.subtract(camera.target, camera.eye), np.asarray(camera.up, np.float64))
         from_eye = self.points.positions.astype(np.float64) - eye
         return from_eye @ right, from_eye @ top, from_eye @ forward
 
     def _radius(self, camera: Camera, depth: float) -> float:
-        """Return the radius of a dot at a depth, in pixels."""
+        """Return the radius of a dot in pixels. depth : its distance along the view"""
         return max(DOT_RADIUS * self._spacing * float(_pixels(camera, np.array(max(depth, 1e-300)))), 0.5)
 
     def _nearest(
@@ -95,7 +98,11 @@ class Sketch:
         radius: float,
         shape: tuple[int, int],
     ) -> NDArray[np.int64]:
-        """Return for each pixel the index of the dot nearest to the eye, or -1."""
+        """Return for each pixel the index of the dot nearest to the eye, or -1: an array of the given shape.
+
+        column, row, depth : (n,), pixel of each dot's centre, and distance along the view
+        radius : of the dots, in pixels; shape : height and width of the image
+        """
         height, width = shape
         none = np.iinfo(np.int64).max
         buffer = np.full(height * width, none)
@@ -112,7 +119,10 @@ class Sketch:
         return np.where(buffer == none, -1, buffer & 0xFFFFFFFF).reshape(shape)
 
     def _shade(self, camera: Camera, rows: NDArray[np.int64]) -> NDArray[np.float32]:
-        """Return linear colours of points in the studio's light; both sides are shaded alike."""
+        """Return linear colours, (n, 3), of points in the studio's key light and sky; both sides are shaded alike.
+
+        rows : (n,), indices of the points
+        """
         assert self._normals is not None
         forward, right, top = view_axes(np.subtract(camera.target, camera.eye), np.asarray(camera.up, np.float64))
         sideways, upwards, backwards = KEY_DIRECTION
@@ -125,7 +135,7 @@ class Sketch:
 
 
 def _pixels(camera: Camera, depth: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the length of one world unit at a depth, in pixels."""
+    """Return the length in pixels of one world unit. depth : its distances along the view, of any shape"""
     half = np.tan(np.radians(camera.fov) / 2)
     if camera.projection == "orthographic":
         depth = np.full_like(depth, np.linalg.norm(np.subtract(camera.target, camera.eye)))
@@ -133,13 +143,13 @@ def _pixels(camera: Camera, depth: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _smaller(camera: Camera, times: float) -> Camera:
-    """Return the camera for an image reduced by a factor, if the factor exceeds one."""
+    """Return the camera for an image `times` smaller in width and height; unchanged if that is below 1."""
     width, height = camera.size
     return replace(camera, size=(max(1, round(width / times)), max(1, round(height / times)))) if times > 1 else camera
 
 
 def _joined_normals(parts: Sequence[NDArray[np.float32] | None]) -> NDArray[np.float32] | None:
-    """Concatenate normals of clouds; None if a cloud has none."""
+    """Concatenate the normals of several clouds, (n, 3) each; None if any cloud has none."""
     known = [part for part in parts if part is not None]
     return np.nan_to_num(np.concatenate(known)) if len(known) == len(parts) else None
 
@@ -151,7 +161,10 @@ def _linear_colors(cloud: Points) -> NDArray[np.float32]:
 
 
 def _plane_normals(positions: NDArray[np.float32], near: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return normals of planes fitted to neighbours, with arbitrary sign."""
+    """Return normals of planes fitted to neighbours, (n, 3), with arbitrary sign.
+
+    near : (n, k), indices of each point's nearest points, including itself
+    """
     around = positions[near].astype(np.float64)
     around -= around.mean(axis=1, keepdims=True)
     return np.asarray(np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))[1][:, :, 0])

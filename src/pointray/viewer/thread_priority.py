@@ -19,7 +19,7 @@ MAX_NICE = 19
 def run_niced(nice: int, work: Callable[[], T]) -> T:
     """Run `work` in a thread of lower priority, which threads started by it inherit; return its result.
 
-    nice : added to the niceness of the caller
+    nice : added to the niceness of the caller; without effect on systems other than Linux
     """
     results: list[T] = []
     errors: list[BaseException] = []
@@ -40,6 +40,6 @@ def run_niced(nice: int, work: Callable[[], T]) -> T:
 
 
 def lower_priority(nice: int) -> None:
-    """Lower the priority of this thread permanently. nice : added to its niceness"""
+    """Lower the priority of this thread permanently, on Linux only. nice : added to its niceness"""
     if HAS_THREAD_NICENESS:
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), min(os.nice(0) + nice, MAX_NICE))

@@ -48,7 +48,10 @@ NOT_IN_SCENE = (
 
 @dataclass(frozen=True)
 class Cut:
-    """A plane across an axis that cuts the model open. at : position as a fraction of the bounds"""
+    """A plane across an axis that cuts the model open: removes the part at greater coordinates.
+
+    on : whether it cuts; at : position as a fraction of the model's bounds; flip : remove the other part
+    """
 
     on: bool = False
     at: float = 0.5
@@ -63,25 +66,35 @@ class ViewSettings:
     ----------
     base : Settings
         Settings without a control in the panel.
+    integrator, max_depth, shadows, backfaces, levels
+        As in `Settings`.
     samples : int
         Samples per pixel of a refined image.
     exposes : bool
-        Whether exposure is automatic; `exposure` is then added to it.
+        Whether exposure is automatic; `exposure` (stops) is then added to it.
     curve : str
-        AUTO: chosen together with the exposure.
+        Tone curve; "auto": chosen together with the exposure.
     contact_shadow : bool
-        Whether a standing object gets a contact shadow, see `Contacts`.
+        Whether a standing object gets a contact shadow, put under the image.
     backdrop : (3,) sRGB
     around : str
         Background: "gradient" that of `image.tone`; "color" the backdrop; "sky" the lights; "scene" that of the scene.
+    lamps : tuple of LightControl
+        Lights of the image.
     studio : tuple of LightControl
-        Lights of the studio, if it was chosen.
+        Lights of the studio, if it was chosen; compared with `lamps` to detect edits.
     material : str
-        "own": that of each instance; otherwise one for all models.
+        "own": that of each instance; otherwise one for all models, such as "phong".
     color_by : str
-        OWN, CONSTANT, or an attribute of the points.
+        "own": the points' colours; "constant": `color` (sRGB); or the name of an attribute, drawn with `colormap`.
     low, high : float or None
         Range of the attribute; None: automatic.
+    specular, exponent, roughness, metallic, ior
+        Parameters of the materials.
+    ground : bool
+        Whether there is a grey plane under the model.
+    cuts : (3,) tuple of Cut
+        Across x, y and z.
     """
 
     base: Settings = Settings()
@@ -115,7 +128,7 @@ class ViewSettings:
 
     @classmethod
     def of(cls, shared: SharedScene, scene: Scene) -> ViewSettings:
-        """Return the initial settings for a shared scene."""
+        """Return the initial values of the panel. shared : gives its options; scene : gives lights and background"""
         settings = shared.settings
         view = cls(
             base=replace(settings, time_limit=None, noise=None, denoise=False),
@@ -134,7 +147,7 @@ class ViewSettings:
         return replace(view, lamps=lamps, studio=lamps if shared.look == STUDIO else ()).with_background(scene)
 
     def with_background(self, scene: Scene) -> ViewSettings:
-        """Return these settings with the background of a scene."""
+        """Return a copy of these settings with the background of a scene."""
         if scene.shows_sky:
             return replace(self, around="sky")
         if scene.background is None:
@@ -143,12 +156,18 @@ class ViewSettings:
         return replace(self, around="color", backdrop=(r, g, b))
 
     def same_scene(self, other: ViewSettings) -> bool:
-        """Return whether both settings give the same scene; compared by identity, because lights may hold arrays."""
+        """Return whether both settings change a scene in the same way, so that its copy can be reused.
+
+        Values are compared by identity, because lights may hold arrays.
+        """
         names = [field.name for field in fields(self) if field.name not in NOT_IN_SCENE]
         return all(getattr(self, name) is getattr(other, name) for name in names)
 
     def with_value(self, name: str, value: Any) -> ViewSettings:
-        """Return settings with a new value of a control: of a field, or of a light or a cut, like "lamps.0.color"."""
+        """Return a copy with a new value of a control.
+
+        name : a field, or a field of a light or a cut, such as "lamps.0.color"
+        """
         field, _, rest = name.partition(".")
         if not rest:
             return replace(self, **{field: value})
@@ -160,29 +179,35 @@ class ViewSettings:
 
     @property
     def look(self) -> str:
-        """One of `auto_view.LOOKS` if the lights are those; otherwise CHANGED."""
+        """Preset of the lights: "studio", "headlight" (no lights), or "changed" if they are neither."""
         if not self.lamps:
             return HEADLIGHT
         same = len(self.lamps) == len(self.studio)
         return STUDIO if same and all(a is b for a, b in zip(self.lamps, self.studio, strict=True)) else CHANGED
 
     def in_studio(self, lights: Sequence[Light | EnvironmentLight], up: Vector) -> ViewSettings:
-        """Return settings with the lights of a studio, whose light is baked unless they are fixed to the camera."""
+        """Return a copy lit by a studio. Its light is baked instead of direct, unless it is fixed to the camera.
+
+        lights : those of the studio; up : direction about which their angles are measured
+        """
         lamps = controls_of(lights, up)
         baked = self.integrator == "phong" and not any(lamp.camera for lamp in lamps)
         return replace(self, lamps=lamps, studio=lamps, integrator="baked" if baked else self.integrator)
 
     def lit_by(self, lights: Sequence[Light | EnvironmentLight], up: Vector, integrator: str) -> ViewSettings:
-        """Return settings with other lights. integrator : replaces that of baked light"""
+        """Return a copy with other lights. up : direction about which their angles are measured
+
+        integrator : replaces "baked" if there are lights; "phong" replaces it otherwise
+        """
         shown = self.integrator if self.integrator != "baked" else integrator if lights else "phong"
         return replace(self, lamps=controls_of(lights, up), integrator=shown)
 
     def with_lamp(self, kind: str, scene: Scene, up: Vector) -> ViewSettings:
-        """Return settings with an additional light."""
+        """Return a copy with an additional light. kind : "sun", "point" or "sky"; scene, up : where it is placed"""
         return replace(self, lamps=(*self.lamps, new_light_control(kind, scene, up)))
 
     def without_lamp(self, number: int) -> ViewSettings:
-        """Return settings without a light."""
+        """Return a copy without a light. number : its index in `lamps`"""
         return replace(self, lamps=self.lamps[:number] + self.lamps[number + 1 :])
 
     def settings(self, spp: int) -> Settings:
@@ -192,11 +217,11 @@ class ViewSettings:
 
     @property
     def auto_exposed(self) -> bool:
-        """Whether the exposure of images is automatic."""
+        """Whether exposure is automatic: chosen by the user, and the image shows light, not normals or depth."""
         return self.exposes and self.integrator in EXPOSED
 
     def tone(self, image: NDArray[np.float32]) -> tuple[float, str]:
-        """Return exposure (stops) and curve for an image."""
+        """Return exposure (stops) and tone curve (its name) for an image, (h, w, 4) float32, linear."""
         if not self.auto_exposed:
             return tone_of(image, self.exposure, self.curve)
         white = white_under(self.lights((0.0, 0.0, 1.0)), self.integrator)  # any up direction will do
@@ -205,15 +230,18 @@ class ViewSettings:
 
     @property
     def behind(self) -> Backdrop:
-        """Backdrop of transparent pixels: sRGB above and below."""
+        """Colours behind transparent pixels at the top and at the bottom of an image, sRGB."""
         return GRADIENT if self.around == "gradient" else (self.backdrop, self.backdrop)
 
     def lights(self, up: Vector) -> list[Light | EnvironmentLight]:
-        """Return the lights that are on."""
+        """Return the lights that are on, for `Scene.lights`. up : direction about which their angles are measured"""
         return [lamp.make(up) for lamp in self.lamps if lamp.on]
 
     def apply(self, scene: Scene, up: Vector) -> Scene:
-        """Return a copy of the scene with these settings; the scene itself is unchanged."""
+        """Return a copy of a scene with these lights, materials, cuts, ground and background.
+
+        up : direction about which angles of lights are measured, and the normal of the ground
+        """
         applied = scene.copy()
         applied.lights = self.lights(up)
         applied.background = "environment" if self.around == "sky" else srgb_to_linear(np.array(self.backdrop))
@@ -233,7 +261,10 @@ class ViewSettings:
         return applied
 
     def _clips(self, low: Any, high: Any) -> list[tuple[Any, Any]]:
-        """Return the planes of the cuts: a point, and the direction of the part cut away."""
+        """Return the planes of the cuts for `Scene.clips`: a point, and the direction of the part cut away.
+
+        low, high : (3,), bounds of the scene
+        """
         out = []
         for axis, cut in enumerate(self.cuts):
             if cut.on:
@@ -242,7 +273,7 @@ class ViewSettings:
         return out
 
     def _material(self, uncolored: bool) -> Material:
-        """Return the material for models. uncolored : whether the points have no colours"""
+        """Return the material for a model. uncolored : whether its points have no colours and need a default"""
         color: Any = None
         if self.color_by == CONSTANT:
             color = srgb_to_linear(np.array(self.color))
@@ -268,7 +299,7 @@ _USABLE: WeakKeyDictionary[Model, list[str]] = WeakKeyDictionary()  # cached: fi
 
 
 def color_attributes(scene: Scene) -> list[str]:
-    """Return the attributes that can colour all models of a scene."""
+    """Return names of attributes that can colour all models of a scene, and then the coordinates "x", "y" and "z"."""
     of_models = [_usable_attributes(model) for model in scene.models]
     return [*(name for name in of_models[0] if all(name in names for names in of_models)), *COORDINATES]
 

@@ -21,7 +21,7 @@ HUB = "JUPYTERHUB_SERVICE_PREFIX"  # set by JupyterHub: path of the notebook ser
 
 
 class Viewer:
-    """Server of a page that shows a scene, see `view`. Changes to the scene appear on the page.
+    """Running server of a page that shows a scene, as returned by `view`. Changes to the scene appear on the page.
 
     Attributes
     ----------
@@ -113,7 +113,10 @@ class Viewer:
             self._leaving.add(session)
 
     def _watch(self) -> None:
-        """Notify browsers of changes that the caller makes to the scene."""
+        """Notify browsers of changes that the caller makes to the scene; checks ten times a second until `close`.
+
+        It also updates the progress of compiling kernels and releases the memory of ended sessions.
+        """
         version: Any = self._shared.version
         while not self._ended.wait(0.1):
             self._shared.update_compile_progress()
