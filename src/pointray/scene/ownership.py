@@ -49,7 +49,7 @@ class Shares:
 
         Each instance goes to the holder with the fewest bytes.
 
-        there : names of the present holders; if there are none, nothing changes
+        there : names of the present holders; if empty, nothing changes
         """
         now = list(there)
         if not now or set(self.holders) <= set(now):

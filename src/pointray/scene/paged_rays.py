@@ -83,7 +83,8 @@ class _DiskParts:
 def _begin(scene: Snapshot, rays: Rays) -> tuple[Snapshot, _DiskParts | None]:
     """Return the scene for the first pass of rays, and the parts on disk, all closed, to be opened as rays reach them.
 
-    The latter are None without parts on disk, and for so many rays and parts that all parts are opened at once.
+    The second value is None if there is no part on disk, or if all are opened at once because the rays and parts are
+    many.
     """
     rows = scene.on_disk
     if len(rows) * len(rays[0]) > MOST:

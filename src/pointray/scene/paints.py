@@ -283,7 +283,7 @@ def _range_of(instance: ColoredInstance) -> Range | None:
 
 
 def _widest(ranges: list[Range]) -> Range:
-    """Return the union of ranges (low, high), widened if it is a single value; 0 to 1 if there are none."""
+    """Return the union of ranges (low, high), widened if it is a single value; 0 to 1 without any ranges."""
     low, high = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else (0.0, 1.0)
     room = max(0.5, 1e-6 * abs(low)) if low == high else 0.0
     return low - room, high + room
