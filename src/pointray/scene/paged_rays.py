@@ -20,7 +20,8 @@ def closest_hits_paged(
 ) -> tuple[Snapshot, dict[str, NDArray[Any]]]:
     """Return the closest hits of rays, opening parts on disk that they may hit, and the scene with these parts open.
 
-    shape : leading shape of the rays; pace : number of threads, progress callback
+    shape : leading shape of the rays; rays : origins and directions, (n, 3), and limits t_min, t_max, (n, 2)
+    pace : number of threads, progress callback
 
     Returns
     -------
@@ -40,7 +41,8 @@ def closest_hits_paged(
 def occlusions_paged(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace) -> NDArray[np.bool_]:
     """Return whether rays hit anything, (n,) bool, opening parts on disk that they may hit.
 
-    shape : leading shape of the rays; pace : number of threads, progress callback
+    shape : leading shape of the rays; rays : origins and directions, (n, 3), and limits t_min, t_max, (n, 2)
+    pace : number of threads, progress callback
     """
     now, parts = _begin(scene, rays)
     while True:
@@ -51,7 +53,9 @@ def occlusions_paged(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: 
 
 
 class _DiskParts:
-    """Parts on disk, and the distances at which rays enter their boxes: decides which parts are opened next.
+    """Parts on disk, and the distances at which rays enter their boxes, to decide which parts are opened next.
+
+    rows : of the instances whose models are parts on disk; rays : origins and directions, (n, 3), and limits, (n, 2)
 
     Attributes
     ----------
@@ -85,6 +89,8 @@ def _begin(scene: Snapshot, rays: Rays) -> tuple[Snapshot, _DiskParts | None]:
 
     The second value is None if there is no part on disk, or if all are opened at once because the rays and parts are
     many.
+
+    rays : origins and directions, (n, 3), and limits t_min, t_max, (n, 2)
     """
     rows = scene.on_disk
     if len(rows) * len(rays[0]) > MOST:

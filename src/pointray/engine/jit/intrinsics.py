@@ -13,7 +13,7 @@ intrinsic: Any = _intrinsic  # typed for its definition, not for its calls in ke
 
 @intrinsic
 def fetch_add(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
-    """Add value to array[index] atomically, and return the previous value."""
+    """Add value to array[index], int64, atomically, and return the previous value: threads take work from a counter."""
     if not (isinstance(array, types.Array) and array.dtype == types.int64):
         return None
 
@@ -27,7 +27,7 @@ def fetch_add(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
 
 @intrinsic
 def peek(typingctx: Any, array: Any, index: Any) -> Any:
-    """Read array[index] from memory, not from a register."""
+    """Read array[index], int64, from memory, not from a register: another thread may have changed it."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
@@ -39,7 +39,10 @@ def peek(typingctx: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def array_at(typingctx: Any, address: Any, length: Any, like: Any) -> Any:
-    """Return the one-dimensional array of `length` items of the type of `like` at an address, not owning its memory."""
+    """Return an array of `length` items at an address, one-dimensional, which does not own its memory.
+
+    like : a number of the items' type
+    """
     array = types.Array(like, 1, "C")
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -75,7 +78,10 @@ def borrow(typingctx: Any, value: Any) -> Any:
 
 
 def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """Return a value whose arrays, also inside tuples, have no owner. Other values are unchanged."""
+    """Emit code for a value whose arrays, also inside tuples, are not reference-counted; return the new LLVM value.
+
+    kind, value : Numba type and LLVM value; a value that is neither array nor tuple stays unchanged
+    """
     if isinstance(kind, types.BaseTuple):
         for k, item in enumerate(cast(Any, kind)):
             part = _without_owner(context, builder, item, builder.extract_value(value, k))
@@ -90,7 +96,8 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 @intrinsic
 def keep_alive(typingctx: Any, value: Any) -> Any:
-    """Keep arrays alive up to this line, the last of a kernel that borrowed its own arrays."""
+    """Keep arrays alive up to this call, which ends a kernel that uses its own arrays by `borrow`, without references.
+    """
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return context.get_dummy_value()

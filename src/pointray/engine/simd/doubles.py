@@ -27,7 +27,7 @@ widen_high = _widener(list(range(8, 16)), "Convert lanes 8 to 15 of 16 float32 t
 
 @intrinsic
 def narrow(typingctx: Any, low: Any, high: Any) -> Any:
-    """Round two vectors of 8 float64 to 16 float32."""
+    """Round two vectors of 8 float64 to one vector of 16 float32, those of `low` first."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         a, b = (builder.fptrunc(value, F8.llvm) for value in args)
@@ -38,7 +38,10 @@ def narrow(typingctx: Any, low: Any, high: Any) -> Any:
 
 @intrinsic
 def square_sum(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
-    """Return x * x + y * y + z * z, rounded at each step as in NumPy: without FMA, so equal distances stay equal."""
+    """Return x * x + y * y + z * z for each lane, rounded at each step as in NumPy.
+
+    There is no FMA, so that equal distances stay equal.
+    """
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         a, b, c = (builder.fmul(value, value) for value in args)
@@ -49,7 +52,7 @@ def square_sum(typingctx: Any, x: Any, y: Any, z: Any) -> Any:
 
 @intrinsic
 def count_where(typingctx: Any, counts: Any, mask: Any) -> Any:
-    """Add 1 to the int32 lanes where the mask is set."""
+    """Add 1 to the int32 lanes of `counts` where the mask is set; return the new counts."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.sub(args[0], builder.sext(args[1], sig.return_type.llvm))

@@ -28,7 +28,7 @@ broadcast16 = _maker(F16, "Repeat a number in all 16 lanes.")
 
 @intrinsic
 def quarters(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Fill each quarter with one of four numbers."""
+    """Return a vector of 16 with `a` in lanes 0 to 3, `b` in lanes 4 to 7, and so on. a, b, c, d : float32"""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         four = ir.Constant(F4.llvm, ir.Undefined)
@@ -41,7 +41,7 @@ def quarters(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
 
 @intrinsic
 def fours(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Repeat four numbers in every quarter."""
+    """Return a vector of 16 that repeats the numbers a, b, c, d in each quarter (four lanes). a, b, c, d : float32"""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         four = ir.Constant(F4.llvm, ir.Undefined)
@@ -54,13 +54,13 @@ def fours(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
 
 @intrinsic
 def vmin(typingctx: Any, a: Any, b: Any) -> Any:
-    """Return the lesser of each pair of lanes; if one is NaN, the second (one instruction on x86)."""
+    """Return the lesser of each pair of lanes; if either is NaN, that of b (one instruction on x86)."""
     return _choose("<", a, b)
 
 
 @intrinsic
 def vmax(typingctx: Any, a: Any, b: Any) -> Any:
-    """Return the greater of each pair of lanes; if one is NaN, the second."""
+    """Return the greater of each pair of lanes; if either is NaN, that of b (one instruction on x86)."""
     return _choose(">", a, b)
 
 
@@ -93,7 +93,7 @@ vsqrt = _llvm_unary("sqrt", "Return square roots of a vector or a float32; NaN f
 
 @intrinsic
 def trunc(typingctx: Any, a: Any) -> Any:
-    """Truncate toward zero. Values must be within int32, so that no processor needs a library call."""
+    """Truncate float32 lanes toward zero. Values must be within int32, so that no processor needs a library call."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         vector = sig.args[0]
@@ -104,7 +104,10 @@ def trunc(typingctx: Any, a: Any) -> Any:
 
 @intrinsic
 def bit_fields(typingctx: Any, words: Any, a: Any, b: Any, c: Any, d: Any, mask: Any) -> Any:
-    """Extract bits of int32 lanes as float32: (word >> a) & mask in the first quarter, >> b in the second, etc."""
+    """Extract bits of 16 int32 lanes as float32, with another shift for each quarter (four lanes).
+
+    Lanes 0 to 3 become (word >> a) & mask, lanes 4 to 7 (word >> b) & mask, and so on.
+    """
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         four = ir.Constant(ir.VectorType(INT, 4), ir.Undefined)
@@ -119,7 +122,7 @@ def bit_fields(typingctx: Any, words: Any, a: Any, b: Any, c: Any, d: Any, mask:
 
 @intrinsic
 def power_of_two(typingctx: Any, exponents: Any) -> Any:
-    """Return 2 to the power of each lane, which must be a whole number from -126 to 127."""
+    """Return 2 to the power of each float32 lane, which must be a whole number from -126 to 127."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         biased = builder.add(builder.fptosi(args[0], I16.llvm), broadcast(builder, INT(127), I16))
@@ -130,7 +133,10 @@ def power_of_two(typingctx: Any, exponents: Any) -> Any:
 
 @intrinsic
 def one_bit(typingctx: Any, places: Any) -> Any:
-    """Return int32 lanes with one bit set, at the index that each lane of `places` truncates to, from 0 to 31."""
+    """Return 16 int32 lanes with one bit set in each, at an index given for each lane.
+
+    places : the indices, float32, from 0 to 31 after truncation
+    """
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.shl(broadcast(builder, INT(1), I16), builder.fptosi(args[0], I16.llvm))
@@ -140,7 +146,7 @@ def one_bit(typingctx: Any, places: Any) -> Any:
 
 @intrinsic
 def select(typingctx: Any, mask: Any, a: Any, b: Any) -> Any:
-    """Select the lane of a where the mask is set, else the lane of b."""
+    """Return a vector with the lane of a where the mask is set, else the lane of b."""
     vector = a if isinstance(a, Vector) else b
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -151,7 +157,7 @@ def select(typingctx: Any, mask: Any, a: Any, b: Any) -> Any:
 
 @intrinsic
 def bits(typingctx: Any, mask: Any) -> Any:
-    """Return the mask as an integer, lane 0 in the lowest bit."""
+    """Return a mask of lanes as an integer, lane 0 in the lowest bit."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         word = builder.bitcast(args[0], ir.IntType(sig.args[0].lanes))
@@ -162,7 +168,7 @@ def bits(typingctx: Any, mask: Any) -> Any:
 
 @intrinsic
 def mask16(typingctx: Any, word: Any) -> Any:
-    """Return the lowest 16 bits of an integer as a mask."""
+    """Return the lowest 16 bits of an integer as a mask of 16 lanes, the lowest bit in lane 0."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         word = builder.trunc(args[0], ir.IntType(16))
@@ -186,7 +192,7 @@ def float_bits(typingctx: Any, value: Any) -> Any:
 
 @intrinsic
 def count_bits(typingctx: Any, word: Any) -> Any:
-    """Count the set bits of an integer."""
+    """Count the set bits of an integer of 64 bits."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.ctpop(args[0])
@@ -196,7 +202,7 @@ def count_bits(typingctx: Any, word: Any) -> Any:
 
 @intrinsic
 def count_trailing_zeros(typingctx: Any, word: Any) -> Any:
-    """Return the index of the lowest set bit; the word must not be 0."""
+    """Return the index of the lowest set bit of an integer, which must not be 0."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.cttz(args[0], ir.Constant(ir.IntType(1), 1))
@@ -206,7 +212,7 @@ def count_trailing_zeros(typingctx: Any, word: Any) -> Any:
 
 @intrinsic
 def lane(typingctx: Any, vector: Any, index: Any) -> Any:
-    """Return one lane as a number."""
+    """Return one lane of a vector as a number. index : of the lane, from 0"""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.extract_element(args[0], args[1])
@@ -270,7 +276,7 @@ last_quarter = _picker(3, "Repeat the last quarter in all four.")
 
 @intrinsic
 def shift_lane(typingctx: Any, before: Any, vector: Any) -> Any:
-    """Shift the vector up by one lane; the last lane of `before` becomes the first."""
+    """Shift a vector of 16 up by one lane; the last lane of `before`, another vector, becomes the first."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return shuffle(builder, args[0], args[1], list(range(15, 31)))
@@ -280,7 +286,10 @@ def shift_lane(typingctx: Any, before: Any, vector: Any) -> Any:
 
 @intrinsic
 def shift_quarter(typingctx: Any, before: Any, vector: Any) -> Any:
-    """Shift the vector up by one quarter, after the last quarter of `before`: each sample gets its predecessor."""
+    """Shift a vector of 16 up by four lanes; the last four lanes of `before` become the first.
+
+    With four rays in the lanes of a quarter, and a sample of each in every quarter, each sample gets its predecessor.
+    """
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return shuffle(builder, args[0], args[1], list(range(12, 28)))
@@ -290,7 +299,7 @@ def shift_quarter(typingctx: Any, before: Any, vector: Any) -> Any:
 
 @intrinsic
 def columns(typingctx: Any, vector: Any) -> Any:
-    """Return four vectors: lanes 0, 4, 8 and 12 repeated in every quarter, then lanes 1, 5, 9 and 13, and so on."""
+    """Return four vectors of 16: lanes 0, 4, 8, 12 of the vector, repeated in every quarter; then 1, 5, 9, 13, etc."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         parts = [shuffle(builder, args[0], args[0], [lane % 4 * 4 + k for lane in range(16)]) for k in range(4)]
@@ -301,7 +310,7 @@ def columns(typingctx: Any, vector: Any) -> Any:
 
 @intrinsic
 def sums_of_fours(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Return four sums in each quarter: over this quarter's lanes of a, of b, of c and of d."""
+    """Return a vector of 16: each quarter (four lanes) has four sums, over its own lanes of a, of b, of c and of d."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         def pairs(x: Any, y: Any) -> Any:

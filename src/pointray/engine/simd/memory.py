@@ -42,7 +42,7 @@ def _loader(vector: Vector, doc: str) -> Any:
 
 @inline
 def _check(array: Any, index: Any, lanes: Any) -> None:
-    """Raise if a vector would be read or written outside the array."""
+    """Raise IndexError if array[index : index + lanes] is not within a flat array."""
     if index < 0 or index + lanes > array.size:
         raise IndexError("vector access outside its array")
 
@@ -67,7 +67,7 @@ def _store(typingctx: Any, array: Any, index: Any, vector: Any) -> Any:
 
 @intrinsic
 def prefetch(typingctx: Any, array: Any, index: Any) -> Any:
-    """Prefetch the cache line of array[index]; an index out of range does no harm."""
+    """Ask the processor to load the cache line of array[index] into its cache; an index out of range does no harm."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         data = context.make_array(sig.args[0])(context, builder, args[0]).data
@@ -82,7 +82,7 @@ def prefetch(typingctx: Any, array: Any, index: Any) -> Any:
 
 @intrinsic
 def _width(typingctx: Any, vector: Any) -> Any:
-    """Return the number of lanes, a constant when compiling."""
+    """Return the number of lanes of a vector, a constant when compiling."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return context.get_constant(types.intp, sig.args[0].lanes)
@@ -92,7 +92,7 @@ def _width(typingctx: Any, vector: Any) -> Any:
 
 @inline
 def store(array: Any, index: Any, vector: Any) -> None:
-    """Store each lane of the vector: array[index + k] = lane k."""
+    """Store each lane of a vector in a flat array: array[index + k] = lane k."""
     if CHECK:
         _check(array, index, _width(vector))
     _store(array, index, vector)
@@ -109,7 +109,10 @@ def _broadcast_from(typingctx: Any, array: Any, index: Any) -> Any:
 
 @inline
 def broadcast_from(array: Any, index: Any) -> Any:
-    """Load array[index] into all 16 lanes, as an operand of the instruction that uses it; no negative indices."""
+    """Return a vector of 16 with array[index] in all lanes, loaded by the instruction that uses it.
+
+    index : not negative
+    """
     if CHECK:
         _check(array, index, 1)
     return _broadcast_from(array, index)
@@ -125,7 +128,7 @@ def _each_quarter(typingctx: Any, four: Any) -> Any:
 
 @inline
 def repeat4(array: Any, index: Any) -> Any:
-    """Load array[index : index + 4] into every quarter with one broadcasting load."""
+    """Return a vector of 16 that repeats array[index : index + 4] in each quarter (four lanes), with one load."""
     return _each_quarter(load4(array, index))
 
 
@@ -150,7 +153,7 @@ def _permute(typingctx: Any, array: Any, index: Any, indices: Any) -> Any:
 
 @inline
 def permute16(array: Any, index: Any, indices: Any) -> Any:
-    """Load array[index + i] for each lane i of `indices`, which are float32 from 0 to 15."""
+    """Return a vector of 16 with array[index + i] for each lane i of `indices`, which are float32 from 0 to 15."""
     if CHECK:
         _check(array, index, 16)
         _check_indices(indices)
@@ -159,7 +162,7 @@ def permute16(array: Any, index: Any, indices: Any) -> Any:
 
 @inline
 def _check_indices(indices: Any) -> None:
-    """Raise if an index is not from 0 to 15."""
+    """Raise IndexError if a lane of a permutation's indices is not from 0 to 15."""
     for k in range(16):
         if not 0 <= lane(indices, k) < 16:
             raise IndexError("index of a permutation is not from 0 to 15")
@@ -176,7 +179,7 @@ def _join4(typingctx: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
 
 @inline
 def join4(array: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Load array[a : a + 4] into the first quarter, array[b : b + 4] into the second, and so on."""
+    """Return a vector of 16 with array[a : a + 4] in lanes 0 to 3, array[b : b + 4] in lanes 4 to 7, and so on."""
     return _join4(load4(array, a), load4(array, b), load4(array, c), load4(array, d))
 
 
@@ -190,13 +193,13 @@ def _join2(typingctx: Any, a: Any, b: Any) -> Any:
 
 @inline
 def join2(array: Any, a: Any, b: Any) -> Any:
-    """Load array[a : a + 4] into the first half of 8 lanes, array[b : b + 4] into the second."""
+    """Return a vector of 8 with array[a : a + 4] in lanes 0 to 3 and array[b : b + 4] in lanes 4 to 7."""
     return _join2(load4(array, a), load4(array, b))
 
 
 @inline
 def move4(source: Any, index: Any, target: Any, start: Any) -> None:
-    """Copy source[index : index + 4] to target[start : start + 4]."""
+    """Copy source[index : index + 4] to target[start : start + 4], both flat float32, with one load and one store."""
     store(target, start, load4(source, index))
 
 
@@ -215,9 +218,9 @@ def _compress(typingctx: Any, mask: Any, vector: Any) -> Any:
 
 @inline
 def pack(mask: Any, source: Any, index: Any, target: Any, start: Any) -> int:
-    """Append source[index + lane] of each set lane of a 16-lane mask to target[start:], int32; return their number.
+    """Copy source[index + k] for each set lane k of a mask of 16 to target[start:], and return their number.
 
-    All of target[start : start + 16] may be overwritten.
+    Both arrays are flat int32. All of target[start : start + 16] may be overwritten.
     """
     if CHECK:
         _check(source, index, 16)
@@ -236,7 +239,10 @@ def pack(mask: Any, source: Any, index: Any, target: Any, start: Any) -> int:
 
 @inline
 def store_packed(target: Any, start: Any, mask: Any, vector: Any) -> None:
-    """Store the set lanes of a float32 vector consecutively; the rest of target[start : start + 16] is undefined."""
+    """Store the set lanes of a float32 vector in target[start:], consecutively.
+
+    All of target[start : start + 16] may be overwritten. mask : of 16 lanes
+    """
     if PACKS:
         store(target, start, _compress(mask, vector))
         return
