@@ -63,9 +63,9 @@ def _middles(corner: Corner, size: Size, wide: Array) -> None:
 
 @inline
 def _move(sample: int, shape: int, scratch: Scratch) -> None:
-    """Move the tile's image positions from the pixel centres to those of a sample.
+    """Move the image positions of the tile's samples, in scratch memory, from the pixel centres to random places.
 
-    sample : its index; shape : number of the pixel filter, in which positions are distributed
+    sample : index of the sample; shape : number of the pixel filter, as which the places are distributed
     """
     for i in range(sc.TILE):
         right, down = position_in_pixel(int(scratch.shading_points[sc.KEY + i]), sample, shape)
@@ -75,7 +75,7 @@ def _move(sample: int, shape: int, scratch: Scratch) -> None:
 
 @inline
 def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> None:
-    """Set the tile's rays from its image positions; directions are not normalized.
+    """Set the tile's rays from the image positions of its samples in scratch memory; directions are not normalized.
 
     camera : see `records.CAMERA`; size : (width, height) of the image; projection : number of a projection, a constant
     """

@@ -49,8 +49,8 @@ def at_distance(
 ) -> tuple[World, NDArray[np.int64]]:
     """Return a scene's world with a level of detail for each instance, and these levels.
 
-    A level is the coarsest whose points are finer than a pixel, seen from the camera. Instances coloured by classes of
-    an attribute keep their finest model, unless they are parts on disk.
+    The coarsest level is taken whose splats are small enough for the size of a pixel there. Instances coloured by
+    classes of an attribute keep their finest model, unless they are parts on disk.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class Fitting:
 
         Parts on disk outside the view, which may cast shadows, get coarser ones.
 
-        finest : largest spacing of a level's points, in pixels; 0: no levels
+        finest : largest median support radius of a level's splats, in pixels; 0: no levels
         """
         found = np.zeros(len(self.shapes), np.int64)
         for k, family in enumerate(self.families):
@@ -192,7 +192,7 @@ def is_far(model: Model, camera: Camera, spp: int) -> bool:
 
 
 def _finest(spp: int | None) -> float:
-    """Return the largest spacing that points of a level of detail may have, in pixels; 0: use all points.
+    """Return the largest median support radius that splats of a level of detail may have, in pixels; 0: no levels.
 
     spp : samples a pixel, more of which need finer levels; None: no levels
     """

@@ -127,7 +127,8 @@ class Paints:
     def finish(self, colored: list[ColoredInstance]) -> tuple[list[int], PaintTables]:
         """Return the index of each instance's paint, and the tables of all paints. Models on disk are not opened.
 
-        Instances of one model that show the same attribute share a paint; the paints of its levels of detail follow it.
+        A paint is a record that turns the values of an attribute into colours. Instances of one model that show the
+        same attribute share one; the paints of the model's levels of detail follow it.
         """
         shown = self._find_ranges(colored)
         self.shown = list(shown.values())
@@ -159,9 +160,10 @@ class Paints:
         paint_sources: Sequence[tuple[Attribute, Model | None]],
         painted: list[Painted],
     ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Return the records of paints and the map positions of some models, which are opened.
+        """Return the records of paints, and the map positions of the splats of some models, which are opened.
 
-        Map positions are places in the colour map, one for each splat. The records say where those of each model begin.
+        A paint turns attribute values into colours; a map position is the place of a splat's value in the colour map.
+        The records say where those of each model begin.
 
         paints : (k * 8,), records of all paints; paint_sources : the attribute and model of each
         painted : the attributes and models to compute map positions of
@@ -217,8 +219,9 @@ class Paints:
 def _coarser(attribute: Attribute, model: Model | None) -> list[tuple[Attribute, Model | None]]:
     """Return the attribute and model of the paints for a model's levels of detail: none if the attribute has classes.
 
-    A mean of classes is meaningless, so such models are shown with all points. Only models on disk, whose parts may not
-    fit into memory, use levels, which show the most frequent class.
+    A paint is a record that turns attribute values into colours. A mean of classes is meaningless, so such models are
+    shown with all points. Only models on disk, whose parts may not fit into memory, use levels, which show the most
+    frequent class.
 
     model : None if the attribute is a coordinate, which needs no such paints
     """
@@ -317,7 +320,8 @@ def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
 def _record_coordinate(record: NDArray[np.float64], attribute: Attribute) -> None:
     """Store in a paint's record the linear function from a world coordinate to the place in the colour map.
 
-    record : (8,), to be filled, see `records.PAINT_SIZE`; attribute : x, y or z, with the range that is shown
+    record : (8,), to be filled, by which kernels colour an instance; attribute : x, y or z, with the range that is
+        shown
     """
     assert attribute.range is not None
     low, high = attribute.range

@@ -47,8 +47,8 @@ def world_showing(
         The records of its instances, which refer to indices of `models`.
     used : collection of int
         Indices of the models on disk to open; rays miss other models on disk.
-    painting : (Paints, sequence)
-        The paints of the world, and the attribute and model of each.
+    painting : (Paints, sequence of (Attribute, Model or None))
+        The world's paints (tables that turn attribute values into colours), and the attribute and model of each paint.
     """
     table, longest = table_of(models, used)
     world = world._replace(table=table, longest=longest, instances=np.ascontiguousarray(records).reshape(-1))

@@ -162,7 +162,9 @@ class KernelCache(FunctionCache):
 
     @contextmanager
     def exclusive(self) -> Iterator[None]:
-        """Lock out other processes that would compile this kernel, within a `with` block, if the file system supports it.
+        """Lock out other processes that would compile this kernel, within a `with` block.
+
+        Without effect on file systems that do not support locks.
         """
         from filelock import FileLock  # takes 50 ms, so only when something is compiled
 

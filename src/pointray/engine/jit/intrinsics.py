@@ -96,8 +96,7 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 @intrinsic
 def keep_alive(typingctx: Any, value: Any) -> Any:
-    """Keep arrays alive up to this call, which ends a kernel that uses its own arrays by `borrow`, without references.
-    """
+    """Keep arrays alive up to this call, which ends a kernel that has passed its own arrays to `borrow`."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return context.get_dummy_value()

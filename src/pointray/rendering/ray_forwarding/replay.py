@@ -97,14 +97,14 @@ ReplayWorld: Any = namedtuple("ReplayWorld", [*World._fields, "recall"])  # type
 @version_for(ReplayWorld, begin_walk)
 @inline
 def _no_walk(world: Any, scratch: Scratch) -> int:
-    """Return 0, the number of instances to visit: for a `ReplayWorld` only planes are intersected in this process."""
+    """Return 0, the number of instances to visit: for a `ReplayWorld`, workers intersect them; only planes are left."""
     return 0
 
 
 @version_for(ReplayWorld, through_instance)
 @inline
 def _no_instance(world: Any, offset: int, rays: int, any_hit: bool, scratch: Scratch) -> None:
-    """Do nothing: for a `ReplayWorld` the hits with an instance's model are read from a table."""
+    """Do nothing: for a `ReplayWorld`, workers intersect the models of instances, and a table holds the hits."""
 
 
 @inline
@@ -168,7 +168,7 @@ def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
 
 @inline
 def _take(recall: ReplayTable, begin: int, any_hit: bool, scratch: Scratch) -> None:
-    """Read the hits of a tile's rays from the table into scratch memory.
+    """Read the hits of a tile's rays with models, which workers have returned, from the table into scratch memory.
 
     begin : of these hits in `ReplayTable.found`; any_hit : whether they are occlusions
     """
@@ -215,7 +215,10 @@ def _ask(recall: ReplayTable, unit: int, asked: Bits, any_hit: bool, scratch: Sc
 @version_for(ReplayWorld, trace_tile)
 @inline
 def _recall_closest(world: Any, scratch: Scratch) -> None:
-    """Find the closest hits of the tile's rays: intersect planes here, and read hits with models from a table."""
+    """Find the closest hits of the tile's rays: intersect planes here, and read hits with models from a table.
+
+    The table of the `ReplayWorld` holds the hits that workers have returned; lacking ones are requested.
+    """
     find_hits(world, False, scratch)
     _recall_tile(world, False, scratch)
 
@@ -223,7 +226,10 @@ def _recall_closest(world: Any, scratch: Scratch) -> None:
 @version_for(ReplayWorld, occlude_tile)
 @inline
 def _recall_occlusion(world: Any, scratch: Scratch) -> None:
-    """Find which rays of the tile are blocked: intersect planes here, and read hits with models from a table."""
+    """Find which rays of the tile are blocked: intersect planes here, and read hits with models from a table.
+
+    The table of the `ReplayWorld` holds the hits that workers have returned; lacking ones are requested.
+    """
     find_hits(world, True, scratch)
     _recall_tile(world, True, scratch)
 
@@ -231,13 +237,13 @@ def _recall_occlusion(world: Any, scratch: Scratch) -> None:
 @version_for(ReplayWorld, describe_tile)
 @inline
 def _keep_colors(world: Any, seen_only: bool, scratch: Scratch) -> None:
-    """Do nothing: the hits of a `ReplayWorld`, read from a table, include their colours."""
+    """Do nothing: the hits that workers have returned for a `ReplayWorld` include their colours."""
 
 
 @version_for(ReplayWorld, margin_of)
 @inline
 def _margin_of(world: Any, scratch: Scratch, i: int) -> float:
-    """Return the offset of secondary rays from the surface at hit i of the tile, as read from the world's table."""
+    """Return the offset of secondary rays from the surface at hit i of the tile, as a worker has returned it."""
     return scratch.world[sc.LOCAL + i]
 
 
@@ -246,24 +252,27 @@ _quick, _sampled = routine(uncompiled(quick_frame)), routine(uncompiled(sampled_
 
 @kernel
 def recalled_quick(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Render like `quick_frame` (integrators "phong", "normal", "depth", "color") with hits read from a table.
+    """Render like `quick_frame` (integrators "phong", "normal", "depth", "color") with hits that workers have returned.
 
-    world : a `ReplayWorld`, which has the table; film : sums over samples; image : their means
+    world : a `ReplayWorld`, which has the table of these hits; film : sums over samples; image : their means
     """
     return _quick(work, world, camera, job, film, image)
 
 
 @kernel
 def recalled_sampled(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Render like `sampled_frame` (integrators "ao" and "path") with hits read from a table.
+    """Render like `sampled_frame` (integrators "ao" and "path") with hits that workers have returned.
 
-    world : a `ReplayWorld`, which has the table; film : sums over samples; image : their means
+    world : a `ReplayWorld`, which has the table of these hits; film : sums over samples; image : their means
     """
     return _sampled(work, world, camera, job, film, image)
 
 
 def replay_kernel_for(frame: Any) -> Any:
-    """Return the kernel that replaces `quick_frame` or `sampled_frame` when hits are read from a table."""
+    """Return the kernel that replaces `quick_frame` or `sampled_frame` when workers intersect the models.
+
+    frame : one of these two
+    """
     return {quick_frame: recalled_quick, sampled_frame: recalled_sampled}[frame]
 
 
