@@ -87,8 +87,7 @@ class _DiskParts:
 def _begin(scene: Snapshot, rays: Rays) -> tuple[Snapshot, _DiskParts | None]:
     """Return the scene for the first pass of rays, and the parts on disk, all closed, to be opened as rays reach them.
 
-    The second value is None if there is no part on disk, or if all are opened at once because the rays and parts are
-    many.
+    The second value is None if there is no part on disk, or if all are opened at once, for many rays and parts.
 
     rays : origins and directions, (n, 3), and limits t_min, t_max, (n, 2)
     """

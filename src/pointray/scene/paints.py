@@ -320,8 +320,7 @@ def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
 def _record_coordinate(record: NDArray[np.float64], attribute: Attribute) -> None:
     """Store in a paint's record the linear function from a world coordinate to the place in the colour map.
 
-    record : (8,), to be filled, by which kernels colour an instance; attribute : x, y or z, with the range that is
-        shown
+    record : (8,), to be filled, by which kernels colour an instance; attribute : x, y or z, with its range
     """
     assert attribute.range is not None
     low, high = attribute.range

@@ -106,8 +106,7 @@ class Scene:
             If an argument has the wrong type.
         ValueError
             If there is no such instance, the transform is singular or not affine, or the model lacks the attribute of
-            the
-            material.
+            the material.
 
         Examples
         --------

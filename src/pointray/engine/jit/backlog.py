@@ -102,8 +102,7 @@ class Backlog:
 class Counts:
     """Statistics of the compilation of kernels by this process so far.
 
-    kernels : number of kernels compiled, also by the second process that compiles for this one, without those loaded
-        from disk
+    kernels : number of kernels compiled, also by the second process that compiles for this one, without loaded ones
     seconds : time spent compiling or waiting for the second process
     times : processor time of each kernel compiled in this process, in seconds
     """

@@ -50,8 +50,7 @@ def packer(arguments: Sequence[Any], records: Mapping[str, Any]) -> Callable[...
 class _Writer:
     """Generator of the Python source of a function that packs a kernel's arguments into slots of eight bytes.
 
-    lines : statements that unpack tuples and check arrays; values, formats : expression and `struct` format of each
-        slot
+    lines : statements that unpack tuples and check arrays; values, formats : source and `struct` format of each slot
     """
 
     def __init__(self, records: Mapping[str, Any]) -> None:

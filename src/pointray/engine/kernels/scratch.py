@@ -186,8 +186,7 @@ class Scratch(NamedTuple):
     offsets : (4 n,) int32, offset of each of them in `splats`
     listed : (4 n,) int32, offsets of those near the rays that are evaluated
     world : float64, the tile's rays in world space, with their nearest hits; numbers : int64, indices of these hits
-    model : float32, the rays in the space of the current model; part : float32, those of them that search a leaf,
-        packed
+    model : float32, the rays in the space of the current model; part : float32, those that search a leaf, packed
     shading_points : float64, surface points hit by the tile's rays, and the light there
     sums : float64, sums over the samples of a tile's pixels
     waiting : float64, for each shading point a stack of specular rays still to trace

@@ -29,8 +29,7 @@ def _answer(
     """Intersect rays that another process has sent, tile by tile.
 
     work : counter from which threads take batches of tiles
-    tiles : index of each ray in its tile, with a mark at the first ray, uint8; begin of each tile in the rays, and the
-        end
+    tiles : index of each ray in its tile, with a mark at the first ray, uint8; begin of each tile, and the end
     any_hit : whether to test for occlusion only
     out : instances (n,) int32, -1 for a miss; facts (n * 8,) float64: t, normal, color, and the offset of secondary
         rays from the surface
