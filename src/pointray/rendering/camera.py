@@ -241,9 +241,9 @@ class Camera:
         Returns
         -------
         origins : (h, w, 3) float64
-            World.
+            In world space.
         directions : (h, w, 3) float64
-            World, unit length; row 0 is the top of the image.
+            In world space, of unit length; row 0 is the top of the image.
 
         Raises
         ------
@@ -275,7 +275,7 @@ class Camera:
         Returns
         -------
         origins, directions : (..., 3) float64
-            World; directions have unit length.
+            In world space; directions have unit length.
 
         Raises
         ------

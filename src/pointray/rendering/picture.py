@@ -208,7 +208,7 @@ class Picture:
     in_part : bool
         Only a piece will be rendered: memory is not checked, as untouched pages are not allocated.
     fetch : Fetch, optional
-        Opens models on disk in the background, while coarser levels are shown; None: they are opened at once.
+        Opens models on disk in the background, while other levels are shown; None: they are opened at once.
 
     Attributes
     ----------

@@ -37,7 +37,7 @@ class Plane:
     Parameters
     ----------
     point, normal : (3,) float
-        World. The normal may have any length.
+        A point of the plane, and its normal of any length, in world space.
     color : float or (3,) float
         Linear RGB, or a number for grey.
     checker : float, optional

@@ -379,9 +379,9 @@ class Scene:
     ) -> Hits:
         """Return the closest hit of each ray.
 
-        A ray that starts on a surface (at t_min, within 1% of a support radius, 5% if `refine` is 0) starts outside of
-        it: the surface around its origin blocks it only if it goes inwards, against the normal. Otherwise t_min and
-        t_max only select among the hits of a ray: a shorter ray hits what the whole ray hits, or nothing.
+        A ray that starts on a surface (at t_min, within 1% of a support radius, 5% if the model's `refine` is 0) starts
+        outside of it: the surface around its origin blocks it only if it goes inwards, against the normal. Otherwise
+        t_min and t_max only select among the hits of a ray: a shorter ray hits what the whole ray hits, or nothing.
 
         Rays in Dask arrays are intersected when the hits are computed, one task per chunk, with the scene as it was at
         the call. `dask.compute(hits)` computes all fields at once. See docs/scale.md.

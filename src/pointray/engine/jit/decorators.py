@@ -109,7 +109,7 @@ class Kernel(Piece):
 
     @property
     def is_compiled(self) -> bool:
-        """Whether the kernel is compiled: in the library, in this process or on disk."""
+        """Whether the kernel is compiled: ahead of time, in this process or on disk."""
         if self.in_library is not None:
             return True
         return _compiler().is_compiled(self.dispatcher)
@@ -175,7 +175,7 @@ KERNELS: dict[str, Kernel] = {}
 
 
 def kernel(function: Function) -> Function:
-    """Decorate a function that Python calls, to be compiled when it is first called.
+    """Decorate a function that Python calls, to be compiled ahead of time or when it is first called.
 
     It runs without the interpreter lock, is cached on disk and must always be called with the same argument types.
     """

@@ -88,7 +88,7 @@ def run(
     """Run `kernel(work, *args)` in worker threads that call `next_tile(work)` until no tile is left.
 
     A tile is any unit of work. The caller only waits, so that Ctrl-C gets through. Ctrl-C and `cancel` stop the kernels
-    between two tiles. Returns a list of the results, one for each thread; it is empty if cancelled before the start.
+    between two tiles. Returns a list of the threads' results; it is empty if cancelled while the kernel is compiled.
 
     tiles : number of tiles; first : number of the first one; threads : None: `POINTRAY_THREADS`, else all CPUs
     progress : called with the share done, about ten times a second

@@ -75,7 +75,7 @@ class KernelArguments:
     """A rendering kernel and its arguments.
 
     kernel : reads hits from a table; camera : see `records.CAMERA`; job : parameters of all samples
-    film : sums over samples, (h, w, k), or empty; image : (h, w, 4); threads : None: all
+    film : sums over samples, (h, w, k), or empty; image : (h, w, 4); threads : None: `POINTRAY_THREADS`, else all
     """
 
     kernel: Any
