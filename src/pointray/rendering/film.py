@@ -77,7 +77,8 @@ def _move(sample: int, shape: int, scratch: Scratch) -> None:
 def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> None:
     """Set the tile's rays from the image positions of its samples in scratch memory; directions are not normalized.
 
-    camera : see `records.CAMERA`; size : (width, height) of the image; projection : number of a projection, a constant
+    camera : (16,), eye, axes, projection and lens; size : (width, height) of the image
+    projection : number of a projection, a constant
     """
     wide = scratch.world
     for i in range(sc.TILE):
@@ -90,7 +91,7 @@ def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> No
 def _blur(camera: Array, sample: int, scratch: Scratch) -> None:
     """Move the tile's rays to random points of the lens, so that only the plane in focus stays sharp.
 
-    camera : see `records.CAMERA`; sample : index of the sample
+    camera : (16,), eye, axes, projection and lens; sample : index of the sample
     """
     wide = scratch.world
     for i in range(sc.TILE):
@@ -106,8 +107,9 @@ def set_pixel_rays(
 ) -> None:
     """Set the tile's rays to one sample of its pixels; a single sample goes through the pixel centres.
 
-    camera : see `records.CAMERA`; size : (width, height) of the image; corner : column and row of the first pixel
-    sample : index of the sample; drawn : (samples a pixel in all, number of the pixel filter)
+    camera : (16,), eye, axes, projection and lens; size : (width, height) of the image
+    corner : column and row of the tile's first pixel; sample : index of the sample
+    drawn : (samples a pixel in all, number of the pixel filter)
     """
     spp, shape = drawn
     _middles(corner, size, scratch.world)

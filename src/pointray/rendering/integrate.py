@@ -133,7 +133,8 @@ def render_tiles(
     This is the loop of all rendering kernels.
 
     integrate : adds one sample of a tile to its sums; work : counter from which threads take blocks
-    camera : see `records.CAMERA`; film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
+    camera : (16,), eye, axes, projection and lens
+    film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
     """
     memory = new_scratch(world.longest)
     scratch, world, camera = borrow(memory), borrow(world), borrow(camera)
@@ -171,7 +172,7 @@ def _tile_ray(scratch: Scratch, i: int) -> RayPair:
 def _look(world: World, hit: WorldHit, ray: RayPair, camera: Array, integrator: int) -> Vec3:
     """Return what the integrators "normal", "depth" and "color" show at the hit of a camera ray, as RGB.
 
-    ray : origin and direction; camera : see `records.CAMERA`; integrator : number of one of the three
+    ray : origin and direction; camera : (16,), eye, axes, projection and lens; integrator : number of one of the three
     """
     if integrator == NORMAL:
         return add(scale(hit.normal, 0.5), (0.5, 0.5, 0.5))
@@ -327,7 +328,7 @@ def _integrate_sampled(world: World, camera: Array, job: Pass, sample: int, scra
 def quick_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
     """Render blocks of an image with the integrator "phong", "normal", "depth", "color" or "cost", as set in `job`.
 
-    work : counter from which threads take blocks; camera : see `records.CAMERA`
+    work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
     film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
     """
     render_tiles(_integrate_quick, work, world, camera, job, film, image)
@@ -338,7 +339,7 @@ def quick_frame(work: Array, world: World, camera: Array, job: Pass, film: Array
 def sampled_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
     """Render blocks of an image with the integrator "ao" or "path", as set in `job`.
 
-    work : counter from which threads take blocks; camera : see `records.CAMERA`
+    work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
     film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
     """
     render_tiles(_integrate_sampled, work, world, camera, job, film, image)

@@ -96,7 +96,8 @@ def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, V
 
     The component of d along the view is 1; for a panorama d is a unit vector.
 
-    camera : see `records.CAMERA`; projection : its number; u, v : -1 to 1 from left to right and from bottom to top
+    camera : (16,), eye, axes, projection and lens; projection : its number
+    u, v : -1 to 1 from left to right and from bottom to top
     """
     eye, forward = load3_flat(camera, rec.EYE), load3_flat(camera, rec.FORWARD)
     across, upward = load3_flat(camera, rec.ACROSS), load3_flat(camera, rec.UPWARD)
@@ -114,7 +115,7 @@ def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, V
 def through_lens(camera: Array, ray: tuple[Vec3, Vec3], position: tuple[float, float]) -> tuple[Vec3, Vec3]:
     """Return a camera ray (o, d) moved to another point of the lens; both rays meet in the plane in focus.
 
-    camera : see `records.CAMERA`; position : of the point, on the unit disc
+    camera : (16,), eye, axes, projection and lens; position : of the point, on the unit disc
     """
     x, y = position[0] * camera[rec.LENS_RADIUS], position[1] * camera[rec.LENS_RADIUS]
     aside = add(scale(unit(load3_flat(camera, rec.ACROSS)), x), scale(unit(load3_flat(camera, rec.UPWARD)), y))

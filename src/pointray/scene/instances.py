@@ -299,7 +299,7 @@ def _distinct(things: list[Any]) -> tuple[list[Any], list[int]]:
 
 
 def _plane_record(shape: Any, transform: NDArray[np.float64], row: int) -> NDArray[np.float64]:
-    """Return the record of a plane in world space, (20,) float64, see `records.PLANE_SIZE`.
+    """Return the record of a plane for kernels, (20,) float64: point, normal, colour and checker, in world space.
 
     transform : (12,), from the plane's coordinates to world space, rows of a 3x4 matrix; row : row of its instance
     """

@@ -164,7 +164,7 @@ class Snapshot(NamedTuple):
 def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the world bounds of all models among instances, (2, 3) float64; ValueError without models.
 
-    records : (n, 16), records of the instances, see `records.INSTANCE`; boxes : (n, 6), their world bounds
+    records : (n, 16), records of the instances, with kind and transform; boxes : (n, 6), their world bounds
     """
     bounds = _model_bounds(records, boxes)
     if not np.isfinite(bounds).all():
@@ -175,7 +175,7 @@ def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArr
 def _model_bounds(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the world bounds of all models among instances, (2, 3) float64; an infinite, inverted box without models.
 
-    records : (n, 16), records of the instances, see `records.INSTANCE`; boxes : (n, 6), their world bounds
+    records : (n, 16), records of the instances, with kind and transform; boxes : (n, 6), their world bounds
     """
     boxes = boxes[records[:, rec.KIND] == rec.MODEL]
     return np.stack([boxes[:, :3].min(axis=0, initial=np.inf), boxes[:, 3:].max(axis=0, initial=-np.inf)])
@@ -268,7 +268,7 @@ def surface_boxes(
 
     They have a margin, so that a ray enters a box before its hits and the order of instances does not matter.
 
-    records : records of all instances, flat or (m, 16), see `records.INSTANCE`; models : those that they refer to
+    records : records of all instances, flat or (m, 16), with transforms; models : those that they refer to
     rows : (n,) rows of instances of models
     """
     records = records.reshape(-1, rec.INSTANCE)[rows]

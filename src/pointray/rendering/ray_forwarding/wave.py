@@ -74,7 +74,7 @@ def answer_query(world: World, question: Question, pace: Pace = PLAIN) -> Answer
 class KernelArguments:
     """A rendering kernel and its arguments.
 
-    kernel : reads hits from a table; camera : see `records.CAMERA`; job : parameters of all samples
+    kernel : reads hits from a table; camera : (16,), eye, axes, projection and lens; job : parameters of all samples
     film : sums over samples, (h, w, k), or empty; image : (h, w, 4); threads : None: `POINTRAY_THREADS`, else all
     """
 
