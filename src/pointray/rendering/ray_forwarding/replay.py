@@ -72,7 +72,8 @@ class ReplayTable(NamedTuple):
     kinds : (units,) uint8
         1: occlusion; 0: closest hit.
     rays : (units * TILE * RAY,) float64
-        Rays of the current queries: origin, direction, end, side.
+        Rays of the current queries: origin, direction, end, side (+1 if a ray that starts on a surface is outside of
+        it, -1 if inside).
     """
 
     first_block: int
