@@ -22,7 +22,10 @@ from .integrate import Pass, render_tiles
 
 @inline
 def _receive(world: World, job: Pass, first: bool, scratch: Scratch) -> Bits:
-    """Add the light of lamps and sky that the tile's rays hit; return the rays that have hit anything (bits)."""
+    """Add the radiance of area lights and sky that the tile's rays hit; return the rays that hit anything (bits).
+
+    first : whether these are camera rays, which see the sky only if it is the background
+    """
     met = meet_lamps(world, scratch)
     for i in range(TILE):
         if is_shaded(scratch, i):
@@ -35,13 +38,16 @@ def _receive(world: World, job: Pass, first: bool, scratch: Scratch) -> Bits:
 
 @inline
 def _sees_nothing(world: World, job: Pass, scratch: Scratch) -> bool:
-    """Return whether only the background is visible: empty frames then take 0.6 of the time."""
+    """Return whether a tile's sample is only background, and can be skipped: empty frames then take 0.6 of the time."""
     return meets_nothing(scratch) and not job.sky_shows and world.lamps.lights.size == 0
 
 
 @inline
 def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Add direct and baked light."""
+    """Integrator "baked": add one sample of a tile to the pixel sums: direct and baked light, mirrors and glass.
+
+    sample : index of the sample, for random numbers
+    """
     draw = sample if job.draws else -1
     begin_radiance(scratch)
     begin_specular(scratch)
@@ -68,6 +74,10 @@ def _integrate_baked(world: World, camera: Array, job: Pass, sample: int, scratc
 
 @kernel
 def baked_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Render with baked light."""
+    """Render blocks of an image with the integrator "baked": direct light, and indirect light baked in advance.
+
+    work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
+    film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
+    """
     render_tiles(_integrate_baked, work, world, camera, job, film, image)
     return 0

@@ -53,7 +53,7 @@ class Camera:
     TypeError
         If an argument has the wrong type.
     ValueError
-        As for `look_at`.
+        If eye and target are the same, a panorama has an aperture, or a value is out of its range.
 
     Examples
     --------
@@ -163,9 +163,14 @@ class Camera:
         direction : (3,) array_like, optional
             From the box towards the camera. Default: from the front, slightly from the right and above, relative to
             `up`; the front is -y if z is up, and +z if y is up. A panorama looks horizontally, the opposite way.
-        fov, size, up, projection
-            As for `look_at`. The eye of an orthographic camera stays outside the box: with a wide `fov` the target,
-            whose distance gives the image height, is in front of the box's centre.
+        fov : float
+            Vertical field of view, degrees, between 0 and 180. The eye of an orthographic camera stays outside the box:
+            with a wide `fov` the target, whose distance gives the image height, is in front of the box's centre.
+        size : (int, int)
+            Width and height in pixels, 1 to 32768.
+        up : (3,) array_like
+            Up direction of the image.
+        projection : {"perspective", "orthographic", "panorama"}
 
         Returns
         -------
@@ -211,7 +216,7 @@ class Camera:
         return cls.look_at(aim - distance * forward, aim, up, fov, size)
 
     def record(self) -> NDArray[np.float64]:
-        """Return the record for kernels, (16,) float64, see `records.CAMERA`."""
+        """Return the camera as kernels read it, (16,) float64: eye, axes, projection and lens, see `records.CAMERA`."""
         out = np.zeros(rec.CAMERA)
         eye = np.asarray(self.eye)
         forward, right, up = view_axes(np.asarray(self.target) - eye, np.asarray(self.up))
@@ -236,9 +241,9 @@ class Camera:
         Returns
         -------
         origins : (h, w, 3) float64
-            World.
+            In world space.
         directions : (h, w, 3) float64
-            World, unit length; row 0 is the top of the image.
+            In world space, of unit length; row 0 is the top of the image.
 
         Raises
         ------
@@ -270,7 +275,7 @@ class Camera:
         Returns
         -------
         origins, directions : (..., 3) float64
-            World; directions have unit length.
+            In world space; directions have unit length.
 
         Raises
         ------
@@ -306,13 +311,23 @@ class Camera:
 
 
 def _fit(offset: NDArray[np.float64], depth: NDArray[np.float64], half: float) -> tuple[float, float]:
-    """Return position along one axis and distance of a camera whose two side planes enclose all corners."""
+    """Return position along one image axis, and distance, of the nearest camera whose view encloses a box.
+
+    Only the two side planes of the view on this axis count. The position is relative to the box's centre.
+
+    offset, depth : (8,), coordinates of the box's corners along that axis and along the view, from its centre
+    half : tangent of half the field of view along the axis
+    """
     high, low = np.max(offset - depth * half), np.max(-offset - depth * half)
     return float(high - low) / 2, float(high + low) / (2 * half)
 
 
 def view_axes(view: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return the unit vectors forward, right and up."""
+    """Return the unit vectors forward, right and up of a camera, (3,) float64 each.
+
+    view : from the eye to the target, of any length; up : need not be perpendicular to it; if parallel, +y is used,
+        else +x
+    """
     forward = unit(view)
     # Looking straight down, +y is up, as on a map.
     for choice in (unit(up), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])):
@@ -324,7 +339,10 @@ def view_axes(view: NDArray[np.float64], up: NDArray[np.float64]) -> tuple[NDArr
 
 
 def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return THREE_QUARTER, rotated by the smallest rotation from z to up; about x if up is -z."""
+    """Return the default direction from a framed box to the camera, adapted to an up vector.
+
+    THREE_QUARTER, which is meant for z up, is rotated by the smallest rotation from z to `up`; about x if `up` is -z.
+    """
     direction, up = np.array(THREE_QUARTER), unit(up)
     if np.abs(up[:2]).max() < 1e-6:
         return direction if up[2] >= 0 else direction * (1.0, -1.0, -1.0)
@@ -333,7 +351,7 @@ def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Normalize a vector."""
+    """Normalize a vector, (3,); the squares of tiny components do not underflow."""
     scaled = vector / np.abs(vector).max()  # avoids underflow of squares
     return np.asarray(scaled / np.linalg.norm(scaled))
 

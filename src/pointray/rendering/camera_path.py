@@ -132,7 +132,10 @@ def _times_of(keys: Any) -> Floats:
 
 
 def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camera]:
-    """Interpolate the cameras at given times."""
+    """Return the cameras at times `at`, interpolated between keyframes.
+
+    times : (n,), of the keyframes; cameras : n of them; at : (m,), in the same unit
+    """
     from scipy.interpolate import PchipInterpolator
 
     eyes, targets, ups = (np.array([getattr(camera, name) for camera in cameras]) for name in ("eye", "target", "up"))
@@ -153,7 +156,10 @@ def _between(times: Floats, cameras: Sequence[Camera], at: Floats) -> list[Camer
 
 
 def _curve(times: Floats, values: Floats, at: Floats) -> Floats:
-    """Interpolate (n, k) values by a cubic with the slopes of parabolas through neighbours; return (m, k)."""
+    """Interpolate (n, k) values at n times by a smooth curve through them; return the values at m times `at`, (m, k).
+
+    The curve is a cubic between neighbours, with the slopes of parabolas through three values each.
+    """
     from scipy.interpolate import CubicHermiteSpline
 
     slopes = np.gradient(values, times, axis=0)
@@ -163,7 +169,7 @@ def _curve(times: Floats, values: Floats, at: Floats) -> Floats:
 
 
 def _directions_between(times: Floats, directions: Floats, at: Floats) -> Floats:
-    """Interpolate (n, 3) directions on the sphere; return (m, 3) unit vectors."""
+    """Interpolate (n, 3) directions at n times on the sphere; return unit vectors at m times `at`, (m, 3)."""
     units = np.array([unit(direction) for direction in directions])
     passed, when = [units[0]], [times[0]]
     for k in range(len(units) - 1):
@@ -179,7 +185,10 @@ def _directions_between(times: Floats, directions: Floats, at: Floats) -> Floats
 
 
 def _turn_between(a: Floats, b: Floats) -> tuple[Floats, float]:
-    """Return axis and angle of the rotation between unit vectors; for opposite ones a horizontal axis if possible."""
+    """Return axis and angle (radians) of the rotation from unit vector a to b.
+
+    For opposite vectors the axis is horizontal, if possible.
+    """
     axis = np.cross(a, b)
     angle = float(np.arctan2(np.linalg.norm(axis), a @ b))
     if np.linalg.norm(axis) < 1e-9:
@@ -189,6 +198,6 @@ def _turn_between(a: Floats, b: Floats) -> tuple[Floats, float]:
 
 
 def _turned(vectors: Floats, axis: Floats, angle: float) -> Floats:
-    """Rotate vectors, (..., 3), about a unit axis (Rodrigues)."""
+    """Rotate vectors, (..., 3), about a unit axis by an angle in radians (Rodrigues)."""
     along = (vectors @ axis)[..., None] * axis
     return np.asarray(along + (vectors - along) * np.cos(angle) + np.cross(axis, vectors) * np.sin(angle))

@@ -33,14 +33,22 @@ LIGHT_SUMS, NOISE_SUMS, ALL_SUMS = 4, 5, 8
 
 @inline
 def pixel_of(corner: Corner, i: int) -> Corner:
-    """Return (column, row) of pixel i of a tile."""
+    """Return (column, row) of pixel i of a tile, 0 <= i < 64, in Morton order.
+
+    corner : column and row of the tile's first pixel
+    """
     x, y = along_curve(i)
     return corner[0] + x, corner[1] + y
 
 
 @inline
 def begin_tile(corner: Corner, size: Size, seed: int, scratch: Scratch) -> None:
-    """Set the random keys of a tile's pixels; pixels beyond the image's edge repeat its last ones."""
+    """Set the keys of a tile's pixels, from which their random numbers are computed.
+
+    Pixels beyond the image's edge repeat its last ones.
+
+    corner : column and row of the tile's first pixel; size : (width, height) of the image
+    """
     for i in range(sc.TILE):
         x, y = pixel_of(corner, i)
         scratch.shading_points[sc.KEY + i] = pixel_key(min(x, size[0] - 1), min(y, size[1] - 1), seed)
@@ -55,7 +63,10 @@ def _middles(corner: Corner, size: Size, wide: Array) -> None:
 
 @inline
 def _move(sample: int, shape: int, scratch: Scratch) -> None:
-    """Move positions from the pixel centres to those of a sample."""
+    """Move the image positions of the tile's samples, in scratch memory, from the pixel centres to random places.
+
+    sample : index of the sample; shape : number of the pixel filter, as which the places are distributed
+    """
     for i in range(sc.TILE):
         right, down = position_in_pixel(int(scratch.shading_points[sc.KEY + i]), sample, shape)
         scratch.world[sc.IMAGE_X + i] += right
@@ -64,7 +75,11 @@ def _move(sample: int, shape: int, scratch: Scratch) -> None:
 
 @inline
 def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> None:
-    """Set rays from positions in the image; directions are not normalized."""
+    """Set the tile's rays from the image positions of its samples in scratch memory; directions are not normalized.
+
+    camera : (16,), eye, axes, projection and lens; size : (width, height) of the image
+    projection : number of a projection, a constant
+    """
     wide = scratch.world
     for i in range(sc.TILE):
         u, v = on_screen(size, wide[sc.IMAGE_X + i], wide[sc.IMAGE_Y + i])
@@ -74,7 +89,10 @@ def _project(camera: Array, size: Size, projection: int, scratch: Scratch) -> No
 
 @inline
 def _blur(camera: Array, sample: int, scratch: Scratch) -> None:
-    """Move the rays to sampled points on the lens."""
+    """Move the tile's rays to random points of the lens, so that only the plane in focus stays sharp.
+
+    camera : (16,), eye, axes, projection and lens; sample : index of the sample
+    """
     wide = scratch.world
     for i in range(sc.TILE):
         u, v = sample_pair(int(scratch.shading_points[sc.KEY + i]), sample, ON_LENS)
@@ -89,7 +107,9 @@ def set_pixel_rays(
 ) -> None:
     """Set the tile's rays to one sample of its pixels; a single sample goes through the pixel centres.
 
-    camera : see `records.CAMERA`; size : (width, height) of the image; drawn : (samples a pixel, filter)
+    camera : (16,), eye, axes, projection and lens; size : (width, height) of the image
+    corner : column and row of the tile's first pixel; sample : index of the sample
+    drawn : (samples a pixel in all, number of the pixel filter)
     """
     spp, shape = drawn
     _middles(corner, size, scratch.world)
@@ -116,7 +136,12 @@ def set_pixel_rays(
 
 @inline
 def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> None:
-    """Load the sums of a tile's pixels after `first` samples; sums that are not in the film are 0."""
+    """Load the sums of a tile's pixels over their first samples from the film into scratch memory, to add more samples.
+
+    Sums that the film does not keep start at 0.
+
+    corner : column and row of the tile's first pixel; first : number of samples in the film, (h, w, k) float32
+    """
     sums = scratch.sums
     sums[:] = 0.0
     if first == 0:
@@ -130,9 +155,11 @@ def begin_sums(corner: Corner, first: int, film: Array, scratch: Scratch) -> Non
 
 @inline
 def round_sums(sample: int, first: int, scratch: Scratch) -> None:
-    """Round a tile's sums to float32 where a pass may begin, as the film does.
+    """Round a tile's sums to float32 where a pass of samples may begin, as storing them in the film does.
 
-    The image is then the same in one pass and in passes of 1, 1, 2, 4 and so on.
+    The image is then the same in one pass and in passes of 1, 1, 2, 4 and so on samples.
+
+    sample : index of the next sample; first : index of the first one in this pass
     """
     if sample > first and (sample % LONGEST_PASS == 0 or (sample < LONGEST_PASS and sample & (sample - 1) == 0)):
         for k in range(scratch.sums.size):
@@ -141,7 +168,7 @@ def round_sums(sample: int, first: int, scratch: Scratch) -> None:
 
 @inline
 def add_color(scratch: Scratch, i: int, color: Vec3) -> None:
-    """Add a sample with a hit to the sums of pixel i."""
+    """Add a sample that hits something to the sums of pixel i of the tile. color : linear radiance"""
     _add(scratch.sums, i, color, 1.0)
 
 
@@ -156,7 +183,10 @@ def _add(sums: Array, i: int, color: Vec3, met: float) -> None:
 
 @inline
 def add_sample(met: Bits, scratch: Scratch) -> None:
-    """Add a sample of the tile's radiance to its pixels. met : rays that have hit anything (bits)"""
+    """Add one sample of the tile, its rays' radiance in scratch memory, to the sums of its pixels.
+
+    met : rays that have hit anything (bits), which make their pixels opaque
+    """
     points, sums, caught = scratch.shading_points, scratch.sums, scratch.counts[sc.CAUGHT]
     met &= ~caught
     for i in range(sc.TILE):
@@ -171,9 +201,11 @@ def add_sample(met: Bits, scratch: Scratch) -> None:
 
 @inline
 def _average(done: int, background: Background, sums: Array) -> None:
-    """Replace the first four rows of the sums by the means over the background, and alpha.
+    """Replace the first four rows of a tile's sums, for its 64 pixels, by mean RGB over the background, and alpha.
 
     Shadow catchers cover a pixel by the blocked fraction of their light.
+
+    done : number of samples; background : RGB and alpha
     """
     share = 1.0 / done
     for i in range(sc.TILE):
@@ -186,7 +218,10 @@ def _average(done: int, background: Background, sums: Array) -> None:
 
 @inline
 def fill_tile(corner: Corner, background: Background, image: Array) -> None:
-    """Fill a tile without hits with the background. Its sums stay 0, as in a new film."""
+    """Fill a tile without hits with the background. Its sums in the film stay 0, as in a new film.
+
+    corner : column and row of the tile's first pixel; background : RGB and alpha; image : (h, w, 4)
+    """
     for y in range(corner[1], min(corner[1] + EDGE, image.shape[0])):
         for x in range(corner[0], min(corner[0] + EDGE, image.shape[1])):
             for c in range(4):
@@ -195,7 +230,11 @@ def fill_tile(corner: Corner, background: Background, image: Array) -> None:
 
 @inline
 def finish_sums(corner: Corner, done: int, background: Background, film: Array, image: Array, scratch: Scratch) -> None:
-    """Store the sums of a tile's pixels in the film, if any, and write their means over the background to the image."""
+    """Store the sums of a tile's pixels in the film, if any, and write their means over the background to the image.
+
+    corner : column and row of the tile's first pixel; done : number of samples in the sums
+    background : RGB and alpha; film : (h, w, k), or empty; image : (h, w, 4)
+    """
     sums, height, width = scratch.sums, image.shape[0], image.shape[1]
     if film.size > 0:
         for i in range(sc.TILE):

@@ -57,15 +57,15 @@ RayPair: TypeAlias = tuple[Vec3, Vec3]  # origin and direction, world
 
 
 class Pass(NamedTuple):
-    """Parameters of a pass for kernels, besides the world and the camera.
+    """Parameters of a pass (a range of samples of all pixels) for kernels, besides the world and the camera.
 
     integrator : number in `choices.INTEGRATORS`; shadows : whether direct light casts shadows
-    muted : whether back faces are muted, see `shade/backfaces.py`
+    muted : whether back faces are desaturated and lit without shadows, so that holes of a scan are not black
     max_depth : maximum number of bounces, or of successive mirrors and glass surfaces
     sky_shows : whether camera rays that hit nothing see the sky
     sky_rays, ao_distance : rays a sample for sky visibility; length of these rays and of ambient occlusion
     seed, spp, filter : of the samples; spp is the final number a pixel; filter is a number in `choices.FILTERS`
-    draws : whether random numbers are drawn
+    draws : whether samples draw random numbers
     first, end : range of sample indices
     window : pixels (left, top, right, bottom) outside of which rays hit nothing
     background : RGB and alpha
@@ -90,21 +90,32 @@ class Pass(NamedTuple):
 
 @inline
 def _corner(block: int, tile: int, width: int) -> Corner:
-    """Return the first pixel of a tile in a block."""
+    """Return column and row of the first pixel of a tile (8 x 8 pixels) in a block (16 x 16).
+
+    block : number in the image, row by row; tile : 0 to 3 in the block; width : of the image, in pixels
+    """
     across = (width + BLOCK_EDGE - 1) // BLOCK_EDGE
     return block % across * BLOCK_EDGE + tile % 2 * EDGE, block // across * BLOCK_EDGE + tile // 2 * EDGE
 
 
 @inline
 def _is_beside(corner: Corner, window: Window) -> bool:
-    """Return whether a tile is outside the window."""
+    """Return whether a tile is outside the part of the image that models can cover, and needs no rays.
+
+    corner : column and row of its first pixel; window : left, top, right, bottom of that part, in pixels
+    """
     beside = (corner[0] + EDGE <= window[0]) | (corner[0] >= window[2])
     return beside | (corner[1] + EDGE <= window[1]) | (corner[1] >= window[3])
 
 
 @inline
 def begin_sample(world: World, corner: Corner, sample: int, scratch: Scratch) -> None:
-    """Do nothing before a sample of a tile; worlds of which samples are replayed have a version of this function."""
+    """Do nothing before a sample of a tile.
+
+    A version for worlds whose hits are read from a table (`ReplayWorld`) notes which sample begins.
+
+    corner : column and row of the tile's first pixel; sample : index of the sample
+    """
 
 
 @inline
@@ -117,7 +128,14 @@ def render_tiles(
     film: Array,
     image: Array,
 ) -> None:
-    """Render blocks of tiles with an integrator; the loop of all kernels."""
+    """Render the blocks of an image that a thread takes, tile by tile and sample by sample.
+
+    This is the loop of all rendering kernels.
+
+    integrate : adds one sample of a tile to its sums; work : counter from which threads take blocks
+    camera : (16,), eye, axes, projection and lens
+    film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
+    """
     memory = new_scratch(world.longest)
     scratch, world, camera = borrow(memory), borrow(world), borrow(camera)
     height, width = image.shape[:2]
@@ -152,7 +170,10 @@ def _tile_ray(scratch: Scratch, i: int) -> RayPair:
 
 @inline
 def _look(world: World, hit: WorldHit, ray: RayPair, camera: Array, integrator: int) -> Vec3:
-    """Return a colour for the hit of a camera ray."""
+    """Return what the integrators "normal", "depth" and "color" show at the hit of a camera ray, as RGB.
+
+    ray : origin and direction; camera : (16,), eye, axes, projection and lens; integrator : number of one of the three
+    """
     if integrator == NORMAL:
         return add(scale(hit.normal, 0.5), (0.5, 0.5, 0.5))
     if integrator == DEPTH:
@@ -163,7 +184,10 @@ def _look(world: World, hit: WorldHit, ray: RayPair, camera: Array, integrator: 
 
 @inline
 def _cost(world: World, ray: RayPair, scratch: Scratch) -> Vec3:
-    """Return the nodes and leaves that a single ray visits, as a colour."""
+    """Return the numbers of nodes and leaves that a ray visits in traversal, and 1/64 of their sum, as RGB.
+
+    ray : origin and direction, traced alone in its tile
+    """
     scratch.counts[sc.COUNT_NODES], scratch.counts[sc.COUNT_LEAVES] = 0, 0
     set_ray(scratch, 0, (ray[0], ray[1], 0.0, np.inf))
     for k in range(1, sc.TILE):
@@ -175,7 +199,7 @@ def _cost(world: World, ray: RayPair, scratch: Scratch) -> Vec3:
 
 @inline
 def _add_costs(world: World, scratch: Scratch) -> None:
-    """Add the traversal costs of the tile's rays, traced one by one."""
+    """Add the traversal costs of the tile's rays (nodes and leaves visited), traced one by one, to the pixel sums."""
     points = scratch.shading_points
     for i in range(sc.TILE):
         o, d = _tile_ray(scratch, i)
@@ -189,7 +213,10 @@ def _add_costs(world: World, scratch: Scratch) -> None:
 
 @inline
 def _integrate_first_hit(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Add the normal, depth or colour of first hits, or the cost of their traversal."""
+    """Integrators "normal", "depth", "color", "cost": add a value at a tile's first hits to the pixel sums.
+
+    For "cost" it is the number of nodes and leaves visited, whether a ray hits or not.
+    """
     if job.integrator == COST:
         _add_costs(world, scratch)
         return
@@ -206,9 +233,11 @@ def _integrate_first_hit(world: World, camera: Array, job: Pass, sample: int, sc
 
 @inline
 def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bits:
-    """Compute direct light along the tile's traced rays, through mirrors and glass.
+    """Compute direct light along the tile's traced rays, through mirrors and glass, as radiance in scratch memory.
 
     Returns the rays that have hit anything (bits).
+
+    sample : index of the sample, for random numbers
     """
     met = i64(0)
     begin_radiance(scratch)
@@ -242,7 +271,7 @@ def _direct_light(world: World, job: Pass, sample: int, scratch: Scratch) -> Bit
 
 @inline
 def _integrate_direct(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Integrator "phong": direct light with hard shadows, mirrors and glass."""
+    """Integrator "phong": add one sample of a tile to the pixel sums: direct light, hard shadows, mirrors, glass."""
     trace_tile(world, scratch)
     if meets_nothing(scratch) and not job.sky_shows:  # only background: saves 40% of an empty frame
         return
@@ -252,7 +281,7 @@ def _integrate_direct(world: World, camera: Array, job: Pass, sample: int, scrat
 
 @inline
 def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Integrator "ao": ambient occlusion."""
+    """Integrator "ao": add one sample of a tile, with ambient occlusion at the first hits, to the pixel sums."""
     begin_radiance(scratch)
     trace_tile(world, scratch)
     describe_tile(world, True, scratch)
@@ -272,7 +301,7 @@ def _integrate_occlusion(world: World, camera: Array, job: Pass, sample: int, sc
 
 @inline
 def _integrate_paths(world: World, camera: Array, job: Pass, sample: int, scratch: Scratch) -> None:
-    """Integrator "path": path tracing."""
+    """Integrator "path": add one sample of a tile, a path with all its bounces for each ray, to the pixel sums."""
     begin_radiance(scratch)
     begin_paths(scratch)
     add_sample(trace_paths(world, sample, job.max_depth, job.sky_shows, scratch), scratch)
@@ -297,13 +326,21 @@ def _integrate_sampled(world: World, camera: Array, job: Pass, sample: int, scra
 # Two kernels, not one an integrator: the traversal in each takes about 20 s to compile.
 @kernel
 def quick_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Render with "phong", "normal", "depth", "color" or "cost"."""
+    """Render blocks of an image with the integrator "phong", "normal", "depth", "color" or "cost", as set in `job`.
+
+    work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
+    film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
+    """
     render_tiles(_integrate_quick, work, world, camera, job, film, image)
     return 0
 
 
 @kernel
 def sampled_frame(work: Array, world: World, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Render with "ao" or "path"."""
+    """Render blocks of an image with the integrator "ao" or "path", as set in `job`.
+
+    work : counter from which threads take blocks; camera : (16,), eye, axes, projection and lens
+    film : (h, w, k), sums of the samples, or empty; image : (h, w, 4), their means
+    """
     render_tiles(_integrate_sampled, work, world, camera, job, film, image)
     return 0

@@ -42,7 +42,7 @@ def render_layers(
         Called about ten times a second as `progress(stage, share)` with the name of the stage and its completed share,
         0 to 1.
     client : dask.distributed.Client, optional
-        As for `render`; only the radiance is rendered on the cluster.
+        Render the radiance on the workers of a cluster; the other layers are computed in this process.
 
     Returns
     -------
@@ -109,7 +109,12 @@ def render_layers(
 
 
 def _trace_band(scene: Snapshot, camera: Camera, band: slice, layers: dict[str, NDArray[Any]]) -> None:
-    """Fill some rows of all layers but the radiance; rays and hits of the whole image would need more memory."""
+    """Fill some rows of all layers except radiance with the first hits through the pixel centres.
+
+    An image is traced band by band to limit the memory for rays and hits.
+
+    band : range of rows; layers : arrays of the whole image, by name, as `render_layers` returns them
+    """
     origins, directions = camera.rays(band)
     hits = intersect_snapshot(scene, *check_rays(origins, directions, 0, np.inf))
     view = directions @ camera.record()[FORWARD : FORWARD + 3] if camera.projection != "panorama" else 1.0
@@ -120,7 +125,7 @@ def _trace_band(scene: Snapshot, camera: Camera, band: slice, layers: dict[str, 
 
 
 def _albedo(scene: Snapshot, hits: Hits) -> NDArray[np.float32]:
-    """Return the material's colour at hits, or the points' colour if the material has none."""
+    """Return the linear colour at hits, (h, w, 3): the material's, else the points' own; 0 for a miss."""
     records = scene.world.instances.reshape(-1, INSTANCE)
     materials = scene.world.materials.reshape(-1, MATERIAL_SIZE)[records[:, MATERIAL].astype(int)]
     row = np.searchsorted(scene.numbers[:-1], hits.instance)

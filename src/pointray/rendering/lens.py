@@ -30,9 +30,10 @@ _STEPS = 64
 
 
 def _quantiles() -> Array:
-    """Tabulate the distance, in pixels, beyond which a fraction w^2 of one half of the Blackman-Harris window lies.
+    """Tabulate the Blackman-Harris window for importance sampling: 65 distances from its centre, in pixels.
 
-    w is uniform from 0 to 1. The square resolves the flat ends of the window; the error of interpolation is 3e-5.
+    Beyond distance k lies a fraction w^2 of one half of the window, w = k / 64. The square resolves the flat ends of
+    the window; the error of interpolation is 3e-5.
     """
     x = np.linspace(0.0, 1.0, 4097)  # from the end to the centre
     share = x + sum((-1) ** k * WINDOW[k] / WINDOW[0] * np.sin(k * np.pi * x) / (k * np.pi) for k in (1, 2, 3))
@@ -44,20 +45,23 @@ _QUANTILES = _quantiles()
 
 @inline
 def _tent(u: float) -> float:
-    """Return the quantile u of the tent filter."""
+    """Return a sample position of the tent filter, -1 to 1 pixels from the pixel centre: its quantile u."""
     return math.sqrt(2.0 * u) - 1.0 if u < 0.5 else 1.0 - math.sqrt(2.0 - 2.0 * u)
 
 
 @inline
 def _gaussian(u: float, v: float) -> tuple[float, float]:
-    """Sample a position of the Gaussian truncated at a circle (Box and Muller 1958)."""
+    """Return a random position of a sample, distributed as the Gaussian filter truncated at a circle.
+
+    The position is in pixels right and down from the pixel centre (Box and Muller 1958). u, v : random numbers, 0 to 1
+    """
     radius = SIGMA * math.sqrt(-2.0 * math.log(1.0 - u * _WITHIN))
     return radius * math.cos(2.0 * math.pi * v), radius * math.sin(2.0 * math.pi * v)
 
 
 @inline
 def _blackman_harris(u: float) -> float:
-    """Return the quantile u of the Blackman-Harris window."""
+    """Return a sample position of the Blackman-Harris filter, within 1.5 pixels of the pixel centre: its quantile u."""
     w = _STEPS * math.sqrt(2.0 * min(u, 1.0 - u))
     k = min(int(w), _STEPS - 1)
     away = _QUANTILES[k] + (w - k) * (_QUANTILES[k + 1] - _QUANTILES[k])
@@ -66,7 +70,10 @@ def _blackman_harris(u: float) -> float:
 
 @inline
 def position_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
-    """Return a sample position, in pixels right and down from the pixel centre. shape : number of the filter"""
+    """Return a random position for a sample, in pixels right and down from the pixel centre, distributed as the filter.
+
+    key : of the pixel's random numbers; sample : index of the sample; shape : number of the filter
+    """
     u, v = sample_pair(key, sample, IN_PIXEL)
     if shape == TENT:
         return _tent(u), _tent(v)
@@ -79,7 +86,7 @@ def position_in_pixel(key: int, sample: int, shape: int) -> tuple[float, float]:
 
 @inline
 def on_screen(size: tuple[int, int], x: float, y: float) -> tuple[float, float]:
-    """Map a position in pixels to (u, v): -1 to 1 from left to right and from bottom to top."""
+    """Map a position in pixels, x right and y down, to (u, v): -1 to 1 from left to right and from bottom to top."""
     return 2.0 * x / size[0] - 1.0, 1.0 - 2.0 * y / size[1]
 
 
@@ -88,6 +95,9 @@ def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, V
     """Return the ray (o, d) through the centre of the lens at (u, v) of the image.
 
     The component of d along the view is 1; for a panorama d is a unit vector.
+
+    camera : (16,), eye, axes, projection and lens; projection : its number
+    u, v : -1 to 1 from left to right and from bottom to top
     """
     eye, forward = load3_flat(camera, rec.EYE), load3_flat(camera, rec.FORWARD)
     across, upward = load3_flat(camera, rec.ACROSS), load3_flat(camera, rec.UPWARD)
@@ -103,7 +113,10 @@ def project(camera: Array, projection: int, u: float, v: float) -> tuple[Vec3, V
 
 @inline
 def through_lens(camera: Array, ray: tuple[Vec3, Vec3], position: tuple[float, float]) -> tuple[Vec3, Vec3]:
-    """Move a ray (o, d) to a point of the lens, given on the unit disc; both rays meet in the plane in focus."""
+    """Return a camera ray (o, d) moved to another point of the lens; both rays meet in the plane in focus.
+
+    camera : (16,), eye, axes, projection and lens; position : of the point, on the unit disc
+    """
     x, y = position[0] * camera[rec.LENS_RADIUS], position[1] * camera[rec.LENS_RADIUS]
     aside = add(scale(unit(load3_flat(camera, rec.ACROSS)), x), scale(unit(load3_flat(camera, rec.UPWARD)), y))
     return add(ray[0], aside), sub(ray[1], scale(aside, camera[rec.NEARNESS]))
@@ -111,5 +124,8 @@ def through_lens(camera: Array, ray: tuple[Vec3, Vec3], position: tuple[float, f
 
 @inline
 def depth_of(camera: Array, ray: tuple[Vec3, Vec3], t: float) -> float:
-    """Return the depth along the view of a point on a camera ray (o, d); in a panorama the distance from the eye."""
+    """Return the depth along the view of the point at t on a camera ray (o, d).
+
+    In a panorama it is the distance from the eye.
+    """
     return t if camera[rec.PROJECTION] == rec.PANORAMA else t * dot(ray[1], load3_flat(camera, rec.FORWARD))

@@ -28,7 +28,7 @@ FINEST = 0.25  # lower limit of the size for many samples a pixel, relative to F
 
 
 class Fetch(Protocol):
-    """Opens models on disk in the background."""
+    """Interface of a loader that opens models on disk in the background, while others are shown in their place."""
 
     def want(self, models: list[Model]) -> None:
         """Open these models in their order, as far as memory allows, replacing earlier requests.
@@ -37,7 +37,7 @@ class Fetch(Protocol):
         """
 
     def open(self, model: Model) -> bool:
-        """Open a model now; return whether it is open."""
+        """Open a model now, waiting for its file; return whether it is open."""
 
 
 def at_distance(
@@ -47,9 +47,10 @@ def at_distance(
     fetch: Fetch | None = None,
     held: NDArray[np.int64] | None = None,
 ) -> tuple[World, NDArray[np.int64]]:
-    """Return the scene's world with a suitable level for each instance, and these levels, (instances,): 0 is the model.
+    """Return a scene's world with a level of detail for each instance, and these levels.
 
-    Instances coloured by classes of an attribute keep their finest model, unless they are parts on disk.
+    The coarsest level is taken whose splats are small enough for the size of a pixel there. Instances coloured by
+    classes of an attribute keep their finest model, unless they are parts on disk.
 
     Parameters
     ----------
@@ -59,6 +60,12 @@ def at_distance(
         Opens models on disk in the background; until then other levels are shown. None: open them now.
     held : (n,) int64, optional
         Rows of instances to open. Rays miss other instances whose models are on disk. None: all.
+
+    Returns
+    -------
+    world : World
+    levels : (instances,) int64
+        0: the model with all points; k: the k-th of `Model.levels`, counted from 1.
     """
     families = [(model, *model.levels) for model in scene.models]
     shown = np.zeros(scene.world.instances.size // rec.INSTANCE, np.int64)
@@ -86,7 +93,12 @@ def at_distance(
 
 
 class Fitting:
-    """Selection of levels of detail for instances of models, by distance.
+    """Selection of levels of detail for instances of models, by distance from a camera.
+
+    Parameters
+    ----------
+    rows : (n,) int64
+        Rows of the instances of models in the scene.
 
     Attributes
     ----------
@@ -115,9 +127,11 @@ class Fitting:
         return may_see(camera, np.concatenate([boxes[:, :3] - beyond, boxes[:, 3:] + beyond], axis=1))
 
     def levels(self, finest: float) -> NDArray[np.int64]:
-        """Return the level of each instance; parts on disk outside the view, which may cast shadows, get coarser ones.
+        """Return the level of detail of each instance, (n,): the coarsest that is fine enough; 0 is the model itself.
 
-        finest : largest spacing of points, in pixels
+        Parts on disk outside the view, which may cast shadows, get coarser ones.
+
+        finest : largest median support radius of a level's splats, in pixels; 0: no levels
         """
         found = np.zeros(len(self.shapes), np.int64)
         for k, family in enumerate(self.families):
@@ -133,6 +147,8 @@ def _open_levels(fetch: Fetch, fitting: Fitting, wanted: NDArray[np.int64], spp:
     """Return open levels close to the wanted ones, and request the wanted ones, visible and near ones first.
 
     Levels for a single sample are requested first, so that they are open for the first image and its refinement.
+
+    wanted : (n,), the best level of detail of each instance; spp : samples a pixel, None without levels
     """
     order = np.lexsort((fitting.pixels, ~fitting.is_seen)).tolist()
     families, shapes = fitting.families, fitting.shapes
@@ -153,7 +169,10 @@ def _open_levels(fetch: Fetch, fitting: Fitting, wanted: NDArray[np.int64], spp:
 
 
 def _nearest_open(fetch: Fetch, family: tuple[Model, ...], level: int) -> int:
-    """Return the open level shown in place of a level, or the level itself if none can be opened."""
+    """Return the open level of detail to show in place of a level, or the level itself if none can be opened.
+
+    family : a model on disk and its levels; level : index in it
+    """
     finer, coarser = range(level, max(level - SKIPPED, 0) - 1, -1), range(level + 1, len(family))
     for near in (*finer, *coarser):
         source = family[near].source
@@ -164,13 +183,19 @@ def _nearest_open(fetch: Fetch, family: tuple[Model, ...], level: int) -> int:
 
 
 def is_far(model: Model, camera: Camera, spp: int) -> bool:
-    """Return whether an image of the untransformed model would use a level of detail, if it had any."""
+    """Return whether a model without levels of detail is so far from the camera that an image would use one.
+
+    The model is taken as untransformed. spp : samples a pixel
+    """
     pixel = float(_pixel_sizes(camera, model.bounds.reshape(1, 6))[0])
     return COARSER * SUPPORT * model.spacing <= _finest(spp) * pixel
 
 
 def _finest(spp: int | None) -> float:
-    """Return the largest spacing of points, in pixels; 0: all points."""
+    """Return the largest median support radius that splats of a level of detail may have, in pixels; 0: no levels.
+
+    spp : samples a pixel, more of which need finer levels; None: no levels
+    """
     if spp is None:
         return 0.0
     return float(FINENESS * max(spp**-0.5, FINEST))
@@ -179,9 +204,12 @@ def _finest(spp: int | None) -> float:
 def _repaint(
     world: World, instances: NDArray[np.float64], rows: NDArray[np.int64], level: NDArray[np.int64], count: int
 ) -> NDArray[np.int64]:
-    """Set the paints of instances to those of their levels; return the levels, 0 where the paints have no levels.
+    """Set the paints (colour tables of attributes) of one model's instances to those of their levels of detail.
 
-    count : levels of each model, which may have been made after the paints
+    Returns the levels, 0 where the paints have no levels.
+
+    instances : (m, 16), records of all instances, modified; rows : those of this model; level : of each of these
+    count : number of the model's levels, some of which may have been made after the paints
     """
     painted = np.flatnonzero(instances[rows, rec.PAINT] >= 0)
     records = world.paints.reshape(-1, rec.PAINT_SIZE)[instances[rows[painted], rec.PAINT].astype(int)]
@@ -192,14 +220,17 @@ def _repaint(
 
 
 def _scales(instances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the scale factors of the transforms from world to model space, (n,)."""
+    """Return the scale factors of the transforms from world to model space, (n,): cube roots of their determinants.
+
+    instances : (n, 16), records of instances
+    """
     a, b, c = (instances[:, rec.TO_MODEL + 4 * k : rec.TO_MODEL + 4 * k + 3].T for k in range(3))
     volume = sum(a[k] * (b[k - 2] * c[k - 1] - b[k - 1] * c[k - 2]) for k in range(3))
     return np.asarray(np.cbrt(np.abs(volume)))
 
 
 def _pixel_sizes(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the world size of a pixel at the nearest points of boxes, (n,)."""
+    """Return the world size of a pixel at the nearest points of boxes, (n,). boxes : (n, 6), min x y z, max x y z"""
     eye = np.asarray(camera.eye)
     away = np.linalg.norm(np.maximum(np.maximum(boxes[:, :3] - eye, eye - boxes[:, 3:]), 0.0), axis=1)
     height = camera.size[1]

@@ -16,9 +16,9 @@ Floats = NDArray[np.float32]
 def light_of(film: Floats, done: int) -> tuple[Floats, Floats]:
     """Return the light without background, (h, w, 4), and a mask of noisy pixels, (h, w): 1 where samples differ.
 
-    With one sample, or only black samples, pixels with a hit count as noisy.
+    The denoiser changes only noisy pixels. With one sample, or only black samples, pixels with a hit count as noisy.
 
-    film : (h, w, k) float32, see `integrate`; done : number of its samples
+    film : (h, w, k) float32, sums over samples: RGB, number of hits, squared luminance; done : number of samples
     """
     light, noisy = np.zeros((*film.shape[:2], 4), np.float32), np.empty(film.shape[:2], np.float32)
     for row, differs, sums in zip(light, noisy, film, strict=True):
@@ -31,7 +31,11 @@ def light_of(film: Floats, done: int) -> tuple[Floats, Floats]:
 
 
 def noise_of(film: Floats, done: int) -> float:
-    """Return the standard error of the pixels, root mean square, relative to the image's mean."""
+    """Return the standard error of the pixels, root mean square, relative to the image's mean.
+
+    film : (h, w, k) float32, sums over samples: RGB, number of hits, squared luminance; done : number of samples, at
+        least 2
+    """
     light, variance = 0.0, 0.0
     rows = max(BAND // film.shape[1], 1)
     for top in range(0, len(film), rows):

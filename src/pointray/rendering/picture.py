@@ -48,7 +48,7 @@ def render(
     client: Client = None,
     spread: bool | None = None,
 ) -> NDArray[np.float32]:
-    """Render a scene. The scene is not modified.
+    """Render an image of a scene as seen by a camera. The scene is not modified.
 
     Parameters
     ----------
@@ -102,7 +102,10 @@ def render(
 def render_snapshot(
     scene: Snapshot, camera: Camera, settings: Settings, progress: Progress | None, executor: Executor | None = None
 ) -> NDArray[np.float32]:
-    """Render a snapshot, see `render`."""
+    """Render a snapshot as an (h, w, 4) image: linear, premultiplied RGB and alpha, denoised if so set.
+
+    progress : called with the completed fraction; executor : workers that render; None: this process
+    """
     if settings.denoised:
         check_denoise()
     picture = Picture(scene, camera, settings, executor=executor)
@@ -128,32 +131,40 @@ def render_snapshot(
 
 
 def picture_bytes(settings: Settings, catchers: bool = True, written: int = 0) -> int:
-    """Return the bytes a pixel needs while rendering, or when `written` more are needed to write the image."""
+    """Return the memory that a pixel needs while an image is rendered and written, in bytes.
+
+    catchers : whether the scene may have shadow catchers, which need more sums; written : bytes a pixel for writing
+    """
     one_pass = settings.time_limit is None and settings.noise is None and not settings.denoised
     film = 0 if one_pass else FILM_NUMBER * _sums(settings, catchers)
     return IMAGE_BYTES + max(film, DENOISE_BYTES if settings.denoised else 0, written)
 
 
 def check_picture(size: tuple[int, int], bytes_a_pixel: int) -> None:
-    """Raise ValueError if an image does not fit into the available memory."""
+    """Raise ValueError if an image does not fit into the available memory. size : width and height"""
     check_memory(size[0] * size[1] * bytes_a_pixel, f"for a picture of {size[0]}x{size[1]}")
 
 
 def _sums(settings: Settings, catchers: bool) -> int:
-    """Return the number of sums a pixel in the film of an image rendered in passes."""
+    """Return how many sums a pixel has in the film: 4 (RGB, hits), 5 to measure noise, 8 with shadow catchers."""
     return ALL_SUMS if catchers else NOISE_SUMS if settings.noise is not None or settings.denoised else LIGHT_SUMS
 
 
 def check_view(scene: Any, camera: Any, settings: Any, progress: Any) -> tuple[Scene, Settings]:
-    """Validate the arguments of `render`; see `check_scene`."""
+    """Validate the arguments of `render`; return the scene to render and the settings, the defaults for None.
+
+    The scene is a copy with baked light if the integrator needs it and the scene has none.
+    """
     check_kind(camera, "camera", Camera, "a Camera")
     return check_scene(scene, settings, progress, 4)
 
 
 def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -> tuple[Scene, Settings]:
-    """Validate arguments; return the scene to render, a copy if its light has to be baked first, and the settings.
+    """Validate arguments of `render`; return the scene to render and the settings, the defaults for None.
 
-    stacklevel : of the frame that a warning names
+    The scene is a copy with baked light if the integrator needs it and the scene has none; a warning says so.
+
+    stacklevel : of the stack frame that the warning names
     """
     check_kind(scene, "scene", Scene, "a Scene")
     check_callback(progress)
@@ -170,7 +181,10 @@ def check_scene(scene: Any, settings: Any, progress: Any, stacklevel: int = 3) -
 
 
 def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, executor: Executor | None) -> NDArray[np.float32]:
-    """Render albedo or normals of the first hits, without a background, from up to 16 of the image's own samples."""
+    """Render the albedo or the normals of first hits, (h, w, 4) without background, as guides for the denoiser.
+
+    They are averaged over up to 16 of the image's own samples. settings : with the integrator "color" or "normal"
+    """
     spp = min(settings.most, SURFACE_SAMPLES)
     few = replace(settings, spp=spp, time_limit=None, noise=None, denoise=False)
     picture = Picture(scene, camera, few, background=(0.0, 0.0, 0.0, 0.0), executor=executor)
@@ -180,11 +194,13 @@ def _surfaces(scene: Snapshot, camera: Camera, settings: Settings, executor: Exe
 
 
 class Picture:
-    """Image in progress, to which passes of samples are added.
+    """Image in progress, to which passes (ranges of samples of all pixels) are added.
 
     Parameters
     ----------
     scene : Snapshot
+    background : RGB and alpha, optional
+        Replaces the scene's.
     in_passes : bool
         Keep the sums of samples, so that samples can be added in passes even if the settings have no limit.
     executor : Executor, optional
@@ -192,7 +208,7 @@ class Picture:
     in_part : bool
         Only a piece will be rendered: memory is not checked, as untouched pages are not allocated.
     fetch : Fetch, optional
-        Opens models on disk in the background, see `at_distance`; None: they are opened at once.
+        Opens models on disk in the background, while other levels are shown; None: they are opened at once.
 
     Attributes
     ----------
@@ -232,7 +248,10 @@ class Picture:
         self._done = 0  # samples
 
     def passes(self, progress: Progress | None) -> Iterator[float]:
-        """Add samples until the settings' limit is reached; yield the completed fraction after each pass."""
+        """Add samples in passes until the limit of samples, time or noise is reached; yield completed fractions.
+
+        progress : called with the completed fraction while the only pass of an image without limits runs
+        """
         settings, begun, done, step = self._settings, time.perf_counter(), 0, 1
         most = settings.most
         while done < most:
@@ -253,7 +272,7 @@ class Picture:
                 step = max(min(step, int((settings.time_limit - spent) / spent * done)), 1)
 
     def add(self, first: int, end: int, progress: Progress | None = None, cancel: Cancel | None = None) -> None:
-        """Add the samples from index first up to end.
+        """Add the samples with indices from `first` up to `end` to all pixels; these follow the samples added before.
 
         A cancelled call has added samples to some tiles only, so no more can be added. `cancel` has no effect with an
         executor.
@@ -270,7 +289,10 @@ class Picture:
     def _run(
         self, samples: tuple[int, int], blocks: tuple[int, int], progress: Progress | None, cancel: Cancel | None = None
     ) -> None:
-        """Add samples to some blocks. blocks : number of the first block, and their count"""
+        """Add samples to some blocks of pixels in this process.
+
+        samples : range of sample indices; blocks : number of the first block, and their count
+        """
         args = (
             self._world,
             self._camera,
@@ -282,7 +304,10 @@ class Picture:
         run(self._kernel, blocks[1], *args, threads=threads, progress=progress, cancel=cancel, first=blocks[0])
 
     def _forward_rays(self, executor: Executor, samples: tuple[int, int], progress: Progress | None) -> None:
-        """Add samples to all blocks, with rays sent to the workers that hold the models."""
+        """Add samples to all pixels, with rays sent to the workers that hold the models.
+
+        samples : range of sample indices
+        """
         from .ray_forwarding.ray_exchange import View, add_by_waves
         from .ray_forwarding.replay import replay_kernel_for
         from .ray_forwarding.wave import KernelArguments
@@ -294,7 +319,10 @@ class Picture:
         add_by_waves(executor, self._scene, view, picture, samples, progress)
 
     def add_to(self, order: Order, progress: Progress | None) -> tuple[Floats, Floats | None]:
-        """Add samples to a piece; return its image, and its sums if the order requests them."""
+        """Add samples to a piece of the image, as an order from another process requests.
+
+        Returns the piece of the image, (h, w, 4), and its sums over samples, (h, w, k), if the order requests them.
+        """
         piece = order.piece
         if order.sums is not None:
             piece.of(self._film)[:] = order.sums
@@ -302,14 +330,17 @@ class Picture:
         return piece.of(self.image).copy(), piece.of(self._film).copy() if order.returns else None
 
     def light(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the light and the noise mask, see `light_of`."""
+        """Return the light without background, (h, w, 4), and a mask of pixels with noise, (h, w), for the denoiser."""
         return light_of(self._film, self._done)
 
 
 def render_piece(
     scene: Snapshot, order: Order, threads: int, progress: Progress | None
 ) -> tuple[Floats, Floats | None]:
-    """Render an order on a worker; return the piece of the image, and its sums if the order requests them."""
+    """Render a piece of an image on a worker.
+
+    Returns the piece, (h, w, 4), and its sums over samples, (h, w, k), if the order requests them.
+    """
     settings, in_passes = replace(order.settings, threads=threads), order.returns or order.sums is not None
     picture = Picture(scene, order.camera, settings, order.background, in_passes, in_part=True)
     return picture.add_to(order, progress)
@@ -324,5 +355,5 @@ KERNELS: dict[str, Any] = {
 
 
 def kernel_for(settings: Settings) -> Any:
-    """Return the kernel of the settings' integrator."""
+    """Return the kernel that renders images with the settings' integrator."""
     return KERNELS[settings.integrator]

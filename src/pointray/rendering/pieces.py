@@ -28,7 +28,7 @@ Floats = NDArray[np.float32]
 
 
 class Piece(NamedTuple):
-    """Part of an image.
+    """Part of an image that one job renders: consecutive blocks of 16 x 16 pixels.
 
     block, blocks : number of its first block, and count of blocks
     rows, columns : ranges (begin, end) of pixels
@@ -40,20 +40,24 @@ class Piece(NamedTuple):
     columns: tuple[int, int]
 
     def of(self, image: Floats) -> Floats:
-        """Return the piece of an array of the whole image, as a view."""
+        """Return this piece of an array of the whole image, (height, width, ...), as a view."""
         return image[slice(*self.rows), slice(*self.columns)]
 
 
 @dataclass(frozen=True)
 class Order:
-    """Request for samples of a piece of an image.
+    """Request to a worker: add samples to a piece of an image.
 
     Attributes
     ----------
+    camera, settings
+        Of the whole image.
     background : RGB and alpha, or None
         None: the scene's.
     samples : (int, int)
         Range of sample indices.
+    piece : Piece
+        The pixels to render.
     sums : (h, w, k) float32, or None
         Sums of earlier samples; None: no earlier samples.
     returns : bool
@@ -73,7 +77,10 @@ Work = Callable[..., tuple[Floats, Floats | None]]
 
 
 def cut(size: tuple[int, int], wanted: int) -> list[Piece]:
-    """Divide an image into about `wanted` pieces: bands, or parts of rows of blocks."""
+    """Divide an image into about `wanted` pieces of whole blocks: bands of its full width, or parts of rows of blocks.
+
+    size : width and height in pixels
+    """
     width, height = size
     across, down = -(-width // BLOCK_EDGE), -(-height // BLOCK_EDGE)
     bands = _shares(down, min(wanted, down))
@@ -97,7 +104,10 @@ def _shares(count: int, wanted: int) -> list[tuple[int, int]]:
 
 
 def pieces_for(size: tuple[int, int], workers: dict[str, int]) -> list[Piece]:
-    """Return the pieces of an image for workers. workers : their numbers of threads"""
+    """Return the pieces of an image for workers: several a worker for load balance, small enough for a message.
+
+    size : width and height in pixels; workers : number of threads of each worker, by address
+    """
     pixels, threads = size[0] * size[1], max(workers.values(), default=1)
     most = pixels // (FEWEST_BLOCKS * BLOCK_EDGE**2 * threads)
     return cut(size, max(min(PIECES * len(workers), most), -(-pixels // MOST_PIXELS), 1))
@@ -110,11 +120,11 @@ def add_in_pieces(
     target: tuple[Floats, Floats],
     progress: Callable[[float], None] | None,
 ) -> None:
-    """Add samples to the whole image by an executor.
+    """Add samples to the whole image, piece by piece, with jobs for an executor.
 
-    work : renders a piece on a worker
-    order : template without a piece
-    target : image and film; an empty film is not updated
+    work : renders a piece on a worker; takes the snapshot, an order, a number of threads and a progress callback
+    order : camera, settings, background and range of samples of the image; its piece is ignored
+    target : image, (h, w, 4), and film (sums over samples), (h, w, k); an empty film is not updated
     """
     image, film = target
     pieces = pieces_for(order.camera.size, executor.workers)
@@ -146,7 +156,7 @@ def add_in_pieces(
 
 
 def in_order(results: Iterator[tuple[int, Any]]) -> Iterator[Any]:
-    """Yield numbered results in the order of their numbers."""
+    """Yield results, which arrive as (number, result) in any order, in the order of their numbers 0, 1, 2 and so on."""
     early: dict[int, Any] = {}
     number = 0
     for k, result in results:

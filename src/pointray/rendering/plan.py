@@ -29,9 +29,12 @@ def plan(
     fetch: Fetch | None = None,
     held: NDArray[np.int64] | None = None,
 ) -> tuple[World, Pass]:
-    """Return the world for the integrator, and the parameters of a pass of all samples.
+    """Return the arguments of a rendering kernel: the world, and the parameters of a pass of all samples.
 
-    fetch, held : see `at_distance`
+    The world has levels of detail, baked light and a default sky as the settings require.
+
+    fetch : opens models on disk in the background, while other levels are shown; None: they are opened now
+    held : rows of the instances whose models on disk are opened; rays miss others. None: all
     """
     if settings.levels or fetch is not None:
         world, levels = at_distance(scene, camera, settings.most if settings.levels else None, fetch, held)
@@ -68,12 +71,15 @@ def plan(
 
 
 def _ao_distance(scene: Snapshot, settings: Settings) -> float:
-    """Return the length of ambient occlusion rays."""
+    """Return the length of ambient occlusion rays in world units; by default a fifth of the scene's diagonal."""
     return float(settings.ao_distance or AO_SHARE * np.linalg.norm(np.diff(scene.bounds, axis=0)))
 
 
 def _window(camera: Camera, world: World, job: Pass) -> Window:
-    """Return the part of the image in which rays may hit anything, known if only models can be hit."""
+    """Return the part of the image in which rays may hit anything: left, top, right, bottom in pixels.
+
+    It is the whole image unless only models can be hit.
+    """
     lights = job.integrator == PATH and np.isin(world.lights[rec.LIGHT_KIND :: rec.LIGHT], SIZED_LIGHTS).any()
     if job.integrator == COST or job.sky_shows or lights or world.planes.size > 0 or world.table.size == 0:
         return EVERYWHERE
@@ -81,7 +87,7 @@ def _window(camera: Camera, world: World, job: Pass) -> Window:
 
 
 def _lit(world: World) -> World:
-    """Return the world, with a uniform white sky if nothing emits light."""
+    """Return the world; if nothing in it emits light, with a uniform white sky."""
     if world.lights.size > 0 or world.sky[rec.SKY_KIND] != rec.NO_SKY:
         return world
     if (world.materials[rec.MATERIAL_KIND :: rec.MATERIAL_SIZE] == rec.EMISSIVE).any():

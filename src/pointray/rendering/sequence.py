@@ -44,13 +44,14 @@ def animate(
     settings : Settings, optional
         With "baked", if `Scene.baked` is None, light is baked once for the whole film, with a warning.
     progress : callable, optional
-        Called with the completed fraction of the film, 0 to 1, about ten times a second while a frame is rendered. An
-        exception raised in it ends the film.
+        Called as `progress(stage, share)` with the name of the stage and the completed share of the film, 0 to 1, about
+        ten times a second while a frame is rendered. An exception raised in it ends the film.
     client : dask.distributed.Client, optional
         Render on the workers of a cluster, a frame at a time on each, some frames ahead. The frames are the same, see
         `render`.
     spread : bool, optional
-        As for `render`; all workers then render each frame together.
+        Distribute the parts of models in parts over the workers, which then render each frame together; not for "baked"
+        and "cost". None: if a model's parts do not fit into the memory of a worker.
 
     Returns
     -------
@@ -95,12 +96,12 @@ def render_each(
     numbers: Sequence[int] | None = None,
     spread: bool | None = None,
 ) -> Iterator[Floats]:
-    """Render the frames of `animate`, with validated arguments.
+    """Render the frames of a film, with validated arguments, and yield them in order, each (h, w, 4).
 
     Each worker renders whole frames. With denoising or spread models, all render one frame after the other.
 
-    numbers : frame numbers for the dashboard; None: from 0
-    spread : see `check_spread`
+    progress : called with the completed fraction of the film; numbers : of the frames, for the dashboard; None: from 0
+    spread : whether each worker opens only some parts of models; None: if they do not fit into its memory
     """
     now, executor = snapshot_and_executor(scene, client, spread)
     if executor is None or executor.spread or settings.denoised:
@@ -114,16 +115,18 @@ def render_each(
 
 
 def _part(progress: Progress | None, k: int, count: int) -> Progress | None:
-    """Return the progress callback of one of several frames."""
+    """Return a callback for the progress of frame k of `count` frames, which reports that of the whole film."""
     return None if progress is None else lambda share: progress((k + share) / count)
 
 
 def _render_whole(
     executor: Executor, cameras: Sequence[Camera], settings: Settings, names: Sequence[str], progress: Progress | None
 ) -> Iterator[tuple[int, Floats]]:
-    """Render frames; yield each with its number when it is finished.
+    """Render the frames of a film on workers; yield each with its index when it is finished, in any order.
 
     At most AHEAD frames a worker are ahead of the first missing one, as finished frames are kept in memory.
+
+    names : of the frames, for the dashboard
     """
     number_of: dict[Job, int] = {}
     jobs = deque[Job]()
@@ -151,5 +154,5 @@ def _render_whole(
 
 
 def render_whole(scene: Snapshot, camera: Camera, settings: Settings, threads: int, progress: Progress) -> Floats:
-    """Render a frame on a worker."""
+    """Render one frame of a film on a worker: an (h, w, 4) image of linear radiance. progress : raises to cancel"""
     return picture.render_snapshot(scene, camera, replace(settings, threads=threads), progress)

@@ -117,16 +117,16 @@ class Settings:
 
     @property
     def most(self) -> int:
-        """Maximum number of samples a pixel."""
+        """Maximum number of samples a pixel: `spp`; or 65,536 if that is 1 and a limit of time or noise is set."""
         open_ended = self.spp == 1 and (self.time_limit is not None or self.noise is not None)
         return MOST_SAMPLES if open_ended else self.spp
 
     @property
     def denoised(self) -> bool:
-        """Whether the image is denoised: if requested, and the integrator has noise."""
+        """Whether the image is denoised: if requested, and the integrator has noise ("ao" and "path")."""
         return self.denoise and self.integrator in NOISY
 
     @property
     def depth(self) -> int:
-        """Maximum number of bounces."""
+        """Maximum number of bounces, `max_depth`; 1000 if that is None."""
         return DEEPEST if self.max_depth is None else self.max_depth

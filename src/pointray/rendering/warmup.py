@@ -45,11 +45,11 @@ SHARED: float = RECORD["shared"]  # additional seconds of the first kernel of a 
 def warm_up(
     settings: Settings | None, clicks: bool = False, bakes: bool = False, before: Settings | None = None
 ) -> None:
-    """Start compiling the missing kernels for images of a scan.
+    """Start compiling the kernels that images of a scan will need, unless they are compiled, in a second process.
 
     settings : of the images; None: no images
-    clicks, bakes : also compile the kernels for clicks, and for baking
-    before : settings of images shown until light is baked
+    clicks, bakes : also compile the kernels for clicks in the viewer (`Scene.intersect`), and for baking
+    before : settings of images shown until light is baked; None: there are no such images
     """
     wanted = _of_pictures(before)
     wanted |= {_full(name): cost for name, cost in (RECORD["rays"] | BAKE).items()} if bakes else {}
@@ -63,7 +63,7 @@ def warm_up(
 
 
 def _of_pictures(settings: Settings | None) -> dict[str, float]:
-    """Return the rendering kernel, and its compile time in seconds."""
+    """Return the name of the rendering kernel for the settings, with its compile time in seconds; empty for None."""
     if settings is None:
         return {}
     name = kernel_for(settings).name
@@ -71,27 +71,33 @@ def _of_pictures(settings: Settings | None) -> dict[str, float]:
 
 
 def expect(kernels: dict[str, float]) -> None:
-    """Announce kernels that this process will compile, with the seconds for each."""
+    """Announce kernels that this process will compile, for estimates of the remaining time.
+
+    kernels : expected compile time of each in seconds, by name without the package; compiled ones are left out
+    """
     BACKLOG.expect({_full(k): cost for k, cost in kernels.items() if not KERNELS[_full(k)].is_compiled})
 
 
 def is_warm(settings: Settings) -> bool:
-    """Return whether the rendering kernel is compiled."""
+    """Return whether the rendering kernel for the settings is compiled, in this process or on disk."""
     return kernel_for(settings).is_compiled
 
 
 def has_clicks() -> bool:
-    """Return whether the kernel of `Scene.intersect` is compiled."""
+    """Return whether the kernel of `Scene.intersect`, which serves clicks in the viewer, is compiled."""
     return bool(KERNELS[_full(CLICK)].is_compiled)
 
 
 def wait_until_warm(settings: Settings | None) -> None:
-    """Wait until another process has compiled the rendering kernel; None: the kernel of the rays of a bake."""
+    """Wait until the second process has compiled the rendering kernel for the settings, if it is compiling it.
+
+    settings : None: wait for the kernel of the rays of a bake
+    """
     wait_for(send_rays if settings is None else kernel_for(settings), lambda: False)
 
 
 class _NoLight:
-    """Black baked light, to compile the rendering kernel without a bake."""
+    """Baked light of zero irradiance, with which the rendering kernel is compiled without a bake."""
 
     def tables(self, scene: Snapshot, levels: Any) -> tuple[Any, Any]:
         return np.zeros(BAKED * len(levels), np.int64), np.zeros(BAKED_FRAME * len(levels))
@@ -105,7 +111,10 @@ def _full(name: str) -> str:
 
 
 def _compile(names: Sequence[str]) -> None:
-    """Compile kernels by calling them; print the name of each when it is compiled."""
+    """Compile kernels by calling them with a small scene; print the name of each when it is compiled.
+
+    names : of kernels in `KERNELS`
+    """
     scene = Scene()
     scene.add(Plane((0, 0, 0), (0, 0, 1)))  # signatures do not depend on the scene
     scene.add_light(EnvironmentLight())
@@ -124,7 +133,7 @@ def _compile(names: Sequence[str]) -> None:
 
 
 def _end_with_input() -> None:
-    """Exit when the parent process ends, for any reason."""
+    """Start a thread that ends this process when its input ends: the parent process has ended, for any reason."""
 
     def watch() -> None:
         sys.stdin.buffer.read()

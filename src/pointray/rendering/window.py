@@ -19,12 +19,13 @@ EVERYWHERE: Window = (-np.inf, -np.inf, np.inf, np.inf)
 def window_of(camera: Camera, top: NDArray[np.float64]) -> Window:
     """Return the window (left, top, right, bottom), in pixels, outside of which no camera ray hits a model.
 
-    It is unbounded for panoramas, with a lens, and if the camera is among the models.
+    Tiles outside are filled with the background. The window is unbounded for panoramas, with a lens, and if the camera
+    is among the models.
 
     Parameters
     ----------
     top : (9,) float64
-        Bounds of the models, see `records.World`.
+        Bounds of the models: a centre, and lo x y z, hi x y z relative to it, see `World.top`.
     """
     if _sees_all(camera):
         return EVERYWHERE
@@ -64,5 +65,5 @@ def may_see(camera: Camera, boxes: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _sees_all(camera: Camera) -> bool:
-    """Return whether camera rays may leave the view frustum (panorama or lens)."""
+    """Return whether camera rays may leave the view frustum of the image: for a panorama, or with a lens."""
     return camera.projection == "panorama" or camera.aperture > 0

@@ -1,8 +1,10 @@
 """Scenes of models, planes and lights, and the tables that kernels read.
 
-scene : `Scene`; rays : validation of rays, `Hits`; casting, paged_rays, blend : hits of rays and their attributes
-instances, transforms, clips, paints : validation of the parts of a scene, and their records
-world, visible_trees : `Snapshot`, an immutable scene with its tables
+scene : `Scene`; rays : validation of rays, `Hits`; casting : hits of checked rays
+paged_rays : hits of rays that may need parts on disk; blend : attributes of the points at hits
+instances : `Plane`, the table of instances; transforms : matrices for `Scene.add`; clips : clip planes
+paints : tables that turn attribute values into colours
+world : `Snapshot`, an immutable scene with its tables; visible_trees : the table of trees, parts on disk opened for it
 ownership : distribution of the instances over several processes
 
 Begin with scene, then world.

@@ -15,11 +15,11 @@ from .world import Snapshot
 
 
 class HitAttribute(NamedTuple):
-    """An attribute at hits.
+    """An attribute of the points, prepared for its evaluation at the hits of rays.
 
-    dtype, columns : dtype and shape of the value of a hit; the shape of a number is ()
-    values : by the row of a model, the values of its points
-    categorical : rows of the models whose values are categories, which are not blended
+    dtype, columns : dtype and shape of the value at one hit; the shape of a number is ()
+    values : the values of each model's points, by the model's index in `Snapshot.models`; others lack the attribute
+    categorical : indices of the models whose values are categories, which are not blended
     """
 
     dtype: np.dtype[Any]
@@ -29,7 +29,10 @@ class HitAttribute(NamedTuple):
 
 
 def hit_attribute(scene: Snapshot, name: str) -> HitAttribute:
-    """Return the form of an attribute at hits; ValueError if no model has it, or the numbers of columns differ."""
+    """Return an attribute prepared for its evaluation at hits, with its dtype and the values of each model.
+
+    ValueError if no model has it, or the numbers of columns differ.
+    """
     having = {k: model for k, model in enumerate(scene.models) if name in model.points.attributes}
     if not having:
         known = sorted({a for m in scene.models for a in m.points.attributes})
@@ -47,7 +50,13 @@ def hit_attribute(scene: Snapshot, name: str) -> HitAttribute:
 def blend(
     scene: Snapshot, form: HitAttribute, found: dict[str, Any], shape: tuple[int, ...], pace: Pace = PLAIN
 ) -> NDArray[Any]:
-    """Return an attribute at hits, blended unless it has categories. See `Hits` for the values of misses."""
+    """Return an attribute at hits: blended between splats, or that of the splat of most weight if it has categories.
+
+    Misses and models without the attribute have NaN (floats), 0 (integers) or False.
+
+    form : the attribute, from `hit_attribute`; found : arrays of `closest_hits`, by name
+    shape : leading shape of the rays; pace : number of threads, progress callback
+    """
     dtype = form.dtype
     out = np.full((len(found["t"]), *form.columns), np.nan if dtype.kind == "f" else 0, dtype)
     records = scene.world.instances.reshape(-1, INSTANCE)
@@ -74,5 +83,5 @@ def _is_categorical(model: Model, name: str) -> bool:
 
 
 def _blended_dtype(values: NDArray[Any]) -> np.dtype[Any]:
-    """Return float32, or float64 if float32 does not represent all values of the dtype."""
+    """Return the dtype in which values are blended: float32, or float64 if their dtype has values beyond float32."""
     return np.result_type(values.dtype, np.float32)

@@ -20,7 +20,11 @@ RayArguments = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 def intersect_snapshot(
     scene: Snapshot, shape: tuple[int, ...], rays: Rays, attributes: Sequence[str] = (), pace: Pace = PLAIN
 ) -> Hits:
-    """Return the closest hits of checked rays, see `Scene.intersect`. shape : leading shape of the rays"""
+    """Return the closest hit of each ray, in arrays of the rays' leading shape.
+
+    shape, rays : leading shape, and origins, directions (n, 3) and limits (n, 2), as returned by `check_rays`
+    attributes : names of the points' attributes to return at the hits; pace : number of threads, progress callback
+    """
     forms = {name: hit_attribute(scene, name) for name in attributes}
     scene, found = closest_hits_paged(scene, shape, rays, pace)
     return Hits(
@@ -35,5 +39,9 @@ def intersect_snapshot(
 
 
 def occluded_snapshot(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace = PLAIN) -> NDArray[np.bool_]:
-    """Return whether checked rays hit anything, see `Scene.occluded`."""
+    """Return whether each ray hits anything between t_min and t_max, as an array of the rays' leading shape.
+
+    shape, rays : leading shape, and origins, directions (n, 3) and limits (n, 2), as returned by `check_rays`
+    pace : number of threads, progress callback
+    """
     return occlusions_paged(scene, shape, rays, pace).reshape(shape)

@@ -14,13 +14,19 @@ MOST = 16
 
 
 def check_clip(point: ArrayLike, normal: ArrayLike) -> NDArray[np.float64]:
-    """Return a point of a plane and its normal, (2, 3). The normal points to the side that is cut away."""
+    """Return point and normal of a clip plane as one array, (2, 3); ValueError if they are invalid.
+
+    normal : of any length, points to the side that is cut away
+    """
     unit_vector(normal, "normal")
     return np.stack([vector(point, "point"), vector(normal, "normal")])
 
 
 def check_clips(clips: Any) -> NDArray[np.float64]:
-    """Return planes as a read-only array, (k, 2, 3); ValueError if they are invalid."""
+    """Return clip planes as a read-only array, (k, 2, 3): point and normal of each; ValueError if they are invalid.
+
+    clips : pairs (point, normal), or rows of six numbers
+    """
     shapes = "pairs (point, normal) or rows of six numbers"
     try:
         rows = np.asarray(clips)
@@ -44,7 +50,10 @@ def check_clips(clips: Any) -> NDArray[np.float64]:
 
 
 def clip_records(clips: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the flat array of the planes' records, see `records.CLIP`."""
+    """Return the planes' records for kernels, (k * 4,) float64: of each the unit normal n and the offset n . point.
+
+    clips : (k, 2, 3), point and normal of each; everything with n . x > offset is cut away
+    """
     out = np.zeros((len(clips), CLIP))
     for record, (point, normal) in zip(out, clips, strict=True):
         record[:CLIP_OFFSET] = unit_vector(normal, "normal")

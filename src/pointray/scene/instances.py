@@ -28,7 +28,7 @@ class Plane:
     Parameters
     ----------
     point, normal : (3,) float
-        World. The normal may have any length.
+        A point of the plane, and its normal of any length, in world space.
     color : float or (3,) float
         Linear RGB, or a number for grey.
     checker : float, optional
@@ -87,12 +87,14 @@ class Instances:
     Attributes
     ----------
     records : (n, 16) float64
-        Read by kernels, see `records.INSTANCE`.
+        Read by kernels, see `records.INSTANCE`: kind, indices of shape, material and paint, transform.
     boxes : (n, 6) float64
         World bounds of models, min x y z, max x y z; zero for planes.
     numbers : (n,) int64
         The numbers that `Scene.add` returned, increasing.
-    shapes, materials : list
+    shapes : list of Model or Plane
+        One item per row.
+    materials : list of Material
         One item per row.
     """
 
@@ -122,7 +124,10 @@ class Instances:
         return self._numbers[: len(self)]
 
     def add(self, shape: Model | Plane, matrix: NDArray[np.float64], material: Material) -> int:
-        """Add a row and return its number."""
+        """Add an instance and return its number, which `Scene.add` returns to the caller.
+
+        matrix : (4, 4), transform from model to world space
+        """
         row = len(self)
         if row == len(self._numbers):
             self._records, self._boxes = _grown(self._records), _grown(self._boxes)
@@ -136,7 +141,7 @@ class Instances:
         return int(self._numbers[row])
 
     def row_of(self, number: int) -> int:
-        """Return the row of a number that `add` returned; ValueError if there is none."""
+        """Return the row of the instance with a number that `add` returned; ValueError if there is no such instance."""
         whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
         row = int(np.searchsorted(self.numbers, min(number, self._next))) if whole else len(self)
         if row == len(self) or self.numbers[row] != number:
@@ -145,13 +150,16 @@ class Instances:
         return row
 
     def paint(self, row: int, material: Material) -> None:
-        """Set the material of a row."""
+        """Set the material of the instance in a row. Equal materials become one object and so share one record."""
         self.materials[row] = self._equal_materials.setdefault(
             (material.record().tobytes(), material.attribute), material
         )
 
     def move(self, row: int, matrix: NDArray[np.float64]) -> None:
-        """Set the transform of a row."""
+        """Set the transform of the instance in a row, and compute its world bounds.
+
+        matrix : (4, 4), transform from model to world space
+        """
         shape = self.shapes[row]
         self._records[row, : rec.TO_MODEL] = 0.0
         if isinstance(shape, Plane):
@@ -168,7 +176,10 @@ class Instances:
         self._boxes[row, :3], self._boxes[row, 3:] = world.min(axis=0), world.max(axis=0)
 
     def expand_parts(self) -> Instances:
-        """Return a copy with a row for each part of models in parts; self if no model has parts."""
+        """Return a copy in which a model split into parts has a row for each part with a surface.
+
+        Without such models return self.
+        """
         parts = [_with_surface(shape.parts) if isinstance(shape, Model) else () for shape in self.shapes]
         if not any(parts):
             return self
@@ -197,7 +208,7 @@ class Instances:
         return twin
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without caches."""
+        """Return the state for `pickle`, without the caches of paints and of equal materials."""
         return {name: value for name, value in self.__dict__.items() if name not in ("paints", "_equal_materials")}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -207,25 +218,31 @@ class Instances:
             self.paint(row, material)
 
     def exchange(self, models: Mapping[Model, Model]) -> None:
-        """Replace models by others of the same points."""
+        """Replace models by others of the same points, such as those built with other options.
+
+        models : the new model of each model to replace; instances keep their transforms and materials
+        """
         self.shapes = [models.get(shape, shape) if isinstance(shape, Model) else shape for shape in self.shapes]
 
     def remove(self, row: int) -> None:
-        """Remove a row."""
+        """Remove the instance in a row; later rows move up, and numbers stay."""
         for array in (self._records, self._boxes, self._numbers):
             array[row : len(self) - 1] = array[row + 1 : len(self)]
         del self.shapes[row], self.materials[row]
 
     def finish(self) -> tuple[list[Model], NDArray[np.float64], NDArray[np.float64], PaintTables]:
-        """Store the rows of models, planes, materials and paints in the records, and return these tables.
+        """Store the indices of each instance's shape, material and paint in its record, and return the tables of these.
 
         Models on disk are not opened.
 
         Returns
         -------
         models : list of Model
-        planes, materials : (m,) float64, see `records.PLANE_SIZE`, `records.MATERIAL_SIZE`
+            The distinct models.
+        planes, materials : (m,) float64
+            Records one after the other, see `records.PLANE_SIZE` and `records.MATERIAL_SIZE`.
         paints : PaintTables
+            Tables that turn the attribute values of coloured instances into colours.
         """
         models, rows = _distinct([shape for shape in self.shapes if isinstance(shape, Model)])
         materials, kinds = _distinct(self.materials)
@@ -239,7 +256,10 @@ class Instances:
         return models, np.concatenate([*planes, []]), material_records, self._finish_paints()
 
     def _finish_paints(self) -> PaintTables:
-        """Store the row of each instance's paint in the records, and return the tables of paints."""
+        """Store the index of each instance's paint in its record, -1 without, and return the tables of paints.
+
+        A paint turns values of an attribute into colours; instances whose material shows an attribute have one.
+        """
         self.records[:, rec.PAINT] = -1
         rows = [row for row, material in enumerate(self.materials) if material.attribute is not None]
         colored = [self._colored_instance(row) for row in rows]
@@ -253,7 +273,7 @@ class Instances:
 
 
 def _with_surface(parts: tuple[Model, ...]) -> tuple[Model, ...]:
-    """Return the parts that a ray can hit."""
+    """Return the parts of a model that a ray can hit; others hold no surface."""
     return tuple(part for part in parts if part.has_surface)
 
 
@@ -270,7 +290,10 @@ def _distinct(things: list[Any]) -> tuple[list[Any], list[int]]:
 
 
 def _plane_record(shape: Any, transform: NDArray[np.float64], row: int) -> NDArray[np.float64]:
-    """Return the record of a plane in world space, see `records.PLANE_SIZE`."""
+    """Return the record of a plane for kernels, (20,) float64: point, normal, colour and checker, in world space.
+
+    transform : (12,), from the plane's coordinates to world space, rows of a 3x4 matrix; row : row of its instance
+    """
     matrix = transform.reshape(3, 4)
     normal = np.linalg.inv(matrix[:, :3]).T @ arguments.vector(shape.normal, "normal")
     normal /= np.linalg.norm(normal)
@@ -287,7 +310,7 @@ def _plane_record(shape: Any, transform: NDArray[np.float64], row: int) -> NDArr
 
 
 def check_transform(transform: ArrayLike | None) -> NDArray[np.float64]:
-    """Return a transform as (4, 4) float64; the identity for None."""
+    """Return a transform as (4, 4) float64, the identity for None; ValueError if it is singular or not affine."""
     if transform is None:
         return np.eye(4)
     matrix = arguments.check_numbers(transform, "transform", "a (4, 4) array of numbers").astype(np.float64)
@@ -301,7 +324,10 @@ def check_transform(transform: ArrayLike | None) -> NDArray[np.float64]:
 
 
 def check_material(material: Material | None, shape: Model | Plane) -> Material:
-    """Return a material after a check of its values and of its attribute on the shape; `Diffuse` for None."""
+    """Return a material, `Diffuse` for None, after checks of its values and of its attribute on the shape.
+
+    ValueError if the material shows an attribute that the shape lacks.
+    """
     material = Diffuse() if material is None else material
     if not isinstance(material, Material):
         kinds = ", ".join(sorted(kind.__name__ for kind in Material.__subclasses__()))

@@ -17,7 +17,8 @@ Rows = NDArray[np.int64]
 class Shares:
     """Assignment of the instances of models to holders, in contiguous ranges of about equal size in bytes.
 
-    The parts in a range are close together in space, so few rays hit parts of several holders.
+    A holder is a process, such as a worker of a cluster, that opens only the models of its own instances. The parts in
+    a range are close together in space, so few rays hit parts of several holders.
 
     Attributes
     ----------
@@ -47,6 +48,8 @@ class Shares:
         """Reassign the instances of lost holders to the present ones; return whether any holder was lost.
 
         Each instance goes to the holder with the fewest bytes.
+
+        there : names of the present holders; if empty, nothing changes
         """
         now = list(there)
         if not now or set(self.holders) <= set(now):
@@ -61,7 +64,10 @@ class Shares:
 
 
 def held_scene(scene: Snapshot, rows: Rows) -> Snapshot:
-    """Return a scene in which rays miss the parts on disk that are not in the given rows. Opens nothing."""
+    """Return a scene in which rays miss the parts on disk that are not in the given rows of instances. Opens nothing.
+
+    A worker intersects rays with it, and opens only the parts assigned to it.
+    """
     away = np.setdiff1d(scene.on_disk, rows)
     records = instances_of(scene.world).copy()
     records[away, KIND] = PLANE  # any kind but MODEL: the table of planes does not list it
@@ -69,9 +75,10 @@ def held_scene(scene: Snapshot, rows: Rows) -> Snapshot:
 
 
 def boxes_of(scene: Snapshot, rows: Rows) -> NDArray[np.float64]:
-    """Return world boxes around the surfaces of instances, (n, 6).
+    """Return world boxes around the surfaces of the instances in some rows, (n, 6): min x y z, max x y z.
 
-    They are infinite if levels of detail may extend beyond them and there is no tree over the instances to clip these.
+    Coarser levels of detail may extend beyond these boxes. Tracing clips them to the BVH over the instances; in a scene
+    of a few models without BVH, the boxes are infinite if there are levels.
     """
     if scene.world.top_children.size == 0 and any(model.levels for model in scene.models):
         return np.tile([-np.inf] * 3 + [np.inf] * 3, (len(rows), 1))

@@ -18,7 +18,18 @@ MARGIN = 1e-6  # relative margin of boxes and distances against rounding
 def closest_hits_paged(
     scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace
 ) -> tuple[Snapshot, dict[str, NDArray[Any]]]:
-    """Return the scene with the parts that were opened, and the closest hits of rays, see `closest_hits`."""
+    """Return the closest hits of rays, opening parts on disk that they may hit, and the scene with these parts open.
+
+    shape : leading shape of the rays; rays : origins and directions, (n, 3), and limits t_min, t_max, (n, 2)
+    pace : number of threads, progress callback
+
+    Returns
+    -------
+    scene : Snapshot
+        The scene in which the hits were found.
+    found : dict of str to array
+        "t", "position", "normal", "color", "point", "instance", "leaf" and "local" of the n rays, see `closest_hits`.
+    """
     now, parts = _begin(scene, rays)
     while True:
         found = closest_hits(now.world, shape, *rays, pace)
@@ -28,7 +39,11 @@ def closest_hits_paged(
 
 
 def occlusions_paged(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: Pace) -> NDArray[np.bool_]:
-    """Return whether rays hit anything, see `occlusions`."""
+    """Return whether rays hit anything, (n,) bool, opening parts on disk that they may hit.
+
+    shape : leading shape of the rays; rays : origins and directions, (n, 3), and limits t_min, t_max, (n, 2)
+    pace : number of threads, progress callback
+    """
     now, parts = _begin(scene, rays)
     while True:
         found = occlusions(now.world, shape, *rays, pace)
@@ -38,12 +53,14 @@ def occlusions_paged(scene: Snapshot, shape: tuple[int, ...], rays: Rays, pace: 
 
 
 class _DiskParts:
-    """Parts on disk, and the distances at which rays enter their boxes.
+    """Parts on disk, and the distances at which rays enter their boxes, to decide which parts are opened next.
+
+    rows : of the instances whose models are parts on disk; rays : origins and directions, (n, 3), and limits, (n, 2)
 
     Attributes
     ----------
     open : (k,) int64
-        Rows of the opened instances.
+        Rows of the instances whose parts have been marked as open.
     """
 
     def __init__(self, scene: Snapshot, rows: NDArray[np.int64], rays: Rays) -> None:
@@ -56,7 +73,10 @@ class _DiskParts:
         return self._rows[self._is_open]
 
     def open_next(self, t: NDArray[Any]) -> bool:
-        """Mark the nearest closed part that each ray enters before its hit at t as open; False if there is none."""
+        """Mark the nearest closed part that each ray enters before its hit as open; return whether there is any.
+
+        t : (n,), distance of each ray's hit so far; inf for a miss, -inf for rays that need no further part
+        """
         until = t * (1.0 + MARGIN * np.sign(t))
         before = np.where(self._is_open[:, None] | (self._entry > until), np.inf, self._entry)
         entered = before.min(axis=0, initial=np.inf) < np.inf
@@ -65,7 +85,12 @@ class _DiskParts:
 
 
 def _begin(scene: Snapshot, rays: Rays) -> tuple[Snapshot, _DiskParts | None]:
-    """Return the scene for the first pass, and the closed parts, or None."""
+    """Return the scene for the first pass of rays, and the parts on disk, all closed, to be opened as rays reach them.
+
+    The second value is None if there is no part on disk, or if all are opened at once, for many rays and parts.
+
+    rays : origins and directions, (n, 3), and limits t_min, t_max, (n, 2)
+    """
     rows = scene.on_disk
     if len(rows) * len(rays[0]) > MOST:
         return scene.opened(), None
@@ -75,7 +100,10 @@ def _begin(scene: Snapshot, rays: Rays) -> tuple[Snapshot, _DiskParts | None]:
 def _entry(
     box: NDArray[np.float64], origins: NDArray[np.float64], directions: NDArray[np.float64], limits: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the distances at which rays enter a box, (n,), at least t_min; inf for rays that miss it."""
+    """Return the distances at which rays enter a box, (n,), at least t_min; inf for rays that miss it.
+
+    box : (6,), min x y z, max x y z; origins, directions : (n, 3); limits : (n, 2), t_min and t_max
+    """
     pad = MARGIN * np.abs(box).max()
     with np.errstate(divide="ignore", invalid="ignore"):
         one, other = ((side - origins) / directions for side in (box[:3] - pad, box[3:] + pad))

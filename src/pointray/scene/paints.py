@@ -29,7 +29,12 @@ Rows = slice | NDArray[np.integer[Any]]
 
 
 def column_of(points: Points, name: str, rows: Rows = EVERY) -> NDArray[Any]:
-    """Return the values of an attribute, (n,); of vectors the lengths, as float64. ValueError if there is none."""
+    """Return the values of an attribute, (n,); of vectors their lengths, as float64.
+
+    ValueError if there is no such attribute.
+
+    name : "name[k]" is column k of a vector attribute; rows : rows of the points, a slice or row numbers
+    """
     column = None if name in points.attributes else re.fullmatch(r"(.+)\[(\d+)\]", name)
     found = points.attributes.get(column[1] if column else name)
     if found is None or (column and (found.ndim == 1 or int(column[2]) >= found.shape[1])):
@@ -41,7 +46,7 @@ def column_of(points: Points, name: str, rows: Rows = EVERY) -> NDArray[Any]:
 
 
 def check_attribute(points: Points, attribute: Attribute) -> None:
-    """Raise ValueError if the points do not have the attribute."""
+    """Raise ValueError if the points lack the attribute that a material shows; coordinates (x, y, z) always exist."""
     if attribute.name not in COORDINATES:
         column_of(points, attribute.name, NOTHING)
 
@@ -51,7 +56,10 @@ _CATEGORIES: WeakKeyDictionary[Any, dict[str, tuple[int, ...] | None]] = WeakKey
 
 
 def categories_in(model: Model, name: str) -> tuple[int, ...] | None:
-    """Return the categories of an attribute of a model's points, or None if it has none."""
+    """Return the categories of an attribute of a model's points: its few distinct values, which are never blended.
+
+    The result is None if the values are not categories; it is cached.
+    """
     known = _CATEGORIES.setdefault(model if model.source is None else model.source.cache, {})
     if name not in known:
         known[name] = categories_of(column_of(model.points, name), name)
@@ -59,7 +67,10 @@ def categories_in(model: Model, name: str) -> tuple[int, ...] | None:
 
 
 class ColoredInstance(NamedTuple):
-    """An instance coloured by an attribute. to_model : (3, 4) float64, see `records.TO_MODEL`"""
+    """An instance whose material shows an attribute of its model's points.
+
+    to_model : (3, 4) float64, transform from world to model space
+    """
 
     attribute: Attribute
     model: Model
@@ -67,7 +78,12 @@ class ColoredInstance(NamedTuple):
 
 
 class PaintTables(NamedTuple):
-    """Tables of paints, see `records.World`."""
+    """Tables by which kernels colour instances from attribute values; fields of `World` with these names.
+
+    paints : (k * 8,), records: the kind of look-up, and where values and colours of a paint begin in the other tables
+    map_positions : (n,), for each splat the place of its value in the colour map: 0 to its number of colours, or NaN
+    map_colors : (m * 3,), linear RGB of all colour maps, each followed by its colour for missing values
+    """
 
     paints: NDArray[np.float64]
     map_positions: NDArray[np.float32]
@@ -78,7 +94,11 @@ Painted = tuple[Attribute, Model]
 
 
 class JoinedPositions(NamedTuple):
-    """Map positions of the splats of models, concatenated. on_disk : those of models on disk, for reuse"""
+    """Cached map positions (places of attribute values in a colour map, one a splat) of several models, concatenated.
+
+    painted : the attribute and model of each piece, in order; positions : the pieces, one after the other
+    on_disk : the pieces of models on disk, to be reused when other models are opened
+    """
 
     painted: list[Painted]
     positions: NDArray[np.float32]
@@ -86,7 +106,9 @@ class JoinedPositions(NamedTuple):
 
 
 class Paints:
-    """The paints of a scene. Ranges and map positions are cached and never modified, so copies share them.
+    """The paints of a scene: tables that turn the attribute values of coloured instances into colours.
+
+    Ranges and map positions (places of values in a colour map) are cached and never modified, so copies share them.
 
     Attributes
     ----------
@@ -103,7 +125,11 @@ class Paints:
         self._joined = JoinedPositions([], np.zeros(0, np.float32), {})
 
     def finish(self, colored: list[ColoredInstance]) -> tuple[list[int], PaintTables]:
-        """Return the row of each instance's paint, and the tables."""
+        """Return the index of each instance's paint, and the tables of all paints. Models on disk are not opened.
+
+        A paint is a record that turns the values of an attribute into colours. Instances of one model that show the
+        same attribute share one; the paints of the model's levels of detail follow it.
+        """
         shown = self._find_ranges(colored)
         self.shown = list(shown.values())
         wanted = [(shown[c.attribute], None if c.attribute.name in COORDINATES else c.model) for c in colored]
@@ -134,9 +160,13 @@ class Paints:
         paint_sources: Sequence[tuple[Attribute, Model | None]],
         painted: list[Painted],
     ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Return the records of paints and the map positions of some models, which are opened.
+        """Return the records of paints, and the map positions of the splats of some models, which are opened.
 
-        paint_sources : the attribute and model of each paint; painted : those to compute map positions of
+        A paint turns attribute values into colours; a map position is the place of a splat's value in the colour map.
+        The records say where those of each model begin.
+
+        paints : (k * 8,), records of all paints; paint_sources : the attribute and model of each
+        painted : the attributes and models to compute map positions of
         """
         found = self._join(painted)
         lengths = [len(model.tree.order) for _, model in painted]
@@ -148,7 +178,10 @@ class Paints:
         return records.reshape(-1), found
 
     def _find_ranges(self, colored: list[ColoredInstance]) -> dict[Attribute, Attribute]:
-        """Return the attributes with the range or the categories that are shown."""
+        """Return each attribute with the range or the categories that are shown: as given, or found from the points.
+
+        colored : the coloured instances; an automatic range is the union of those of all that show the attribute
+        """
         known, self._ranges = self._ranges, {}
         spans: dict[Attribute, list[Range]] = {instance.attribute: [] for instance in colored}
         categories = {attribute: _categories(attribute, colored) for attribute in spans}
@@ -169,7 +202,10 @@ class Paints:
         return shown
 
     def _join(self, painted: list[Painted]) -> NDArray[np.float32]:
-        """Return the map positions of all splats. Those of models on disk are reused."""
+        """Return the map positions (places of values in the colour map) of all splats of some models, concatenated.
+
+        painted : attributes and models; cached positions of models on disk are reused
+        """
         known = self._joined
         if painted == known.painted:
             return known.positions
@@ -181,9 +217,13 @@ class Paints:
 
 
 def _coarser(attribute: Attribute, model: Model | None) -> list[tuple[Attribute, Model | None]]:
-    """Return the paints of a model's levels of detail: none for classes, as a mean of classes is meaningless.
+    """Return the attribute and model of the paints for a model's levels of detail: none if the attribute has classes.
 
-    Levels of models on disk, whose parts may not fit into memory, show the most frequent class.
+    A paint is a record that turns attribute values into colours. A mean of classes is meaningless, so such models are
+    shown with all points. Only models on disk, whose parts may not fit into memory, use levels, which show the most
+    frequent class.
+
+    model : None if the attribute is a coordinate, which needs no such paints
     """
     if model is None or (_has_classes(attribute) and model.source is None):
         return []
@@ -191,17 +231,26 @@ def _coarser(attribute: Attribute, model: Model | None) -> list[tuple[Attribute,
 
 
 def _has_classes(attribute: Attribute) -> bool:
-    """Return whether an attribute that is shown has classes or categories, which are never blended."""
+    """Return whether an attribute has categories or a colour map of classes; such values are never blended.
+
+    attribute : as shown, with the categories that were found
+    """
     return bool(attribute.values) or shows_classes(attribute.colormap)
 
 
 def _table(attribute: Attribute) -> NDArray[np.uint8]:
-    """Return the colours of an attribute that is shown."""
+    """Return the colours of an attribute, (n, 3) uint8 sRGB: one for each category, or those of its colour map.
+
+    attribute : as shown, with the categories that were found
+    """
     return category_colors(attribute) if attribute.values else colormap(attribute.colormap)
 
 
 def _categories(attribute: Attribute, colored: list[ColoredInstance]) -> tuple[int, ...] | None:
-    """Return the given categories, or those of all models with the attribute; None if one of them has no categories."""
+    """Return the categories of an attribute: those given, or the union of those of all models that show it.
+
+    None if it has none: a model's values are not categories, or the attribute has a range or a map of classes.
+    """
     if not attribute.may_have_categories:
         return attribute.values or None
     found = [categories_in(instance.model, attribute.name) for instance in colored if instance.attribute == attribute]
@@ -210,7 +259,11 @@ def _categories(attribute: Attribute, colored: list[ColoredInstance]) -> tuple[i
 
 
 def _range_of(instance: ColoredInstance) -> Range | None:
-    """Return the range for one instance, or None if no value is finite."""
+    """Return the automatic range of an attribute on one instance, (low, high), or None if no value is finite.
+
+    It spans the 2nd to the 98th percentile, or all values if these are equal; for a map of classes, 0 to the largest.
+    Coordinates are taken in world space, of a sample of the points. Models on disk are sampled too.
+    """
     if instance.attribute.name in COORDINATES:
         rows = instance.model.points.positions
         step = -(-len(rows) // SAMPLE)
@@ -233,14 +286,17 @@ def _range_of(instance: ColoredInstance) -> Range | None:
 
 
 def _widest(ranges: list[Range]) -> Range:
-    """Return the union of ranges, widened if it is a single value."""
+    """Return the union of ranges (low, high), widened if it is a single value; 0 to 1 without any ranges."""
     low, high = (min(r[0] for r in ranges), max(r[1] for r in ranges)) if ranges else (0.0, 1.0)
     room = max(0.5, 1e-6 * abs(low)) if low == high else 0.0
     return low - room, high + room
 
 
 def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
-    """Return positions in the colour map for the values of a model's splats, in the tree's order."""
+    """Return the place in the colour map of each splat's value, (n,), in the order of the model's tree.
+
+    Places go from 0 to the number of colours; values outside the range are clamped, and unknown categories are NaN.
+    """
     order = model.tree.order
     used = np.flatnonzero(order >= 0)
     values = column_of(model.points, attribute.name, order[used])
@@ -262,7 +318,10 @@ def _map_positions(attribute: Attribute, model: Model) -> NDArray[np.float32]:
 
 
 def _record_coordinate(record: NDArray[np.float64], attribute: Attribute) -> None:
-    """Store the linear function from a coordinate to map positions in a record."""
+    """Store in a paint's record the linear function from a world coordinate to the place in the colour map.
+
+    record : (8,), to be filled, by which kernels colour an instance; attribute : x, y or z, with its range
+    """
     assert attribute.range is not None
     low, high = attribute.range
     scale = len(colormap(attribute.colormap)) / (high - low)

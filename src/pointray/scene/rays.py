@@ -65,7 +65,10 @@ class Hits:
 def check_rays(
     origins: ArrayLike, directions: ArrayLike, t_min: ArrayLike, t_max: ArrayLike
 ) -> tuple[tuple[int, ...], Rays]:
-    """Return the leading shape, and the rays as (n, 3), (n, 3), (n, 2) float64, C-contiguous and writable."""
+    """Return the leading shape of rays, and their origins (n, 3), directions (n, 3) and limits (n, 2) after checks.
+
+    The arguments are broadcast; the limits are t_min and t_max. The arrays are new, float64 and C-contiguous.
+    """
     arrays = [real_numbers(a, name) for a, name in ((origins, "origins"), (directions, "directions"))]
     limits = [real_numbers(a, name) for a, name in ((t_min, "t_min"), (t_max, "t_max"))]
     shape = leading_shape(*arrays, *limits)
@@ -75,7 +78,10 @@ def check_rays(
 
 
 def leading_shape(origins: Any, directions: Any, t_min: Any, t_max: Any) -> tuple[int, ...]:
-    """Return the leading shape of rays from the shapes of their arrays."""
+    """Return the leading shape of rays, to which the shapes of their arrays broadcast; ValueError if they do not.
+
+    origins, directions : (..., 3) NumPy or Dask arrays; t_min, t_max : (...)
+    """
     for array, name in ((origins, "origins"), (directions, "directions")):
         if array.ndim == 0 or array.shape[-1] != 3:
             raise ValueError(f"{name} must have the shape (..., 3), got {array.shape}")

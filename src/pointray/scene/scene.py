@@ -96,16 +96,17 @@ class Scene:
         id : int
             Number that `add` returned.
         transform : (4, 4) array_like, optional
-            As for `add`; None: unchanged.
+            New transform from model to world space, for column vectors; None: unchanged.
         material : Material, optional
-            As for `add`; None: unchanged.
+            New material; None: unchanged.
 
         Raises
         ------
         TypeError
             If an argument has the wrong type.
         ValueError
-            If there is no such instance, or as for `add`.
+            If there is no such instance, the transform is singular or not affine, or the model lacks the attribute of
+            the material.
 
         Examples
         --------
@@ -346,7 +347,7 @@ class Scene:
     __copy__ = copy
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state for `pickle` and `copy.deepcopy`, without baked light and tables of addresses."""
+        """Return the state for `pickle` and `copy.deepcopy`, without baked light and the cached snapshot."""
         twin = self.copy()
         twin._baked = None
         return {name: value for name, value in twin.__dict__.items() if name not in ("_built", "_lock")}
@@ -378,9 +379,9 @@ class Scene:
     ) -> Hits:
         """Return the closest hit of each ray.
 
-        A ray that starts on a surface (at t_min, within 1% of a support radius, 5% if `refine` is 0) starts outside of
-        it: the surface around its origin blocks it only if it goes inwards, against the normal. Otherwise t_min and
-        t_max only select among the hits of a ray: a shorter ray hits what the whole ray hits, or nothing.
+        A ray that starts on a surface (at t_min, within 1% of a support radius, 5% if the model's `refine` is 0) starts
+        outside of it: the surface around its origin blocks it only if it goes inwards, against the normal. Otherwise
+        t_min and t_max only select among the hits of a ray: a shorter ray hits what the whole ray hits, or nothing.
 
         Rays in Dask arrays are intersected when the hits are computed, one task per chunk, with the scene as it was at
         the call. `dask.compute(hits)` computes all fields at once. See docs/scale.md.
@@ -440,8 +441,13 @@ class Scene:
 
         Parameters
         ----------
-        origins, directions, t_min, t_max, spread
-            As for `intersect`.
+        origins, directions : (..., 3) array_like
+            In world space; broadcast with t_min and t_max. A direction may have any length; rays with a direction that
+            is zero or not finite miss.
+        t_min, t_max : (...) array_like
+            Range in which hits count, in lengths of the direction.
+        spread : bool
+            Only for Dask arrays with a client: whether each worker opens only some parts of models in parts.
 
         Returns
         -------
@@ -451,7 +457,8 @@ class Scene:
         Raises
         ------
         ValueError
-            As for `intersect`.
+            If shapes do not broadcast, a dtype is not numeric, a Dask array has chunks of unknown size, or parts cannot
+            be spread.
 
         Examples
         --------
@@ -466,7 +473,7 @@ class Scene:
         return occluded_snapshot(self.snapshot(), *check_rays(*given))
 
     def _change(self) -> None:
-        """Prepare for a change. Snapshots keep the old state."""
+        """Prepare for a change of instances or lights: discard the cached snapshot; copy the arrays it shares."""
         self._version += 1
         if self._built is not None:
             self._instances.detach()
@@ -483,7 +490,10 @@ class Scene:
 
 
 def _is_chunked(given: RayArguments, spread: bool) -> bool:
-    """Return whether rays are Dask arrays; ValueError if they are not although `spread` is set."""
+    """Return whether any of the rays' arrays is a Dask array; ValueError if none is although `spread` is set.
+
+    given : origins, directions, t_min, t_max; spread : whether each worker opens only some parts of models
+    """
     chunked = is_chunked(*given)
     if check_flag(spread, "spread") and not chunked:
         raise ValueError("spread: requires rays in Dask arrays")

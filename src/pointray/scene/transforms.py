@@ -20,9 +20,9 @@ def transform(
     rotate : float
         Angle in degrees about an axis through the origin, counter-clockwise if the axis points at the viewer.
     axis : (3,) array_like
-        Of any length.
+        Axis of the rotation, of any length.
     scale : float or (3,) array_like
-        Nonzero; negative values mirror.
+        Factor, or one for each axis; nonzero; negative values mirror.
 
     Returns
     -------

@@ -20,9 +20,11 @@ PaintSources = Sequence[tuple[Attribute, Model | None]]
 
 
 def table_of(models: Sequence[Model], used: Collection[int] = ()) -> tuple[NDArray[np.int64], int]:
-    """Return the table of models' trees, which keeps them alive, and the number of blocks in the longest leaf.
+    """Return the table by which kernels find the trees of models, and the number of blocks in the longest leaf.
 
-    used : rows of the models on disk to open; rays miss other models on disk
+    The table, (models * ROW,) int64, holds the addresses of the trees' arrays and keeps them alive.
+
+    used : indices of the models on disk to open; rays miss other models on disk
     """
     there = [model.source is None or k in used for k, model in enumerate(models)]
     trees: list[Tree] = [model.tree if is_there else EMPTY_TREE for model, is_there in zip(models, there, strict=True)]
@@ -37,16 +39,16 @@ def world_showing(
     used: Collection[int],
     painting: tuple[Paints, PaintSources],
 ) -> World:
-    """Return a world with other models.
+    """Return a world whose instances show other models: levels of detail instead of all points, or parts just opened.
 
     Parameters
     ----------
     records : (n, INSTANCE) float64
-        Its instances, which refer to rows of `models`.
+        The records of its instances, which refer to indices of `models`.
     used : collection of int
-        See `table_of`.
-    painting : (Paints, sequence)
-        The paints of the world, and the attribute and model of each.
+        Indices of the models on disk to open; rays miss other models on disk.
+    painting : (Paints, sequence of (Attribute, Model or None))
+        The world's paints (tables that turn attribute values into colours), and the attribute and model of each paint.
     """
     table, longest = table_of(models, used)
     world = world._replace(table=table, longest=longest, instances=np.ascontiguousarray(records).reshape(-1))
@@ -66,5 +68,5 @@ def world_showing(
 
 
 def instances_of(world: World) -> NDArray[np.float64]:
-    """Return the records of a world's instances, (n, INSTANCE)."""
+    """Return the records of a world's instances, (n, INSTANCE) float64, as a view of its flat array."""
     return world.instances.reshape(-1, INSTANCE)

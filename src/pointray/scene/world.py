@@ -26,7 +26,12 @@ FIRST_PART_KEY = 1 << 30  # first key of parts
 
 
 class LightTables(NamedTuple):
-    """The parts of a `World` that depend on its lights."""
+    """Tables of a scene's lights: the fields of a `World` that change when a light is added, removed or moved.
+
+    lights : (n * 18,) float64, record of each light (kind, position, power, size), without the environment light
+    light_shares : cumulative distribution by which paths choose a light; empty if all lights are black
+    lamps : tree of the area lights, by their bounds in the world; suns : tree of the suns with a disk, by direction
+    """
 
     lights: NDArray[np.float64]
     light_shares: NDArray[np.float64]
@@ -35,10 +40,16 @@ class LightTables(NamedTuple):
 
 
 class BakedLight(Protocol):
-    """Interface of baked light, see `baking.baked.Baked`."""
+    """Interface of baked light: irradiance computed once for a scene's splats and planes, and read by rendering."""
 
     def tables(self, scene: Snapshot, levels: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return `World.baked` and `World.baked_frames` for instances at these levels of detail."""
+        """Return the tables in which kernels look up baked light: `World.baked` and `World.baked_frames`.
+
+        They hold the addresses of the irradiance of each instance, and the grids of planes and units of irradiance.
+
+        scene : the snapshot to render
+        levels : (instances,), the level of detail that each instance shows; 0 is the model with all points
+        """
 
     def portable(self) -> BakedLight:
         """Return the light without the rest of the scene, to be pickled; the same object until the light changes."""
@@ -47,31 +58,34 @@ class BakedLight(Protocol):
 class Snapshot(NamedTuple):
     """An immutable scene: all data that a picture or a batch of rays needs.
 
-    Parts of models on disk are not open: rays miss them, see `opened`.
+    Models that are parts on disk start closed, and rays miss them; `opened` returns a snapshot in which they are hit.
 
     Attributes
     ----------
     world : World
         Tables that kernels read.
     models : tuple of Model
-        In the order of the world's table.
+        The distinct models. The records of instances refer to them by their index here.
     lamps : tuple of Light
         All lights but the environment light.
     numbers : (n + 1,) int32
         The number of each instance, from `Scene.add`, then -1, so that row -1 (a miss) gives -1.
     keys : (n + 1,) int32
-        The same, but unique: each part of a model in parts has its own key.
+        Unique number of each instance, by which baked light is stored, then -1. It equals `numbers`, except for a model
+        in parts: all its parts have the number of the model, but each has its own key.
     boxes : (n, 6) float64
-        World bounds of instances, see `Instances.boxes`.
+        World bounds of the instances of models, min x y z, max x y z; zero for planes.
     shown : tuple of Attribute
         The distinct attributes that colour instances, with the ranges that are shown.
     painting : (Paints, sequence of (Attribute, Model or None))
-        The paints of the world, and the attribute and model of each.
+        The world's paints (tables that turn attribute values into colours), and the attribute and model of each paint;
+        None for a coordinate. Needed to compute the values of models that are opened later.
     background : (3,) float64 or None
         Linear RGB, or None if transparent.
     shows_sky : bool
         Whether the environment light is the background.
     baked : BakedLight or None
+        Light that the integrator "baked" shows.
     """
 
     world: World
@@ -88,12 +102,12 @@ class Snapshot(NamedTuple):
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """Bounds of all models, see `Scene.bounds`."""
+        """World bounds of all models, minimum and maximum, (2, 3) float64; ValueError without models."""
         return bounds_of(self.world.instances.reshape(-1, rec.INSTANCE), self.boxes)
 
     @property
     def on_disk(self) -> NDArray[np.int64]:
-        """Rows of the instances whose models are parts on disk."""
+        """Rows of the instances whose models are parts on disk, opened or not, (k,) int64."""
         shapes = {k for k, model in enumerate(self.models) if model.source is not None}
         if not shapes:
             return np.zeros(0, np.int64)
@@ -101,7 +115,9 @@ class Snapshot(NamedTuple):
         return np.flatnonzero((records[:, rec.KIND] == rec.MODEL) & np.isin(records[:, rec.SHAPE_ROW], list(shapes)))
 
     def opened(self, rows: NDArray[np.int64] | None = None) -> Snapshot:
-        """Return the scene with parts on disk opened: all, or those of some rows of instances.
+        """Return a snapshot in which rays hit the parts on disk of some instances, whose files are opened if necessary.
+
+        rows : (k,) rows of the instances to open, from `on_disk`; rays miss all other parts on disk. None: open all
 
         Raises
         ------
@@ -116,9 +132,11 @@ class Snapshot(NamedTuple):
         return self._replace(world=world_showing(self.world, records, self.models, used, self.painting))
 
     def for_camera(self, record: NDArray[np.float64]) -> Snapshot:
-        """Return the scene with the lights that follow the camera placed by a camera's record.
+        """Return the scene with the lights that follow the camera fixed in world space, as they stand for one camera.
 
         `lamps` stays unchanged: it shows which lights follow the camera.
+
+        record : (16,) float64, position and axes of the camera, see `records.CAMERA`
         """
         if not any(follows_camera(light) for light in self.lamps):
             return self
@@ -130,13 +148,13 @@ class Snapshot(NamedTuple):
         return placed._replace(lamps=self.lamps)
 
     def without_camera_lights(self) -> Snapshot:
-        """Return the scene without the lights that follow the camera."""
+        """Return the scene without the lights that follow the camera, as for a bake, which is valid for all views."""
         if not any(follows_camera(light) for light in self.lamps):
             return self
         return self._with_lamps(tuple(light for light in self.lamps if not follows_camera(light)))
 
     def _with_lamps(self, lamps: tuple[Light, ...]) -> Snapshot:
-        """Return the scene with other lamps."""
+        """Return the scene with all lights except the environment light replaced, and their tables rebuilt."""
         world = self.world
         bounds = _model_bounds(world.instances.reshape(-1, rec.INSTANCE), self.boxes)
         lights = _light_tables(lamps, world.sky, world.sky_mean, bounds)
@@ -144,7 +162,10 @@ class Snapshot(NamedTuple):
 
 
 def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the world bounds of all models among instances, (2, 3) float64; ValueError without models."""
+    """Return the world bounds of all models among instances, (2, 3) float64; ValueError without models.
+
+    records : (n, 16), records of the instances, with kind and transform; boxes : (n, 6), their world bounds
+    """
     bounds = _model_bounds(records, boxes)
     if not np.isfinite(bounds).all():
         raise ValueError("the scene contains no model")
@@ -152,7 +173,10 @@ def bounds_of(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArr
 
 
 def _model_bounds(records: NDArray[np.float64], boxes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the same as `bounds_of`, but an infinite, inverted box without models."""
+    """Return the world bounds of all models among instances, (2, 3) float64; an infinite, inverted box without models.
+
+    records : (n, 16), records of the instances, with kind and transform; boxes : (n, 6), their world bounds
+    """
     boxes = boxes[records[:, rec.KIND] == rec.MODEL]
     return np.stack([boxes[:, :3].min(axis=0, initial=np.inf), boxes[:, 3:].max(axis=0, initial=-np.inf)])
 
@@ -165,7 +189,13 @@ def take_snapshot(
     shows_sky: bool,
     baked: BakedLight | None,
 ) -> Snapshot:
-    """Return a snapshot of instances and lights. `instances` must be detached before its next change."""
+    """Return a snapshot of instances, lights, clip planes, background and baked light.
+
+    The snapshot shares the arrays of `instances`: call `instances.detach` before the next change.
+
+    clips : (k, 2, 3), point and normal of each clip plane; background : (3,) linear RGB, None if transparent
+    shows_sky : whether the environment light is the background
+    """
     instances = instances.expand_parts()
     models, planes, materials, paints = instances.finish()
     lamps = [light for light in lights if not isinstance(light, EnvironmentLight)]
@@ -209,7 +239,12 @@ def take_snapshot(
 def _light_tables(
     lamps: Sequence[Light], sky: NDArray[np.float64], sky_mean: NDArray[np.float64], bounds: NDArray[np.float64]
 ) -> LightTables:
-    """Return the tables of lights that kernels read."""
+    """Return the tables of lights that kernels read.
+
+    lamps : all lights but the environment light; sky, sky_mean : (20,) record of the environment light, and (27,)
+        irradiance from it as spherical harmonics
+    bounds : (2, 3), world bounds of all models, from which the flux of suns and the sky into the scene is estimated
+    """
     records = np.concatenate([*(light.record() for light in lamps), []])
     with_size, suns = light_trees(records)
     shares = light_shares(records, sky, sky_mean, bounds)
@@ -217,7 +252,7 @@ def _light_tables(
 
 
 def _top(instances: Instances, models: list[Model]) -> tuple[NDArray[np.float64], ...]:
-    """Return the tree over the instances of models.
+    """Return `World.top`, `top_boxes` and `top_children`: the BVH over the world boxes of all instances of models.
 
     Its boxes bound the surfaces of the full models; coarser levels that extend beyond them are clipped. Boxes around
     the levels too, whose supports are large, made 10,000 statues 12% slower, with the same picture.
@@ -229,9 +264,12 @@ def _top(instances: Instances, models: list[Model]) -> tuple[NDArray[np.float64]
 def surface_boxes(
     records: NDArray[np.float64], models: Sequence[Model], rows: NDArray[np.int64]
 ) -> NDArray[np.float64]:
-    """Return world boxes around the surfaces of the instances in some rows, (n, 6).
+    """Return world boxes around the surfaces of some instances, (n, 6): min x y z, max x y z.
 
     They have a margin, so that a ray enters a box before its hits and the order of instances does not matter.
+
+    records : records of all instances, flat or (m, 16), with transforms; models : those that they refer to
+    rows : (n,) rows of instances of models
     """
     records = records.reshape(-1, rec.INSTANCE)[rows]
     reaches = [model.surface_bounds + [[-model.step], [model.step]] for model in models]

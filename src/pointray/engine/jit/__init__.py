@@ -5,7 +5,7 @@ cached on disk. An *inline* or a *routine* is a device function: it is called fr
 
 decorators : kernels and device functions; compile : compilation by Numba; disk_cache : Numba's cache
 library, boundary : kernels compiled ahead of time, and calls of them
-threads : `run`, `next_tile` and `Cancel`; a tile is here any unit of work
+threads : `run`, `next_tile` and `Cancel`; a tile is here any unit of work; c_threads : start of threads in C
 arrays, numbers : types and array functions for kernels; intrinsics : those array functions, which need Numba
 second_process, backlog : compilation in a second process; remaining compile time
 

@@ -12,7 +12,7 @@ ENOUGH = 2.0  # seconds of expected compile time after which the speed of this m
 
 
 class Compiling(NamedTuple):
-    """Progress of compilation.
+    """State of the compilation of kernels, for a progress display.
 
     Attributes
     ----------
@@ -31,7 +31,10 @@ class Compiling(NamedTuple):
 
 
 class Backlog:
-    """Two queues of kernels by name, one for each process. Each process compiles its queue one by one."""
+    """Kernels still to be compiled, by name, from which the remaining time is estimated.
+
+    There are two queues: of this process, and of a second one that compiles in parallel. Each compiles one by one.
+    """
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -41,12 +44,12 @@ class Backlog:
         self._since: float | None = None
 
     def expect(self, kernels: dict[str, float], in_second_process: bool = False) -> None:
-        """Add kernels to a queue, with their compile times in seconds on a typical machine."""
+        """Add kernels to a queue. kernels : compile time of each on a typical machine, in seconds, by name"""
         with self._lock:
             self._queues[in_second_process].update(kernels)
 
     def begin(self, name: str, in_second_process: bool = False) -> None:
-        """Mark a kernel as being compiled."""
+        """Mark a kernel as being compiled from now on; its time is measured."""
         with self._lock:
             self._queues[in_second_process].setdefault(name, UNKNOWN)
             self._started[name] = time.perf_counter()
@@ -54,7 +57,10 @@ class Backlog:
                 self._since = self._started[name]
 
     def end(self, name: str, in_second_process: bool = False) -> None:
-        """Mark a kernel as compiled."""
+        """Mark a kernel as compiled and remove it from its queue.
+
+        Its compile time corrects the estimates for the speed of this machine.
+        """
         with self._lock:
             expected, started = self._queues[in_second_process].pop(name, None), self._started.pop(name, None)
             if expected is not None and started is not None:
@@ -62,7 +68,7 @@ class Backlog:
                 self._actual_seconds += time.perf_counter() - started
 
     def drop(self, kernels: Iterable[str], in_second_process: bool = False) -> None:
-        """Remove kernels that will not be compiled in that process."""
+        """Remove kernels that this process, or the second one, will not compile after all. kernels : their names"""
         with self._lock:
             for name in kernels:
                 self._queues[in_second_process].pop(name, None)
@@ -70,7 +76,7 @@ class Backlog:
 
     @property
     def state(self) -> Compiling | None:
-        """The progress, or None if no kernel is being compiled."""
+        """The progress of compilation with the estimated remaining time; None if no kernel is being compiled."""
         now = time.perf_counter()
         with self._lock:
             if not self._started or self._since is None:
@@ -85,15 +91,18 @@ class Backlog:
             return Compiling(self._done + 1, total, spent / (spent + left), left)
 
     def _left(self, name: str, cost: float, now: float) -> float:
-        """Return the remaining compile time of a kernel, in seconds."""
+        """Return the remaining compile time of a kernel, in seconds.
+
+        cost : expected total time, in seconds; now : `time.perf_counter`
+        """
         started = self._started.get(name)
         return cost if started is None else max(cost - (now - started), 0.1 * cost)
 
 
 class Counts:
-    """Statistics of compilation so far.
+    """Statistics of the compilation of kernels by this process so far.
 
-    kernels : number of kernels compiled by this process or for it by the second one, without loaded ones
+    kernels : number of kernels compiled, also by the second process that compiles for this one, without loaded ones
     seconds : time spent compiling or waiting for the second process
     times : processor time of each kernel compiled in this process, in seconds
     """
@@ -107,15 +116,18 @@ BACKLOG, COUNTS = Backlog(), Counts()
 
 
 def compilations() -> int:
-    """Return the number of kernels compiled by this process or for it by the second one, without loaded ones."""
+    """Return how many kernels were compiled so far by this process, or for it by a second one in parallel.
+
+    Kernels loaded from disk do not count.
+    """
     return COUNTS.kernels
 
 
 def compile_seconds() -> float:
-    """Return the seconds that this process spent compiling or waiting for the second process."""
+    """Return the seconds that this process spent compiling, or waiting for the second process that compiles for it."""
     return COUNTS.seconds
 
 
 def compile_times() -> dict[str, float]:
-    """Return the processor time of each kernel compiled in this process, in seconds."""
+    """Return the processor time of each kernel compiled in this process, in seconds, by the kernel's name."""
     return dict(COUNTS.times)

@@ -22,9 +22,12 @@ _ERRORS = {error.__name__: error for error in (IndexError, MemoryError, Overflow
 
 
 def packer(arguments: Sequence[Any], records: Mapping[str, Any]) -> Callable[..., bytes]:
-    """Return a function that packs a kernel's arguments into slots of eight bytes.
+    """Return a function that checks a kernel's arguments and packs them into slots of eight bytes for its C function.
 
     The function is generated from the types: a call of the largest kernel passes 88 slots and checks 60 arrays.
+
+    arguments : type of each argument, such as "f4[2C]" (float32, two axes, C order), or a list of types for a tuple
+    records : types of named tuples, by the name of the class
     """
     writer = _Writer(records)
     names = [f"a{k}" for k in range(len(arguments))]
@@ -45,7 +48,10 @@ def packer(arguments: Sequence[Any], records: Mapping[str, Any]) -> Callable[...
 
 
 class _Writer:
-    """Generator of a packer's source: lines that unpack tuples and check arrays, and one value a slot."""
+    """Generator of the Python source of a function that packs a kernel's arguments into slots of eight bytes.
+
+    lines : statements that unpack tuples and check arrays; values, formats : source and `struct` format of each slot
+    """
 
     def __init__(self, records: Mapping[str, Any]) -> None:
         self._records, self._count = records, 0
@@ -55,7 +61,10 @@ class _Writer:
         self.dtypes: set[str] = set()
 
     def add(self, argument: str, kind: Any) -> None:
-        """Add an argument, or an item of a tuple, held in a local variable."""
+        """Add the source that checks and packs an argument, or an item of a tuple.
+
+        argument : name of the local variable that holds it; kind : its type, such as "f4[2C]", or a list for a tuple
+        """
         kind = self._records.get(kind, kind) if isinstance(kind, str) else kind
         if isinstance(kind, list):
             items = [f"t{self._count + k}" for k in range(len(kind))]
@@ -83,7 +92,10 @@ class _Writer:
 
 
 def _flags(array: str, layout: str, is_const: bool) -> str:
-    """Return the expression that checks an array's flags."""
+    """Return the Python expression that checks layout, alignment and writability of an array by its flags.
+
+    array : name of its variable; layout : "C", "F", or "A" for any; is_const : whether it may be read-only
+    """
     if layout == "C" and not is_const:
         return f"{array}.flags.carray"  # one attribute lookup instead of three
     wanted = (
@@ -94,15 +106,16 @@ def _flags(array: str, layout: str, is_const: bool) -> str:
 
 
 def _array(kind: str) -> tuple[str, int, str]:
-    """Split an array type into dtype, number of axes and layout."""
+    """Split an array type such as "const f4[2C]" into dtype, number of axes and layout: ("f4", 2, "C")."""
     dtype, _, shape = kind.removeprefix("const ").partition("[")
     return dtype, int(shape[:-2]), shape[-2]
 
 
 def _refuse(array: Any, kind: str) -> None:
-    """Raise TypeError if an array has another type.
+    """Raise TypeError unless an array fits the type of a kernel's argument after all, such as "f4[2C]".
 
-    The generated check also fails for subclasses of ndarray and for equal but distinct dtypes. They are accepted here.
+    It is called when the generated check fails, which also happens for subclasses of ndarray and for equal but distinct
+    dtypes. These are accepted here.
     """
     dtype, axes, layout = _array(kind)
     if not isinstance(array, np.ndarray):
@@ -117,7 +130,10 @@ def _refuse(array: Any, kind: str) -> None:
 
 
 def size_of(kind: Any, records: Mapping[str, Any]) -> int:
-    """Return the number of 8-byte words of a result."""
+    """Return the number of 8-byte words in which a kernel returns a result.
+
+    kind : its type, such as "f8" or "f4[2C]", or a list for a tuple; records : types of named tuples, by class
+    """
     kind = records.get(kind, kind) if isinstance(kind, str) else kind
     if isinstance(kind, list):
         return sum(size_of(item, records) for item in kind)
@@ -127,17 +143,21 @@ def size_of(kind: Any, records: Mapping[str, Any]) -> int:
 
 
 class Results:
-    """Reader of a kernel's result from its words. release : frees the memory of an array"""
+    """Reader of a kernel's result, a number, an array or a tuple of these, from the words that its C function writes.
+
+    kind : type of the result, such as "f8" or "f4[2C]"; records : types of named tuples, by class
+    release : frees the memory of an array, given its handle
+    """
 
     def __init__(self, kind: Any, records: Mapping[str, Any], release: Callable[[int], Any]) -> None:
         self._kind, self._records, self._release = kind, records, release
 
     def read(self, words: Any) -> Any:
-        """Return the result."""
+        """Return the result as Python objects. words : array of int64, filled by the kernel's C function"""
         return self._read(self._kind, words, 0)[0]
 
     def _read(self, kind: Any, words: Any, k: int) -> tuple[Any, int]:
-        """Return the value at words[k:] and the position of the next one."""
+        """Return the value that starts at words[k], and the position of the next one. kind : its type"""
         kind = self._records.get(kind, kind) if isinstance(kind, str) else kind
         if isinstance(kind, list):
             items = []
@@ -154,7 +174,10 @@ class Results:
         return (bool(words[k]) if kind == "b1" else words[k]), k + 1
 
     def _array(self, kind: str, words: Any, k: int) -> tuple[Any, int]:
-        """Return a copy of an array allocated by a kernel."""
+        """Return a copy of the array that words[k:] describe, and the position of the next value; free the original.
+
+        kind : type of the array, such as "f4[2C]"
+        """
         dtype, axes, _ = _array(kind)
         array = np.empty(tuple(words[k + 2 : k + 2 + axes]), dtype)
         ctypes.memmove(array.ctypes.data, words[k], array.nbytes)
@@ -163,6 +186,6 @@ class Results:
 
 
 def error_at(address: int) -> Exception:
-    """Return the exception described by a kernel's text `Name: message` at an address."""
+    """Return the exception that a kernel has raised, from its text `Name: message` at an address in memory."""
     name, _, message = ctypes.string_at(address).decode(errors="replace").partition(": ")
     return _ERRORS.get(name, RuntimeError)(message)

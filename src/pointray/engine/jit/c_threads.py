@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 
 class _AliveToken:
-    """Object kept alive by the thread it was passed to."""
+    """Object that only a running thread references: a weak reference to it shows whether the thread is alive."""
 
 
 def start(work: Callable[[], None]) -> Callable[[], bool]:
@@ -16,6 +16,8 @@ def start(work: Callable[[], None]) -> Callable[[], bool]:
 
     Thread.start, Thread.join and Event.wait are avoided: a Ctrl-C within their Python code may leave their locks held
     forever, or release them twice (Python 3.11).
+
+    work : the function that the thread calls
 
     Raises
     ------

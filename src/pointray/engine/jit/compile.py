@@ -29,7 +29,7 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": F
 
 
 def dispatcher_of_kernel(function: Callable[..., Any]) -> Any:
-    """Return the Numba dispatcher of a kernel, which is cached on disk."""
+    """Return the Numba dispatcher of a kernel's Python function; what it compiles is cached on disk, if possible."""
     _with_tables(function)
     dispatcher = njit(**_OPTIONS)(function)
     if cache_folder() is not None:
@@ -39,18 +39,21 @@ def dispatcher_of_kernel(function: Callable[..., Any]) -> Any:
 
 
 def _with_tables(function: Callable[..., Any]) -> None:
-    """Replace `Table` objects among a function's globals by their arrays, which Numba requires."""
+    """Replace `Table` objects (constants computed on demand) among a function's globals by arrays, as Numba needs."""
     names = function.__globals__
     names.update({name: value.real for name, value in names.items() if isinstance(value, Table)})
 
 
 def type_of(value: Any) -> Any:
-    """Return the Numba type of a function called by kernels."""
+    """Return the Numba type of an object that kernels refer to as a global, such as a device function."""
     return cpu_target.typing_context.resolve_value_type(value)
 
 
 def _compile_alone(dispatcher: Any, signature: Any) -> Any:
-    """Load or compile a kernel. If several threads or processes need it, one compiles and the others wait."""
+    """Load a kernel from disk, or compile it; if several threads or processes need it, one does and others wait.
+
+    signature : Numba types of the arguments
+    """
     compile_or_load = type(dispatcher).compile
     with _COMPILING:
         if is_compiled(dispatcher):
@@ -65,7 +68,7 @@ def _compile_alone(dispatcher: Any, signature: Any) -> Any:
 
 
 class _PieceLibrary(JITCodeLibrary):
-    """Code of a device function, linked into kernels without optimization: it is optimized only there."""
+    """LLVM code of a device function, linked into kernels as it is: only the kernel as a whole is optimized."""
 
     def finalize(self) -> None:
         for library in dict.fromkeys(self._linking_libraries):
@@ -122,7 +125,7 @@ def is_compiled(dispatcher: Any) -> bool:
 
 
 class _Listener(event.Listener):
-    """Listener that counts and times compilations."""
+    """Listener to Numba's events that counts and times the compilations of kernels."""
 
     def __init__(self) -> None:
         self._since: dict[Any, tuple[float, float]] = {}
@@ -148,7 +151,7 @@ class _Listener(event.Listener):
 
 
 def name_of(dispatcher: Any) -> str:
-    """Return a kernel's name in `KERNELS`, or an empty string for a device function."""
+    """Return the name of a dispatcher's kernel in `KERNELS`, or an empty string for a device function."""
     name = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}"
     return name if name in KERNELS and KERNELS[name].made is dispatcher else ""
 

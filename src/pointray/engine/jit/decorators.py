@@ -20,7 +20,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def _compiler() -> Any:
-    """Return the module that compiles, which imports Numba."""
+    """Import the module that compiles kernels with Numba, and return it; ValueError if Numba is not installed."""
     try:
         return importlib.import_module(f"{__package__}.compile")
     except ModuleNotFoundError as error:
@@ -34,6 +34,7 @@ class Piece:
     """Device function: a function called only by compiled code.
 
     is_inline : whether LLVM inlines it at each call
+    versions : device functions that replace it in calls with a record (named tuple) of the type that is their key
     """
 
     def __init__(self, function: Callable[..., Any], is_inline: bool) -> None:
@@ -46,17 +47,20 @@ class Piece:
 
     @cached_property
     def dispatcher(self) -> Any:
-        """Numba dispatcher."""
+        """Numba dispatcher of the device function, created on first use, which imports Numba."""
         return _compiler().dispatcher_of_piece(self)
 
     @property
     def _numba_type_(self) -> Any:
-        """Numba's type of a global that holds this device function."""
+        """Numba type of a kernel's reference to this device function; Numba looks for an attribute of this name."""
         return _compiler().type_of(self.dispatcher)
 
 
 class Kernel(Piece):
-    """Function called from Python, without the interpreter lock and with one signature."""
+    """Compiled function called from Python, without the interpreter lock and with one signature.
+
+    It is found in the library of kernels compiled ahead of time, or else compiled by Numba when it is first called.
+    """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function, is_inline=False)
@@ -68,7 +72,10 @@ class Kernel(Piece):
 
     @cached_property
     def in_library(self) -> Callable[..., Any] | None:
-        """The kernel in the library for this CPU, else None, or ValueError if POINTRAY_KERNELS=compiled."""
+        """The kernel in the library compiled ahead of time for this CPU; None if there is none.
+
+        ValueError if there is none, but POINTRAY_KERNELS=compiled requires it.
+        """
         found, why = choice()
         function = None if found is None else found.find(self.name, Path(self.py_func.__code__.co_filename))
         if function is None and kernel_choice() == "compiled":
@@ -79,12 +86,12 @@ class Kernel(Piece):
 
     @cached_property
     def _function(self) -> Callable[..., Any]:
-        """The function to call: from the library, else by Numba."""
+        """The function to call: from the library of kernels compiled ahead of time, else by Numba."""
         return self.in_library or cast(Callable[..., Any], self.dispatcher)
 
     @property
     def dispatcher(self) -> Any:
-        """Numba dispatcher, shared by threads that call the kernel for the first time at once."""
+        """Numba dispatcher of the kernel, created on first use; threads that need it at the same time share one."""
         with _LOCK:
             if self.made is None:
                 self.made = _compiler().dispatcher_of_kernel(self.py_func)
@@ -92,7 +99,7 @@ class Kernel(Piece):
 
     @property
     def was_called(self) -> bool:
-        """Whether this process has called the kernel."""
+        """Whether this process has called the kernel, in the library or compiled by Numba."""
         return "_function" in vars(self)
 
     @property
@@ -102,14 +109,19 @@ class Kernel(Piece):
 
     @property
     def is_compiled(self) -> bool:
-        """Whether the kernel is compiled: in the library, in this process or on disk."""
+        """Whether the kernel is compiled: ahead of time, in this process or on disk."""
         if self.in_library is not None:
             return True
         return _compiler().is_compiled(self.dispatcher)
 
 
 class Later:
-    """Placeholder of an object that needs Numba. Its module, one of several, is imported when a kernel is compiled."""
+    """Placeholder of an object whose module imports Numba, so that importing pointray does not import it.
+
+    The modules are imported when a kernel is compiled.
+
+    modules : full names of modules, one of which defines the object; name : of the object
+    """
 
     known: set[str] = set()  # the modules of all placeholders
 
@@ -118,20 +130,22 @@ class Later:
 
     @cached_property
     def real(self) -> Any:
-        """The object itself."""
+        """The object that the placeholder stands for; its module is imported."""
         homes = map(importlib.import_module, self._modules)
         return next(vars(home)[self._name] for home in homes if self._name in vars(home))
 
     @property
     def _numba_type_(self) -> Any:
-        """Numba's type of a global that holds this placeholder."""
+        """Numba type of a kernel's reference to this placeholder: the object's. Numba looks for this attribute."""
         return _compiler().type_of(self.real)
 
 
 def later(package: str | None, modules: Sequence[str], *names: str) -> list[Any]:
-    """Return placeholders of the named objects in modules of a package that need Numba.
+    """Return placeholders of objects in modules that import Numba, so that importing pointray does not import it.
 
-    The caller assigns the modules to `LATER`, where `dependencies` finds them.
+    The caller assigns the modules to a global `LATER`, where `base/dependencies.py` finds them.
+
+    package : their package; modules : their names, without it; names : of the objects
     """
     full = [f"{package}.{name}" for name in modules]
     Later.known.update(full)
@@ -139,18 +153,21 @@ def later(package: str | None, modules: Sequence[str], *names: str) -> list[Any]
 
 
 class Table:
-    """Constant array of kernels, computed when a kernel is compiled. make : function that computes it"""
+    """Constant array of kernels, computed when it is first used: indexed by Python code, or compiled into a kernel.
+
+    make : function that computes it
+    """
 
     def __init__(self, make: Callable[[], np.ndarray[Any, Any]]) -> None:
         self._make = make
 
     @cached_property
     def real(self) -> np.ndarray[Any, Any]:
-        """The array."""
+        """The array, computed on first use."""
         return self._make()
 
     def __getitem__(self, key: Any) -> Any:
-        """Return an item, for Python code that indexes like kernels do."""
+        """Return an item of the array, for Python code that indexes it as kernels do."""
         return self.real[key]
 
 
@@ -158,26 +175,31 @@ KERNELS: dict[str, Kernel] = {}
 
 
 def kernel(function: Function) -> Function:
-    """Compile a function called from Python: without the interpreter lock, cached on disk, with one signature."""
+    """Decorate a function that Python calls, to be compiled ahead of time or when it is first called.
+
+    It runs without the interpreter lock, is cached on disk and must always be called with the same argument types.
+    """
     made = Kernel(function)
     KERNELS[made.name] = made
     return cast(Function, made)
 
 
 def inline(function: Function) -> Function:
-    """Compile a device function that LLVM inlines at each call."""
+    """Decorate a device function (called only by compiled code) that LLVM inlines at each call."""
     return cast(Function, Piece(function, is_inline=True))
 
 
 def routine(function: Function) -> Function:
-    """Compile a device function that is not inlined, as it is too large or called from too many places."""
+    """Decorate a device function that is not inlined, because it is too large or called from too many places."""
     return cast(Function, Piece(function, is_inline=False))
 
 
 def version_for(record: type, general: Callable[..., Any]) -> Callable[[Function], Function]:
-    """Declare a device function to be the version of a general one for calls with a record of this type.
+    """Decorate a device function to replace `general` in all calls that have an argument of the type `record`.
 
     Callers of the general function need not know of it, like those of a function overloaded in C++.
+
+    record : class of a named tuple; general : a device function with the same parameters
     """
 
     def declare(special: Function) -> Function:
@@ -188,5 +210,5 @@ def version_for(record: type, general: Callable[..., Any]) -> Callable[[Function
 
 
 def uncompiled(function: Function) -> Function:
-    """Return the Python function of a kernel or device function, for Python code that calls a short one."""
+    """Return the Python function behind a kernel or device function, to call it from Python or to decorate it anew."""
     return cast(Function, cast(Any, function).py_func)

@@ -44,7 +44,10 @@ def cpu_features() -> str:
 
 @cache
 def environment_key() -> str:
-    """Return a hash of everything but the sources that compiled code depends on."""
+    """Return a hash of what compiled code depends on besides its sources, which names the folder of the disk cache.
+
+    It includes the versions of Numba, llvmlite, NumPy and Python, the CPU with its features, and POINTRAY_CHECK.
+    """
     versions = numba.__version__, llvmlite.__version__, np.__version__, sys.version_info[:2]
     facts = versions, CHECK, cpu_name(), cpu_features()
     return hashlib.sha256(repr(facts).encode()).hexdigest()[:16]
@@ -70,12 +73,15 @@ def cache_folder() -> Path | None:
 
 
 def _prune(base: Path) -> None:
-    """Remove the oldest kernel folders that carry pointray's mark. Other folders of such names are kept."""
+    """Remove the oldest kernel folders, of other versions or CPUs, from the cache; only those that pointray has marked.
+
+    base : folder of the cache
+    """
     _remove_oldest((path for path in base.glob("kernels-*") if _is_ours(path)), KEEP_CACHES + 1)
 
 
 def _remove_oldest(folders: Iterable[Path], keep: int) -> None:
-    """Remove all but the newest folders."""
+    """Remove all folders but the `keep` newest ones, by modification time."""
     ages = []
     for folder in folders:
         with suppress(OSError):
@@ -85,7 +91,7 @@ def _remove_oldest(folders: Iterable[Path], keep: int) -> None:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Return whether a folder carries pointray's mark."""
+    """Return whether a folder carries the mark of pointray's cache, a file, and so may be removed."""
     try:
         return not folder.is_symlink() and (folder / MARK).read_bytes() == MARKED
     except OSError:
@@ -137,7 +143,7 @@ class _CacheImpl(CompileResultCacheImpl):
 
 
 class KernelCache(FunctionCache):
-    """Numba's cache in pointray's folder. Failures to read or write it are ignored."""
+    """Numba's disk cache of one kernel, in pointray's folder. Failures to read or write it are ignored."""
 
     _impl_class = _CacheImpl
 
@@ -146,7 +152,7 @@ class KernelCache(FunctionCache):
 
     @property
     def is_fresh(self) -> bool:
-        """Whether the kernel is on disk, compiled from the current sources."""
+        """Whether the kernel is on disk, compiled from the current sources, so that it need not be compiled."""
         try:
             return bool(self._cache_file._load_index())
         except MemoryError:
@@ -156,7 +162,10 @@ class KernelCache(FunctionCache):
 
     @contextmanager
     def exclusive(self) -> Iterator[None]:
-        """Lock out other processes that compile this kernel, if the file system supports locks."""
+        """Lock out other processes that would compile this kernel, within a `with` block.
+
+        Without effect on file systems that do not support locks.
+        """
         from filelock import FileLock  # takes 50 ms, so only when something is compiled
 
         with ExitStack() as stack:
@@ -166,10 +175,12 @@ class KernelCache(FunctionCache):
             yield
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load a kernel from disk. Returns None if it has to be compiled.
+        """Load a kernel from disk; return its Numba compile result, or None if it has to be compiled.
 
         Numba would first import all modules needed for compilation, which takes 0.4 s of the 2.4 s of a first picture.
         Compilation imports them itself.
+
+        sig : Numba types of the arguments
         """
         rtsys.initialize(target_context)
         try:

@@ -13,20 +13,25 @@ from numba.extending import intrinsic
 
 
 class Code(NamedTuple):
-    """The place in a kernel at which a function emits instructions: Numba's context, LLVM's builder, the types."""
+    """The place in a kernel at which a function emits LLVM instructions.
+
+    context, builder : Numba's target context and LLVM's instruction builder
+    types : Numba's signature of the call: types of the arguments and of the result
+    """
 
     context: Any
     builder: Any
-    types: Any  # the signature of the call
+    types: Any
 
 
 def operation(typing: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Make a function of kernels from a function that emits LLVM instructions for it.
+    """Return a decorator that makes a function of kernels from a function that emits its LLVM instructions.
 
-    typing : its signature, or a function that returns it for the types of the arguments (None: they are not accepted)
+    typing : its Numba signature, or a function that returns it for the Numba types of the arguments, or None to refuse
+        them
 
-    The decorated function receives a `Code` and the LLVM values of the arguments; it returns the LLVM value of the
-    result, or None without one.
+    The decorated function receives a `Code` and the LLVM values of the arguments. It returns the LLVM value of the
+    result, or None if the function of kernels returns nothing.
     """
 
     def decorate(emit: Callable[..., Any]) -> Any:
@@ -47,9 +52,10 @@ def operation(typing: Any) -> Callable[[Callable[..., Any]], Any]:
 
 
 def item_pointer(code: Code, array: int, values: Any) -> Any:
-    """Return the pointer to an item of an array. array : position of the array among the types of the call
+    """Emit code for the address of an item of an array, and return that LLVM value.
 
-    values : the LLVM values of the array and of the index
+    array : position of the array among the arguments of the call, whose types are known by it
+    values : LLVM values of the array and of the index
     """
     data = code.context.make_array(code.types.args[array])(code.context, code.builder, values[0]).data
     return code.builder.gep(data, [values[1]])
@@ -62,20 +68,23 @@ def _counter(array: Any, *others: Any) -> Any:
 
 @operation(_counter)
 def fetch_add(code: Code, array: Any, index: Any, value: Any) -> Any:
-    """Add value to array[index] atomically, and return the previous value; array : int64."""
+    """Add value to array[index], int64, atomically, and return the previous value: threads take work from a counter."""
     return code.builder.atomic_rmw("add", item_pointer(code, 0, (array, index)), value, "monotonic")
 
 
 @operation(_counter)
 def peek(code: Code, array: Any, index: Any) -> Any:
-    """Read array[index], int64, from memory, not from a register."""
+    """Read array[index], int64, from memory, not from a register: another thread may have changed it."""
     pointer = item_pointer(code, 0, (array, index))
     return code.builder.load_atomic(pointer, "monotonic", 8, typ=llvmlite.ir.IntType(64))
 
 
 @operation(lambda address, length, like: types.Array(like, 1, "C")(types.int64, types.int64, like))
 def array_at(code: Code, address: Any, length: Any, like: Any) -> Any:
-    """Return the one-dimensional array of `length` items of the type of `like` at an address, not owning its memory."""
+    """Return an array of `length` items at an address, one-dimensional, which does not own its memory.
+
+    like : a number of the items' type
+    """
     context, builder, array = code.context, code.builder, code.types.return_type
     item = context.get_abi_sizeof(context.get_data_type(array.dtype))
     size = context.get_constant(types.intp, item)
@@ -102,7 +111,10 @@ def borrow(code: Code, value: Any) -> Any:
 
 
 def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """Return a value whose arrays, also inside tuples, have no owner. Other values are unchanged."""
+    """Emit code for a value whose arrays, also inside tuples, are not reference-counted; return the new LLVM value.
+
+    kind, value : Numba type and LLVM value; a value that is neither array nor tuple stays unchanged
+    """
     if isinstance(kind, types.BaseTuple):
         for k, item in enumerate(cast(Any, kind)):
             part = _without_owner(context, builder, item, builder.extract_value(value, k))
@@ -117,4 +129,4 @@ def _without_owner(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 @operation(lambda value: types.none(value))
 def keep_alive(code: Code, value: Any) -> None:
-    """Keep arrays alive up to this line, the last of a kernel that borrowed its own arrays."""
+    """Keep arrays alive up to this call, which ends a kernel that has passed its own arrays to `borrow`."""

@@ -28,7 +28,7 @@ CHOICES = "auto", "compiled", "jit"
 
 
 def kernel_choice() -> str:
-    """Return the value of `POINTRAY_KERNELS`."""
+    """Return POINTRAY_KERNELS: "compiled" (ahead of time), "jit" (by Numba) or "auto"; ValueError for other values."""
     text = os.environ.get("POINTRAY_KERNELS", "") or "auto"
     if text not in CHOICES:
         raise ValueError(f"POINTRAY_KERNELS must be one of {', '.join(CHOICES)}, got {text!r}")
@@ -36,14 +36,14 @@ def kernel_choice() -> str:
 
 
 def symbol(kernel: str) -> str:
-    """Return the name of a kernel's C function."""
+    """Return the name of a kernel's C function in the library. kernel : its module and name, separated by dots"""
     return "pr_" + kernel.removeprefix("pointray.").replace(".", "__")
 
 
 class Library:
-    """Compiled kernels for a CPU level.
+    """Library of kernels compiled ahead of time for one CPU level.
 
-    level : such as x86-64-v3
+    level : such as x86-64-v3; manifest : types of each kernel's arguments, and hashes of the sources it was built from
     """
 
     def __init__(self, level: str, code: ctypes.CDLL, manifest: Mapping[str, Any]) -> None:
@@ -51,9 +51,9 @@ class Library:
         self._kernels, self._records, self._sources = manifest["kernels"], manifest["records"], manifest["sources"]
 
     def find(self, kernel: str, file: Path) -> Callable[..., Any] | None:
-        """Return a kernel compiled from the current sources, or None.
+        """Return a kernel of the library as a Python function, or None if it is missing or built from other sources.
 
-        file : the source file of the kernel
+        kernel : its full name; file : its source file
         """
         about = self._kernels.get(kernel)
         if about is None or not (self._is_current or about["key"] == key_of([file])):
@@ -62,14 +62,17 @@ class Library:
 
     @cached_property
     def _is_current(self) -> bool:
-        """Whether all sources are those that the library was built from. Faster than a check of each kernel."""
+        """Whether all source files are unchanged since the library was built; faster than a check of each kernel's."""
         try:
             return all(digest_of(ROOT / name) == digest for name, digest in self._sources.items())
         except OSError:
             return False
 
     def _callable(self, kernel: str, about: Mapping[str, Any]) -> Callable[..., Any]:
-        """Return the Python function that calls a kernel."""
+        """Return the Python function that checks and packs arguments, and calls a kernel's C function.
+
+        kernel : its full name; about : its entry in the manifest, with the types of its arguments and result
+        """
         call = self._code[symbol(kernel)]
         call.argtypes, call.restype = [ctypes.c_void_p, ctypes.c_void_p], ctypes.c_int32
         release = self._code["pr_release"]
@@ -93,7 +96,10 @@ class Library:
 
 @cache
 def choice() -> tuple[Library | None, str]:
-    """Return the library in use, or None, and the reason as a sentence without its full stop."""
+    """Return the library of kernels compiled ahead of time that is in use, and the reason for the choice.
+
+    The library is None if Numba compiles kernels. The reason is a sentence without its full stop, for messages.
+    """
     if CHECK:
         return None, "POINTRAY_CHECK is set: kernels are compiled with bounds checks"
     if kernel_choice() == "jit":
@@ -120,7 +126,7 @@ def choice() -> tuple[Library | None, str]:
 
 
 def _check(manifest: Any) -> None:
-    """Raise ValueError for a manifest of an unsupported format."""
+    """Raise ValueError if a library's manifest (`manifest.json`, parsed) is damaged or has an unsupported format."""
     if manifest["format"] != FORMAT:
         raise ValueError(f"unsupported format {manifest['format']}, expected {FORMAT}")
     if not all(isinstance(manifest[part], dict) for part in ("kernels", "records", "sources")):
@@ -146,7 +152,10 @@ def _load(path: Path, sha256: str) -> ctypes.CDLL:
 
 
 def _runs(level: str, code: ctypes.CDLL) -> bool:
-    """Return whether this CPU supports a level."""
+    """Return whether this CPU supports a library's level, such as x86-64-v3; always True for other names.
+
+    code : the library, which has a function that tests the CPU
+    """
     if not level.startswith("x86-64-v"):
         return True
     return int(code.pr_level()) >= int(level.removeprefix("x86-64-v"))

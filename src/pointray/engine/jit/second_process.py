@@ -29,6 +29,8 @@ def compile_in_background(module: str, kernels: dict[str, float]) -> None:
 
     Parameters
     ----------
+    module : str
+        A module that compiles the kernels named by its arguments when it is run.
     kernels : dict
         Names in `KERNELS`, in the order of use, and their expected compile times in seconds.
     """
@@ -49,14 +51,17 @@ def compile_in_background(module: str, kernels: dict[str, float]) -> None:
 
 
 def _has_cache_folder() -> bool:
-    """Return whether there is a cache folder, through which the process passes kernels on."""
+    """Return whether there is a folder on disk through which a second process can pass compiled kernels to this one."""
     from .disk_cache import cache_folder
 
     return cache_folder() is not None
 
 
 def wait_for(kernel: Any, is_cancelled: Callable[[], bool]) -> bool:
-    """Wait for a kernel that the second process compiles. Returns False if `is_cancelled` becomes true first."""
+    """Wait until the second process has compiled a kernel, if it is to compile it.
+
+    Returns False if `is_cancelled` becomes true first.
+    """
     event = next((event for name, event in list(_pending.items()) if KERNELS[name] is kernel), None)
     if event is None:
         return True
@@ -69,7 +74,10 @@ def wait_for(kernel: Any, is_cancelled: Callable[[], bool]) -> bool:
 
 
 def _follow(process: subprocess.Popen[str], names: list[str]) -> None:
-    """Wake the threads waiting for a kernel when it is compiled, and all of them when the process ends."""
+    """Read from the second process which kernels are compiled; wake threads that wait for one, at its end all of them.
+
+    names : of the kernels that the process compiles, in order
+    """
     left = list(names)
     BACKLOG.begin(left[0], in_second_process=True)
     with process, suppress(OSError, ValueError):

@@ -22,7 +22,10 @@ NEXT, TOTAL, CANCEL, SLOTS = 0, 8, 16, 24
 
 
 class Cancel:
-    """Cancellation of a run between two tiles. A run that begins after the call is cancelled at once."""
+    """Cancellation of a kernel's run: calling the object stops its threads between two tiles (units of work).
+
+    A run that begins after the call is cancelled at once.
+    """
 
     def __init__(self) -> None:
         self.wanted = False
@@ -34,7 +37,7 @@ class Cancel:
             self._work[CANCEL] = 1
 
     def watch(self, work: np.ndarray[Any, Any]) -> None:
-        """Make a run the one to cancel."""
+        """Make a run the one to cancel. work : array that its threads share, with the flag that they poll"""
         self._work = work
         if self.wanted:  # called before the run began
             work[CANCEL] = 1
@@ -42,7 +45,10 @@ class Cancel:
 
 @inline
 def next_tile(work: Array) -> int:
-    """Return the number of the next tile, or -1 if none is left or the run is cancelled."""
+    """Take the next tile (unit of work) of a run and return its number, or -1 if none is left or the run is cancelled.
+
+    work : array that the run's threads share, with the counter of tiles
+    """
     if peek(work, CANCEL) != 0:
         return -1
     tile = fetch_add(work, NEXT, 1)
@@ -51,7 +57,7 @@ def next_tile(work: Array) -> int:
 
 @inline
 def cancelled(work: Array) -> bool:
-    """Return whether the run is cancelled."""
+    """Return whether a kernel's run is cancelled. work : array that the run's threads share, with the flag"""
     return peek(work, CANCEL) != 0
 
 
@@ -81,11 +87,11 @@ def run(
 ) -> list[Any]:
     """Run `kernel(work, *args)` in worker threads that call `next_tile(work)` until no tile is left.
 
-    tiles : number of tiles; first : number of the first one
-    progress : called with the share done, about ten times a second
+    A tile is any unit of work. The caller only waits, so that Ctrl-C gets through. Ctrl-C and `cancel` stop the kernels
+    between two tiles. Returns a list of the threads' results; it is empty if cancelled while the kernel is compiled.
 
-    The caller only waits, so that Ctrl-C gets through. Ctrl-C and `cancel` stop the kernels between two tiles. Returns
-    the results of the workers.
+    tiles : number of tiles; first : number of the first one; threads : None: `POINTRAY_THREADS`, else all CPUs
+    progress : called with the share done, about ten times a second
     """
     if not wait_for(kernel, lambda: cancel is not None and cancel.wanted):
         return []
@@ -134,7 +140,12 @@ def run(
 
 
 def _start(worker: Callable[[], None], needed: bool) -> list[Callable[[], bool]]:
-    """Start a worker if there is memory for its stack. Returns a list of its liveness function, or an empty list."""
+    """Start a worker thread if there is memory for its stack.
+
+    Returns a list of the function that says whether it is alive, or an empty list without memory.
+
+    needed : whether to raise the error instead, as for the first thread
+    """
     try:
         return [start(worker)]
     except RuntimeError:

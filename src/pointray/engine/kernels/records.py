@@ -115,10 +115,12 @@ NEARNESS = 14  # 1 / distance of the focal plane along the view direction
 
 
 class LightTree(NamedTuple):
-    """Lights that rays can hit, as a binary tree whose entries are visited in order or skipped.
+    """Tree of the lights that rays can hit: a list of entries in depth-first order, boxes and the lights within.
+
+    A ray that misses a box skips its entries. A few lights are stored without boxes.
 
     lights : (entries,) int32, index in `World.lights`; -1 for a box around the entries that follow
-    skips : (entries,) int32, of a box the entry after all within it; a few lights are stored without boxes
+    skips : (entries,) int32, of a box the first entry after all within it
     boxes : (entries * 6,) float64, lo x y z, hi x y z of a box
     """
 
@@ -128,24 +130,32 @@ class LightTree(NamedTuple):
 
 
 class World(NamedTuple):
-    """Everything in a scene that rays can hit, as read by kernels.
+    """Everything in a scene that rays can hit, and its lights, as kernels read it: flat arrays of records.
 
-    table : (models * ROW,) int64, see `model_table`; instances, planes, lights, materials : float64, see above
-    top : (9,) float64, frame of the BVH over the instances; top_boxes : (nodes * 12,) float32
+    The constants of this module that follow the one named here are the fields of that kind of record.
+
+    table : (models * ROW,) int64, addresses and lengths of the arrays of each model's `Tree`
+    instances : (instances * 16,) float64, `INSTANCE`; planes : (planes * 20,) float64, `PLANE_SIZE`
+    top : (9,) float64, centre of the BVH over the instances of models, and its bounds (lo, hi) relative to that
+    top_boxes : (nodes * 12,) float32, boxes (lo, hi) of a node's two children, relative to the centre
     top_children : (nodes * 2,) int32, a child >= 0 is a node, a child < 0 is instance ~child; without nodes, rays are
         tested against each of the few models
-    light_shares : float64, table for choosing a light, see `shade/tables.py`; lamps : the tree of area lights; suns :
-        the tree of suns with a disk, whose boxes bound unit directions
-    sky : (20,) float64, see `SKY`; sky_colors : (h * w * 3,) float32, radiance of its map, top row first
+    lights : (lights * 18,) float64, `LIGHT`; light_shares : float64, cumulative distribution for choosing a light
+    lamps : tree of the area lights; suns : tree of the suns with a disk, whose boxes bound unit directions
+    materials : (materials * 10,) float64, `MATERIAL_SIZE`
+    sky : (20,) float64, the environment light, `SKY`
+    sky_colors : (h * w * 3,) float32, radiance of its map, top row first
     sky_rows : (h + 1,) float64, share of the light above each row; sky_columns : (h * (w + 1),) float64, share of each
         row's light to the left of each pixel
     sky_mean : (27,) float64, its irradiance as spherical harmonics, 9 times RGB
-    paints : (paints * 8,) float64, see above; map_positions : (n,) float32, in the order of a model's splats the
-        position of each value in the map, from 0 to its number of colours, or NaN
+    paints : (paints * 8,) float64, colour look-ups by attributes, `PAINT_SIZE`
+    map_positions : (n,) float32, in the order of a model's splats the position of each value in the colour map, from 0
+        to its number of colours, or NaN
     map_colors : (m * 3,) float32, linear: the colours of all maps, each followed by its colour for missing values
     tone : (256,) float32, linear value of each sRGB level; longest : blocks of the leaf that lists most
-    catchers : number of shadow catchers; clips : float64, see above
-    baked : (instances * BAKED,) int64, baked_frames : (instances * BAKED_FRAME,) float64; length 0 without baked light
+    catchers : number of shadow catchers; clips : (clips * 4,) float64, clip planes, `CLIP`
+    baked : (instances * 5,) int64, addresses of baked light, `BAKED`; baked_frames : (instances * 5,) float64, its
+        units and the grids of planes, `BAKED_FRAME`; length 0 without baked light
     """
 
     table: Array
@@ -182,7 +192,8 @@ class World(NamedTuple):
 class WorldHit(NamedTuple):
     """A ray's hit in world space: t in lengths of the direction. For a miss, t is inf and instance is -1.
 
-    normal : unit; color : linear; slot : index of the splat of most weight in the model's order, -1 for a plane
+    normal : unit; color : linear RGB; instance : its row
+    slot : index in `Tree.order` of the splat of most weight, -1 for a plane
     leaf, local : leaf and position in model space, for values that are blended later
     """
 
@@ -196,10 +207,10 @@ class WorldHit(NamedTuple):
 
 
 class ShadingPoint(NamedTuple):
-    """A surface point as seen by a material.
+    """A surface point as a material's BSDF takes it.
 
-    normal : unit, turned to the side of the viewer; wo : unit
-    color : linear RGB of the surface there, see `base_color`
+    normal : unit, turned to the side of the viewer; wo : unit direction to the viewer
+    color : linear RGB of the surface there: the material's, or the points' own
     side : +1.0 if the viewer is on the outer side, to which normals point, else -1.0
     """
 

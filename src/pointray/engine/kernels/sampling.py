@@ -29,7 +29,7 @@ def hash32(x: int) -> int:
 
 @inline
 def pixel_key(x: int, y: int, seed: int) -> int:
-    """Return the key of a pixel's samples."""
+    """Return the 32-bit key from which all random numbers of a pixel are computed. x, y : its column and row"""
     return hash32((hash32((hash32(x + 0x9E3779B9 & _WORD) + y) & _WORD) + seed) & _WORD)
 
 
@@ -45,7 +45,10 @@ def _reverse(x: int) -> int:
 
 @inline
 def _permute(x: int, key: int) -> int:
-    """Flip each bit by a hash of the bits below it: Owen scrambling of a word with its bits reversed."""
+    """Permute 32-bit words, to scramble a Sobol sequence: each bit is flipped by a hash of the bits below it.
+
+    This is Owen scrambling for words whose bits are reversed. key : selects the permutation
+    """
     x = (x + key) & _WORD
     x ^= (x * 0x6C50B47C) & _WORD
     x ^= (x * 0xB82F1E52) & _WORD
@@ -55,7 +58,10 @@ def _permute(x: int, key: int) -> int:
 
 @inline
 def _second(x: int) -> int:
-    """Return Sobol's second dimension for the bit-reversed index of the sample: Pascal's triangle modulo 2."""
+    """Return the second coordinate of a point of Sobol's sequence as a bit-reversed 32-bit fraction.
+
+    x : bit-reversed index of the point; the generator matrix is Pascal's triangle modulo 2
+    """
     x ^= (x & 0xFFFF0000) >> 16
     x ^= (x & 0xFF00FF00) >> 8
     x ^= (x & 0xF0F0F0F0) >> 4
@@ -65,7 +71,10 @@ def _second(x: int) -> int:
 
 @inline
 def sample_pair(key: int, sample: int, pair: int) -> tuple[float, float]:
-    """Return two numbers, 0 <= u, v < 1, for a sample of a pixel and a pair of dimensions."""
+    """Return two stratified random numbers, 0 <= u, v < 1, for one decision of a sample, such as a point on a light.
+
+    key : of the pixel, see `pixel_key`; sample : index of the sample; pair : number of the decision
+    """
     key = hash32((key + pair * 0x9E3779B9) & _WORD)
     index = _reverse(_permute(_reverse(sample), key))
     u = _reverse(_permute(index, hash32(key ^ 0x2C1B3C6D)))
@@ -86,7 +95,10 @@ def on_disc(u: float, v: float) -> tuple[float, float]:
 
 @inline
 def find_share(table: Array, first: int, count: int, share: float) -> int:
-    """Return the last k with table[first + k] <= share, by bisection of count + 1 ascending numbers; k < count."""
+    """Return the last k < count with table[first + k] <= share, by bisection: samples a cumulative distribution.
+
+    table[first : first + count + 1] ascends from 0 to 1; share : random number
+    """
     low, high = 0, count
     while high - low > 1:
         middle = (low + high) // 2

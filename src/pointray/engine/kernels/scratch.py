@@ -47,13 +47,16 @@ LANES, TILE = 16, 64
 
 
 class Rows:
-    """Allocator of consecutive rows of one array."""
+    """Allocator of consecutive rows in an array of scratch memory; a row has one number for each ray of a tile.
+
+    width : numbers a row; size : of all rows so far
+    """
 
     def __init__(self, width: int) -> None:
         self._width, self.size = width, 0
 
     def __call__(self, count: int = 1) -> int:
-        """Allocate rows behind the previous ones and return the offset of the first."""
+        """Allocate `count` rows behind the previous ones and return the offset of the first in the array."""
         begin = self.size
         self.size += count * self._width
         return begin
@@ -158,27 +161,37 @@ STACK, TOP_STACK = 512, 128  # children still to visit, in a model and over the 
 
 @inline
 def load3(rows: Array, i: int) -> Vec3:
-    """Load three numbers of one ray from three consecutive rows of a tile."""
+    """Load three numbers of one ray from three consecutive rows of a tile.
+
+    i : offset of the first row in the array, plus the index of the ray in the tile, 0 to 63
+    """
     return rows[i], rows[i + TILE], rows[i + 2 * TILE]
 
 
 @inline
 def store3(rows: Array, i: int, a: Vec3) -> None:
-    """Store three numbers of one ray in three consecutive rows of a tile."""
+    """Store three numbers of one ray in three consecutive rows of a tile.
+
+    i : offset of the first row in the array, plus the index of the ray in the tile, 0 to 63
+    """
     rows[i], rows[i + TILE], rows[i + 2 * TILE] = a
 
 
 class Scratch(NamedTuple):
-    """One thread's working memory, part by part: see the table above.
+    """One thread's working memory. Constants name the rows of its arrays; a row has one number for each ray.
 
-    stack : (512,) int32, children still to visit; stack_near : (512,) float32, where the ray enters them
-    near : (n,) int32, blocks near the rays in the current leaf; counts : int64, see COUNT_*
-    splats : (m,) float32, the splats of these blocks, see GATHERED
+    stack : (512,) int32, nodes of a model still to visit; stack_near : (512,) float32, where the ray enters them
+    near : (n,) int32, blocks near the rays in the current leaf; counts : int64, counters, see COUNT_*
+    splats : (m,) float32, the splats of these blocks in groups of 16: 7 rows of 16, as in a block
     offsets : (4 n,) int32, offset of each of them in `splats`
     listed : (4 n,) int32, offsets of those near the rays that are evaluated
-    world, model, numbers, part, shading_points, sums, waiting : see their rows
+    world : float64, the tile's rays in world space, with their nearest hits; numbers : int64, indices of these hits
+    model : float32, the rays in the space of the current model; part : float32, those that search a leaf, packed
+    shading_points : float64, surface points hit by the tile's rays, and the light there
+    sums : float64, sums over the samples of a tile's pixels
+    waiting : float64, for each shading point a stack of specular rays still to trace
     top_what : (128,) int32, entries of the tree over the instances still to visit; top_rays : (128,) int64, the rays
-        that enter them; top_near : (128,) float32, where the first of these rays does
+        that enter them (bits); top_near : (128,) float32, where the first of these rays does
     """
 
     stack: Array
@@ -230,6 +243,6 @@ def new_scratch(longest: int) -> Scratch:
 
 @inline
 def slot_of(scratch: Scratch, offset: int) -> int:
-    """Return the slot in the tree of the splat at an offset of `Scratch.splats`."""
+    """Return the index in `Tree.order` of the splat at an offset of `Scratch.splats`, the splats gathered in a leaf."""
     k = offset // GATHERED * LANES + offset % GATHERED
     return i64(scratch.near[k // 4]) * 4 + k % 4

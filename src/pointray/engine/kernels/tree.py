@@ -75,17 +75,19 @@ SCATTER_LEAVES = 12  # number of leaves of scattered points, rounded to float32
 
 
 class Tree(NamedTuple):
-    """The acceleration structure of one model, with its splats.
+    """The acceleration structure of one model, with its splats, as flat arrays of records.
 
-    head : (16,) float32, see `HEAD`
-    boxes : (nodes * 48,) float32, the children's tight boxes
-    children : (nodes * 8,) int32
-    leaves : (leaves * 16,) float32, see `LEAF`
-    patches : (leaves * 64,) float32, see `PATCH`
-    spans : (leaves * 2,) int32, first group and number of groups
-    spheres : (groups * 64,) float32, bounding spheres of the blocks that a leaf lists
+    The constants of this module that follow the one named here are the fields of that kind of record.
+
+    head : (16,) float32, bounds, kind of surface and limits, `HEAD`
+    boxes : (nodes * 48,) float32, tight boxes of a node's 8 children: 6 rows (lo x y z, hi x y z) of 8
+    children : (nodes * 8,) int32, a child >= 0 is a node, a child < 0 is leaf ~child; or NO_CHILD
+    leaves : (leaves * 16,) float32, voxel, slab and sample step of each leaf, `LEAF`
+    patches : (leaves * 64,) float32, slabs of the leaf's 4 x 4 columns, `PATCH`
+    spans : (leaves * 2,) int32, first group and number of groups, each of 16 blocks, that a leaf lists
+    spheres : (groups * 64,) float32, bounding spheres of these blocks: 4 rows (centre x y z, radius) of 16
     refs : (groups * 16,) int32, indices of these blocks; 0 in an empty slot
-    blocks : (blocks * 28,) float32
+    blocks : (blocks * 28,) float32, the splats: 7 rows (position, normal, 1 / radius^2) of 4
     order : (blocks * 4,) int32, the caller's row of each splat; -1 in an empty slot
     borders : (blocks * 4 * 3,) int8, for a splat on an open border the direction out of the surface (unit, in 127ths),
         else zero; length 0 if no splat is
@@ -113,7 +115,7 @@ class Tree(NamedTuple):
 
 
 def no_tree(bounds: Array) -> Tree:
-    """Return a tree without splats, which no ray hits. bounds : (6,) as in its head."""
+    """Return a tree without splats, which no ray hits. bounds : (6,) float32, lo x y z, hi x y z"""
     head = np.zeros(HEAD, np.float32)
     head[BOUNDS : BOUNDS + 6], head[TRIM], head[OVERHANG] = bounds, np.inf, np.inf
     boxes = np.repeat(np.array([np.inf] * 3 + [-np.inf] * 3, np.float32), WIDTH)
@@ -123,7 +125,10 @@ def no_tree(bounds: Array) -> Tree:
 
 
 def first_scattered(tree: Tree) -> int:
-    """Return the index of the first block of scattered points, or the number of blocks without any."""
+    """Return the index of the first block of scattered points, which follow the blocks of the surface.
+
+    Scattered points lie on no surface and are drawn as spheres or discs. Without any it is the number of blocks.
+    """
     leaf = ~tree.children[(tree.children < 0) & (tree.children != NO_CHILD)].astype(np.int64)
     scattered = leaf[leaf >= SCATTERED] - SCATTERED
     return int(scattered.min(initial=tree.blocks.size // BLOCK))
@@ -134,13 +139,16 @@ ROW = 2 * len(Tree._fields)  # a model in the table: address and length of each 
 
 
 class _Addresses(bytearray):
-    """Memory of a table of addresses, which keeps the arrays it points to alive."""
+    """Memory of a table of addresses, which keeps alive the arrays to which they point: those of `trees`."""
 
     trees: list[Tree]
 
 
 def model_table(trees: list[Tree]) -> Array:
-    """Return the addresses of the models' arrays, (models * ROW,) int64. It keeps the trees alive; a copy does not."""
+    """Return a table of the models' trees for kernels, (models * ROW,) int64: address and length of each array.
+
+    It keeps the trees alive; a copy does not.
+    """
     rows = [[value for array in tree for value in (array.ctypes.data, array.size)] for tree in trees]
     memory = _Addresses(np.array(rows, np.int64).tobytes())
     memory.trees = list(trees)
@@ -149,7 +157,10 @@ def model_table(trees: list[Tree]) -> Array:
 
 @inline
 def tree_at(table: Array, model: int) -> Tree:
-    """Return the tree of one model of the table."""
+    """Return the tree of one model, as arrays.
+
+    table : addresses and lengths of the arrays of all models' trees; model : index of the model
+    """
     i = model * ROW
     return Tree(
         array_at(table[i + 0], table[i + 1], _F32),
@@ -170,9 +181,12 @@ def tree_at(table: Array, model: int) -> Tree:
 
 
 class Ray(NamedTuple):
-    """A ray in model space: origin, unit direction, the inverse of each component, interval and side.
+    """A ray in model space, as traced through one model.
 
-    t_min : see `scratch.BEGIN`; t_max : see `scratch.END`
+    ox, oy, oz : origin; dx, dy, dz : unit direction; ix, iy, iz : inverse of each component of the direction
+    t_min : where the ray begins, measured from where it enters the model's bounds; negative if a clip plane has cut it,
+        so that it does not start on a surface
+    t_max : how far it is followed: one sample step beyond its end
     side : +1 if a ray that starts on the surface is outside (where normals point), -1 if it is inside
     """
 
@@ -191,7 +205,7 @@ class Ray(NamedTuple):
 
 
 class Hit(NamedTuple):
-    """A ray's hit with a model, in model space: t = inf and leaf = -1 for a miss; the normal has unit length."""
+    """A ray's hit with a model, in model space: t, unit normal, index of the leaf; t = inf and leaf = -1 for a miss."""
 
     t: float
     nx: float

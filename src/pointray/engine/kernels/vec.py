@@ -17,25 +17,25 @@ LUMINANCE = (0.2126, 0.7152, 0.0722)  # of linear sRGB
 
 @inline
 def dot(a: Vec3, b: Vec3) -> float:
-    """Return the scalar product."""
+    """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @inline
 def add(a: Vec3, b: Vec3) -> Vec3:
-    """Return the sum."""
+    """Return the sum of two vectors, a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
 @inline
 def sub(a: Vec3, b: Vec3) -> Vec3:
-    """Return the difference."""
+    """Return the difference of two vectors, a - b."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
 @inline
 def scale(a: Vec3, s: float) -> Vec3:
-    """Return a scaled by s."""
+    """Return the vector a times the number s."""
     return a[0] * s, a[1] * s, a[2] * s
 
 
@@ -47,19 +47,19 @@ def multiply(a: Vec3, b: Vec3) -> Vec3:
 
 @inline
 def luminance(a: Vec3) -> float:
-    """Return the luminance of a linear colour."""
+    """Return the luminance of a linear RGB colour, with the weights of sRGB primaries."""
     return LUMINANCE[0] * a[0] + LUMINANCE[1] * a[1] + LUMINANCE[2] * a[2]
 
 
 @inline
 def cross(a: Vec3, b: Vec3) -> Vec3:
-    """Return the cross product."""
+    """Return the cross product of two vectors, a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @inline
 def length(a: Vec3) -> float:
-    """Return the Euclidean length."""
+    """Return the Euclidean length of a vector."""
     return math.sqrt(dot(a, a))
 
 
@@ -72,13 +72,13 @@ def unit(a: Vec3) -> Vec3:
 
 @inline
 def load3_flat(array: Array, i: int) -> Vec3:
-    """Load three consecutive numbers of a flat array."""
+    """Load array[i : i + 3] of a flat array as a vector."""
     return array[i], array[i + 1], array[i + 2]
 
 
 @inline
 def either(first: bool, a: Vec3, b: Vec3) -> Vec3:
-    """Select a or b component by component, without a branch."""
+    """Return a if `first`, else b; selected component by component, without a branch, so that loops are vectorized."""
     return a[0] if first else b[0], a[1] if first else b[1], a[2] if first else b[2]
 
 
@@ -109,7 +109,7 @@ def tangents(n: Vec3) -> tuple[Vec3, Vec3]:
 
 @inline
 def turned(v: Vec3, frame: tuple[Vec3, Vec3, Vec3]) -> Vec3:
-    """Transform a vector from the coordinates of a frame, given as its axes."""
+    """Transform a vector from the coordinates of a frame to those in which the frame's three axes are given."""
     return add(scale(frame[2], v[2]), add(scale(frame[0], v[0]), scale(frame[1], v[1])))
 
 
@@ -125,7 +125,10 @@ def _times(m: Six, v: Vec3) -> Vec3:
 
 @inline
 def turned_matrix(m: Six, frame: tuple[Vec3, Vec3, Vec3]) -> Six:
-    """Transform a symmetric matrix, xx xy xz yy yz zz, from the coordinates of a frame."""
+    """Transform a symmetric matrix from the coordinates of a frame to those in which the frame's three axes are given.
+
+    m : its entries xx xy xz yy yz zz, as in the result
+    """
     a, b, c = frame
     x, y, z = (a[0], b[0], c[0]), (a[1], b[1], c[1]), (a[2], b[2], c[2])
     first, second = _times(m, x), _times(m, y)
@@ -140,7 +143,10 @@ def mirrored(a: Vec3, n: Vec3) -> Vec3:
 
 @inline
 def around(axis: Vec3, cosine: float, turn: float) -> Vec3:
-    """Return the unit vector at an angle, given by its cosine, from a unit axis; turn : 0..1, position around it."""
+    """Return a unit vector at a given angle from a unit axis.
+
+    cosine : of the angle; turn : 0 to 1, position on the circle around the axis
+    """
     s, t = tangents(axis)
     sine, angle = math.sqrt(max(1.0 - cosine * cosine, 0.0)), 2.0 * math.pi * turn
     return turned((sine * math.cos(angle), sine * math.sin(angle), cosine), (s, t, axis))
@@ -148,7 +154,7 @@ def around(axis: Vec3, cosine: float, turn: float) -> Vec3:
 
 @inline
 def along_curve(k: int) -> tuple[int, int]:
-    """Return (x, y) of point k on a Morton curve, 0..255: its even and odd bits."""
+    """Return (x, y) of point k of a Morton curve, each 0 to 255: the even and the odd bits of k."""
     return _even_bits(k), _even_bits(k >> 1)
 
 

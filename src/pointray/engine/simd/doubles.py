@@ -24,21 +24,24 @@ def widen_high(code: Code, vector: Any) -> Any:
 
 @operation(F16(D8, D8))
 def narrow(code: Code, low: Any, high: Any) -> Any:
-    """Round two vectors of 8 float64 to 16 float32."""
+    """Round two vectors of 8 float64 to one vector of 16 float32, those of `low` first."""
     a, b = (code.builder.fptrunc(value, F8.llvm) for value in (low, high))
     return shuffle(code, a, b, range(16))
 
 
 @operation(lambda x, y, z: x(x, x, x))
 def square_sum(code: Code, x: Any, y: Any, z: Any) -> Any:
-    """Return x * x + y * y + z * z, rounded at each step as in NumPy: without FMA, so equal distances stay equal."""
+    """Return x * x + y * y + z * z for each lane, rounded at each step as in NumPy.
+
+    There is no FMA, so that equal distances stay equal.
+    """
     a, b, c = (code.builder.fmul(value, value) for value in (x, y, z))
     return code.builder.fadd(code.builder.fadd(a, b), c)
 
 
 @operation(lambda counts, mask: counts(counts, mask))
 def count_where(code: Code, counts: Any, mask: Any) -> Any:
-    """Add 1 to the int32 lanes where the mask is set."""
+    """Add 1 to the int32 lanes of `counts` where the mask is set; return the new counts."""
     return code.builder.sub(counts, code.builder.sext(mask, code.types.return_type.llvm))
 
 

@@ -20,7 +20,12 @@ _EVEN, _ODD = ([4 * quarter + k for quarter in (p, p + 2, p + 4, p + 6) for k in
 
 
 def _pointers(code: Code, values: tuple[Any, ...], size: int) -> list[Any]:
-    """Return pointers to the items that the lanes read: item size * index[start + lane * stride] of a flat array."""
+    """Emit code for the addresses of items in 16 places of a flat array, one for each lane, and return them.
+
+    values : LLVM values of the array, of an index array, of start and stride: lane k reads the item at
+        size * index[start + k * stride]
+    size : numbers in an item
+    """
     array, index, start, stride = values
     builder, found = code.builder, []
     for lane in range(16):
@@ -31,7 +36,7 @@ def _pointers(code: Code, values: tuple[Any, ...], size: int) -> list[Any]:
 
 
 def _load_each(code: Code, pointers: list[Any]) -> Any:
-    """Emit a vector of the numbers at 16 places."""
+    """Emit code for a vector of the numbers at 16 addresses."""
     out = ir.Constant(F16.llvm, ir.Undefined)
     for lane, pointer in enumerate(pointers):
         out = code.builder.insert_element(out, code.builder.load(pointer), INT(lane))
@@ -70,7 +75,7 @@ def _load_apart16(code: Code, array: Any, start: Any, stride: Any) -> Any:
 
 @inline
 def load_apart16(array: Any, start: Any, stride: Any) -> Any:
-    """Load array[start + lane * stride] into each lane; array : flat float32."""
+    """Return a vector of 16 with array[start + k * stride] in lane k. array : flat float32"""
     if CHECK and (start < 0 or stride < 0 or start + 15 * stride >= array.size):
         raise IndexError("vector access outside its array")
     return _load_apart16(array, start, stride)
@@ -78,7 +83,10 @@ def load_apart16(array: Any, start: Any, stride: Any) -> Any:
 
 @inline
 def _check(array: Any, size: Any, index: Any, start: Any, stride: Any) -> None:
-    """Raise if a lane would read outside the array, or its index outside the indices."""
+    """Raise IndexError if a lane of a gather would read outside the array, or its index outside the index array.
+
+    Lane k reads `size` numbers from size * index[start + k * stride] on.
+    """
     for k in range(16):
         place = start + k * stride
         if place < 0 or place >= index.size:
@@ -89,7 +97,10 @@ def _check(array: Any, size: Any, index: Any, start: Any, stride: Any) -> None:
 
 @inline
 def gather16(array: Any, index: Any, start: Any, stride: Any) -> Any:
-    """Load array[index[start + lane * stride]] into each lane; array : flat float32, index : flat int32."""
+    """Return a vector of 16 with array[index[start + k * stride]] in lane k.
+
+    array : flat float32; index : flat int32
+    """
     if CHECK:
         _check(array, 1, index, start, stride)
     return _gather16(array, index, start, stride)
@@ -97,7 +108,10 @@ def gather16(array: Any, index: Any, start: Any, stride: Any) -> Any:
 
 @inline
 def gather_rows8(table: Any, index: Any, start: Any, stride: Any) -> Any:
-    """Load rows index[start + lane * stride] of a flat table with eight columns, as one vector for each column."""
+    """Load 16 rows of a flat float32 table with eight columns; return eight vectors, one for each column.
+
+    Lane k has row index[start + k * stride]. index : flat int32
+    """
     if CHECK:
         _check(table, 8, index, start, stride)
     return _gather_rows8(table, index, start, stride)

@@ -24,7 +24,7 @@ def broadcast16(code: Code, value: Any) -> Any:
 
 
 def _four(code: Code, values: tuple[Any, ...], element: Any) -> Any:
-    """Emit a vector of four numbers."""
+    """Emit code for a vector of four LLVM values, and return it. element : LLVM type of a lane"""
     four = ir.Constant(ir.VectorType(element, 4), ir.Undefined)
     for lane, value in enumerate(values):
         four = code.builder.insert_element(four, value, INT(lane))
@@ -33,38 +33,38 @@ def _four(code: Code, values: tuple[Any, ...], element: Any) -> Any:
 
 @operation(F16(*[types.float32] * 4))
 def quarters(code: Code, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Fill each quarter with one of four numbers."""
+    """Return a vector of 16 with `a` in lanes 0 to 3, `b` in lanes 4 to 7, and so on. a, b, c, d : float32"""
     four = _four(code, (a, b, c, d), F4.element)
     return shuffle(code, four, four, [lane // 4 for lane in range(16)])
 
 
 @operation(F16(*[types.float32] * 4))
 def fours(code: Code, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Repeat four numbers in every quarter."""
+    """Return a vector of 16 that repeats the numbers a, b, c, d in each quarter (four lanes). a, b, c, d : float32"""
     four = _four(code, (a, b, c, d), F4.element)
     return shuffle(code, four, four, [lane % 4 for lane in range(16)])
 
 
 def _pair(a: Any, b: Any) -> Any:
-    """Return the signature of a function of two vectors, of which one may be a number."""
+    """Return the Numba signature of a function of two vectors, or of a vector and a number, which is repeated."""
     vector = a if isinstance(a, Vector) else b
     return vector(vector, vector)
 
 
 @operation(_pair)
 def vmin(code: Code, a: Any, b: Any) -> Any:
-    """Return the lesser of each pair of lanes; if one is NaN, the second (one instruction on x86)."""
+    """Return the lesser of each pair of lanes; if either is NaN, that of b (one instruction on x86)."""
     return code.builder.select(code.builder.fcmp_ordered("<", a, b), a, b)
 
 
 @operation(_pair)
 def vmax(code: Code, a: Any, b: Any) -> Any:
-    """Return the greater of each pair of lanes; if one is NaN, the second."""
+    """Return the greater of each pair of lanes; if either is NaN, that of b (one instruction on x86)."""
     return code.builder.select(code.builder.fcmp_ordered(">", a, b), a, b)
 
 
 def _llvm_unary(code: Code, name: str, a: Any) -> Any:
-    """Emit a call of an LLVM function of a float32 or a vector."""
+    """Emit a call of an LLVM function of a float32, or of each lane of a vector. name : fabs or sqrt"""
     kind = code.types.args[0]
     llvm, suffix = (kind.llvm, f"v{kind.lanes}f32") if isinstance(kind, Vector) else (ir.FloatType(), "f32")
     called = ir.FunctionType(llvm, [llvm])
@@ -86,14 +86,17 @@ def vsqrt(code: Code, a: Any) -> Any:
 
 @operation(lambda a: a(a))
 def trunc(code: Code, a: Any) -> Any:
-    """Truncate toward zero. Values must be within int32, so that no processor needs a library call."""
+    """Truncate float32 lanes toward zero. Values must be within int32, so that no processor needs a library call."""
     vector = code.types.return_type
     return code.builder.sitofp(code.builder.fptosi(a, ir.VectorType(INT, vector.lanes)), vector.llvm)
 
 
 @operation(F16(I16, *[types.int32] * 5))
 def bit_fields(code: Code, words: Any, a: Any, b: Any, c: Any, d: Any, mask: Any) -> Any:
-    """Extract bits of int32 lanes as float32: (word >> a) & mask in the first quarter, >> b in the second, etc."""
+    """Extract bits of 16 int32 lanes as float32, with another shift for each quarter (four lanes).
+
+    Lanes 0 to 3 become (word >> a) & mask, lanes 4 to 7 (word >> b) & mask, and so on.
+    """
     four = _four(code, (a, b, c, d), INT)
     shifts = shuffle(code, four, four, [lane // 4 for lane in range(16)])
     field = code.builder.and_(code.builder.lshr(words, shifts), broadcast(code, mask, I16))
@@ -102,38 +105,42 @@ def bit_fields(code: Code, words: Any, a: Any, b: Any, c: Any, d: Any, mask: Any
 
 @operation(F16(F16))
 def power_of_two(code: Code, exponents: Any) -> Any:
-    """Return 2 to the power of each lane, which must be a whole number from -126 to 127."""
+    """Return 2 to the power of each float32 lane, which must be a whole number from -126 to 127."""
     biased = code.builder.add(code.builder.fptosi(exponents, I16.llvm), broadcast(code, INT(127), I16))
     return code.builder.bitcast(code.builder.shl(biased, broadcast(code, INT(23), I16)), F16.llvm)
 
 
 @operation(I16(F16))
 def one_bit(code: Code, places: Any) -> Any:
-    """Return int32 lanes with one bit set, at the index that each lane of `places` truncates to, from 0 to 31."""
+    """Return 16 int32 lanes with one bit set in each, at an index given for each lane.
+
+    places : the indices, float32, from 0 to 31 after truncation
+    """
     return code.builder.shl(broadcast(code, INT(1), I16), code.builder.fptosi(places, I16.llvm))
 
 
 def _selection(mask: Any, a: Any, b: Any) -> Any:
+    """Return the Numba signature of `select`, in which a or b may be a number."""
     vector = a if isinstance(a, Vector) else b
     return vector(mask, vector, vector)
 
 
 @operation(_selection)
 def select(code: Code, mask: Any, a: Any, b: Any) -> Any:
-    """Select the lane of a where the mask is set, else the lane of b."""
+    """Return a vector with the lane of a where the mask is set, else the lane of b."""
     return code.builder.select(mask, a, b)
 
 
 @operation(lambda mask: types.int64(mask))
 def bits(code: Code, mask: Any) -> Any:
-    """Return the mask as an integer, lane 0 in the lowest bit."""
+    """Return a mask of lanes as an integer, lane 0 in the lowest bit."""
     word = code.builder.bitcast(mask, ir.IntType(code.types.args[0].lanes))
     return code.builder.zext(word, ir.IntType(64))
 
 
 @operation(Vector("mask", 16)(types.int64))
 def mask16(code: Code, word: Any) -> Any:
-    """Return the lowest 16 bits of an integer as a mask."""
+    """Return the lowest 16 bits of an integer as a mask of 16 lanes, the lowest bit in lane 0."""
     return code.builder.bitcast(code.builder.trunc(word, ir.IntType(16)), ir.VectorType(ir.IntType(1), 16))
 
 
@@ -148,24 +155,24 @@ def float_bits(code: Code, value: Any) -> Any:
 
 @operation(types.int64(types.int64))
 def count_bits(code: Code, word: Any) -> Any:
-    """Count the set bits of an integer."""
+    """Count the set bits of an integer of 64 bits."""
     return code.builder.ctpop(word)
 
 
 @operation(types.int64(types.int64))
 def count_trailing_zeros(code: Code, word: Any) -> Any:
-    """Return the index of the lowest set bit; the word must not be 0."""
+    """Return the index of the lowest set bit of an integer, which must not be 0."""
     return code.builder.cttz(word, ir.Constant(ir.IntType(1), 1))
 
 
 @operation(lambda vector, index: vector.scalar(vector, types.int64))
 def lane(code: Code, vector: Any, index: Any) -> Any:
-    """Return one lane as a number."""
+    """Return one lane of a vector as a number. index : of the lane, from 0"""
     return code.builder.extract_element(vector, index)
 
 
 def _reduce(code: Code, name: str, vector: Any) -> Any:
-    """Emit a reduction of all lanes to one number."""
+    """Emit a reduction of all lanes of a vector to one float32. name : fmin or fmax"""
     kind = code.types.args[0]
     called = ir.FunctionType(ir.FloatType(), [kind.llvm])
     name = f"llvm.vector.reduce.{name}.v{kind.lanes}f32"
@@ -186,7 +193,7 @@ def reduce_max(code: Code, vector: Any) -> Any:
 
 
 def _fold(code: Code, value: Any, steps: tuple[int, ...]) -> Any:
-    """Emit sums with the lanes whose numbers differ in one bit, for several bits in turn."""
+    """Emit sums of lanes: for each step in turn, add to lane k of a vector of 16 the lane k ^ step."""
     for step in steps:
         swapped = shuffle(code, value, value, [lane ^ step for lane in range(16)])
         value = code.builder.fadd(value, swapped, flags=FLAGS)
@@ -206,6 +213,7 @@ def sum_over_lanes(code: Code, vector: Any) -> Any:
 
 
 def _repeat_quarter(code: Code, vector: Any, quarter: int) -> Any:
+    """Emit code for a vector of 16 that repeats one quarter (four lanes), 0 to 3, of another."""
     return shuffle(code, vector, vector, [4 * quarter + lane % 4 for lane in range(16)])
 
 
@@ -229,26 +237,29 @@ def last_quarter(code: Code, vector: Any) -> Any:
 
 @operation(F16(F16, F16))
 def shift_lane(code: Code, before: Any, vector: Any) -> Any:
-    """Shift the vector up by one lane; the last lane of `before` becomes the first."""
+    """Shift a vector of 16 up by one lane; the last lane of `before`, another vector, becomes the first."""
     return shuffle(code, before, vector, range(15, 31))
 
 
 @operation(F16(F16, F16))
 def shift_quarter(code: Code, before: Any, vector: Any) -> Any:
-    """Shift the vector up by one quarter, after the last quarter of `before`: each sample gets its predecessor."""
+    """Shift a vector of 16 up by four lanes; the last four lanes of `before` become the first.
+
+    With four rays in the lanes of a quarter, and a sample of each in every quarter, each sample gets its predecessor.
+    """
     return shuffle(code, before, vector, range(12, 28))
 
 
 @operation(lambda vector: types.UniTuple(vector, 4)(vector))
 def columns(code: Code, vector: Any) -> Any:
-    """Return four vectors: lanes 0, 4, 8 and 12 repeated in every quarter, then lanes 1, 5, 9 and 13, and so on."""
+    """Return four vectors of 16: lanes 0, 4, 8, 12 of the vector, repeated in every quarter; then 1, 5, 9, 13, etc."""
     parts = [shuffle(code, vector, vector, [lane % 4 * 4 + k for lane in range(16)]) for k in range(4)]
     return code.context.make_tuple(code.builder, code.types.return_type, parts)
 
 
 @operation(F16(F16, F16, F16, F16))
 def sums_of_fours(code: Code, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Return four sums in each quarter: over this quarter's lanes of a, of b, of c and of d."""
+    """Return a vector of 16: each quarter (four lanes) has four sums, over its own lanes of a, of b, of c and of d."""
     even = [lane // 4 * 4 + lane % 2 * 2 + lane % 4 // 2 * 16 for lane in range(16)]
     odd = [k + 1 for k in even]
 

@@ -16,7 +16,7 @@ from .vector import D8, F4, F8, F16, I16, INT, Vector, broadcast, shuffle
 
 
 def _vector_pointer(code: Code, array: Any, index: Any, vector: Vector) -> Any:
-    """Emit the address of the vector that begins with an item of an array, the first argument of the call."""
+    """Emit code for the address of array[index] as that of a vector. array : the first argument of the call"""
     return code.builder.bitcast(item_pointer(code, 0, (array, index)), vector.llvm.as_pointer())
 
 
@@ -38,7 +38,7 @@ def _loader(vector: Vector, doc: str) -> Any:
 
 @inline
 def _check(array: Any, index: Any, lanes: Any) -> None:
-    """Raise if a vector would be read or written outside the array."""
+    """Raise IndexError if array[index : index + lanes] is not within a flat array."""
     if index < 0 or index + lanes > array.size:
         raise IndexError("vector access outside its array")
 
@@ -59,7 +59,7 @@ def _store(code: Code, array: Any, index: Any, vector: Any) -> None:
 
 @operation(lambda array, index: types.none(array, types.intp))
 def prefetch(code: Code, array: Any, index: Any) -> None:
-    """Prefetch the cache line of array[index]; an index out of range does no harm."""
+    """Ask the processor to load the cache line of array[index] into its cache; an index out of range does no harm."""
     pointer = code.builder.bitcast(item_pointer(code, 0, (array, index)), ir.IntType(8).as_pointer())
     kind = ir.FunctionType(ir.VoidType(), [pointer.type, INT, INT, INT])
     function = cgutils.get_or_insert_function(code.builder.module, kind, "llvm.prefetch.p0i8")
@@ -68,13 +68,13 @@ def prefetch(code: Code, array: Any, index: Any) -> None:
 
 @operation(lambda vector: types.intp(vector))
 def _width(code: Code, vector: Any) -> Any:
-    """Return the number of lanes, a constant when compiling."""
+    """Return the number of lanes of a vector, a constant when compiling."""
     return code.context.get_constant(types.intp, code.types.args[0].lanes)
 
 
 @inline
 def store(array: Any, index: Any, vector: Any) -> None:
-    """Store each lane of the vector: array[index + k] = lane k."""
+    """Store each lane of a vector in a flat array: array[index + k] = lane k."""
     if CHECK:
         _check(array, index, _width(vector))
     _store(array, index, vector)
@@ -87,7 +87,10 @@ def _broadcast_from(code: Code, array: Any, index: Any) -> Any:
 
 @inline
 def broadcast_from(array: Any, index: Any) -> Any:
-    """Load array[index] into all 16 lanes, as an operand of the instruction that uses it; no negative indices."""
+    """Return a vector of 16 with array[index] in all lanes, loaded by the instruction that uses it.
+
+    index : not negative
+    """
     if CHECK:
         _check(array, index, 1)
     return _broadcast_from(array, index)
@@ -100,7 +103,7 @@ def _each_quarter(code: Code, four: Any) -> Any:
 
 @inline
 def repeat4(array: Any, index: Any) -> Any:
-    """Load array[index : index + 4] into every quarter with one broadcasting load."""
+    """Return a vector of 16 that repeats array[index : index + 4] in each quarter (four lanes), with one load."""
     return _each_quarter(load4(array, index))
 
 
@@ -123,7 +126,7 @@ def _permute(code: Code, array: Any, index: Any, indices: Any) -> Any:
 
 @inline
 def permute16(array: Any, index: Any, indices: Any) -> Any:
-    """Load array[index + i] for each lane i of `indices`, which are float32 from 0 to 15."""
+    """Return a vector of 16 with array[index + i] for each lane i of `indices`, which are float32 from 0 to 15."""
     if CHECK:
         _check(array, index, 16)
         _check_indices(indices)
@@ -132,7 +135,7 @@ def permute16(array: Any, index: Any, indices: Any) -> Any:
 
 @inline
 def _check_indices(indices: Any) -> None:
-    """Raise if an index is not from 0 to 15."""
+    """Raise IndexError if a lane of a permutation's indices is not from 0 to 15."""
     for k in range(16):
         if not 0 <= lane(indices, k) < 16:
             raise IndexError("index of a permutation is not from 0 to 15")
@@ -146,7 +149,7 @@ def _join4(code: Code, a: Any, b: Any, c: Any, d: Any) -> Any:
 
 @inline
 def join4(array: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Load array[a : a + 4] into the first quarter, array[b : b + 4] into the second, and so on."""
+    """Return a vector of 16 with array[a : a + 4] in lanes 0 to 3, array[b : b + 4] in lanes 4 to 7, and so on."""
     return _join4(load4(array, a), load4(array, b), load4(array, c), load4(array, d))
 
 
@@ -157,13 +160,13 @@ def _join2(code: Code, a: Any, b: Any) -> Any:
 
 @inline
 def join2(array: Any, a: Any, b: Any) -> Any:
-    """Load array[a : a + 4] into the first half of 8 lanes, array[b : b + 4] into the second."""
+    """Return a vector of 8 with array[a : a + 4] in lanes 0 to 3 and array[b : b + 4] in lanes 4 to 7."""
     return _join2(load4(array, a), load4(array, b))
 
 
 @inline
 def move4(source: Any, index: Any, target: Any, start: Any) -> None:
-    """Copy source[index : index + 4] to target[start : start + 4]."""
+    """Copy source[index : index + 4] to target[start : start + 4], both flat float32, with one load and one store."""
     store(target, start, load4(source, index))
 
 
@@ -178,9 +181,9 @@ def _compress(code: Code, mask: Any, vector: Any) -> Any:
 
 @inline
 def pack(mask: Any, source: Any, index: Any, target: Any, start: Any) -> int:
-    """Append source[index + lane] of each set lane of a 16-lane mask to target[start:], int32; return their number.
+    """Copy source[index + k] for each set lane k of a mask of 16 to target[start:], and return their number.
 
-    All of target[start : start + 16] may be overwritten.
+    Both arrays are flat int32. All of target[start : start + 16] may be overwritten.
     """
     if CHECK:
         _check(source, index, 16)
@@ -199,7 +202,10 @@ def pack(mask: Any, source: Any, index: Any, target: Any, start: Any) -> int:
 
 @inline
 def store_packed(target: Any, start: Any, mask: Any, vector: Any) -> None:
-    """Store the set lanes of a float32 vector consecutively; the rest of target[start : start + 16] is undefined."""
+    """Store the set lanes of a float32 vector in target[start:], consecutively.
+
+    All of target[start : start + 16] may be overwritten. mask : of 16 lanes
+    """
     if PACKS:
         store(target, start, _compress(mask, vector))
         return

@@ -18,7 +18,10 @@ INT = ir.IntType(32)
 
 
 class Vector(types.Type):
-    """Numba type of `lanes` float32, float64, int32 or truth values."""
+    """Numba type of a vector of `lanes` numbers or truth values, which one instruction processes together.
+
+    kind : of its lanes, "float" (float32), "double" (float64), "int" (int32) or "mask" (bool)
+    """
 
     def __init__(self, kind: str, lanes: int) -> None:
         self.kind, self.lanes = kind, lanes
@@ -30,7 +33,7 @@ class Vector(types.Type):
 
     @property
     def scalar(self) -> Any:
-        """Numba type of one lane."""
+        """Numba type of one lane of the vector."""
         return {"float": types.float32, "double": types.float64, "int": types.int32}[self.kind]
 
     @property
@@ -45,13 +48,13 @@ class _VectorModel(models.PrimitiveModel):
 
 
 def broadcast(code: Code, value: Any, vector: Vector) -> Any:
-    """Emit the repetition of a scalar in every lane."""
+    """Emit code for a vector with a scalar in every lane, and return its LLVM value. vector : its type"""
     one = code.builder.insert_element(ir.Constant(vector.llvm, ir.Undefined), value, INT(0))
     return shuffle(code, one, one, [0] * vector.lanes)
 
 
 def shuffle(code: Code, a: Any, b: Any, lanes: Sequence[int]) -> Any:
-    """Emit a vector of selected lanes of two vectors: lanes of b are numbered after those of a."""
+    """Emit code for a vector of selected lanes of two vectors. lanes : their numbers; those of b follow those of a"""
     return code.builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(INT, len(lanes)), list(lanes)))
 
 
@@ -61,7 +64,11 @@ def _number_to_vector(context: Any, builder: Any, fromty: Any, toty: Any, value:
 
 
 def _binary(op: Any, kinds: tuple[str, ...], emit: Any, to_mask: bool = False) -> None:
-    """Register one operator for two vectors, or for a vector and a number."""
+    """Register a binary operator of kernels for two vectors, or for a vector and a number.
+
+    op : of the module `operator`; kinds : kinds of lanes that have it; emit : emits its LLVM instruction
+    to_mask : whether it is a comparison, whose result is a mask
+    """
 
     class Template(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:

@@ -4,7 +4,7 @@ All samples of a piece of the image run until they need an intersection. Their r
 the nearest hits are kept, and the samples continue to their next intersection.
 
 spread : whether models are spread over workers
-wave : waves of one piece of an image
+wave : the samples of one piece of an image: rays to send, hits that workers return
 replay : rendering kernels that read hits from a table, and stop at the first missing one
 route : selection of holders by the boxes that a ray enters
 answer : the intersection kernel of the holders

@@ -26,12 +26,13 @@ Rays: TypeAlias = tuple[Array, Array, Array, Array]  # origins, directions, ends
 def _answer(
     work: Array, world: World, rays: Rays, tiles: tuple[Array, Array], any_hit: bool, out: tuple[Array, Array]
 ) -> int:
-    """Intersect rays, tile by tile.
+    """Intersect rays that another process has sent, tile by tile.
 
-    tiles : slots of the rays, uint8; begin of each tile, and the end, int64
+    work : counter from which threads take batches of tiles
+    tiles : index of each ray in its tile, with a mark at the first ray, uint8; begin of each tile, and the end
     any_hit : whether to test for occlusion only
-    out : instances (n,) int32, -1 for a miss; facts (n * 8,) float64: t, normal, color and the margin of
-        `shading_points`
+    out : instances (n,) int32, -1 for a miss; facts (n * 8,) float64: t, normal, color, and the offset of secondary
+        rays from the surface
     """
     origins, directions, ends, sides = borrow(rays[0]), borrow(rays[1]), borrow(rays[2]), borrow(rays[3])
     slots, begins, instances, facts = borrow(tiles[0]), borrow(tiles[1]), borrow(out[0]), borrow(out[1])
@@ -72,24 +73,27 @@ def _answer(
 
 
 def answer(world: World, rays: Array, slots: Array, any_hit: bool, pace: Pace = PLAIN) -> tuple[Array, Array]:
-    """Intersect rays.
+    """Intersect rays that another process has sent with the models of this one, and return what shading needs.
 
     Parameters
     ----------
     rays : (n, 8) float64
-        Origin, unit direction, end, side.
+        Origin, unit direction, end, side (+1 if a ray that starts on a surface is outside of it, -1 if inside).
     slots : (n,) uint8
-        Index of each ray in its tile, with `BEGINS` at the first ray of a tile. Rays keep the tiles of the image, whose
-        rays are coherent.
+        Index of each ray in its tile, 0 to 63, plus `BEGINS` at the first ray of a tile. Rays keep the tiles of the
+        image, whose rays are coherent.
     any_hit : bool
         Whether to test for occlusion only.
+    pace : Pace
+        Number of threads, progress callback.
 
     Returns
     -------
     instances : (n,) int32
         Row of the instance hit, or 0 with `any_hit`; -1 for a miss.
     facts : (n, 8) float64
-        t, normal, colour, margin; undefined for a miss. Empty with `any_hit`.
+        t, normal, colour, and the offset of secondary rays from the surface; undefined for a miss. Empty with
+        `any_hit`.
     """
     n = len(rays)
     instances, facts = np.full(n, -1, np.int32), np.empty((0 if any_hit else n, 8))

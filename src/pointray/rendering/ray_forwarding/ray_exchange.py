@@ -29,7 +29,7 @@ WORLDS = 4  # worlds cached by the holders in a process
 
 @dataclass(frozen=True)
 class View:
-    """Parameters of the selection of levels of detail. samples : a pixel; None: no levels"""
+    """Camera and number of samples a pixel, from which workers select levels of detail. samples : None: no levels"""
 
     camera: Camera
     samples: int | None
@@ -37,16 +37,16 @@ class View:
 
 @dataclass(frozen=True)
 class Traffic:
-    """Statistics of forwarded rays.
+    """Statistics of rays sent to the workers that hold the models.
 
     Attributes
     ----------
     waves : int
-        Queries of pieces.
+        Queries: sets of rays that a piece of an image needs intersected before its samples continue.
     asked : int
         Rays in these queries.
     rays : int
-        Rays sent: a ray that may hit parts of several holders is sent to each.
+        Rays sent: a ray that may hit parts on several workers is sent to each.
     sent, received : int
         Bytes of rays, and of answers.
     """
@@ -58,22 +58,22 @@ class Traffic:
     received: int = 0
 
     def plus(self, **more: int) -> Traffic:
-        """Return the sum with some numbers."""
+        """Return new statistics with numbers added. more : the number to add to each field, by name"""
         return replace(self, **{name: getattr(self, name) + number for name, number in more.items()})
 
     def since(self, before: Traffic) -> Traffic:
-        """Return the difference to earlier statistics."""
+        """Return the difference of these statistics to earlier ones."""
         return self.plus(**{name: -number for name, number in vars(before).items()})
 
 
 class _Meter:
-    """Statistics of this process."""
+    """Holder of the statistics of all rays that this process has sent to workers."""
 
     traffic = Traffic()
 
 
 def traffic() -> Traffic:
-    """Return the statistics of all images of this process so far."""
+    """Return the statistics of all rays that this process has sent to workers so far."""
     return _Meter.traffic
 
 
@@ -89,16 +89,20 @@ def add_by_waves(
     samples: tuple[int, int],
     progress: Callable[[float], None] | None,
 ) -> None:
-    """Add samples to the whole image.
+    """Add samples to the whole image, with rays sent to the workers that hold the models.
 
-    executor : of the same scene; scene : for the camera, with no parts opened
+    executor : workers of the same scene; scene : with the camera's lights placed, and no parts on disk opened
+    view : for the selection of levels of detail; picture : arguments of the rendering kernel, with the image
     samples : range of sample indices
     """
     RayExchange(executor, scene, view, progress).add(picture, samples)
 
 
 class RayExchange:
-    """Pieces of an image in progress, and their pending queries."""
+    """Rendering of an image whose models are held by workers: pieces in progress, and the rays sent for them.
+
+    While the rays of some pieces are with the workers, which return hits, this process shades others.
+    """
 
     def __init__(
         self, executor: Executor, scene: Snapshot, view: View, progress: Callable[[float], None] | None = None
@@ -113,7 +117,10 @@ class RayExchange:
         self._waves = 0
 
     def add(self, picture: KernelArguments, samples: tuple[int, int]) -> None:
-        """Add samples to the whole image."""
+        """Add samples to the whole image.
+
+        picture : arguments of the rendering kernel, with the image; samples : range of sample indices
+        """
         size = picture.image.shape[1], picture.image.shape[0]
         pieces = [_Piece(picture, piece, samples) for piece in pieces_of(size, samples)]
         self._total = len(pieces)
@@ -128,7 +135,7 @@ class RayExchange:
             self._progress(self._done / self._total)
 
     def _begin(self, pending: Iterator[_Piece]) -> None:
-        """Start pieces until enough are in progress."""
+        """Start pieces of the image until enough are in progress. pending : pieces not yet started"""
         while len(self._waiting) < PIECES:
             piece = next(pending, None)
             if piece is None:
@@ -136,7 +143,7 @@ class RayExchange:
             self._continue(piece)
 
     def _continue(self, piece: _Piece) -> None:
-        """Run a piece until it has rays to send, or is finished."""
+        """Run the samples of a piece until they need hits of rays, which are sent to workers, or are finished."""
         while (question := piece.ask(self._tick)) is not None:
             sent = self._send(piece, question)
             if sent > 0:
@@ -145,7 +152,7 @@ class RayExchange:
         self._done += 1
 
     def _send(self, piece: _Piece, question: Question) -> int:
-        """Send a query to the holders of parts that its rays may hit; return the number of messages."""
+        """Send the rays of a piece to the workers with parts that they may hit; return the number of messages."""
         self._shares.pass_on(self._executor.workers)
         shares, sent = self._shares, 0
         meets = route(question.rays, self._boxes, shares.owners, len(shares.holders), None)
@@ -164,7 +171,7 @@ class RayExchange:
         return sent
 
     def _take(self, job: Job, given: Answer) -> None:
-        """Store an answer; after the last one of a query, continue the piece."""
+        """Store the hits that a worker returned for a job; after the last ones that a piece needs, continue it."""
         piece, rows = self._asked.pop(job)
         _count(received=given.nbytes)
         piece.take(rows, given)
@@ -175,14 +182,17 @@ class RayExchange:
 
 
 class _Piece:
-    """Samples of a piece of an image, pass by pass."""
+    """Samples of a piece of an image, pass by pass; each pass ends where sums may be rounded."""
 
     def __init__(self, picture: KernelArguments, piece: Piece, samples: tuple[int, int]) -> None:
         self._passes = (Waves(picture, piece, some) for some in passes_of(samples))
         self._now: Waves | None = None  # allocated when the piece is started
 
     def ask(self, progress: Any) -> Question | None:
-        """Return the next query, see `Waves.ask`; None if all samples are finished."""
+        """Return the next rays to send to workers; None if all samples are finished.
+
+        All answers to the previous rays must have been passed to `take`.
+        """
         while True:
             question = None if self._now is None else self._now.ask(progress)
             if question is None:
@@ -191,7 +201,7 @@ class _Piece:
                 return question
 
     def take(self, rows: NDArray[np.int64], given: Answer) -> None:
-        """Store an answer, see `Waves.take`."""
+        """Store the hits that a worker returned for some of the rays. rows : of these rays in the query, ascending"""
         assert self._now is not None
         self._now.take(rows, given)
 
@@ -201,12 +211,19 @@ _LOCK = threading.Lock()
 
 
 def answer_here(scene: Snapshot, view: View, rows: Rows, question: Question, threads: int, check: Any) -> Answer:
-    """Answer a query on a worker. rows : of the instances that it holds"""
+    """Intersect rays on a worker, and return their hits with its models.
+
+    view : for the selection of levels of detail; rows : of the instances whose models the worker holds
+    check : progress callback, which raises an exception to cancel
+    """
     return answer_query(world_of(scene, view, rows), question, Pace(threads, check))
 
 
 def world_of(scene: Snapshot, view: View, rows: Rows) -> World:
-    """Return the world of a holder's instances, from a cache; models are opened."""
+    """Return the world with the models that a worker holds opened, from a cache of the last few.
+
+    view : for the selection of levels of detail; rows : of the instances whose models the worker holds
+    """
     key = id(scene), view, rows.tobytes()  # the cache keeps the scene alive, so that its id stays unique
     with _LOCK:
         if key not in _WORLDS:
@@ -219,7 +236,12 @@ def world_of(scene: Snapshot, view: View, rows: Rows) -> World:
 
 
 def held_world(scene: Snapshot, view: View, rows: Rows) -> World:
-    """Return the world with the given instances on disk, and all others that are not on disk; without planes."""
+    """Return a world in which rays hit the parts on disk of given instances, and models that are not on disk.
+
+    It has no planes, which the sender of the rays intersects itself.
+
+    view : for the selection of levels of detail; rows : of the given instances
+    """
     if view.samples is None:
         world = scene.opened(rows).world
     else:

@@ -44,7 +44,10 @@ SILENT = 4  # 1: no answers are left
 
 
 class ReplayTable(NamedTuple):
-    """Answers and queries of a piece of an image. Units are samples of a tile, ordered by block and tile.
+    """Hits that workers have returned for a piece of an image (answers), and the rays to send next (queries).
+
+    In each wave all samples run from the start and read hits from the table, until one is missing: then the rays of the
+    tile are stored as a query. A unit is one sample of one tile; units are ordered by block and tile.
 
     Attributes
     ----------
@@ -57,18 +60,20 @@ class ReplayTable(NamedTuple):
     turns : int
         Number of answered waves.
     last : bool
-        Whether no unit has a query.
+        Whether no hit is missing: all units run to their end.
     begins : (turns * units,) int64
         Begin of the answers to each query in `found`; -1: no query.
     found : (n,) int64
         Row of a hit in `facts`, or MISS; for shadow rays 0 if blocked, or MISS.
     facts : (m * FACTS,) float64
+        Hits: instance, t, normal, colour, and the offset of secondary rays from the surface.
     asked : (units,) int64
         Rays of the tile in the current query of each unit, as bits.
     kinds : (units,) uint8
         1: occlusion; 0: closest hit.
     rays : (units * TILE * RAY,) float64
-        Rays of the current queries.
+        Rays of the current queries: origin, direction, end, side (+1 if a ray that starts on a surface is outside of
+        it, -1 if inside).
     """
 
     first_block: int
@@ -93,19 +98,22 @@ ReplayWorld: Any = namedtuple("ReplayWorld", [*World._fields, "recall"])  # type
 @version_for(ReplayWorld, begin_walk)
 @inline
 def _no_walk(world: Any, scratch: Scratch) -> int:
-    """Intersect only planes."""
+    """Return 0, the number of instances to visit: for a `ReplayWorld`, workers intersect them; only planes are left."""
     return 0
 
 
 @version_for(ReplayWorld, through_instance)
 @inline
 def _no_instance(world: Any, offset: int, rays: int, any_hit: bool, scratch: Scratch) -> None:
-    """Treat instances as empty."""
+    """Do nothing: for a `ReplayWorld`, workers intersect the models of instances, and a table holds the hits."""
 
 
 @inline
 def _unit_of(recall: ReplayTable, stack: Array) -> int:
-    """Return the unit of a thread's sample."""
+    """Return the index of the sample of a tile that a thread computes among all samples of all tiles of the piece.
+
+    stack : the thread's state, with column and row of the tile and the sample index
+    """
     block = stack[ROW] // BLOCK_EDGE * recall.across + stack[COLUMN] // BLOCK_EDGE - recall.first_block
     tile = stack[ROW] // EDGE % 2 * 2 + stack[COLUMN] // EDGE % 2
     return i64(block * 4 + tile) * recall.samples + stack[SAMPLE] - recall.first
@@ -113,21 +121,30 @@ def _unit_of(recall: ReplayTable, stack: Array) -> int:
 
 @inline
 def _is_open(scratch: Scratch, i: int) -> bool:
-    """Return whether ray i may hit models, after planes are intersected."""
+    """Return whether ray i of the tile may hit models: planes have left a part of it."""
     return scratch.world[sc.T_MIN + i] <= scratch.world[sc.NEAREST + i]
 
 
 @version_for(ReplayWorld, begin_sample)
 @inline
 def _begin_sample(world: Any, corner: Corner, sample: int, scratch: Scratch) -> None:
-    """Store which sample begins."""
+    """Store in scratch memory which sample begins, to find its hits in the table of the `ReplayWorld`.
+
+    corner : column and row of the tile's first pixel; sample : index of the sample
+    """
     stack = scratch.stack
     stack[COLUMN], stack[ROW], stack[SAMPLE], stack[TURN], stack[SILENT] = corner[0], corner[1], sample, 0, 0
 
 
 @routine
 def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
-    """Read the hits of the tile's rays from the table, after planes are intersected; else store a query."""
+    """Read the hits of the tile's rays with models from the world's table; if it lacks them, store the rays to be sent.
+
+    Planes have been intersected before. If hits are lacking, all further rays of the sample hit nothing; its result is
+    discarded.
+
+    any_hit : whether to test for occlusion only
+    """
     scratch, world = borrow(scratch), borrow(world)
     recall, stack = world.recall, scratch.stack
     asked = i64(0)
@@ -152,7 +169,10 @@ def _recall_tile(world: Any, any_hit: bool, scratch: Scratch) -> None:
 
 @inline
 def _take(recall: ReplayTable, begin: int, any_hit: bool, scratch: Scratch) -> None:
-    """Read the answers to a tile's query."""
+    """Read the hits of a tile's rays with models, which workers have returned, from the table into scratch memory.
+
+    begin : of these hits in `ReplayTable.found`; any_hit : whether they are occlusions
+    """
     wide, numbers = scratch.world, scratch.numbers
     k = begin
     for i in range(sc.TILE):
@@ -176,7 +196,10 @@ def _take(recall: ReplayTable, begin: int, any_hit: bool, scratch: Scratch) -> N
 
 @inline
 def _ask(recall: ReplayTable, unit: int, asked: Bits, any_hit: bool, scratch: Scratch) -> None:
-    """Store some of the tile's rays (bits) as the query of a sample."""
+    """Store some of the tile's rays in the table, to be sent to the workers that hold the models.
+
+    unit : index of the sample of the tile; asked : the rays (bits); any_hit : whether to test for occlusion only
+    """
     recall.asked[unit] = asked
     recall.kinds[unit] = 1 if any_hit else 0
     for i in range(sc.TILE):
@@ -193,7 +216,10 @@ def _ask(recall: ReplayTable, unit: int, asked: Bits, any_hit: bool, scratch: Sc
 @version_for(ReplayWorld, trace_tile)
 @inline
 def _recall_closest(world: Any, scratch: Scratch) -> None:
-    """Intersect planes, and read the other hits from the table."""
+    """Find the closest hits of the tile's rays: intersect planes here, and read hits with models from a table.
+
+    The table of the `ReplayWorld` holds the hits that workers have returned; lacking ones are requested.
+    """
     find_hits(world, False, scratch)
     _recall_tile(world, False, scratch)
 
@@ -201,7 +227,10 @@ def _recall_closest(world: Any, scratch: Scratch) -> None:
 @version_for(ReplayWorld, occlude_tile)
 @inline
 def _recall_occlusion(world: Any, scratch: Scratch) -> None:
-    """Intersect planes, and read from the table which other rays are blocked."""
+    """Find which rays of the tile are blocked: intersect planes here, and read hits with models from a table.
+
+    The table of the `ReplayWorld` holds the hits that workers have returned; lacking ones are requested.
+    """
     find_hits(world, True, scratch)
     _recall_tile(world, True, scratch)
 
@@ -209,13 +238,13 @@ def _recall_occlusion(world: Any, scratch: Scratch) -> None:
 @version_for(ReplayWorld, describe_tile)
 @inline
 def _keep_colors(world: Any, seen_only: bool, scratch: Scratch) -> None:
-    """Keep the colours of the answers."""
+    """Do nothing: the hits that workers have returned for a `ReplayWorld` include their colours."""
 
 
 @version_for(ReplayWorld, margin_of)
 @inline
 def _margin_of(world: Any, scratch: Scratch, i: int) -> float:
-    """Return the margin of the answer."""
+    """Return the offset of secondary rays from the surface at hit i of the tile, as a worker has returned it."""
     return scratch.world[sc.LOCAL + i]
 
 
@@ -224,23 +253,36 @@ _quick, _sampled = routine(uncompiled(quick_frame)), routine(uncompiled(sampled_
 
 @kernel
 def recalled_quick(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Run `quick_frame` for a `ReplayWorld`."""
+    """Render like `quick_frame` (integrators "phong", "normal", "depth", "color") with hits that workers have returned.
+
+    world : a `ReplayWorld`, which has the table of these hits; film : sums over samples; image : their means
+    """
     return _quick(work, world, camera, job, film, image)
 
 
 @kernel
 def recalled_sampled(work: Array, world: Any, camera: Array, job: Pass, film: Array, image: Array) -> int:
-    """Run `sampled_frame` for a `ReplayWorld`."""
+    """Render like `sampled_frame` (integrators "ao" and "path") with hits that workers have returned.
+
+    world : a `ReplayWorld`, which has the table of these hits; film : sums over samples; image : their means
+    """
     return _sampled(work, world, camera, job, film, image)
 
 
 def replay_kernel_for(frame: Any) -> Any:
-    """Return the replacement of a kernel of `integrate`."""
+    """Return the kernel that replaces `quick_frame` or `sampled_frame` when workers intersect the models.
+
+    frame : one of these two
+    """
     return {quick_frame: recalled_quick, sampled_frame: recalled_sampled}[frame]
 
 
 def empty_table(units: int, first_block: int, across: int, samples: tuple[int, int]) -> ReplayTable:
-    """Return an empty table, before the first wave. samples : range of sample indices"""
+    """Return a table of hits for a piece of an image before any rays are sent.
+
+    units : number of samples of tiles in the piece; first_block : number of its first block
+    across : blocks in a row of the image; samples : range of sample indices
+    """
     return ReplayTable(
         first_block,
         across,

@@ -16,7 +16,8 @@ PAD = 1e-5  # padding of boxes relative to the size of their union, more than in
 def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) -> int:
     """Set out[ray, owner] = 1 where a ray enters a box of an owner before its end.
 
-    rays : (n, 8) float64, see `answer`; boxes : (m, 6) float64, minimum, maximum; owners : (m,) int64
+    work : counter from which threads take rays; rays : (n, 8) float64: origin, direction, end, side
+    boxes : (m, 6) float64, min x y z, max x y z; owners : (m,) int64, owner of each box
     """
     rays, boxes, owners, out = borrow(rays), borrow(boxes), borrow(owners), borrow(out)
     batch = next_tile(work)
@@ -47,15 +48,16 @@ def _route(work: Array, rays: Array, boxes: Array, owners: Array, out: Array) ->
 def route(
     rays: NDArray[np.float64], boxes: NDArray[np.float64], owners: NDArray[np.int64], count: int, threads: int | None
 ) -> NDArray[np.bool_]:
-    """Return which owners have boxes that each ray enters, (n, count) bool.
+    """Return which owners have boxes that each ray enters, (n, count) bool: the workers to which the ray is sent.
 
     Parameters
     ----------
     rays : (n, 8) float64
-        See `answer.answer`.
+        Origin, direction, end, side (not used).
     boxes : (m, 6) float64
+        Minimum x y z, maximum x y z, world.
     owners : (m,) int64
-        Owner of each box.
+        Owner of each box, less than `count`.
     """
     out = np.zeros((len(rays), count), np.uint8)
     if len(boxes) and len(rays):

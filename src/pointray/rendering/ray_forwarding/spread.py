@@ -16,7 +16,12 @@ WITHOUT = "baked", "cost"  # integrators that need the models in the same proces
 
 
 def check_spread(spread: bool | None, client: Any, settings: Settings) -> bool | None:
-    """Return whether models are spread over workers; None: if they do not fit. ValueError if they cannot be spread."""
+    """Return whether each worker of a cluster opens only some parts of models; None: only if memory requires it.
+
+    ValueError if it is required without a client, or the integrator needs all models in one process.
+
+    spread : as given to `render`; None: the client's default
+    """
     if spread is None and (client is None or not backend().is_spread_preferred(client)):
         return False if settings.integrator in WITHOUT else None
     spread = True if spread is None else spread

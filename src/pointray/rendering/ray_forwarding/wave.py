@@ -23,9 +23,10 @@ TILES = BLOCK_EDGE * BLOCK_EDGE // TILE  # tiles a block
 
 
 class Question(NamedTuple):
-    """Query: rays sent to another worker for intersection.
+    """Query: rays of a piece of an image, sent to a worker for intersection.
 
-    rays, slots : (n, 8) float64, (n,) uint8, see `answer.answer`
+    rays : (n, 8) float64, origin, unit direction, end, side (+1 if a ray that starts on a surface is outside, else -1)
+    slots : (n,) uint8, index of each ray in its tile, plus `BEGINS` at the first ray of a tile
     closest : number of closest-hit rays, which come first; the others are occlusion rays
     """
 
@@ -38,16 +39,17 @@ class Question(NamedTuple):
         return self.rays.nbytes + self.slots.nbytes
 
     def of(self, rows: NDArray[np.int64]) -> Question:
-        """Return the query of some of the rays. rows : ascending"""
+        """Return a query of some of the rays, for one worker. rows : of these rays, ascending"""
         tiles = np.cumsum(self.slots >= BEGINS)[rows]
         return Question(self.rays[rows], _marked(self.slots[rows] & SLOT, tiles), int((rows < self.closest).sum()))
 
 
 class Answer(NamedTuple):
-    """Hits of a query's rays with the models of one holder.
+    """Hits of a query's rays with the models that one worker holds.
 
     met : (n / 8,) uint8, bits: which rays hit anything
-    facts : (m, FACTS) float64, see `replay.FACTS`, of the closest-hit rays that hit
+    facts : (m, FACTS) float64, of the closest-hit rays that hit: instance, t, normal, colour, and the offset of
+        secondary rays from the surface
     """
 
     met: NDArray[np.uint8]
@@ -59,7 +61,7 @@ class Answer(NamedTuple):
 
 
 def answer_query(world: World, question: Question, pace: Pace = PLAIN) -> Answer:
-    """Intersect the rays of a query with a world."""
+    """Intersect the rays of a query with a world, and return their hits. pace : number of threads, progress callback"""
     rays, slots, k = question
     instances, facts = answer(world, rays[:k], slots[:k], False, pace)
     blocked, _ = answer(world, rays[k:], slots[k:], True, pace)
@@ -70,9 +72,10 @@ def answer_query(world: World, question: Question, pace: Pace = PLAIN) -> Answer
 
 @dataclass(frozen=True)
 class KernelArguments:
-    """Arguments of a rendering kernel.
+    """A rendering kernel and its arguments.
 
-    kernel : one of `replay`; film may be empty; threads : see `jit.run`
+    kernel : reads hits from a table; camera : (16,), eye, axes, projection and lens; job : parameters of all samples
+    film : sums over samples, (h, w, k), or empty; image : (h, w, 4); threads : None: `POINTRAY_THREADS`, else all
     """
 
     kernel: Any
@@ -85,23 +88,31 @@ class KernelArguments:
 
 
 def pieces_of(size: tuple[int, int], samples: tuple[int, int]) -> list[Piece]:
-    """Return the pieces of an image, with a limited number of rays each."""
+    """Return the pieces of an image, in each of which one pass has a limited number of rays.
+
+    size : width and height in pixels; samples : range of sample indices
+    """
     blocks = -(-size[0] // BLOCK_EDGE) * -(-size[1] // BLOCK_EDGE)
     longest = min(samples[1] - samples[0], LONGEST_PASS)
     return cut(size, max(-(-blocks // max(RAYS // (BLOCK_EDGE * BLOCK_EDGE * longest), 1)), 1))
 
 
 def passes_of(samples: tuple[int, int]) -> list[tuple[int, int]]:
-    """Divide a range of samples into passes where sums may be rounded, see `film.round_sums`."""
+    """Divide a range of samples into passes, which end where sums may be rounded to float32 without changing the image.
+
+    samples : range of sample indices, (first, end); so is each pass
+    """
     first, end = samples
     starts = [first, *range((first // LONGEST_PASS + 1) * LONGEST_PASS, end, LONGEST_PASS)]
     return list(zip(starts, [*starts[1:], end], strict=True))
 
 
 class Waves:
-    """Samples of a piece of an image.
+    """Samples of a piece of an image, which stop whenever they need hits of rays that workers must find.
 
-    Call `ask` until it returns None, passing the answers of all holders to `take` after each call, in any order.
+    Call `ask` until it returns None, passing the hits from all workers to `take` after each call, in any order.
+
+    picture : arguments of the rendering kernel, with the image; samples : range of sample indices
     """
 
     def __init__(self, picture: KernelArguments, piece: Piece, samples: tuple[int, int]) -> None:
@@ -119,7 +130,7 @@ class Waves:
         self._met = np.zeros(0, np.bool_)
 
     def ask(self, progress: Any = None) -> Question | None:
-        """Return the next query, or None if the samples are finished and added to the image.
+        """Return the next rays to be intersected, or None if the samples are finished and added to the image.
 
         progress : called while the kernel runs; an exception in it ends the call
         """
@@ -136,7 +147,10 @@ class Waves:
         return self._question()
 
     def take(self, rows: NDArray[np.int64], given: Answer) -> None:
-        """Merge the answer of a holder. rows : of the rays in the query"""
+        """Merge the hits that a worker returned: the nearest hit of each ray is kept.
+
+        rows : of its rays in the query, ascending; given : their hits
+        """
         met = np.unpackbits(given.met, count=len(rows)).view(np.bool_)
         hit = rows[met]
         self._met[hit] = True
@@ -147,7 +161,7 @@ class Waves:
         self._best[hit[nearer]] = new[nearer]
 
     def _run(self, progress: Any) -> None:
-        """Run all samples from the start."""
+        """Run the kernel for all samples from the start, with all hits found so far."""
         picture, piece = self._picture, self._piece
         if self._before is not None:
             piece.of(picture.film)[:] = self._before
@@ -156,7 +170,7 @@ class Waves:
         run(picture.kernel, piece.blocks, *args, threads=picture.threads, progress=progress, first=piece.block)
 
     def _question(self) -> Question:
-        """Return the rays stored by the samples as a query: closest-hit rays, then occlusion rays."""
+        """Return the rays that the samples have stored in the table: closest-hit rays, then occlusion rays."""
         recall = self._recall
         asking = np.flatnonzero(recall.asked)
         tiles, places = np.nonzero(recall.asked[asking, None] >> np.arange(TILE) & 1)
@@ -175,7 +189,7 @@ class Waves:
         return Question(rays[self._order], slots[self._order], self._closest)
 
     def _keep_answers(self) -> None:
-        """Append the answers to a query to the table."""
+        """Append the hits of the last query's rays to the table from which samples read."""
         found = np.full(len(self._met), MISS, np.int64)
         hits = np.flatnonzero(self._met[: self._closest])
         found[self._order[self._closest :][self._met[self._closest :]]] = 0
@@ -187,18 +201,21 @@ class Waves:
 
 
 def _marked(slots: NDArray[Any], tiles: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return slots with `BEGINS` where a tile begins. tiles : tile of each ray"""
+    """Return the index of each ray in its tile, (n,) uint8, with the bit `BEGINS` set at the first ray of each tile.
+
+    slots : the indices, 0 to 63; tiles : tile of each ray, ascending
+    """
     return (slots | np.where(np.diff(tiles, prepend=-1) != 0, BEGINS, 0)).astype(np.uint8)
 
 
 class _Growing:
-    """Array with amortized append."""
+    """One-dimensional array to which numbers are appended in amortized constant time. kind : its dtype"""
 
     def __init__(self, kind: Any) -> None:
         self._room, self.size = np.zeros(1024, kind), 0
 
     def add(self, more: Array) -> None:
-        """Append numbers."""
+        """Append an array of numbers."""
         if self.size + more.size > self._room.size:
             room = np.zeros(2 * (self.size + more.size), self._room.dtype)
             room[: self.size] = self._room[: self.size]
@@ -208,5 +225,5 @@ class _Growing:
 
     @property
     def all(self) -> Array:
-        """Return all numbers."""
+        """All numbers appended so far, as a view."""
         return self._room[: self.size]
