@@ -251,7 +251,7 @@ def _normals(cloud: Cloud) -> Target | None:
 
 
 def _colors(cloud: Cloud) -> Target | None:
-    """Return the column of 8-bit colours to be written, converted by the range of each file; None if there are none."""
+    """Return the column of 8-bit colours to be written, converted by the range of each file, or None."""
     raw, colored_files = cloud.raw(COLORS), sum(color_kind(file.part) is not None for file in cloud.files)
     if not colored_files:
         raw.drop()
