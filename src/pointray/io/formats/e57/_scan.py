@@ -40,8 +40,8 @@ class Field(NamedTuple):
     name: str
     dtype: np.dtype[Any]
     bits: int
-    grid: tuple[float, float] | None = None  # scale and offset of scaled integers
-    largest: float = 0.0  # largest integer or float
+    grid: tuple[float, float] | None = None
+    largest: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ def _check_nodes(nodes: NDArray[Any], header: Header) -> None:
 
 
 def _wanted(keys: NDArray[np.int32], header: Header, copc: Copc, request: Request) -> NDArray[np.bool_]:
-    """Return which octree nodes a request needs: those that overlap its bounds, down to the level of its resolution.
+    """Return which octree nodes a request needs, (n,): those in its bounds, down to the level of its resolution.
 
     keys : (n, 4), level and x, y, z of each node
     """

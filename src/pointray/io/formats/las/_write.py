@@ -37,7 +37,7 @@ class Extra(NamedTuple):
 def write(file: Any, points: Points, progress: Progress | None = None) -> Losses:
     """Write all data of the points to a stream as LAS 1.4 or, if its path ends with .laz, LAZ.
 
-    Return descriptions of what LAS cannot store. Rows without a finite position are left out, which is among them.
+    Rows without a finite position are left out. Return descriptions of this and of what LAS cannot store.
     """
     import laspy
 

@@ -80,7 +80,9 @@ def _split(data: bytes) -> tuple[bytes, bytes]:
 
 
 def _check(tree: Any, size: int, faults: Faults) -> None:
-    """Raise ValueError for data that trimesh would read as zeros, or that need more memory than the file has bytes.
+    """Raise ValueError for compressed data, which trimesh would read as zeros, and for announced rows without data.
+
+    The latter could need more memory than the file has bytes.
 
     tree : the file's JSON; size : of the file in bytes; faults : records unsupported extensions
     """

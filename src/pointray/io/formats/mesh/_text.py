@@ -97,9 +97,10 @@ def _whole_off(data: bytes, faults: Faults) -> bytes:
 
 
 def off_columns(data: bytes) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return normals and colours, (n, 3) each, of the vertices of an OFF file, which trimesh ignores; None for missing.
+    """Return normals and colours, (n, 3) each, of the vertices of an OFF file, which trimesh ignores.
 
-    The letters before OFF list the columns after the coordinates: N normals, C colours.
+    Either is None if the file lacks it. The letters before OFF list the columns after the coordinates: N normals, C
+    colours.
     """
     head, _, body = re.sub(rb"#[^\n]*", b"", data).partition(b"OFF")
     lines = [line.split() for line in body.splitlines() if line.strip()]
