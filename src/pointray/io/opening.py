@@ -47,7 +47,9 @@ def listings_of(files: Sequence[Opener]) -> list[Listing]:
 
 
 def announced_rows(listings: Sequence[Listing], selection: Selection) -> list[int]:
-    """Return the approximate number of rows of each file of which every n-th is read, before other conditions apply.
+    """Return the number of rows of each file, exact or estimated, after selecting every n-th row.
+
+    Other conditions of the selection are ignored.
 
     listings : what the header of each file announces
     """

@@ -72,7 +72,7 @@ def count_lines(file: BinaryIO, end: int | None = None) -> int:
 def whole_lines(lines: Iterable[str], fields: int, faults: Faults) -> Iterator[str]:
     """Yield the lines of a text, but not a last one with fewer than `fields` words: the file is cut off within it.
 
-    The omission is recorded in `faults`; if these are strict, the line is yielded.
+    The omission is recorded in `faults`; if `faults.strict`, the line is yielded.
     """
     held: list[str] = []  # a row, and the blank lines after it
     for line in lines:

@@ -244,7 +244,10 @@ def _is_opaque(column: Values, kind: int) -> bool:
 
 
 def _difference(rows: Values) -> float:
-    """Return how much adjacent columns of (n, 3) values differ, relative to their size; little if they are colours."""
+    """Return how much adjacent columns of (n, 3) values differ, relative to their size.
+
+    It is small for the channels of colours.
+    """
     left, right = rows[:, :-1], rows[:, 1:]
     return float((np.abs(left - right).mean(axis=0) / np.maximum((left + right).mean(axis=0), 1e-30)).sum())
 

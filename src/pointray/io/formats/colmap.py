@@ -83,7 +83,7 @@ def _chunk(rows: NDArray[Any], share: float) -> Chunk:
 def _announced(file: BinaryIO, size: int, faults: Faults) -> int:
     """Read the number of points at the start of a binary file; raise ValueError if it is 0 or no point fits.
 
-    If `faults` are strict, all points must fit into the `size` bytes of the file.
+    If `faults.strict`, all points must fit into the `size` bytes of the file.
     """
     if size < 8:
         raise ValueError("is cut off within the number of points")

@@ -251,7 +251,10 @@ def _normals(cloud: Cloud) -> Target | None:
 
 
 def _colors(cloud: Cloud) -> Target | None:
-    """Return the column of 8-bit colours to be written, converted by the range of each file, or None."""
+    """Return the column of 8-bit colours to be written, converted by the range of each file.
+
+    Return None if no file has colours.
+    """
     raw, colored_files = cloud.raw(COLORS), sum(color_kind(file.part) is not None for file in cloud.files)
     if not colored_files:
         raw.drop()

@@ -45,7 +45,7 @@ def recognise(head: bytes, path: Path) -> int:
 
 
 class _Head:
-    """Stream of the first bytes of a file."""
+    """Stream over the first bytes of a file, from which a header is read."""
 
     def __init__(self, head: bytes) -> None:
         self._rest = head

@@ -116,7 +116,7 @@ def scans_of(root: Node, size: int, faults: Faults) -> list[Scan]:
     """Return the scans with points in the XML of a file of `size` bytes; raise ValueError if no scan has points.
 
     If they announce more points than the file can hold, their counts are reduced to what fits, or ValueError is raised
-    if `faults` are strict.
+    if `faults.strict`.
     """
     nodes = list(root.find("data3D") or ())
     scans = [scan for k, node in enumerate(nodes) if (scan := _scan(node, k, size)) is not None]

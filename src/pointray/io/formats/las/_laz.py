@@ -73,7 +73,9 @@ def require(module: str) -> Any:
 
 @contextmanager
 def damage(what: str) -> Iterator[None]:
-    """Convert exceptions of a library to ValueError; a Rust panic is not derived from Exception.
+    """Convert exceptions that a library raises in the context to ValueError, also Rust panics.
+
+    A panic is not derived from Exception.
 
     what : the part of the file that is read, for the message
     """

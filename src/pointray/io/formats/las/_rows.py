@@ -52,7 +52,7 @@ class Layout(NamedTuple):
     columns : tuple of Column
         The attributes.
     normals : tuple of Column
-        Three or none.
+        Components of the normals: three or none.
     colors : bool
         Whether a row has red, green and blue.
     """

@@ -134,7 +134,10 @@ class _ErrorRecorder:
 
 
 def _choose_format(points: Points) -> tuple[int, list[str]]:
-    """Return the smallest point format that stores most of the attributes, and the names of these attributes."""
+    """Return the LAS point format that stores as many attributes as possible, and the names of these attributes.
+
+    Among several such formats it is the one with the smallest rows.
+    """
     import laspy
 
     best: tuple[int, list[str]] = 0, []

@@ -179,7 +179,7 @@ def _numbers(
 
 
 def _explained(error: ValueError, row: str, dialect: Dialect, modes: list[int]) -> ValueError:
-    """Return an error in the first rows; if a column contains words, one that advises to ignore this column.
+    """Return the error to raise for invalid first rows: the given one, or better advice if a column contains words.
 
     row : the first row; modes : how each column is read
     """
