@@ -97,10 +97,10 @@ class ColorRange:
         return "; ".join(notes)
 
     def _range(self, kind: np.dtype[Any]) -> int:
-        """Return the index in `RANGES` of the range of colours of dtype `kind`: their white is 1, 255 or 65535.
+        """Return 0, 1 or 2 for colours of dtype `kind` up to 1, 255 or 65535: their index in `RANGES`.
 
-        It is the first range that at most 0.1% of the nonzero values exceed, and that to 255 for unsigned bytes. Raise
-        ValueError if there is none.
+        It is the first range that at most 0.1% of the nonzero values exceed, and 1 for unsigned bytes. Raise ValueError if
+        there is none.
         """
         if kind == np.uint8 or self.rows == 0 or self._are_bytes(kind):
             return 1

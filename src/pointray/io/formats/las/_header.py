@@ -159,7 +159,7 @@ def _walk(file: BinaryIO, where: tuple[int, int], number: int, head: int, faults
 
     A record that does not fit is recorded in `faults`, and ends the iteration.
 
-    where : range of bytes; number : announced number of records
+    where : first byte and end of the range; number : announced number of records
     head : bytes before the data of a record: 54, or 60 for extended records
     """
     start, end = where

@@ -34,7 +34,7 @@ class UnsupportedError(ValueError):
 
 
 def readable(data: bytes, kind: str, get: Callable[[str], bytes], faults: Faults) -> bytes:
-    """Return the contents of a glTF file as trimesh can read them.
+    """Return the contents of a glTF file as trimesh can read them: quantized and sparse attributes become float32.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ SHORT_FACE = re.compile(rb"^[ \t]*f(?:[ \t]+\S+){0,2}[ \t]*\Z", re.MULTILINE)  #
 
 
 def whole_text(data: bytes, kind: str, faults: Faults) -> bytes:
-    """Return a truncated file as far as it is complete, with adjusted counts; raise ValueError if too little is left.
+    """Return a mesh file without its incomplete end, and with adjusted counts; ValueError if too little is left.
 
     data : the file; kind : its format, "obj", "off" or "stl"; others are unchanged; faults : records what is missing
     """

@@ -169,7 +169,7 @@ def _stack(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
 def _open(path: Path, request: Request) -> Source:
     """Return a reader of the vertices of a PLY file, or of points sampled on its triangles.
 
-    The latter if they are requested, or if the vertices are too sparse to represent the surface.
+    Points are sampled if that is requested, or if the vertices are too sparse to represent the surface.
     """
     if request.sample == 0:
         return PlySource(path, request)
