@@ -99,8 +99,8 @@ class ColorRange:
     def _range(self, kind: np.dtype[Any]) -> int:
         """Return 0, 1 or 2 for colours of dtype `kind` up to 1, 255 or 65535: their index in `RANGES`.
 
-        It is the first range that at most 0.1% of the nonzero values exceed, and 1 for unsigned bytes. Raise ValueError if
-        there is none.
+        It is the first range that at most 0.1% of the nonzero values exceed, and 1 for unsigned bytes. Raise ValueError
+        if there is none.
         """
         if kind == np.uint8 or self.rows == 0 or self._are_bytes(kind):
             return 1

@@ -127,9 +127,9 @@ class NpzSource(Source):
 
 
 def _first(members: dict[str, Member]) -> tuple[str, str]:
-    """Return the name of the array that holds the positions (or x); and this name again if it holds other columns too.
+    """Return the name of the array that holds the positions (or x); and again, if its columns must be identified.
 
-    The second is "" if the array holds positions only. Raise ValueError if there are no positions.
+    The second name is "" if the array can only hold positions. Raise ValueError if there are no positions.
 
     members : arrays of the archive by name
     """

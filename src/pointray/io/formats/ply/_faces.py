@@ -19,10 +19,10 @@ CORNERS = ("vertex_index", "vertex_indices")
 
 
 def read_triangles(path: Path, header: Header) -> NDArray[np.int64] | None:
-    """Return the triangles of a PLY file, (m, 3); polygons are split into fans.
+    """Return the triangles of a PLY file, (m, 3) vertex indices; polygons are split into fans.
 
-    Return None if faces have other lists, or different numbers of corners. Raise ValueError if the file is cut off
-    before them.
+    Return None if faces have other lists than that of vertex indices, or different numbers of corners. Raise ValueError
+    if the file is cut off before them.
     """
     index = [element.name for element in header.elements].index("face")
     faces = header.elements[index]
