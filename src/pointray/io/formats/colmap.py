@@ -146,7 +146,7 @@ def _read_text(file: BinaryIO, size: int, faults: Faults) -> Iterator[Chunk]:
 
 
 class _Rows:
-    """Iterator over the rows of a text file: (id, x, y, z, r, g, b, error, length of the track)."""
+    """Iterator over the points of a text file: (id, x, y, z, r, g, b, error, number of images that show the point)."""
 
     def __init__(self, file: BinaryIO, faults: Faults) -> None:
         self._faults = faults
