@@ -25,9 +25,11 @@ class ColorRange:
     Attributes
     ----------
     rows : int
+        Number of rows.
     missing : int
-        Rows with NaN, which means no colour.
+        Number of rows with NaN, which means no colour.
     low, high : float
+        Minimum and maximum of all values except NaN; inf and -inf for colours in uint8, which need none.
     """
 
     def __init__(self) -> None:
@@ -39,7 +41,7 @@ class ColorRange:
 
     @classmethod
     def of(cls, columns: Sequence[NDArray[Any]]) -> ColorRange:
-        """Return the statistics of (n, 3) colours, given in the pieces of one file."""
+        """Return the statistics of the colours of a file. columns : all its rows in order, as (m, 3) arrays"""
         known = cls()
         for column in columns:
             known.add(column)
@@ -51,7 +53,7 @@ class ColorRange:
         return self.rows > 0 and (self._colored == 0 or self.missing == self.rows)
 
     def add(self, column: NDArray[Any]) -> None:
-        """Add (n, 3) colours to the statistics."""
+        """Include (n, 3) more colours of the file in the statistics."""
         if not len(column):
             return
         self.rows += len(column)
@@ -69,18 +71,24 @@ class ColorRange:
             self._uses_last_bits = _uses_last_bits(column)
 
     def white(self, kind: np.dtype[Any]) -> int:
-        """Return the value of white, 1, 255 or 65535, for colours of dtype `kind`; ValueError if they are invalid."""
+        """Return the value of white, 1, 255 or 65535, in colours of dtype `kind`; ValueError if they fit no range."""
         return RANGES[self._range(kind)][0]
 
     def scale(self, kind: np.dtype[Any]) -> float:
-        """Return the factor that converts values of this dtype to 8 bits; ValueError if they are invalid."""
+        """Return the factor that converts colours of dtype `kind` to 0 to 255; raise ValueError if they fit no range.
+
+        16-bit values that are all multiples of 256 are taken for 8 bits, shifted left.
+        """
         white = self.white(kind)
         if white < 65535:
             return 255 / white
         return 1 / SHADES if self._uses_last_bits else 1 / 256  # or 8 bits, shifted left
 
     def note(self, kind: np.dtype[Any]) -> str:
-        """Describe for the user what is lost in the conversion of colours of this dtype; empty if nothing is."""
+        """Describe for the user what the conversion of colours of dtype `kind` to 8 bits loses; "" if it loses nothing.
+
+        Points without a colour become grey, and values out of range are clipped.
+        """
         k = self._range(kind)
         outside = self._above[k] + self._below[k]
         notes = [f"{self.missing:,} points without a colour (NaN) are set to grey"] * bool(self.missing)
@@ -89,7 +97,11 @@ class ColorRange:
         return "; ".join(notes)
 
     def _range(self, kind: np.dtype[Any]) -> int:
-        """Return the index of the range in `RANGES`: the first with few values above it."""
+        """Return 0, 1 or 2 for colours of dtype `kind` up to 1, 255 or 65535: their index in `RANGES`.
+
+        It is the first range that at most 0.1% of the nonzero values exceed, and 1 for unsigned bytes. Raise ValueError
+        if there is none.
+        """
         if kind == np.uint8 or self.rows == 0 or self._are_bytes(kind):
             return 1
         most = STRAY * self._colored
@@ -101,12 +113,15 @@ class ColorRange:
         return k
 
     def _are_bytes(self, kind: np.dtype[Any]) -> bool:
-        """Whether these are unsigned bytes that were written as signed ones."""
+        """Whether colours of dtype `kind` are unsigned bytes stored as signed ones: int8 with negative values."""
         return kind == np.int8 and self.low < 0
 
 
 def _uses_last_bits(column: NDArray[Any]) -> bool:
-    """Whether any value is not a multiple of 256; mostly one of the first rows is not."""
+    """Whether any colour value is not a multiple of 256; otherwise 16-bit colours are 8 bits, shifted left.
+
+    Rows are examined in blocks up to the first such value, which is mostly among the first rows.
+    """
     blocks = (column[start : start + BLOCK] for start in range(0, len(column), BLOCK))
     return column.dtype.itemsize > 1 and any(
         (block[(block > 0) & (block <= RANGES[-1][1])] % 256).any() for block in blocks
@@ -114,7 +129,10 @@ def _uses_last_bits(column: NDArray[Any]) -> bool:
 
 
 def to_shades(column: NDArray[Any], scale: float) -> NDArray[np.uint8]:
-    """Convert colours to 8 bits, rows with NaN to grey. scale : see `ColorRange.scale`"""
+    """Convert (n, 3) colours to 8 bits, and rows with NaN to grey.
+
+    scale : factor that converts the values to 0 to 255; unused for types of one byte
+    """
     if column.dtype.itemsize == 1:
         return column.view(np.uint8)
     values = column * np.float32(scale)

@@ -45,8 +45,8 @@ def read(
 ) -> Points:
     """Read a point cloud from one file, or from several files as one cloud.
 
-    The format is detected from the contents of a file, not from its name; see `formats`. Files compressed with gzip or
-    Zstandard (.gz, .zst) are decompressed first.
+    The format is detected from the contents of a file, not from its name; `formats` lists the supported ones. Files
+    compressed with gzip or Zstandard (.gz, .zst) are decompressed first.
 
     Parameters
     ----------
@@ -110,7 +110,11 @@ def read(
 
 @contextmanager
 def open_files(path: Paths, request: Request) -> Iterator[list[Opener]]:
-    """Detect the formats of one file or several; compressed files stay unpacked while the context lasts.
+    """Detect the formats of one file or several; yield an `Opener` for each (its name, and the function that opens it).
+
+    Compressed files stay unpacked while the context lasts.
+
+    request : options of reading for the formats
 
     Raises
     ------
@@ -132,7 +136,7 @@ def open_files(path: Paths, request: Request) -> Iterator[list[Opener]]:
 
 
 def paths_of(path: Any) -> list[Path]:
-    """Return the files given by a caller, one or several; raise OSError if one cannot be opened."""
+    """Return one path or a sequence of paths as a list; raise OSError for a missing file, a folder or a pipe."""
     several = isinstance(path, Sequence) and not isinstance(path, str | bytes)
     files = [arguments.check_path(one) for one in path] if several else [arguments.check_path(path)]
     if not files:
@@ -149,7 +153,13 @@ def request_of(
     intrinsics: Any = None,
     strict: Any = False,
 ) -> Request:
-    """Return the checked arguments that are passed on to the formats."""
+    """Check the options of reading that depend on the format of a file; return them together.
+
+    columns : names of the columns of a text file; bounds : (2, 3) or (6,), box of the points to read
+    resolution : coarsest acceptable point spacing (COPC); sample : number of points to sample on a mesh
+    opacity : minimum opacity of Gaussian splats; intrinsics : fx, fy, cx, cy of a depth image
+    strict : refuse damaged files
+    """
     names = columns.split(",") if isinstance(columns, str) else columns
     if names is not None:
         if not isinstance(names, Sequence) or not names or not all(isinstance(n, str) and n.strip() for n in names):
@@ -178,13 +188,17 @@ def _checked_intrinsics(value: Any) -> tuple[float, ...]:
 
 
 def stamp(file: Path) -> tuple[int, int]:
-    """Return the size and the modification time of a file, which change when it is written to."""
+    """Return the size (bytes) and the modification time (ns) of a file, which change when it is written to."""
     facts = file.stat()
     return facts.st_size, facts.st_mtime_ns
 
 
 def _check_unchanged(files: Sequence[Path], before: Sequence[tuple[int, int]], error: ValueError | None = None) -> None:
-    """Raise ValueError if a file has been modified since."""
+    """Raise ValueError if a file has been modified while it was read.
+
+    before : size and modification time of each file before reading
+    error : error of reading, probably a consequence, which the message quotes
+    """
     for file, known in zip(files, before, strict=True):
         if stamp(file) != known:
             why = f" ({error})" if error else ""
@@ -192,7 +206,10 @@ def _check_unchanged(files: Sequence[Path], before: Sequence[tuple[int, int]], e
 
 
 def _opener(file: Path, request: Request, stack: ExitStack) -> Opener:
-    """Return the opener of a file, which stays unpacked until the stack is left."""
+    """Detect the format of a file, and return its name with the function that opens it.
+
+    stack : keeps a compressed file unpacked until it is left
+    """
     path = file
     if packing_of(file):
         path = stack.enter_context(unpacked(file, request.strict))
@@ -201,7 +218,10 @@ def _opener(file: Path, request: Request, stack: ExitStack) -> Opener:
 
 
 def check_readable(path: str | os.PathLike[str], request: Request | None = None) -> None:
-    """Raise OSError or ValueError if a file cannot be opened, or its format is unknown or its header invalid."""
+    """Raise OSError or ValueError if a file cannot be opened, or its format is unknown or its header invalid.
+
+    Compressed files are not examined, because that would unpack them. request : options of reading for the format
+    """
     file = check_regular(path)
     if packing_of(file):
         return
@@ -211,7 +231,7 @@ def check_readable(path: str | os.PathLike[str], request: Request | None = None)
 
 
 def write(path: str | os.PathLike[str], points: Points, progress: StageProgress | None = None) -> None:
-    """Write a point cloud with all its arrays. The extension of the file selects the format; see `formats`.
+    """Write a point cloud with all its arrays. The extension of the file selects the format; `formats` lists them all.
 
     Parameters
     ----------
@@ -245,7 +265,10 @@ def write(path: str | os.PathLike[str], points: Points, progress: StageProgress 
 
 
 def write_points(path: str | os.PathLike[str], points: Points, progress: Progress | None = None) -> list[str]:
-    """Write as `write` does; return descriptions of what the format cannot store."""
+    """Write a point cloud in the format that the extension of the file selects; return what the format cannot store.
+
+    Each item of the list is a text for the user, such as "cannot store the scanner positions".
+    """
     arguments.check_kind(points, "points", Points, "Points")
     writer = writer_of(path)
     with replacing(path) as beside:
@@ -253,7 +276,12 @@ def write_points(path: str | os.PathLike[str], points: Points, progress: Progres
 
 
 def headers(path: Paths, request: Request | None = None) -> Iterator[tuple[Path, Format, Any]]:
-    """Yield each file with its format and its listing, for `info`."""
+    """Yield (file, format, listing) for each of one file or several, without reading their points.
+
+    The `Listing` is what the header announces: the number of rows, the georeference, and facts for `pointray info`.
+
+    request : options of reading for the formats
+    """
     for file in paths_of(path):
         with ExitStack() as stack:
             asked = request or Request()

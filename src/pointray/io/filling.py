@@ -24,7 +24,7 @@ class Filling:
         self._whole: Chunk | None = None
 
     def add(self, chunk: Chunk) -> None:
-        """Copy the next rows."""
+        """Copy the rows of the next chunk into the arrays."""
         n = len(chunk.positions)
         if self._whole is None:
             self._whole = chunk if n == self._count else chunk.each(self._empty_rows)
@@ -34,13 +34,13 @@ class Filling:
 
     @property
     def chunks(self) -> list[Chunk]:
-        """All rows as one chunk; an empty list before the first chunk."""
+        """All rows added so far as one chunk, in a list; an empty list before the first chunk."""
         if self._whole is None:
             return []
         return [self._whole if self._done == self._count else self._whole.select(slice(self._done))]
 
     def _empty_rows(self, column: NDArray[Any]) -> NDArray[Any]:
-        """Return an uninitialized array like a column, for all rows."""
+        """Return an uninitialized array for all rows of the file, with the dtype and width of one chunk's column."""
         return np.empty((self._count, *column.shape[1:]), column.dtype.newbyteorder("="))
 
     def _put(self, chunk: Chunk, rows: slice) -> None:
@@ -58,7 +58,10 @@ class Filling:
 
 
 def _copy(column: NDArray[Any], into: NDArray[Any]) -> None:
-    """Copy rows. Rows contiguous in memory are copied as one item each, in half of the time."""
+    """Copy the rows of `column` to the array `into`.
+
+    Rows contiguous in memory are copied as one item each, which takes half of the time.
+    """
     if column.ndim == 2 and column.dtype == into.dtype and column.strides[1] == column.itemsize:
         piece = np.dtype((np.void, column.shape[1] * column.itemsize))
         into.view(piece)[:] = column.view(piece)

@@ -35,6 +35,8 @@ def gather(files: Sequence[Opener], selection: Selection, progress: Progress | N
     A column that only some files have is filled in the others, with a warning: NaN in floats, 0 in integers, grey for
     colours, and a zero vector for normals, which marks a missing normal.
 
+    files : name of each file, with the function that opens it
+
     Raises
     ------
     ValueError
@@ -57,7 +59,10 @@ def gather(files: Sequence[Opener], selection: Selection, progress: Progress | N
 
 
 def _check_memory(listings: Sequence[Listing], selection: Selection) -> None:
-    """Raise ValueError if the selected rows do not fit into memory."""
+    """Raise ValueError if the selected rows do not fit into memory. With filters their number is unknown: no check.
+
+    listings : what the header of each file announces
+    """
     rows = announced_rows(listings, selection)
     if selection.filters:
         return  # the number of selected rows is unknown
@@ -77,7 +82,12 @@ def _check_bytes(need: int, what: str) -> None:
 def _read(
     file: Opener, selection: Selection, thinning: Thinning, before: list[Part], progress: Progress | None
 ) -> Part:
-    """Return the selected rows of a file; if there are too many, `before`, the earlier parts, is thinned too."""
+    """Read the selected rows of a file.
+
+    If there are more than `thinning` allows, the rows of all files so far are thinned, those in `before` in place.
+
+    thinning : limits the number of rows of all files; before : rows of the files read earlier
+    """
     chunks: list[Chunk] = []
     with file.open() as source:
         listing = source.listing
@@ -102,7 +112,7 @@ def _read(
 
 
 def _joined(parts: list[Part], progress: Progress | None) -> Points:
-    """Join all parts into one cloud; their chunks are freed as they are copied."""
+    """Join the rows of all files, one part each, into one cloud; their chunks are freed as they are copied."""
     ranges = [ColorRange.of([c.colors[:, :3] for c in part.chunks if c.colors is not None]) for part in parts]
     parts = [joining.colored(part, known) for part, known in zip(parts, ranges, strict=True)]
     known = [known for part, known in zip(parts, ranges, strict=True) if part.chunks]
@@ -137,7 +147,11 @@ def _joined(parts: list[Part], progress: Progress | None) -> Points:
 def _column(
     name: str, columns: list[NDArray[Any] | None], counts: list[list[int]], missing: float | None = None
 ) -> NDArray[Any] | None:
-    """Return the column of all chunks, with a fill value where a chunk lacks it; None if no chunk has it."""
+    """Join a column, normals or an attribute, of all chunks; return None if no chunk has it.
+
+    columns : the column in each chunk, or None; counts : number of rows of each chunk, listed by file
+    missing : value where a chunk lacks the column; None: NaN in floats, 0 in integers
+    """
     kind = joining.kind_of(name, columns)
     if kind is None:
         return None
@@ -156,7 +170,10 @@ def _column(
 
 
 def _colors(parts: list[Part], ranges: list[ColorRange]) -> NDArray[np.uint8] | None:
-    """Return 8-bit colours, by the range of each file; grey for files without colours. None if no file has colours."""
+    """Return the colours of all files, (n, 3); None if no file has colours. Rows of files without colours are grey.
+
+    ranges : statistics of the colours of each file, by which its values are converted to 8 bits
+    """
     columns: list[NDArray[np.uint8]] = []
     for part, known in zip(parts, ranges, strict=True):
         kind = joining.color_kind(part)
@@ -171,7 +188,10 @@ def _colors(parts: list[Part], ranges: list[ColorRange]) -> NDArray[np.uint8] | 
 
 
 def _scans(parts: list[Part]) -> NDArray[np.int32] | None:
-    """Return the station of each row, numbered over all parts; None if the parts keep their own numbers."""
+    """Return the index of each row's scanner position, counted over all files, (n,); -1 for files without one.
+
+    Return None if rows keep the indices of their file: there is only one, or no file has scanner positions.
+    """
     firsts = joining.first_stations(parts)
     if firsts is None:
         return None
@@ -182,7 +202,13 @@ def _scans(parts: list[Part]) -> NDArray[np.int32] | None:
 def _about_origin(
     positions: Arrays, georeference: Georeference
 ) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[Any] | None, Georeference]:
-    """Return the origin, positions relative to it, integer steps lost in float32 (None: none), and the georeference."""
+    """Choose an origin; return it, the positions relative to it, the rounding errors, and the georeference.
+
+    The rounding errors, (n, 3) int32, are the steps of a file's integer coordinates that float32 loses; None if nothing
+    is lost. The georeference may have a local projection added. `positions` is emptied, to free memory.
+
+    positions : world coordinates of all rows, in pieces
+    """
     total = sum(map(len, positions))
     step, start, sample = sample_step(total), 0, []
     for chunk in positions:

@@ -19,7 +19,10 @@ Column = NDArray[Any]
 
 
 class Part(NamedTuple):
-    """Rows read from one file. chunks : may have zero rows, to carry the types of the columns only"""
+    """Rows read from one file, with its name and georeference.
+
+    chunks : may have zero rows, to carry the types of the columns only
+    """
 
     name: str
     chunks: list[Chunk]
@@ -27,12 +30,17 @@ class Part(NamedTuple):
 
 
 def attributes_of(parts: Sequence[Part]) -> list[str]:
-    """Return the names of the attributes of all parts, in order of first appearance."""
+    """Return the names of all attributes of the files, without duplicates, in order of first appearance."""
     return list(dict.fromkeys(name for part in parts for name in part.chunks[0].attributes))
 
 
 def kind_of(name: str, columns: Sequence[Column | None]) -> tuple[np.dtype[Any], tuple[int, ...]] | None:
-    """Return the dtype and the row shape that hold the values of all chunks; None if no chunk has the column."""
+    """Return the dtype and the row shape, () or (k,), that hold the values of all chunks; None if no chunk has them.
+
+    Raise ValueError if the shapes differ.
+
+    name : of an attribute, for the message; columns : the column in each chunk, or None
+    """
     some = [column for column in columns if column is not None]
     if not some:
         return None
@@ -43,12 +51,15 @@ def kind_of(name: str, columns: Sequence[Column | None]) -> tuple[np.dtype[Any],
 
 
 def missing_of(dtype: np.dtype[Any]) -> float:
-    """Return the fill value of an attribute for files that lack it."""
+    """Return the value of an attribute in the rows of files that lack it: NaN for floats, 0 for other types."""
     return np.nan if dtype.kind == "f" else 0
 
 
 def in_common_dtype(columns: Sequence[Column | None]) -> list[Column | None]:
-    """Return a file's columns in one dtype. In text, a later chunk may be the first with a fraction."""
+    """Return the column of each chunk of a file in one dtype that holds all values; None stays None.
+
+    In text, a later chunk may be the first with a fraction, and its dtype is then a float.
+    """
     dtypes = {column.dtype for column in columns if column is not None}
     if len(dtypes) < 2:
         return list(columns)
@@ -65,7 +76,10 @@ def color_kind(part: Part) -> np.dtype[Any] | None:
 
 
 def colored(part: Part, known: ColorRange) -> Part:
-    """Return the part of a file, without its colours if they are empty; warn of what is done with them."""
+    """Warn of what the conversion of a file's colours changes; return its rows, without colours if all are zero or NaN.
+
+    known : statistics of the colours
+    """
     kind = color_kind(part)
     if kind is None:
         return part
@@ -83,7 +97,10 @@ def colored(part: Part, known: ColorRange) -> Part:
 
 
 def common_georeference(parts: Sequence[Part]) -> Georeference:
-    """Return the georeference that all parts share; raise ValueError if they contradict each other."""
+    """Return the georeference of several files together, with the scanner positions of all.
+
+    Raise ValueError if coordinate systems or units differ. Scale and offset are kept if all files share their grid.
+    """
     crs = _common_value({part.name: part.georeference.crs for part in parts}, "coordinate systems")
     unit = _common_value({part.name: part.georeference.unit for part in parts}, "units")
     stations = tuple(station for part in parts for station in part.georeference.stations)
@@ -95,7 +112,10 @@ def common_georeference(parts: Sequence[Part]) -> Georeference:
 
 
 def _common_value(stated: dict[str, str | None], noun: str) -> str | None:
-    """Return the one value that the files have; raise ValueError if there are two. stated : values by file name"""
+    """Return the one value that the files state, None if no file states any; raise ValueError if there are two.
+
+    stated : value or None by file name; noun : what the values are, in the message
+    """
     known: dict[str, str] = {}
     for name, value in stated.items():
         if value is not None:
@@ -107,7 +127,7 @@ def _common_value(stated: dict[str, str | None], noun: str) -> str | None:
 
 
 def _same_grid(one: Georeference, other: Georeference) -> bool:
-    """Whether the grids of integer coordinates of two files coincide."""
+    """Whether two files round coordinates alike: to integers of the same scale, with offsets whole steps apart."""
     if one.scale is None or one.scale != other.scale:
         return False
     steps = (np.array(other.offset) - np.array(one.offset)) / np.array(one.scale)
@@ -118,9 +138,10 @@ def _same_grid(one: Georeference, other: Georeference) -> bool:
 
 
 def first_stations(parts: Sequence[Part]) -> list[int | None] | None:
-    """Return the number of each part's first station, numbered over all parts; None for a part without stations.
+    """Return the index of each file's first scanner position, counted over all files; None for a file without any.
 
-    Return None if parts keep their numbers: there is only one part, or no part has stations.
+    Return None instead of a list if rows keep the indices of their file: there is only one, or no file has scanner
+    positions.
     """
     if len(parts) == 1 or not any(part.georeference.stations for part in parts):
         return None
@@ -132,9 +153,10 @@ def first_stations(parts: Sequence[Part]) -> list[int | None] | None:
 
 
 def scans_of(own: Column | None, rows: int, first: int | None) -> NDArray[np.int32]:
-    """Return the station of each row, numbered over all parts.
+    """Return the index of each row's scanner position, counted over all files, (rows,), for the rows of one file.
 
-    own : stations numbered within the part; None if it has only one. first : see `first_stations`
+    own : (rows,), index among the positions of this file; None if it has only one
+    first : index of the file's first position, counted over all files; None if it has none: all rows get -1
     """
     if first is None:
         return np.full(rows, NO_SCAN, np.int32)

@@ -27,22 +27,22 @@ HINTS = {
 
 
 def format_files() -> list[Path]:
-    """Return the files of the modules of all formats."""
+    """Return the source files of the modules that define formats: all in `formats/` whose names do not begin with _."""
     return sorted((Path(__file__).parent / "formats").rglob("[!_]*.py"))
 
 
 @cache
 def _formats() -> dict[str, Format]:
-    """Return all formats by module name: the modules in `formats/` and its folders that do not begin with _."""
+    """Import the modules of all formats on the first call; return the formats by module name, for example "ply"."""
     root = Path(__file__).parent
     names = [".".join((__package__, *file.relative_to(root).with_suffix("").parts)) for file in format_files()]
     return {name.rsplit(".", 1)[1]: import_module(name).FORMAT for name in names}
 
 
 def format_of(path: Path, named: Path | None = None) -> Format:
-    """Return the format of a file; raise ValueError if it is unknown.
+    """Detect the format of a file from its first bytes and its name; raise ValueError if it is unknown.
 
-    named : the file as the user calls it, if its contents are read from another place
+    named : the file given by the user, if `path` is a decompressed copy
     """
     file = named or path
     with path.open("rb") as stream:
@@ -71,29 +71,32 @@ def format_of(path: Path, named: Path | None = None) -> Format:
 
 
 def extensions() -> list[str]:
-    """Return the extensions of files that can be read."""
+    """Return the extensions of files that can be read, with the dot, sorted."""
     return sorted({extension for format in _formats().values() for extension in format.extensions})
 
 
 def written() -> list[str]:
-    """Return the extensions of files that can be written."""
+    """Return the extensions of files that can be written, with the dot, sorted."""
     return sorted({x for format in _formats().values() if format.write is not None for x in format.extensions})
 
 
 @dataclass(frozen=True)
 class FormatFacts:
-    """Description of a file format, see `formats`.
+    """Description of a file format, returned by `formats`.
 
     Attributes
     ----------
     name : str
+        Name for users, for example "PLY".
     extensions : tuple of str
+        Usual extensions of its files, with the dot.
     writes : bool
         Whether it can be written as well as read.
     extra : str or None
         The optional dependency group of pointray it needs: pip install 'pointray[extra]'.
     keeps : dict of str to str
-        What is read from a file, in words: "positions", "normals", "colors", "attributes", "survey", "note".
+        What is read from a file, in words: "positions", "normals", "colors", "attributes", "survey" (the georeference)
+        and "note".
 
     Examples
     --------
@@ -129,7 +132,10 @@ def formats() -> list[FormatFacts]:
 
 
 def writer_of(path: str | os.PathLike[str]) -> Writer:
-    """Return the writer for the extension of a file; raise ValueError if there is none."""
+    """Return the function that writes files with the extension of `path`; ValueError if there is none.
+
+    It takes an output stream, the points and a progress callback, and returns what the format cannot store, in words.
+    """
     file = check_path(path)
     for format in _formats().values():
         if format.write is not None and file.suffix.lower() in format.extensions:

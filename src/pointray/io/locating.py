@@ -17,14 +17,20 @@ SAFE = 2**22  # grid steps up to this number are exact in float32
 
 
 def sample_step(total: int) -> int:
-    """Return the step between the rows sampled to find the origin of `total` rows."""
+    """Return the step at which rows are sampled to find the origin of `total` rows: at most 20,000 rows are used."""
     return -(-total // SAMPLE)
 
 
 def georeferenced(
     sample: Sequence[NDArray[Any]], georeference: Georeference
 ) -> tuple[Georeference, list[NDArray[Any]]]:
-    """Return the georeference and a sample of positions, projected if the coordinates are geographic."""
+    """Return the georeference, and a sample of positions in the coordinates of `Points`.
+
+    Both are unchanged unless coordinates are in degrees. Then a local projection is added to the georeference, and the
+    sample is projected to metres.
+
+    sample : rows of the file in (m, 3) pieces
+    """
     with np.errstate(invalid="ignore", over="ignore"):
         found = projected(georeference, np.concatenate(sample))
         frame = LocalFrame.of(found)
@@ -32,7 +38,10 @@ def georeferenced(
 
 
 def origin_of(sample: Sequence[NDArray[Any]], total: int) -> NDArray[np.float64]:
-    """Return the origin for `total` rows, given a sample in (m, 3) pieces."""
+    """Return the origin, (3,), about which float32 can hold `total` positions.
+
+    sample : some of the positions, in (m, 3) pieces
+    """
     with np.errstate(invalid="ignore", over="ignore"):  # a damaged file may contain signalling NaNs
         return choose_origin(np.concatenate(sample), total)
 
@@ -40,9 +49,11 @@ def origin_of(sample: Sequence[NDArray[Any]], total: int) -> NDArray[np.float64]
 def locate(
     world: NDArray[Any], origin: NDArray[np.float64], georeference: Georeference, local: NDArray[np.float32]
 ) -> Iterator[tuple[slice, NDArray[np.int64]]]:
-    """Fill `local` with positions relative to the origin; yield the ranges of rows where grid steps are lost.
+    """Fill `local` with float32 positions relative to the origin; yield the ranges of rows where rounding loses digits.
 
-    world : the file's coordinates, projected here if the georeference has a projection
+    With each range come the rounding errors, (m, 3), in steps of the file's integer coordinates.
+
+    world : (n, 3), the file's coordinates, projected here if the georeference has a projection
     """
     frame = LocalFrame.of(georeference)
     origins = np.tile(origin, (min(BLOCK, len(world)), 1))  # broadcasting over rows of three takes three times as long
@@ -59,7 +70,12 @@ def locate(
 def _lost(
     rows: NDArray[Any], local: NDArray[np.float32], origin: NDArray[np.float64], georeference: Georeference
 ) -> NDArray[np.int64] | None:
-    """Return the grid steps that float32 loses, (n, 3); None if nothing is lost or the file has no grid."""
+    """Return what float32 loses of coordinates that a file stores as integers, in steps of these integers, (n, 3).
+
+    Return None if nothing is lost or the file has no integer coordinates.
+
+    rows : coordinates in the file; local : their float32 positions relative to the origin
+    """
     if georeference.scale is None:
         return None
     if max(-local.min(), local.max()) < SAFE * min(georeference.scale):  # per axis it takes ten times as long

@@ -11,7 +11,7 @@ FEW = 5  # maximum number of files named in a warning
 
 
 def warn_missing_columns(files: Sequence[tuple[str, Chunk]]) -> None:
-    """Warn of columns that only some files have, in one line for all files that lack the same ones.
+    """Warn of columns that only some of several files have, in one line for all files that lack the same ones.
 
     files : names, each with a chunk of the file
     """
@@ -28,6 +28,6 @@ def warn_missing_columns(files: Sequence[tuple[str, Chunk]]) -> None:
 
 
 def _names(chunk: Chunk) -> list[str]:
-    """Return the names of the columns other than positions."""
+    """Return the names of a chunk's columns other than positions, as the warning shows them."""
     known = {"normals": chunk.normals, "colors (set to grey)": chunk.colors, **chunk.attributes}
     return [name for name, values in known.items() if values is not None]

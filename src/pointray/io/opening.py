@@ -22,7 +22,7 @@ class Opener(NamedTuple):
 
 @contextmanager
 def named(name: str) -> Iterator[None]:
-    """Prefix ValueErrors with the name of a file, and join their lines."""
+    """Prefix any ValueError raised in the context with the name of a file, and join the lines of its message."""
     try:
         yield
     except ValueError as error:
@@ -30,12 +30,15 @@ def named(name: str) -> Iterator[None]:
 
 
 def name_of(files: Sequence[Opener]) -> str:
-    """Return the name of all files together, for messages."""
+    """Return a name for messages about one file or several: the file's name, or "3 files", for example."""
     return files[0].name if len(files) == 1 else f"{len(files)} files"
 
 
 def listings_of(files: Sequence[Opener]) -> list[Listing]:
-    """Return the listing of each file; a ValueError for an invalid header names the file."""
+    """Open each file and return what its header announces: the number of rows, the georeference and further facts.
+
+    A ValueError for an invalid header names the file.
+    """
     listings = []
     for file in files:
         with named(file.name), file.open() as source:
@@ -44,12 +47,20 @@ def listings_of(files: Sequence[Opener]) -> list[Listing]:
 
 
 def announced_rows(listings: Sequence[Listing], selection: Selection) -> list[int]:
-    """Return the approximate number of rows selected in each file, before filters."""
+    """Return the number of rows of each file, exact or estimated, after selecting every n-th row.
+
+    Other conditions of the selection are ignored.
+
+    listings : what the header of each file announces
+    """
     return [-(-listing.rows // selection.every) for listing in listings]
 
 
 def shares_of(listings: Sequence[Listing]) -> list[float]:
-    """Return the cumulative fraction of the expected rows before each file, followed by 1."""
+    """Return the fraction of all expected rows that precedes each file, followed by 1, to divide a progress bar.
+
+    listings : what the header of each file announces
+    """
     rows = [listing.rows for listing in listings]
     if not sum(rows):
         rows = [1] * len(rows)
@@ -58,9 +69,12 @@ def shares_of(listings: Sequence[Listing]) -> list[float]:
 
 
 def selected_chunks(name: str, source: Source, selection: Selection, progress: Progress | None) -> Iterator[Chunk]:
-    """Yield the chunks of a file with the rows selected by everything but `max_points`.
+    """Yield the chunks of an opened file, reduced to the selected rows; `selection.max_points` is ignored.
 
-    Warns once of the faults that were repaired and of the reader's automatic choices.
+    At the end, warn once of the faults that were repaired and of the reader's automatic choices. Raise ValueError if
+    there are faults and no rows.
+
+    name : of the file, in warnings
     """
     some = False
     for chunk, start in lengths(source.chunks()):
@@ -75,7 +89,7 @@ def selected_chunks(name: str, source: Source, selection: Selection, progress: P
 
 
 def check_selected(files: Sequence[Opener], selection: Selection, rows: int) -> None:
-    """Raise ValueError if no row of any file is selected."""
+    """Raise ValueError if no row of any file is selected. rows : number of selected rows of all files"""
     if rows:
         return
     what = "points" if selection.is_all else "selected points"

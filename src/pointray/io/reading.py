@@ -12,7 +12,10 @@ CHOICES = [name for name in signature(read).parameters if name not in ("path", "
 
 
 def check_reading(choices: dict[str, Any]) -> None:
-    """Raise ValueError if one of the arguments of `read` listed in `CHOICES` is invalid; the message names it."""
+    """Raise ValueError if one of the arguments of `read` is invalid; the message names it.
+
+    choices : arguments by name: those of `read` except path and progress
+    """
     of_formats = signature(request_of).parameters
     request_of(**{name: value for name, value in choices.items() if name in of_formats})
     Selection(**{name: value for name, value in choices.items() if name in Selection.__dataclass_fields__})

@@ -48,16 +48,19 @@ class Selection:
 
     @property
     def filters(self) -> bool:
-        """Whether the number of rows is unknown until they are read."""
+        """Whether rows are selected by values (bounds, keep, drop): their number is unknown until they are read."""
         return self.bounds is not None or bool(self.keep) or bool(self.drop)
 
     @property
     def is_all(self) -> bool:
-        """Whether all rows become points."""
+        """Whether every row of a file is selected."""
         return self.every == 1 and self.max_points is None and not self.filters
 
     def apply(self, chunk: Chunk, start: int) -> Chunk:
-        """Return the selected rows of a chunk, ignoring `max_points`. start : file row number of its first row"""
+        """Return the selected rows of a chunk, ignoring `max_points`.
+
+        start : row number in the file of its first row
+        """
         if self.every > 1:
             chunk = chunk.select(slice(-start % self.every, None, self.every))
         if not self.filters or not len(chunk.positions):
@@ -75,7 +78,7 @@ class Selection:
 
 
 def checked_bounds(value: Any) -> NDArray[np.float64]:
-    """Return a box as (2, 3) float64, from two corners or six numbers, minimum first."""
+    """Check a box given as two corners or six numbers, minimum first; return it as (2, 3) float64."""
     box = check_numbers(value, "bounds", "x0,y0,z0,x1,y1,z1").astype(np.float64)
     if box.shape not in ((2, 3), (6,)):
         raise wrong("bounds", "x0,y0,z0,x1,y1,z1", value)
@@ -94,6 +97,7 @@ class Thinning:
     Parameters
     ----------
     limit : int or None
+        Maximum number of rows; None keeps all.
     count : int or None
         Number of rows to come, if known.
     """
@@ -105,7 +109,7 @@ class Thinning:
         self._step, self._seen, self._kept = 1, 0, 0
 
     def apply(self, chunk: Chunk) -> Chunk:
-        """Return the rows of the next chunk to keep."""
+        """Return those rows of the next chunk of the stream that are kept."""
         n, start = len(chunk.positions), self._seen
         self._seen += n
         if self._whole or not n:
@@ -117,12 +121,12 @@ class Thinning:
         return chunk.select(slice(-start % self._step, None, self._step))
 
     def is_over(self, more: int) -> bool:
-        """Count `more` kept rows; return whether there are too many and `halve` must be called."""
+        """Count `more` rows as kept; return whether there are now too many, so that `halve` must be called."""
         self._kept += more
         return not self._whole and self._count is None and self.limit is not None and self._kept > self.limit
 
     def halve(self, chunks: list[Chunk]) -> list[Chunk]:
-        """Thin all chunks so far until they fit the limit."""
+        """Return the chunks of all rows kept so far, thinned by a factor of 2, 4 or more until they fit the limit."""
         assert self.limit is not None
         while self._kept > self.limit:
             self._step *= 2
@@ -162,7 +166,7 @@ def _numbers(some: Any, name: str) -> tuple[float, ...]:
 
 
 def lengths(chunks: Iterator[Chunk]) -> Iterator[tuple[Chunk, int]]:
-    """Yield each chunk with the row number at which it begins."""
+    """Yield each chunk of a file with the row number at which it begins."""
     start = 0
     for chunk in chunks:
         yield chunk, start

@@ -27,7 +27,7 @@ Doubles = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Path of a moving scanner, for `eyes_along`.
+    """Path of a moving scanner, from which `eyes_along` finds the scanner position at the time of each point.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Trajectory:
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
-    """Read a trajectory from a text file or a cloud with times, sorted by time.
+    """Read the path of a moving scanner from a text file with a time in each row, or from a cloud with times.
 
     Raises
     ------
@@ -89,7 +89,10 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
 
 
 def _columns(path: str | os.PathLike[str]) -> str | None:
-    """Return the columns of a text file without a header: time, x, y, z, then ignored ones; None if it has words."""
+    """Return the columns of a text file without a header, as an argument of `read`: gps_time,x,y,z and - for others.
+
+    Return None if the file names its columns, has fewer than four, or is not text.
+    """
     _, format, listing = next(iter(headers(path)))
     names = listing.facts.get("columns")
     if names is None or len(names) < 4 or set(TIMES) & set(names[1:]):

@@ -20,7 +20,7 @@ SPARE = 1 << 28  # bytes of the disk to leave free
 
 
 def packing_of(file: Path) -> str | None:
-    """Return the compression of a file as an extension; None if it is not compressed."""
+    """Return the compression of a file, ".gz" or ".zst", by its first bytes; None if it is not compressed."""
     with file.open("rb") as stream:
         head = stream.read(4)
     return next((name for name, magic in PACKED.items() if head.startswith(magic)), None)
@@ -28,7 +28,9 @@ def packing_of(file: Path) -> str | None:
 
 @contextmanager
 def unpacked(file: Path, strict: bool = True) -> Iterator[Path]:
-    """Decompress a file into a temporary one. Raise ValueError if it is damaged or does not fit on the disk.
+    """Decompress a file into a temporary one; yield its path, which exists while the context lasts.
+
+    Raise ValueError if the file is damaged or does not fit on the disk.
 
     strict : refuse a truncated file; otherwise warn
     """
@@ -51,7 +53,10 @@ def unpacked(file: Path, strict: bool = True) -> Iterator[Path]:
 
 
 def _next(stream: Any, file: Path, done: int, strict: bool) -> bytes:
-    """Return more bytes; none at the end or, with a warning, where the file is cut off."""
+    """Return the next decompressed bytes of a stream; b"" at the end or, with a warning, where the file is cut off.
+
+    file : for the warning; done : bytes decompressed so far; strict : raise EOFError where the file is cut off
+    """
     try:
         return bytes(stream.read1(BLOCK))
     except EOFError:

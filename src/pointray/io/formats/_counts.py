@@ -17,7 +17,9 @@ PROBE = 1 << 13  # bytes after the announced rows that are checked for zeros
 def readable_rows(announced: int, row: int, there: int, noun: str, faults: Faults) -> int:
     """Return how many of the announced rows of `row` bytes can be read, where `there` bytes are left.
 
-    Missing rows are a fault. Raise ValueError if not even one is complete.
+    Missing rows are recorded in `faults`. Raise ValueError if not even one is complete.
+
+    noun : what the rows are, in the message
     """
     if announced * row <= there:
         return announced
@@ -29,25 +31,31 @@ def readable_rows(announced: int, row: int, there: int, noun: str, faults: Fault
 
 
 def count_mismatch(announced: int, there: int, noun: str) -> str:
-    """Describe a difference between the announced number of rows and the number found."""
+    """Return a message about a file with `there` rows instead of those announced. noun : what the rows are"""
     text = f"{announced:,} {noun} expected, {there:,} found"
     return text if there > announced else f"{text}: {missing(announced, there)}"
 
 
 def missing(announced: int, there: int) -> str:
-    """Describe how many rows are missing."""
+    """Return a message about how many of the announced rows are missing if there are only `there`."""
     return f"{announced - there:,} of {announced:,} are missing"
 
 
 def rows_after(file: BinaryIO, start: int, end: int, row: int) -> int:
-    """Return the number of whole rows between two bytes after the announced rows; 0 if they are padding (zeros)."""
+    """Return how many rows of `row` bytes fill the range `start` to `end` of a file, after the announced rows.
+
+    Return 0 if the bytes are not a whole number of rows, or begin with zeros: then they are padding.
+    """
     file.seek(start)
     is_rows = (end - start) % row == 0 and file.read(min(PROBE, end - start)).strip(b"\0")
     return (end - start) // row if is_rows else 0
 
 
 def count_lines(file: BinaryIO, end: int | None = None) -> int:
-    """Count the lines of a text up to a byte, except empty ones; a line of blanks counts."""
+    """Count the lines from the current position of a file to byte `end` (default: its end), except empty ones.
+
+    A line of blanks counts. Lines end with CR, LF or both.
+    """
     count, within = 0, False
     here = file.tell()
     left = (file.seek(0, io.SEEK_END) if end is None else end) - here
@@ -62,7 +70,10 @@ def count_lines(file: BinaryIO, end: int | None = None) -> int:
 
 
 def whole_lines(lines: Iterable[str], fields: int, faults: Faults) -> Iterator[str]:
-    """Yield the lines of a text, except a last row with too few fields: the file is cut off within it."""
+    """Yield the lines of a text, but not a last one with fewer than `fields` words: the file is cut off within it.
+
+    The omission is recorded in `faults`; if `faults.strict`, the line is yielded.
+    """
     held: list[str] = []  # a row, and the blank lines after it
     for line in lines:
         if held and not line.isspace():

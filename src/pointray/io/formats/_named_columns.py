@@ -28,14 +28,20 @@ Columns = dict[str, NDArray[Any]]
 
 
 class Roles(NamedTuple):
-    """Names of the columns for each role: one array with three columns, three arrays, or none."""
+    """Names of the columns that hold positions, normals and colours.
+
+    Each is a tuple of one name, of an array with three columns (four for RGBA), or of three names; () if there is none.
+    """
 
     positions: tuple[str, ...]
     normals: tuple[str, ...]
     colors: tuple[str, ...]
 
     def chunk(self, columns: Mapping[str, NDArray[Any]], share: float) -> Chunk:
-        """Return columns, (m,) or (m, k) arrays, as a chunk of contiguous arrays."""
+        """Return columns, (m,) or (m, k) arrays by name, as a chunk; those without a role become attributes.
+
+        share : fraction of the file read so far
+        """
         taken = {name for names in self for name in names}
         attributes = {name: own(column) for name, column in columns.items() if name not in taken}
         positions, normals, colors = (
@@ -47,7 +53,7 @@ class Roles(NamedTuple):
 
 
 def roles_of(types: Mapping[str, tuple[np.dtype[Any], int]]) -> Roles:
-    """Return the roles of columns by their names, ignoring case.
+    """Find the columns of positions, normals and colours by their names, ignoring case.
 
     Parameters
     ----------
@@ -83,7 +89,10 @@ def own(column: NDArray[Any]) -> NDArray[Any]:
 
 
 def stack(columns: Sequence[NDArray[Any]] | NDArray[Any]) -> NDArray[Any]:
-    """Return three columns, or the first three of a wider one, as an (m, 3) array; floats in 4 or 8 bytes."""
+    """Return three columns of (m,), or the first three of one (m, k) array, as (m, 3).
+
+    The dtype is common to all. Floats of other than 4 or 8 bytes become float32 or float64.
+    """
     dtype = np.result_type(*(column.dtype.newbyteorder("=") for column in columns))
     if dtype.kind == "f" and dtype.itemsize not in (4, 8):
         dtype = np.dtype(np.float32 if dtype.itemsize < 4 else np.float64)

@@ -15,13 +15,18 @@ NO_COLOR = 0x7FC00000  # bits of the NaN that PCL and Open3D write; other NaNs a
 
 
 def find_packed(dtypes: Iterable[tuple[str, np.dtype[Any]]]) -> str:
-    """Return the name of the 4-byte column of packed colours, ignoring case; empty if there is none."""
+    """Return the name of the column with colours packed in one number: "rgb" or "rgba", ignoring case, of 4 bytes.
+
+    Return "" if there is none.
+
+    dtypes : name and dtype of each column
+    """
     known = {name.lower(): name for name, dtype in dtypes if dtype.itemsize == 4}
     return next((known[name] for name in NAMES if name in known), "")
 
 
 class PackedColors:
-    """Unpacks the colours of a file. Points without a colour become grey.
+    """Decoder of the colours of a file that are packed in one number, as in PCL. Points without a colour become grey.
 
     Attributes
     ----------

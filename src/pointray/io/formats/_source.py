@@ -62,8 +62,9 @@ class Chunk(NamedTuple):
     colors : (m, 3) array or None
         sRGB as stored in the file: 8 bits, 16 bits, 8 bits in a wider type, or floats from 0 to 1.
     attributes : dict of str to (m,) or (m, k) array
+        Other columns by name.
     share : float
-        Fraction of the file that has been read, 0 to 1.
+        Fraction of the file that has been read after this chunk, 0 to 1.
     """
 
     positions: NDArray[Any]
@@ -74,16 +75,19 @@ class Chunk(NamedTuple):
 
     @property
     def columns(self) -> list[NDArray[Any]]:
-        """All existing columns, in the order of `each`."""
+        """List of all existing columns: positions, normals, colours, then the attributes."""
         there = [column for column in (self.positions, self.normals, self.colors) if column is not None]
         return [*there, *self.attributes.values()]
 
     def select(self, rows: NDArray[Any] | slice) -> Chunk:
-        """Return some of the rows as copies, so that the memory of larger arrays can be freed."""
+        """Return some of the rows as copies, so that the memory of larger arrays can be freed.
+
+        rows : slice, mask or row numbers
+        """
         return self.each(lambda column: column[rows].copy() if isinstance(rows, slice) else column[rows])
 
     def each(self, change: Callable[[NDArray[Any]], NDArray[Any]]) -> Chunk:
-        """Apply a function to each column."""
+        """Return a chunk whose columns are the results of a function applied to each column."""
         return Chunk(
             change(self.positions),
             None if self.normals is None else change(self.normals),
@@ -109,7 +113,7 @@ class Listing:
     georeference : Georeference
         May be completed while rows are read: use it after the last chunk.
     facts : dict
-        Further information for `info`, as JSON values: "version", "software", "scans".
+        Further information for `pointray info`, as JSON values: "version", "software", "scans".
     """
 
     count: int | None
@@ -125,11 +129,14 @@ class Listing:
 
 
 class Faults:
-    """Faults of a file that its reader repairs. A strict reader refuses the file instead.
+    """Record of the faults of a file that its reader repairs, as text for a warning: `str(faults)`.
+
+    A strict reader refuses the file instead.
 
     Parameters
     ----------
     strict : bool
+        Whether to raise ValueError for a fault.
     """
 
     def __init__(self, strict: bool) -> None:
@@ -148,13 +155,14 @@ class Faults:
 
 
 class Source(ABC):
-    """An opened file, to be used in a `with` statement, which closes it.
+    """An opened file, to be used in a `with` statement, which closes it. Each format has a subclass.
 
     Attributes
     ----------
     listing : Listing
+        What the header announces.
     faults : Faults
-        Complete after all rows have been read.
+        Faults that were repaired; complete after all rows have been read.
     note : str
         Automatic choices of the reader, and how to override them; complete after all rows have been read.
     """
@@ -178,7 +186,15 @@ class Source(ABC):
 
 
 class WholeFile(Source):
-    """A file read in one go, by a library that cannot read it in parts."""
+    """A file read in one go, by a library that cannot read it in parts.
+
+    Parameters
+    ----------
+    listing : Listing
+        What the header announces.
+    load : callable
+        Returns all rows as one chunk.
+    """
 
     def __init__(self, listing: Listing, load: Callable[[], Chunk]) -> None:
         self.listing, self._load = listing, load

@@ -27,11 +27,11 @@ Values = NDArray[np.float64]
 
 
 class UndecidedError(ValueError):
-    """Raised if the meaning of columns is ambiguous."""
+    """Raised if columns without names cannot be recognised: two groups of them may be colours."""
 
 
 class ColumnNames(NamedTuple):
-    """Names found for the columns.
+    """Names found for the columns of a file that does not name them.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class ColumnNames(NamedTuple):
 
 
 def recognise_columns(values: Values, is_whole: Sequence[bool], intensity_first: bool | None = None) -> ColumnNames:
-    """Recognise columns by their values.
+    """Name the columns of a file without names by their values: coordinates, normals, colours, times and so on.
 
     Parameters
     ----------
@@ -87,7 +87,12 @@ def recognise_columns(values: Values, is_whole: Sequence[bool], intensity_first:
 
 
 def recognise_array_columns(blocks: Callable[[], Iterable[NDArray[Any]]], width: int) -> ColumnNames:
-    """Recognise the columns of an array. blocks : returns its rows in (m, width) blocks; may be called twice"""
+    """Name the columns of an array by their values; raise ValueError if two groups of columns may be colours.
+
+    The first 10,000 rows decide; columns that are normals or colours there must be so in all rows.
+
+    blocks : returns all rows in (m, width) blocks; called several times
+    """
     head = next(iter(blocks()), np.empty((0, width)))[:SAMPLE]
     if not len(head):
         return ColumnNames([*POSITIONS, *(f"column_{c}" for c in range(4, width + 1))], "")
@@ -126,9 +131,12 @@ def _note(names: Sequence[str], has_leading_column: bool) -> str:
 
 
 def _leading(values: Values, is_whole: Sequence[bool]) -> str | None:
-    """Return the name of a column before x, y, z: a point number, a scan line index or a time; None if there is none.
+    """Return the name of a column before x, y, z: "index" for point or scan line numbers, or "gps_time".
 
-    x, y and z have decimals, point numbers do not. Times increase in even steps, sorted coordinates do not.
+    Return None if there is none. x, y and z have decimals, point numbers do not. Times increase in even steps, sorted
+    coordinates do not.
+
+    values : (n, k), first rows; is_whole : whether the numbers of each column are written without decimals
     """
     if values.shape[1] < 4 or len(values) < 3:
         return None
@@ -158,7 +166,7 @@ def _are_whole(values: Values) -> bool:
 
 
 def are_normals(rows: NDArray[Any]) -> bool:
-    """Whether (n, 3) rows that are neither zero nor NaN have length 1."""
+    """Whether at least 99% of the (n, 3) rows that are neither zero nor NaN have length 1, within 0.03."""
     with np.errstate(over="ignore", invalid="ignore"):
         length = np.sqrt((rows.astype(np.float64) ** 2).sum(axis=1))
     length = length[np.isfinite(length) & (length > 0)]
@@ -168,9 +176,12 @@ def are_normals(rows: NDArray[Any]) -> bool:
 def _find_colors(
     more: Values, is_whole: Sequence[bool], normals: int | None, intensity_first: bool | None
 ) -> tuple[int | None, bool]:
-    """Return the first of three colour columns, or None, and whether it is a guess.
+    """Return the number of the first of three colour columns, or None, and whether it is a guess.
 
-    more : (n, m), the columns after x, y, z
+    more : (n, m), the columns after x, y, z, from which the number is counted
+    is_whole : whether the numbers of each column are written without decimals
+    normals : number of the first of three columns of normals, or None
+    intensity_first : whether an intensity precedes or follows the colours; None if unknown
     """
     m = more.shape[1]
     taken = set() if normals is None else {normals, normals + 1, normals + 2}
@@ -203,7 +214,8 @@ def _find_colors(
 def _color_kind(rows: Values, is_whole: bool, is_strict: bool) -> int | None:
     """Return the range of (n, 3) colours: 0 integers to 255, 1 integers to 65535, 2 floats to 1; None: not colours.
 
-    is_strict : whether other numbers of this size must be excluded
+    is_whole : whether the numbers are written without decimals
+    is_strict : accept only integers to 255 in columns that all vary and exceed 30: other values may look like colours
     """
     least, most = float(rows.min(initial=np.inf)), rows.max(axis=0, initial=0.0)
     if not least >= 0 or are_normals(rows):  # also excludes NaN
@@ -224,18 +236,27 @@ def _are_bytes(rows: Values) -> bool:
 
 
 def _is_opaque(column: Values, kind: int) -> bool:
-    """Whether a column after colours is an alpha channel that is fully opaque."""
+    """Whether the column after colours is an alpha channel that is fully opaque.
+
+    kind : range of the colours: 0 for integers to 255, 1 for integers to 65535, 2 for floats to 1
+    """
     return bool((column == (255, 65535, 1)[kind]).all())
 
 
 def _difference(rows: Values) -> float:
-    """Return how much neighbouring columns differ, relative to their size: the channels of a scan are similar."""
+    """Return how much adjacent columns of (n, 3) values differ, relative to their size.
+
+    It is small for the channels of colours.
+    """
     left, right = rows[:, :-1], rows[:, 1:]
     return float((np.abs(left - right).mean(axis=0) / np.maximum((left + right).mean(axis=0), 1e-30)).sum())
 
 
 def _scalar(column: Values, is_after_colors: bool) -> str:
-    """Return the name of the only unnamed column."""
+    """Return the name of the only column that is not recognised otherwise: alpha, label or intensity.
+
+    is_after_colors : whether it directly follows three colour columns
+    """
     if is_after_colors:
         if len(column) > 1 and (column == column[0]).all() and column[0] in (1, 255, 65535):
             return ALPHA
@@ -249,7 +270,10 @@ def _stay_normals(parts: list[NDArray[Any]]) -> bool:
 
 
 def _stay_colors(parts: list[NDArray[Any]]) -> bool:
-    """Whether all values of the columns are within the colour range of the first rows."""
+    """Whether the colours of all rows have the range, to 1, 255 or 65535, of the first 10,000 rows.
+
+    parts : all rows in (m, 3) blocks
+    """
     kind = parts[0].dtype
     try:
         return ColorRange.of(parts).white(kind) == ColorRange.of([parts[0][:SAMPLE]]).white(kind)

@@ -13,14 +13,18 @@ from ...cloud.points import Points
 
 
 def is_float64(points: Points) -> bool:
-    """Whether world coordinates need float64."""
+    """Whether world coordinates must be written as float64.
+
+    They must if the points have an origin, a local projection, or rounding errors that restore a file's integers.
+    """
     return bool(points.origin.any()) or points.georeference.projection is not None or _has_grid(points)
 
 
 def world_rows(points: Points, part: slice) -> NDArray[Any]:
-    """Return the world coordinates of some rows, (m, 3) float64, or float32 if nothing is lost.
+    """Return the world coordinates of a range of rows, (m, 3) float64, or float32 if nothing is lost.
 
-    The grid steps that float32 lost are added, which restores the coordinates of the original file exactly.
+    Points of files with integer coordinates keep the rounding errors of float32 in an attribute, in integer steps. They
+    are added, which restores the coordinates of the original file exactly.
     """
     if not is_float64(points):
         return points.positions[part]

@@ -31,7 +31,10 @@ FIELDS, SHOWN = 8, 60  # numbers of a line before its track; maximum length of a
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect both kinds: the text file by its title, the binary file by its name and its first row."""
+    """Detect COLMAP's points: return `SURE` for a text with its title or a plausible points3D.bin, `NO` for others.
+
+    head : first bytes of the file
+    """
     if TITLE.match(head):
         return SURE
     return SURE if path.name.lower() == BINARY and _is_plausible(head) else NO
@@ -45,7 +48,7 @@ def _is_plausible(head: bytes) -> bool:
 
 
 class ColmapSource(Source):
-    """A file of sparse points."""
+    """Reader of COLMAP's files of sparse points, text or binary."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -78,7 +81,10 @@ def _chunk(rows: NDArray[Any], share: float) -> Chunk:
 
 
 def _announced(file: BinaryIO, size: int, faults: Faults) -> int:
-    """Return the number of points; raise ValueError if it is 0 or too large for the file (if strict, or for any)."""
+    """Read the number of points at the start of a binary file; raise ValueError if it is 0 or no point fits.
+
+    If `faults.strict`, all points must fit into the `size` bytes of the file.
+    """
     if size < 8:
         raise ValueError("is cut off within the number of points")
     count = int(struct.unpack("<Q", file.read(8))[0])
@@ -92,7 +98,7 @@ def _announced(file: BinaryIO, size: int, faults: Faults) -> int:
 
 
 def _most(count: int, size: int) -> int:
-    """Return the maximum number of the announced points that fit into a file of this size."""
+    """Return how many of the `count` announced points fit at most into a binary file of `size` bytes."""
     return min(count, max(size - 8, 0) // ROW.itemsize)
 
 
@@ -140,7 +146,7 @@ def _read_text(file: BinaryIO, size: int, faults: Faults) -> Iterator[Chunk]:
 
 
 class _Rows:
-    """Iterator over the rows of a text file: (id, x, y, z, r, g, b, error, length of the track)."""
+    """Iterator over the points of a text file: (id, x, y, z, r, g, b, error, number of images that show the point)."""
 
     def __init__(self, file: BinaryIO, faults: Faults) -> None:
         self._faults = faults

@@ -26,7 +26,10 @@ MILLIMETRES = 1000.0
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect depth images. An array with many rows and columns is ranked above the NPY format."""
+    """Detect depth images: return `SURE` for PNG, `SURE` + 1 for an NPY file with an image, to outrank NPY, or `NO`.
+
+    head : first bytes of the file
+    """
     if head.startswith(PNG) and head[12:16] == b"IHDR":
         return SURE
     return SURE + 1 if head.startswith(NPY) and _is_image(head) else NO
@@ -44,7 +47,7 @@ def _is_image(head: bytes) -> bool:
 
 
 class DepthSource(Source):
-    """Points of a depth image."""
+    """Reader of depth images: each pixel becomes the point that the camera saw there."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path = path
@@ -81,7 +84,10 @@ class DepthSource(Source):
 
 
 def _check_png(head: bytes, size: int) -> None:
-    """Raise ValueError if a PNG file is not a depth image, or is too small for its number of pixels."""
+    """Raise ValueError if a PNG file is not 16-bit grey, or its `size` is too small for its number of pixels.
+
+    head : first bytes of the file
+    """
     if len(head) < IHDR.stop:
         raise ValueError(f"is cut off: it has only {size} bytes")
     width, height = (int.from_bytes(head[IHDR][k : k + 4], "big") for k in (0, 4))

@@ -30,14 +30,17 @@ ADVICE = "; name each float32 of a row with --columns x,y,z,intensity (- ignores
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect sweeps by the extension and plausible values."""
+    """Detect lidar sweeps: return `MAYBE` for a file named .bin with plausible coordinates, `NO` for others.
+
+    head : first bytes of the file
+    """
     if path.suffix.lower() != ".bin":
         return NO
     return MAYBE if any(_is_plausible(_rows(head, width)) for width in _widths(path)) else NO
 
 
 def _widths(path: Path) -> tuple[int, ...]:
-    """Return the possible numbers of columns, the most specific layout first."""
+    """Return the possible numbers of columns of a file by its name, the most specific layout first."""
     return (5,) if path.name.lower().endswith(".pcd.bin") else tuple(LAYOUTS)
 
 
@@ -54,7 +57,7 @@ def _is_plausible(rows: NDArray[np.float32]) -> bool:
 
 
 def _fits(rows: NDArray[np.float32]) -> bool:
-    """Whether the values after x, y, z are plausible for this number of columns."""
+    """Whether the values of (n, k) rows after x, y, z are plausible for the lidar layout with k columns."""
     more = rows[:, 3:]
     if not _is_plausible(rows) or (more < 0).any():
         return False
@@ -67,7 +70,7 @@ def _fits(rows: NDArray[np.float32]) -> bool:
 
 
 class KittiSource(Source):
-    """A lidar sweep."""
+    """Reader of lidar sweeps: rows of float32 without a header."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -102,9 +105,11 @@ class KittiSource(Source):
 
 
 def _columns(path: Path, size: int, head: bytes, faults: Faults) -> tuple[str, ...]:
-    """Return the columns that fit the size and the values of a file; raise ValueError if no layout does.
+    """Return the names of the columns that fit the size and the values of a file; ValueError if no layout does.
 
     If the size is not a multiple of any row, the file is cut off, and only the values decide.
+
+    size : of the file in bytes; head : its first rows
     """
     widths = [width for width in _widths(path) if size >= 4 * width]
     fitting = [width for width in widths if size % (4 * width) == 0]

@@ -1,4 +1,4 @@
-"""Conversion of raw columns to the columns and types of `Points`, without rows that are not finite."""
+"""Conversion of the columns of files to the columns and types of `Points`, without rows that are not finite."""
 
 from __future__ import annotations
 
@@ -28,17 +28,18 @@ Rows = NDArray[Any]
 
 
 class File(NamedTuple):
-    """A file that has been read.
+    """A file that has been read to disk, with the range of its rows.
 
     Attributes
     ----------
     part : Part
-        Its chunks have no rows and carry only the types.
+        Name, georeference, and chunks without rows, which carry only the types of the columns.
     begin, end : int
-        Range of its rows in the cloud.
+        Range of its rows among those of all files.
     color_range : ColorRange
+        Statistics of its colours.
     first : int or None
-        Number of its first station, see `first_stations`.
+        Index of its first scanner position, counted over all files; None if it has none, or if no file has.
     """
 
     part: Part
@@ -49,7 +50,17 @@ class File(NamedTuple):
 
 
 class Cloud(NamedTuple):
-    """Rows of all files in raw columns: "positions", "normals", "colors", and "attribute." + name for attributes."""
+    """Rows of all files, in columns on disk with the types of the files.
+
+    Attributes
+    ----------
+    columns : Columns
+        Folder of the columns.
+    raws : dict of str to Raw
+        Columns by name: "positions", "normals", "colors", and "attribute." + name for attributes.
+    files : list of File
+        Files in order, each with the range of its rows.
+    """
 
     columns: Columns
     raws: dict[str, Raw]
@@ -61,13 +72,13 @@ class Cloud(NamedTuple):
         return self.files[-1].end if self.files else 0
 
     def raw(self, name: str) -> Raw:
-        """Return the raw column with a name; it is created empty if missing."""
+        """Return the column with this name, as stored in the files; it is created empty if missing."""
         if name not in self.raws:
             self.raws[name] = Raw(self.columns, len(self.raws))
         return self.raws[name]
 
     def blocks(self, progress: Progress | None) -> Iterator[tuple[File, int, int]]:
-        """Yield all rows in blocks (file, begin, end), each within one file."""
+        """Yield all rows in blocks (file, begin, end), ranges of rows of the cloud that lie within one file."""
         for file in self.files:
             for begin in range(file.begin, file.end, CHUNK):
                 report_progress(progress, begin / self.rows)
@@ -75,7 +86,18 @@ class Cloud(NamedTuple):
 
 
 class Target(NamedTuple):
-    """Output column. rows : returns a range of its rows; plain : whether these are unchanged rows of the raw column"""
+    """Column to be written, in its final type.
+
+    Attributes
+    ----------
+    dtype : dtype
+    width : int
+        Numbers per row; 0 for a column of shape (n,).
+    rows : callable
+        (file, begin, end) -> rows of the cloud in this range, converted.
+    plain : bool
+        Whether rows read from the files that already have this dtype are written unchanged.
+    """
 
     dtype: np.dtype[Any]
     width: int
@@ -89,13 +111,15 @@ class Located(NamedTuple):
     Attributes
     ----------
     origin : (3,) float64
+        World coordinates = origin + positions.
     georeference : Georeference
+        With a local projection, if the files have degrees.
     rows : int
         Number of finite rows.
     left_out : Column or None
         True for rows that are not finite; None if all are.
     losses : Column or None
-        Grid steps lost in float32, see `RESIDUAL`; None if nothing is lost.
+        Rounding errors of the finite rows, in steps of the files' integer coordinates; None if float32 loses nothing.
     """
 
     origin: NDArray[np.float64]
@@ -106,7 +130,10 @@ class Located(NamedTuple):
 
 
 def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
-    """Write all columns; remove each raw column once it is converted."""
+    """Convert all columns from the types of the files to those of `Points`; return the description of the result.
+
+    Rows that are not finite are left out. Each old column is removed once it is converted.
+    """
     files = [f._replace(part=joining.colored(f.part, f.color_range)) for f in cloud.files if f.part.chunks]
     parts = [file.part for file in files]
     georeference, firsts = joining.common_georeference(parts), joining.first_stations(parts)
@@ -142,7 +169,10 @@ def convert(cloud: Cloud, progress: Progress | None) -> Spooled:
 
 
 def _locate(cloud: Cloud, georeference: Georeference, progress: Progress | None) -> Located:
-    """Write the finite positions, and the grid steps that they lose."""
+    """Write the finite positions relative to an origin in float32, and their rounding errors; return what was found.
+
+    georeference : of all files, to which a local projection is added if coordinates are in degrees
+    """
     raw, columns, total = cloud.raw(POSITIONS), cloud.columns, cloud.rows
     georeference, sample = georeferenced(raw.sample(sample_step(total)), georeference)
     origin = origin_of(sample, total)
@@ -174,7 +204,11 @@ def _locate(cloud: Cloud, georeference: Georeference, progress: Progress | None)
 
 
 def _write(cloud: Cloud, located: Located, name: str, new: str, target: Target, progress: Progress | None) -> None:
-    """Write a column without the rows left out. A raw column that needs no conversion is only renamed."""
+    """Write a column in its final type, without the rows left out. One that needs no conversion is only renamed.
+
+    located : result of writing the positions, which states the rows left out
+    name : of the column as read from the files; new : its final name; target : its final type and rows
+    """
     whole = cloud.raw(name).whole(cloud.rows)
     if target.plain and whole is not None and whole.dtype == target.dtype and located.left_out is None:
         cloud.columns.rename(whole.name, new)
@@ -208,7 +242,10 @@ def _normals(cloud: Cloud) -> Target | None:
 
 
 def _colors(cloud: Cloud) -> Target | None:
-    """Return the colours as 8 bits, by the range of each file."""
+    """Return the column of 8-bit colours to be written, converted by the range of each file.
+
+    Return None if no file has colours.
+    """
     raw, colored_files = cloud.raw(COLORS), sum(joining.color_kind(file.part) is not None for file in cloud.files)
     if not colored_files:
         raw.drop()
@@ -224,7 +261,7 @@ def _colors(cloud: Cloud) -> Target | None:
 
 
 def _scans(cloud: Cloud) -> Target:
-    """Return the stations, numbered over all files."""
+    """Return the column to be written with the index of each row's scanner position, counted over all files."""
     raw = cloud.raw(ATTRIBUTE + SCAN)
 
     def rows(file: File, begin: int, end: int) -> Rows:

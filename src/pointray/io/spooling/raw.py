@@ -1,4 +1,4 @@
-"""Raw columns: values on disk in the types of the files, until the common types are known."""
+"""Columns on disk with the types of the files, until the common types are known."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ RAW = "raw."  # prefix of the names of raw columns
 
 
 class _RowRange(NamedTuple):
-    """Range of rows of the cloud stored contiguously in a column. first : index of its first row in the column"""
+    """Rows `begin` to `end` of the cloud, contiguous in a column. first : index of row `begin` in the column"""
 
     begin: int
     end: int
@@ -24,13 +24,16 @@ class _RowRange(NamedTuple):
 
 
 class Raw:
-    """One column of a cloud, possibly with missing rows. Rows of different dtypes are stored in separate columns.
+    """One column of a cloud on disk, with the types of the files. Rows of files that lack the column are missing.
+
+    Rows of different dtypes or widths are stored in separate columns.
 
     Parameters
     ----------
     columns : Columns
+        Folder of the columns on disk.
     number : int
-        Unique number of this raw column within `columns`.
+        Number of this column, unique within the folder: a part of the names of files.
     """
 
     def __init__(self, columns: Columns, number: int) -> None:
@@ -39,7 +42,7 @@ class Raw:
         self._of: dict[tuple[np.dtype[Any], int], Column] = {}
 
     def add(self, begin: int, rows: NDArray[Any]) -> None:
-        """Append rows, (n,) or (n, k), which begin at row `begin` of the cloud."""
+        """Append rows, (n,) or (n, k). begin : row number in the cloud of the first of them"""
         if not len(rows):
             return
         kind = rows.dtype.newbyteorder("="), rows.shape[1] if rows.ndim > 1 else 0
@@ -55,7 +58,10 @@ class Raw:
             self._ranges.append(_RowRange(begin, begin + len(rows), column, first))
 
     def read(self, begin: int, end: int, dtype: np.dtype[Any] | None = None, missing: float = 0) -> NDArray[Any]:
-        """Return rows `begin` to `end` in `dtype`, by default the common type. missing : fill value of missing rows"""
+        """Return rows `begin` to `end` of the cloud in `dtype`, by default one that holds the values of all these rows.
+
+        missing : value of rows that the column lacks
+        """
         found = list(self._within(begin, end))
         if dtype is None:
             dtype = np.result_type(*(span.column.dtype for span in found))
@@ -68,7 +74,7 @@ class Raw:
         return out
 
     def sample(self, step: int) -> list[NDArray[Any]]:
-        """Return every `step`-th row of the cloud, in pieces."""
+        """Return every `step`-th row of the cloud, in pieces; missing rows are skipped."""
         pieces = []
         for span in self._ranges:
             end = span.first + span.end - span.begin
@@ -76,7 +82,10 @@ class Raw:
         return pieces
 
     def whole(self, rows: int) -> Column | None:
-        """Return the column if one column holds all rows of the cloud, else None."""
+        """Return the column on disk that holds all rows of the cloud; None if several hold them or some are missing.
+
+        rows : number of rows of the cloud
+        """
         one = self._ranges[0] if len(self._ranges) == 1 else None
         return one.column if one is not None and one.end - one.begin == rows else None
 
@@ -93,7 +102,7 @@ class Raw:
         return (width,) if width else ()
 
     def _within(self, begin: int, end: int) -> Iterator[_RowRange]:
-        """Yield the ranges that overlap `begin` to `end`."""
+        """Yield the stored ranges that overlap rows `begin` to `end` of the cloud."""
         k = max(bisect_right(self._ranges, begin, key=lambda span: span.begin) - 1, 0)
         while k < len(self._ranges) and self._ranges[k].begin < end:
             if self._ranges[k].end > begin:

@@ -35,8 +35,10 @@ __all__ = ["Spooled", "spool", "spooled_in"]
 def spool(files: Sequence[Opener], selection: Selection, columns: Columns, progress: Progress | None = None) -> Spooled:
     """Read files one after the other into columns on disk; only a few chunks are held in memory.
 
-    Rows, their order, values and warnings are those of `gather`, except that rows that are not finite are left out.
-    Columns of an earlier cloud are removed first, and unfinished ones if an error is raised.
+    Rows, their order, values and warnings are those of reading into memory, except that rows that are not finite are
+    left out. Columns of an earlier cloud are removed first, and unfinished ones if an error is raised.
+
+    files : name of each file, with the function that opens it; columns : folder for the columns on disk
 
     Raises
     ------
@@ -72,7 +74,10 @@ def spool(files: Sequence[Opener], selection: Selection, columns: Columns, progr
 
 
 def _check_disk_space(listings: Sequence[Listing], selection: Selection, folder: Path) -> None:
-    """Raise ValueError if there are too many rows or too little disk space; with filters their number is unknown."""
+    """Raise ValueError if there are too many rows or too little disk space. With filters their number is unknown.
+
+    listings : what the header of each file announces; folder : on the disk to be used
+    """
     if selection.filters:
         return
     rows = announced_rows(listings, selection)
@@ -85,7 +90,7 @@ def _check_disk_space(listings: Sequence[Listing], selection: Selection, folder:
 
 
 def _read(file: Opener, selection: Selection, cloud: Cloud, progress: Progress | None) -> File:
-    """Append the selected rows of a file to raw columns; return its types, range of rows and colour statistics."""
+    """Append the selected rows of a file to the cloud on disk; return its types, row range and colour statistics."""
     heads: list[Chunk] = []
     kinds: set[tuple[np.dtype[Any], ...]] = set()
     known, begin = ColorRange(), cloud.rows
@@ -112,7 +117,7 @@ def _read(file: Opener, selection: Selection, cloud: Cloud, progress: Progress |
 
 
 def _columns_of(chunk: Chunk) -> dict[str, NDArray[Any]]:
-    """Return the columns of a chunk by unique names."""
+    """Return the columns of a chunk by name: "positions", "normals", "colors", and "attribute." + name for others."""
     plain = {POSITIONS: chunk.positions, NORMALS: chunk.normals, COLORS: chunk.colors}
     there = {name: column for name, column in plain.items() if column is not None}
     for name, column in chunk.attributes.items():

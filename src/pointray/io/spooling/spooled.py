@@ -17,7 +17,9 @@ ATTRIBUTE = "attribute."  # followed by the number of the attribute
 
 
 class Spooled(NamedTuple):
-    """A cloud in columns: "positions" (n, 3) float32, optionally "normals", "colors" and "attribute.0" and so on.
+    """Description of a cloud in columns on disk.
+
+    The columns are "positions", (n, 3) float32, optionally "normals" and "colors", and "attribute.0" and so on.
 
     Attributes
     ----------
@@ -50,7 +52,10 @@ class Spooled(NamedTuple):
 
 
 def spooled_in(columns: Columns) -> Spooled | None:
-    """Return the spooled cloud in `columns`; None if there is none. Raise ValueError if its description is damaged."""
+    """Return the description of the cloud in a folder of columns; None if there is none.
+
+    Raise ValueError if the stored description is damaged.
+    """
     facts = columns.get(FACTS)
     if facts is None:
         return None
@@ -63,7 +68,7 @@ def spooled_in(columns: Columns) -> Spooled | None:
 
 
 def clear(columns: Columns) -> None:
-    """Remove all columns and files that spooling writes, finished or not."""
+    """Remove all columns and files of a cloud on disk, finished or not, from the folder `columns`."""
     columns.drop(FACTS)
     for name in columns.names:
         if name in (POSITIONS, NORMALS, COLORS) or name.startswith((RAW, ATTRIBUTE)):

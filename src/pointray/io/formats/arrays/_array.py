@@ -21,13 +21,16 @@ MOST_COLUMNS = 64  # maximum unnamed columns: wider arrays are depth images, or 
 
 
 class Stream(Protocol):
-    """A stream from which arrays are read."""
+    """A binary stream from which arrays are read: a file, or a member of a zip archive."""
 
     def read(self, size: int = ..., /) -> bytes: ...
 
 
 class Header(NamedTuple):
-    """Header of an array. size : bytes of the header"""
+    """Header of an array in NumPy's format.
+
+    fortran : whether the values are in Fortran order, column by column; size : bytes of the header
+    """
 
     shape: tuple[int, ...]
     fortran: bool
@@ -36,12 +39,12 @@ class Header(NamedTuple):
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the values."""
+        """Number of bytes of the values after the header."""
         return math.prod(self.shape) * self.dtype.itemsize
 
     @property
     def rows(self) -> int:
-        """Number of rows, if the last of several axes is the columns."""
+        """Number of rows: the product of all axes, without the last of several, which is the columns."""
         return math.prod(self.shape[:-1]) if len(self.shape) > 1 else math.prod(self.shape)
 
     @property
@@ -73,7 +76,7 @@ def read_header(stream: Stream) -> Header:
 
 
 def _parsed(text: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Return the shape, whether the order is Fortran's, and the dtype."""
+    """Parse the text of an array's header; return the shape, whether the order is Fortran's, and the dtype."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # about invalid escapes and deprecated type names
@@ -89,7 +92,7 @@ def _parsed(text: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
 
 
 def check_dtype(dtype: np.dtype[Any]) -> None:
-    """Raise ValueError for values that are not numbers."""
+    """Raise ValueError if the values of an array are neither numbers nor bools."""
     if dtype.hasobject:
         raise ValueError("contains Python objects, which are unsafe to load: save numbers instead")
     if dtype.kind not in "biuf":
@@ -135,7 +138,7 @@ def _exactly(stream: Stream, size: int) -> bytes:
 
 
 def step_of(row: int) -> int:
-    """Return the number of rows to read at a time. row : bytes per row"""
+    """Return the number of rows to read at a time, at most 2^18 and 32 MiB. row : bytes per row"""
     return max(min(CHUNK, BLOCK // max(row, 1)), 1)
 
 
@@ -143,7 +146,10 @@ def step_of(row: int) -> int:
 
 
 def check_table(header: Header, columns: tuple[str, ...] | None) -> None:
-    """Raise ValueError if an array without names is not a table of points."""
+    """Raise ValueError if an array without field names is not a table whose rows are points.
+
+    columns : names of its columns given by the caller, or None
+    """
     check_dtype(header.dtype)
     shape = header.shape
     pixels = len(shape) == 3 and header.dtype.kind == "f"  # organised cloud

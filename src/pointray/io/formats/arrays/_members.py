@@ -27,13 +27,13 @@ DAMAGE = (
 
 
 class Member(NamedTuple):
-    """An array of an archive."""
+    """An array of an NPZ archive: its entry in the zip directory, and the header of the array."""
 
     info: zipfile.ZipInfo
     header: Header
 
     def open(self, archive: zipfile.ZipFile) -> IO[bytes]:
-        """Open the values of the array as a stream."""
+        """Open the array in the archive as a stream that begins at its values."""
         stream = archive.open(self.info)
         stream.read(self.header.size)
         return stream
@@ -54,7 +54,7 @@ def opened(path: Path) -> Iterator[zipfile.ZipFile]:
 
 
 def members_of(archive: zipfile.ZipFile, size: int) -> dict[str, Member]:
-    """Return the arrays of an archive of `size` bytes by name; raise ValueError if one exceeds what it can contain."""
+    """Return the arrays of an archive of `size` bytes by name; raise ValueError if one announces too many values."""
     infos = [info for info in archive.infolist() if info.filename.endswith(SUFFIX)]
     if sum(info.compress_size for info in infos) > size:
         raise ValueError("is damaged: its arrays are larger than the file")
@@ -86,7 +86,12 @@ def _member(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Member:
 
 
 def pop_metadata(archive: zipfile.ZipFile, members: dict[str, Member]) -> dict[str, Any]:
-    """Return the data about the whole cloud, "origin" and fields of `Georeference`; remove it from `members`."""
+    """Return what an archive states about the whole cloud, and remove it from `members`.
+
+    This is "origin", (3,), and the fields "crs", "unit", "scale", "offset" and "stations" of a `Georeference`.
+
+    members : arrays of the archive by name
+    """
     facts: dict[str, Any] = {}
     for name in ("crs", "unit"):
         if name in members and members[name].header.shape in ((), (1,)) and members[name].header.dtype.kind in "US":
@@ -102,7 +107,10 @@ def pop_metadata(archive: zipfile.ZipFile, members: dict[str, Member]) -> dict[s
 
 
 def georeference_of(facts: Mapping[str, Any]) -> Georeference:
-    """Return the georeference in such data; a scale without an offset is ignored."""
+    """Return the georeference that an archive states. A scale without an offset is ignored.
+
+    facts : values of "crs", "unit", "scale", "offset" and "stations"; any may be missing
+    """
     stated = {name: facts.get(name) or None for name in ("crs", "unit")}
     grid = (facts.get("scale"), facts.get("offset"))
     if grid[0] is None or grid[1] is None or min(grid[0]) <= 0:
@@ -124,7 +132,10 @@ def _text(archive: zipfile.ZipFile, member: Member, name: str) -> str:
 
 
 def _numbers(archive: zipfile.ZipFile, member: Member, name: str) -> Any:
-    """Read finite numbers as nested tuples of floats."""
+    """Read an array as a tuple of floats, or of tuples of floats; raise ValueError if a number is not finite.
+
+    name : of the array, for the message
+    """
     with member.open(archive) as stream:
         blocks = [block.astype(np.float64) for block in blocks_of(stream, member.header, MOST_STATIONS)]
     values = np.concatenate(blocks) if blocks else np.empty((0, 3))

@@ -23,7 +23,10 @@ from ._array import Header
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect NumPy arrays; one that may be a depth image is not certain."""
+    """Detect NPY files: return `SURE`, `MAYBE` if the array may be a depth image, or `NO`.
+
+    head : first bytes of the file
+    """
     if not head.startswith(_array.MAGIC):
         return NO
     try:
@@ -34,7 +37,7 @@ def recognise(head: bytes, path: Path) -> int:
 
 
 class _Head:
-    """The beginning of a file, as a stream."""
+    """Stream over the first bytes of a file, from which a header is read."""
 
     def __init__(self, head: bytes) -> None:
         self._rest = head
@@ -45,7 +48,7 @@ class _Head:
 
 
 class NpySource(Source):
-    """Points of an array."""
+    """Reader of NPY files: each row of an array, or each item of a structured array, is a point."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -87,7 +90,12 @@ class NpySource(Source):
 
 
 def _fitted(header: Header, left: int, faults: Faults) -> Header:
-    """Adjust the header to the rows in the file; raise ValueError if an array in Fortran order is cut off."""
+    """Return the header with the number of rows that the file has; record the difference in `faults`.
+
+    Raise ValueError if no row is complete, or an array in Fortran order is cut off.
+
+    left : bytes of the file after the header
+    """
     cut = header.nbytes > left
     message = f"{header.nbytes:,} bytes of {header.shape} expected, {left:,} found"
     if not cut:
@@ -101,7 +109,10 @@ def _fitted(header: Header, left: int, faults: Faults) -> Header:
 
 
 def table_chunk(block: NDArray[Any], names: tuple[str, ...], share: float) -> Chunk:
-    """Return named columns of an (m, k) block as a chunk, without those named "-"."""
+    """Return an (m, k) block as a chunk: its columns by `names`, without those named "-".
+
+    share : fraction of the file read so far
+    """
     columns: Columns = {name: block[:, k] for k, name in enumerate(names) if name != "-"}
     roles = roles_of(dict.fromkeys(columns, (block.dtype, 0)))
     return roles.chunk(columns, share)
@@ -111,7 +122,7 @@ def table_chunk(block: NDArray[Any], names: tuple[str, ...], share: float) -> Ch
 
 
 def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
-    """Write all data of the points as a structured array; return descriptions of what it cannot store."""
+    """Write all data of the points to a stream as a structured array; return what it cannot store, in words."""
     float64 = is_float64(points)
     fields: list[tuple[Any, ...]] = [(name, "<f8" if float64 else "<f4") for name in "xyz"]
     if points.normals is not None:
@@ -149,7 +160,7 @@ def _check_names(attributes: Mapping[str, NDArray[Any]], taken: set[str]) -> Non
 
 
 def _header_of(dtype: np.dtype[Any], count: int) -> bytes:
-    """Return the header of a structured array, version 3.0, which allows names in Unicode."""
+    """Return the header of a structured array with `count` rows, version 3.0, which allows names in Unicode."""
     descr = np.lib.format.dtype_to_descr(dtype)
     text = repr({"descr": descr, "fortran_order": False, "shape": (count,)}).encode("utf-8", "strict")
     text += b" " * (-(12 + len(text) + 1) % 64) + b"\n"

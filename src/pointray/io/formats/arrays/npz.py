@@ -29,14 +29,17 @@ FACTS = ("crs", "unit", "origin", "scale", "offset", "stations")
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect archives of arrays by their first member."""
+    """Detect NPZ files: return `SURE` if the first member is an array, `MAYBE` for other zip files named .npz, or `NO`.
+
+    head : first bytes of the file
+    """
     if head[NAME : NAME + int.from_bytes(head[26:28], "little")].endswith(b".npy") and head.startswith(b"PK\3\4"):
         return SURE
     return MAYBE if head.startswith((b"PK\3\4", b"PK\5\6")) and path.suffix.lower() == ".npz" else NO
 
 
 class NpzSource(Source):
-    """Points of an archive of arrays."""
+    """Reader of NPZ files: arrays for positions, normals, colours and attributes in a zip archive."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path = path
@@ -76,7 +79,7 @@ class NpzSource(Source):
             yield chunk._replace(attributes=attributes)
 
     def _blocks(self, names: list[str]) -> Iterator[Columns]:
-        """Yield the arrays with these names in blocks of rows."""
+        """Yield blocks of rows of the arrays with these names, as a dict of (m,) or (m, k) arrays by name."""
         with opened(self._path) as archive, ExitStack() as stack:
             streams = [stack.enter_context(self._members[name].open(archive)) for name in names]
             headers = [self._members[name].header for name in names]
@@ -85,7 +88,10 @@ class NpzSource(Source):
                 yield dict(zip(names, blocks, strict=True))
 
     def _table_names(self) -> tuple[str, ...]:
-        """Return the column names of the table, an array with several columns; () if there is none."""
+        """Return the column names of the one array that holds several columns of the points; () if there is none.
+
+        They are its field names, given by the caller, or recognised from the values.
+        """
         table = self._table
         if not table:
             return ()
@@ -108,7 +114,10 @@ class NpzSource(Source):
         return roles_of(types)
 
     def _expanded(self, blocks: Columns, names: tuple[str, ...]) -> Columns:
-        """Replace the table by its columns."""
+        """Replace the one array that holds several columns of the points by its columns, except those named "-".
+
+        blocks : rows of all arrays by name; names : of the columns
+        """
         if not self._table:
             return blocks
         block = blocks.pop(self._table)
@@ -118,7 +127,12 @@ class NpzSource(Source):
 
 
 def _first(members: dict[str, Member]) -> tuple[str, str]:
-    """Return the array of positions, or x; and the table whose columns must be recognised, or ""."""
+    """Return the name of the array that holds the positions (or x); and again, if its columns must be identified.
+
+    The second name is "" if the array can only hold positions. Raise ValueError if there are no positions.
+
+    members : arrays of the archive by name
+    """
     if not members:
         raise ValueError("contains no arrays")
     lower = {name.lower(): name for name in members}
@@ -145,7 +159,12 @@ def _check_table(member: Member, columns: tuple[str, ...] | None) -> None:
 
 
 def _as_column(member: Member, pixels: tuple[int, ...]) -> Member:
-    """Return an array with one number per pixel as a column, if the positions are images too."""
+    """Return an array of image shape as a column, (n,), if the positions are an image of the same shape.
+
+    Other arrays are returned unchanged.
+
+    pixels : shape of the positions without the last axis
+    """
     header = member.header
     if len(pixels) < 2 or header.shape != pixels or header.fortran:
         return member
@@ -153,7 +172,10 @@ def _as_column(member: Member, pixels: tuple[int, ...]) -> Member:
 
 
 def _is_column(name: str, member: Member, count: int) -> bool:
-    """Whether an array has one value per point; raise ValueError if its name requires it."""
+    """Whether an array has one value or row per point; ValueError if its name is reserved and it has other rows.
+
+    count : number of points
+    """
     header = member.header
     if name.lower() in SPECIAL and header.rows != count:
         raise ValueError(f"the array {name!r} has {header.rows:,} rows, expected {count:,} for its points")
@@ -165,7 +187,7 @@ def _is_column(name: str, member: Member, count: int) -> bool:
 
 
 def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
-    """Write all data of the points."""
+    """Write all data of the points to a stream, as a zip archive of arrays; return [], because nothing is lost."""
     georeference, float64 = points.georeference, is_float64(points)
     facts = {
         name: getattr(georeference, name) for name in ("crs", "unit", "scale", "offset") if getattr(georeference, name)
@@ -187,7 +209,10 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
 
 
 def _member_name(name: str) -> str:
-    """Return the array name of an attribute, with a prefix if the name is reserved."""
+    """Return the name of the array that stores an attribute, with a prefix if the attribute's name is reserved.
+
+    Raise ValueError if an archive cannot have such a name.
+    """
     try:
         long = len(name.encode("utf-8")) > 60_000
     except UnicodeEncodeError:
@@ -199,7 +224,10 @@ def _member_name(name: str) -> str:
 
 
 def _write_array(archive: zipfile.ZipFile, name: str, values: NDArray[Any], world_of: Points | None = None) -> None:
-    """Write an array in parts. world_of : write the world coordinates of these points instead"""
+    """Write an array to an archive in parts.
+
+    world_of : write the world coordinates of these points in float64, with the shape of `values`
+    """
     dtype = np.dtype(np.float64) if world_of is not None else values.dtype
     facts = {"descr": np.lib.format.dtype_to_descr(dtype), "fortran_order": False, "shape": values.shape}
     with archive.open(name + SUFFIX, "w", force_zip64=True) as stream:

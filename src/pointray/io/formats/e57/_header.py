@@ -24,7 +24,7 @@ SCHEMA = re.compile(r"schemaLocation$", re.IGNORECASE)
 
 
 class Node:
-    """An XML element. Names include the namespace prefix."""
+    """An XML element: its name with the namespace prefix, its attributes, children, and pieces of text (`parts`)."""
 
     def __init__(self, name: str, attributes: dict[str, str]) -> None:
         self.name, self.attributes = name, attributes
@@ -51,13 +51,16 @@ class Node:
         return node.text if node else ""
 
     def number_at(self, path: str, missing: float) -> float:
-        """Return the number at a path, `missing` if there is no element; an empty element means 0."""
+        """Return the number in the element at a path like "pose/rotation/w".
+
+        missing : returned if there is no element; an empty element means 0
+        """
         node = self.find(path)
         return missing if node is None else to_number(node.text or "0", node.name)
 
 
 def to_number(text: str, name: str) -> float:
-    """Convert a text to float; a ValueError names the element."""
+    """Convert a text to float; raise ValueError for other texts. name : of the XML element, for the message"""
     try:
         return float(text)
     except ValueError:
@@ -65,7 +68,10 @@ def to_number(text: str, name: str) -> float:
 
 
 def to_whole(node: Node, name: str, missing: int | None = None) -> int:
-    """Return an integer attribute of an element; raise ValueError if it is invalid, or missing without a default."""
+    """Return an attribute of an XML element as an integer of 64 bits; raise ValueError if it is invalid.
+
+    name : of the attribute; missing : value if it is not stated; None: ValueError
+    """
     text = node.attributes.get(name, "" if missing is None else str(missing)).strip()
     if not re.fullmatch(r"[+-]?[0-9]{1,19}", text) or not -(2**63) <= int(text) < 2**63:
         raise ValueError(f"is damaged: {name} of {node.name} is {text[:40]!r}, not an integer")
@@ -91,7 +97,10 @@ def read_xml(path: Path) -> tuple[Node, int]:
 
 
 def _pages(file: BinaryIO, size: int, offset: int, length: int) -> bytes:
-    """Return bytes of the file without the checksums of the pages."""
+    """Return the XML section of a file without the checksums of its pages; ValueError if its place is invalid.
+
+    size : of the file; offset, length : of the section in bytes
+    """
     if not HEADER.size <= offset < size or offset % PAGE >= PAYLOAD:
         raise ValueError(f"is damaged: invalid start of its XML, byte {offset:,} of {size:,}")
     if length > min(LONGEST_XML, size - offset):

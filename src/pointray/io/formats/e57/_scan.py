@@ -21,18 +21,32 @@ DTYPES = [np.dtype(kind) for kind in ("u1", "i1", "u2", "i2", "u4", "i4")]
 
 
 class Field(NamedTuple):
-    """A column of a scan: its name in the file, a dtype for all its values, bits per value."""
+    """A column of a scan.
+
+    Attributes
+    ----------
+    name : str
+        Its name in the file, with the prefix of an extension.
+    dtype : dtype
+        Type that holds all its values.
+    bits : int
+        Bits per value in the file.
+    grid : (float, float) or None
+        Scale and offset of scaled integers: value = scale * integer + offset.
+    largest : float
+        Largest integer or float that the file allows; for scaled integers the largest absolute integer.
+    """
 
     name: str
     dtype: np.dtype[Any]
     bits: int
-    grid: tuple[float, float] | None = None  # scale and offset of scaled integers
-    largest: float = 0.0  # largest integer or float
+    grid: tuple[float, float] | None = None
+    largest: float = 0.0
 
 
 @dataclass(frozen=True)
 class Scan:
-    """A scan with points.
+    """A scan with points, as the XML section describes it.
 
     Attributes
     ----------
@@ -40,13 +54,21 @@ class Scan:
         Position in the file.
     count, announced : int
         Maximum number of points in the file, and the announced number.
+    offset : int
+        Byte of the file at which the points begin.
+    fields : dict of str to Field
+        Columns by name.
     rotation : (3, 3) float64
     station : (3,) tuple of float
-        world = rotation @ own + station
+        Scanner position: world = rotation @ own + station.
+    posed : bool
+        Whether the file states a pose.
     turned : bool
         Whether the pose differs from the identity.
     scale : (3,) tuple of (float, float)
         For red, green and blue: the value of black, and 255 / (white - black).
+    facts : dict
+        Information for `pointray info`.
     """
 
     index: int
@@ -62,16 +84,16 @@ class Scan:
 
     @property
     def bits(self) -> int:
-        """Bits per row."""
+        """Bits per row in the file, at least 1."""
         return max(sum(field.bits for field in self.fields.values()), 1)
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Names of the columns with coordinates."""
+        """Names of the three columns with coordinates, cartesian or else spherical."""
         return CARTESIAN if set(CARTESIAN) <= self.fields.keys() else SPHERICAL
 
     def named(self, names: tuple[str, ...]) -> list[str]:
-        """Return the columns with these names, ignoring prefixes; an empty list unless all exist."""
+        """Return the columns with these names, whatever their namespace prefix; [] unless all exist."""
         found = {name.rpartition(":")[2]: name for name in reversed(self.fields)}
         return [found[name] for name in names] if found.keys() >= set(names) else []
 
@@ -85,12 +107,16 @@ class Scan:
 
     @property
     def invalid_color(self) -> str:
-        """The column that marks rows without a colour; empty if there is none."""
+        """Name of the column that marks rows without a colour; "" if there is none."""
         return next(iter(self.named((INVALID_COLOR,))), "")
 
 
 def scans_of(root: Node, size: int, faults: Faults) -> list[Scan]:
-    """Return the scans with points, limited to what fits into a file of this size; if strict, refuse more."""
+    """Return the scans with points in the XML of a file of `size` bytes; raise ValueError if no scan has points.
+
+    If they announce more points than the file can hold, their counts are reduced to what fits, or ValueError is raised
+    if `faults.strict`.
+    """
     nodes = list(root.find("data3D") or ())
     scans = [scan for k, node in enumerate(nodes) if (scan := _scan(node, k, size)) is not None]
     if not scans:
@@ -134,7 +160,7 @@ def _scan(node: Node, index: int, size: int) -> Scan | None:
 
 
 def _field(node: Node) -> Field | None:
-    """Return a numeric column; None for a text or a structure."""
+    """Return the column that an XML element describes; None for a text or a structure."""
     kind = node.attributes.get("type")
     if kind == "Float":
         single = node.attributes.get("precision", "double") == "single"
@@ -159,7 +185,10 @@ def _field(node: Node) -> Field | None:
 
 
 def _pose(node: Node, index: int) -> tuple[NDArray[np.float64], tuple[float, float, float], bool]:
-    """Return the rotation, the translation, and whether the file states them."""
+    """Return the rotation of a scan, (3, 3), its translation, (3,), and whether the file states them.
+
+    node : XML element of the scan; index : its number, for messages
+    """
     pose = node.find("pose")
     if pose is None:
         return np.eye(3), (0.0, 0.0, 0.0), False
@@ -180,10 +209,12 @@ def _pose(node: Node, index: int) -> tuple[NDArray[np.float64], tuple[float, flo
 
 
 def _scale(node: Node, name: str, field: Field) -> tuple[float, float]:
-    """Return the value of black, and 255 / (white - black).
+    """Return the value of black in a colour column of a scan, and 255 / (white - black).
 
     The limits should be those of the camera, but some programs write those of the image. Therefore white is rounded up
     to a full number of bits, so that an image of dark colours stays dark.
+
+    node : XML element of the scan; name : of the column
     """
     low = node.number_at(f"colorLimits/{name}Minimum", 0.0)
     missing = field.largest * field.grid[0] + field.grid[1] if field.grid else field.largest
@@ -198,7 +229,10 @@ def _scale(node: Node, name: str, field: Field) -> tuple[float, float]:
 
 
 def _facts(node: Node, count: int, fields: dict[str, Field], station: tuple[float, ...] | None) -> dict[str, Any]:
-    """Return the information on a scan for `info`."""
+    """Return what `pointray info` shows about a scan, by name; empty values are left out.
+
+    node : XML element of the scan; count : number of points; station : scanner position, None without a pose
+    """
     sensor = " ".join(filter(None, (node.text_at(f"sensor{part}") for part in ("Vendor", "Model", "SerialNumber"))))
     facts = {"name": node.text_at("name"), "guid": node.text_at("guid"), "sensor": sensor, "points": count}
     facts |= {"description": node.text_at("description"), "fields": list(fields)}

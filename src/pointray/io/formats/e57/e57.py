@@ -29,12 +29,12 @@ T = TypeVar("T")
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect E57 files."""
+    """Detect E57 files: return `SURE` or `NO`. head : first bytes of the file"""
     return SURE if head.startswith(MAGIC) else NO
 
 
 class E57Source(Source):
-    """Points of all scans."""
+    """Reader of E57 files: the points of all scans, transformed to world coordinates by the pose of each."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -70,7 +70,10 @@ class E57Source(Source):
             self._facts["left_out"] = left_out
 
     def _to_chunk(self, scan: Scan, number: int, block: dict[str, NDArray[Any]], share: float) -> tuple[Chunk, int]:
-        """Return the valid rows of a block, and the number of invalid ones."""
+        """Return the valid rows of a block in world coordinates, and the number of rows marked as invalid.
+
+        number : index of the scan among those with points; block : columns by name; share : fraction of the file read
+        """
         before = len(next(iter(block.values())))
         bad = [block[name] != 0 for name in STATES if name in block]
         if bad and (invalid := np.any(bad, axis=0)).any():
@@ -96,7 +99,12 @@ class E57Source(Source):
         return _to_world([block[name] for name in scan.normals], scan, np.float32, (0, 0, 0))
 
     def _colors(self, scan: Scan, block: dict[str, NDArray[Any]], n: int) -> NDArray[Any] | None:
-        """Return colours as 8 bits, or as floats whose range is found later; grey or NaN where missing."""
+        """Return the colours of a block as 8 bits, or as floats whose range is found later, (n, 3).
+
+        They are grey or NaN where missing. Return None if no scan has colours.
+
+        block : columns by name
+        """
         if not any(other.colors for other in self._scans):
             return None
         floats = any(other.fields[name].dtype.kind == "f" for other in self._scans for name in other.colors)
@@ -114,13 +122,16 @@ class E57Source(Source):
 
 
 def _is_single(scan: Scan) -> bool:
-    """Whether float32 holds all positions exactly."""
+    """Whether float32 holds all positions of a scan exactly: float32 in the file and not transformed by a pose."""
     fields = [scan.fields[name] for name in scan.places]
     return not scan.turned and scan.places is CARTESIAN and all(field.dtype == np.float32 for field in fields)
 
 
 def _columns(scans: list[Scan]) -> dict[str, np.dtype[Any]]:
-    """Return the types of the attributes of all scans."""
+    """Return the dtype of each attribute of the scans by name.
+
+    If there are several scans, "scan", the number of the scan, is one of the attributes.
+    """
     found: dict[str, list[np.dtype[Any]]] = {}
     for scan in scans:
         for name in _others(scan):
@@ -137,19 +148,22 @@ def _others(scan: Scan) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    """Return an attribute's name: "rowIndex" becomes row_index; the prefix of an extension is dropped."""
+    """Return the attribute's name for a column: row_index for "rowIndex"; the prefix of an extension is dropped."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name.rpartition(":")[2]).lower()
 
 
 def _georeference(scans: list[Scan], crs: str) -> Georeference:
-    """Return the georeference in metres. If some scans have a pose, those without are placed at 0."""
+    """Return the georeference of a file, in metres. If some scans have a pose, those without are placed at 0.
+
+    crs : coordinate system stated in the file, or ""
+    """
     stations = tuple(scan.station for scan in scans) if any(scan.posed for scan in scans) else ()
     scale, offset = _grid(scans)
     return Georeference(crs or None, "metre", scale, offset, stations, format="E57")
 
 
 def _grid(scans: list[Scan]) -> tuple[Any, Any]:
-    """Return scale and offset if all coordinates are scaled integers with the same grid, else (None, None)."""
+    """Return scale and offset, (3,) each, if all coordinates are integers scaled alike, else (None, None)."""
     first = [scans[0].fields[name] for name in scans[0].places]
     for scan in scans:
         fields = [scan.fields[name] for name in scan.places]
@@ -165,7 +179,7 @@ def _grid(scans: list[Scan]) -> tuple[Any, Any]:
 
 
 def _explaining_errors(what: str, call: Callable[..., T], *args: Any) -> T:
-    """Call libE57; convert its errors to ValueError with the first line of the message."""
+    """Call a function of libE57; convert its errors to ValueError. what : begins the message"""
     try:
         return call(*args)
     except Exception as error:
@@ -174,7 +188,10 @@ def _explaining_errors(what: str, call: Callable[..., T], *args: Any) -> T:
 
 
 def _blocks(libe57: Any, file: Any, scan: Scan, faults: Faults) -> Iterator[dict[str, NDArray[Any]]]:
-    """Yield the columns of a scan, `BLOCK` rows at a time, in buffers that are reused."""
+    """Yield the columns of a scan by name, 2^18 rows at a time, in buffers that are reused.
+
+    file : image file of libE57; faults : records missing points
+    """
     wanted = [*scan.places, *scan.normals, *scan.colors, *_others(scan), *STATES, scan.invalid_color]
     fields = [scan.fields[name] for name in dict.fromkeys(wanted) if name in scan.fields]
     capacity, done = min(BLOCK, scan.count), 0
@@ -196,7 +213,7 @@ def _blocks(libe57: Any, file: Any, scan: Scan, faults: Faults) -> Iterator[dict
 
 
 def _buffer(dtype: np.dtype[Any]) -> np.dtype[Any]:
-    """Return a dtype that pye57 can fill.
+    """Return a dtype of the same size or wider for a buffer that pye57 can fill.
 
     For integers of more than 16 bits this is only "q": it mistakes NumPy's int64, "l" on Linux, for 32 bits.
     """
@@ -204,7 +221,7 @@ def _buffer(dtype: np.dtype[Any]) -> np.dtype[Any]:
 
 
 def _fitted(field: Field, values: NDArray[Any]) -> NDArray[Any]:
-    """Convert values to the column's dtype; raise ValueError if they are out of range."""
+    """Convert values read for a column to its dtype; raise ValueError if they are out of range."""
     if values.dtype == field.dtype:
         return values
     limits = np.iinfo(field.dtype)
@@ -214,7 +231,7 @@ def _fitted(field: Field, values: NDArray[Any]) -> NDArray[Any]:
 
 
 def _positions(scan: Scan, block: dict[str, NDArray[Any]], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the world coordinates of the rows."""
+    """Return the world coordinates of the rows of a block, (n, 3) of `dtype`. block : columns by name"""
     columns = [block[name] for name in scan.places]
     if scan.places is SPHERICAL:
         distance, azimuth, elevation = (np.asarray(column, np.float64) for column in columns)
@@ -224,7 +241,12 @@ def _positions(scan: Scan, block: dict[str, NDArray[Any]], dtype: np.dtype[Any])
 
 
 def _to_world(columns: Sequence[NDArray[Any]], scan: Scan, dtype: Any, shift: Sequence[float]) -> NDArray[Any]:
-    """Transform vectors by the scan's pose, column by column: a product of small matrices takes three times as long."""
+    """Rotate vectors by the scan's pose and add `shift`; return (n, 3) of `dtype`.
+
+    The work is done column by column: a product of small matrices takes three times as long.
+
+    columns : three (n,) arrays; shift : scanner position, or zero for normals
+    """
     out = np.empty((len(columns[0]), 3), dtype)
     for k, axis in enumerate(scan.rotation):
         terms = [(factor, column) for factor, column in zip(axis, columns, strict=True) if factor]

@@ -22,7 +22,7 @@ DEEPEST = 31  # maximum level: node coordinates are int32
 
 
 class Copc(NamedTuple):
-    """Contents of the COPC record.
+    """Contents of the record that describes the octree of a COPC file.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class Copc(NamedTuple):
     side, spacing : float
         Size of the root and the spacing of its points; both are halved at each level.
     start, size : int
-        Offset and size of the first page of nodes.
+        Offset and size in bytes of the first page of the list of nodes; it refers to further pages.
     """
 
     low: NDArray[np.float64]
@@ -42,7 +42,7 @@ class Copc(NamedTuple):
 
 
 def copc_of(header: Header) -> Copc | None:
-    """Return the COPC record of a file; None if it has none."""
+    """Return the octree that the COPC record of a file describes; None if the file has no such record."""
     data = header.data_of("copc", 1)
     if data is None or len(data) < 72 or not header.compressed:
         return None
@@ -51,7 +51,12 @@ def copc_of(header: Header) -> Copc | None:
 
 
 def nodes_of(file: BinaryIO, header: Header, copc: Copc, request: Request, size: int, faults: Faults) -> list[Part]:
-    """Return the requested nodes in the file's order; raise ValueError if the octree is damaged."""
+    """Return the octree nodes with points that a request needs, as chunks of compressed rows in the file's order.
+
+    Raise ValueError if the octree is damaged.
+
+    size : of the file in bytes; faults : records a wrong number of points
+    """
     if not (np.isfinite(copc.low).all() and 0 < copc.side < math.inf and 0 < copc.spacing < math.inf):
         raise ValueError("is damaged: invalid size or spacing of the octree")
     pages, seen, left = [(copc.start, copc.size)], set(), size
@@ -89,7 +94,10 @@ def _check_nodes(nodes: NDArray[Any], header: Header) -> None:
 
 
 def _wanted(keys: NDArray[np.int32], header: Header, copc: Copc, request: Request) -> NDArray[np.bool_]:
-    """Return which nodes a request needs."""
+    """Return which octree nodes a request needs, (n,): those in its bounds, down to the level of its resolution.
+
+    keys : (n, 4), level and x, y, z of each node
+    """
     level = keys[:, 0]
     if ((level < 0) | (level > DEEPEST) | (keys[:, 1:] < 0).any(axis=1)).any():
         raise ValueError("is damaged: a node lies outside the octree")
@@ -104,7 +112,10 @@ def _wanted(keys: NDArray[np.int32], header: Header, copc: Copc, request: Reques
 
 
 def levels_for(copc: Copc, resolution: float | None) -> int:
-    """Return the number of levels to read: the first level that is as fine as `resolution` is the last."""
+    """Return the number of octree levels to read: the last one is the first that is as fine as `resolution`.
+
+    resolution : coarsest acceptable point spacing; None: all levels
+    """
     if resolution is None:
         return DEEPEST + 1
     ratio = copc.spacing / resolution

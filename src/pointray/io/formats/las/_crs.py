@@ -35,7 +35,10 @@ WORDS = {
 
 
 def crs_of(header: Header) -> tuple[str | None, str | None]:
-    """Return the coordinate system as stated in the file, and the name of the unit of x and y."""
+    """Return the coordinate system of a file, well-known text or an EPSG code, and the name of the unit of x and y.
+
+    Either is None if the file does not state it.
+    """
     keys = keys_of(header.data_of(USER, KEYS) or b"")
     text = _wkt_of(header.data_of(USER, WKT) or b"")
     if text:
@@ -53,7 +56,7 @@ def _wkt_of(data: bytes) -> str:
 
 
 def keys_of(data: bytes) -> dict[int, int]:
-    """Return the GeoTIFF keys with integer values."""
+    """Return the GeoTIFF keys with integer values, by key number. data : of the record that lists the keys"""
     numbers = unpack_u16(data)
     found = zip(numbers[4::4], numbers[5::4], numbers[6::4], numbers[7::4], strict=False)
     return {key: value for key, place, _, value in found if place == 0}
@@ -78,7 +81,10 @@ def unit_of(text: str) -> str | None:
 
 
 def records_for(crs: str | None, unit: str | None, losses: list[str]) -> list[tuple[int, bytes]]:
-    """Return number and data of the records for a coordinate system; append to `losses` what cannot be stored."""
+    """Return number and data of the records that state a coordinate system; append to `losses` what cannot be stored.
+
+    crs : well-known text or an EPSG code; unit : of x and y
+    """
     if crs is None:
         key = next((k for k, name in UNITS.items() if name == unit and unit != "degree"), None)
         return [(KEYS, _directory([(UNIT, key)]))] if key else []

@@ -19,7 +19,17 @@ WANTED = {"LASF_Projection", "LASF_Spec", "laszip encoded", "copc"}
 
 
 class Record(NamedTuple):
-    """A variable length record: user, number, offset and size of its data, and the data of known records."""
+    """A variable length record of a LAS file.
+
+    Attributes
+    ----------
+    user, id : str and int
+        Together they say what kind of record it is.
+    start, size : int
+        Offset and size of its data in bytes.
+    data : bytes
+        Data of records that the reader needs; empty for others.
+    """
 
     user: str
     id: int
@@ -42,10 +52,14 @@ class Header(NamedTuple):
         Range of bytes of the points.
     returns : tuple of int
         Number of points by return.
-    scale, offset, low, high : tuple of float
+    scale, offset : (3,) tuple of float
+        coordinate = offset + scale * integer.
+    low, high : (3,) tuple of float
+        Stated bounds of the points.
     records : tuple of Record
+        Variable length records, also the extended ones after the points.
     stated : dict
-        Version, software and so on, for `info`.
+        Version, software and so on, for `pointray info`.
     """
 
     minor: int
@@ -64,16 +78,19 @@ class Header(NamedTuple):
     stated: dict[str, Any]
 
     def data_of(self, user: str, id: int) -> bytes | None:
-        """Return the data of the first record of a kind; None if there is none."""
+        """Return the data of the first record with this user and number; None if there is none."""
         return next(iter(self.all_of(user, id)), None)
 
     def all_of(self, user: str, id: int) -> list[bytes]:
-        """Return the data of all records of a kind, without duplicates."""
+        """Return the data of all records with this user and number, without duplicates."""
         return list(dict.fromkeys(record.data for record in self.records if (record.user, record.id) == (user, id)))
 
 
 def read_header(file: BinaryIO, size: int, faults: Faults) -> Header:
-    """Read and check the header of a file of `size` bytes. Records that do not fit into the file are a fault."""
+    """Read and check the header and the variable length records of a file of `size` bytes.
+
+    Records that do not fit into the file are recorded in `faults`. Raise ValueError if the header is invalid.
+    """
     file.seek(0)
     head = file.read(max(SIZES.values()))
     if len(head) < SIZES[0]:
@@ -138,9 +155,12 @@ def _filled(head: bytes, minor: int, start: int, end: int, records: tuple[Record
 
 
 def _walk(file: BinaryIO, where: tuple[int, int], number: int, head: int, faults: Faults) -> Iterator[Record]:
-    """Yield the records between two bytes. head : bytes before the data, 54, or 60 for extended records
+    """Yield the variable length records in a range of bytes.
 
-    A record that does not fit is a fault; it ends the records.
+    A record that does not fit is recorded in `faults`, and ends the iteration.
+
+    where : first byte and end of the range; number : announced number of records
+    head : bytes before the data of a record: 54, or 60 for extended records
     """
     start, end = where
     for k in range(number):
@@ -167,7 +187,7 @@ def _text(raw: bytes) -> str:
 
 
 def _date(day: int, year: int) -> str | None:
-    """Return the day of a year as text; None if it is not a date."""
+    """Return the date of a day of a year, from 1, as YYYY-MM-DD; None if it is invalid or the day is 0."""
     try:
         return str(date(year, 1, 1) + timedelta(day - 1)) if day else None
     except (ValueError, OverflowError):

@@ -30,7 +30,17 @@ SIZES = {6: 20, 7: 8, 8: 6, 9: 29, 10: 30, 11: 6, 12: 8, 13: 29}  # bytes by ite
 
 
 class Packing(NamedTuple):
-    """Compression: lazrs's description, rows per chunk, layers per chunk (0: not layered)."""
+    """Compression of the points of a LAZ file.
+
+    Attributes
+    ----------
+    data : bytes
+        Contents of the record that describes it, for lazrs.
+    rows : int
+        Rows per chunk; `VARIABLE` if the table of chunks states them.
+    layers : int
+        Number of separately compressed streams per chunk, of point formats 6 and later; 0 if fields are interleaved.
+    """
 
     data: bytes
     rows: int
@@ -38,7 +48,15 @@ class Packing(NamedTuple):
 
 
 class Part(NamedTuple):
-    """A chunk of compressed rows: offset and size in bytes, number of rows."""
+    """A chunk of compressed rows, or all rows of an uncompressed file.
+
+    Attributes
+    ----------
+    start, size : int
+        Offset and size in bytes.
+    rows : int
+        Number of rows.
+    """
 
     start: int
     size: int
@@ -46,7 +64,7 @@ class Part(NamedTuple):
 
 
 def require(module: str) -> Any:
-    """Import a module of a plain install; raise ValueError with install instructions if it is missing."""
+    """Import a module by name; raise ValueError with install instructions if it is missing."""
     try:
         return import_module(module)
     except ImportError:
@@ -55,7 +73,12 @@ def require(module: str) -> Any:
 
 @contextmanager
 def damage(what: str) -> Iterator[None]:
-    """Convert exceptions of a library to ValueError; a Rust panic is not derived from Exception."""
+    """Convert exceptions that a library raises in the context to ValueError, also Rust panics.
+
+    A panic is not derived from Exception.
+
+    what : the part of the file that is read, for the message
+    """
     try:
         yield
     except (KeyboardInterrupt, SystemExit, GeneratorExit, MemoryError):
@@ -66,7 +89,7 @@ def damage(what: str) -> Iterator[None]:
 
 
 def packing_of(header: Header) -> Packing:
-    """Return the compression of the points; raise ValueError if it contradicts the header or is unsupported."""
+    """Return the compression that a file states; raise ValueError if it contradicts the header or is unsupported."""
     require("lazrs")
     data = header.data_of("laszip encoded", 22204)
     if data is None or len(data) < 34:
@@ -94,6 +117,8 @@ def parts_of(file: BinaryIO, header: Header, packing: Packing, size: int, faults
     """Return the chunks of a file of `size` bytes; raise ValueError if they do not fill the bytes before their table.
 
     If the rows of the last chunk are known only after decompression, it gets the maximum that the header allows.
+
+    packing : compression of the points; faults : records a wrong number of points in the header
     """
     import lazrs
 
@@ -125,7 +150,13 @@ def parts_of(file: BinaryIO, header: Header, packing: Packing, size: int, faults
 
 
 def _rows_of_last(file: BinaryIO, header: Header, packing: Packing, start: int, announced: int) -> int:
-    """Return the rows of the last chunk, at byte `start`: stated in a layered chunk, otherwise those announced."""
+    """Return the number of rows of the last chunk, which the table of chunks does not state.
+
+    A chunk with layers states it after its first row. For others it is what the header announces, or the full number of
+    rows of a chunk if that is impossible.
+
+    start : offset of the chunk; announced : rows of the header that are not in earlier chunks
+    """
     if not packing.layers:
         return announced if 0 < announced <= packing.rows else packing.rows
     file.seek(start + header.row)
@@ -134,13 +165,16 @@ def _rows_of_last(file: BinaryIO, header: Header, packing: Packing, start: int, 
 
 
 def check_total(header: Header, rows: int, faults: Faults) -> None:
-    """Record a fault if the number of rows differs from the header."""
+    """Record a fault if the number of rows found differs from the number in the header."""
     if rows != header.total:
         faults.add(count_mismatch(header.total, rows, "rows"))
 
 
 def _table_at(file: BinaryIO, header: Header, size: int) -> int:
-    """Return the offset of the table of chunks."""
+    """Return the offset of the table of chunks, which the file states before the points or in its last 8 bytes.
+
+    Raise ValueError if it is invalid. size : of the file in bytes
+    """
     for place in (header.start, size - 8):  # a writer that cannot seek stores the offset at the end
         file.seek(place)
         raw = file.read(8)
@@ -155,7 +189,12 @@ def _table_at(file: BinaryIO, header: Header, size: int) -> int:
 def unpacked_parts(
     file: BinaryIO, header: Header, packing: Packing, parts: Sequence[Part]
 ) -> Iterator[tuple[NDArray[np.uint8], int]]:
-    """Yield the bytes of about `CHUNK` rows, in a buffer that is reused, and the number of parts done."""
+    """Decompress chunks in groups of about 2^18 rows; yield the bytes of their rows, and the number of chunks done.
+
+    The bytes are in a buffer that is reused. Raise ValueError if a chunk is damaged.
+
+    parts : the chunks
+    """
     whole = np.empty(0, np.uint8)
     for first, last in _groups(parts):
         group = parts[first:last]
@@ -184,9 +223,11 @@ def _decompress(raw: bytearray, packing: Packing, out: NDArray[np.uint8], group:
 
 
 def _rows_there(raw: bytearray, packing: Packing, row: int, part: Part) -> int:
-    """Return how many rows a chunk without layers contains, found by bisection; raise ValueError if none.
+    """Return how many rows a chunk without layers contains, found by bisection; raise ValueError if there is not one.
 
-    Such a chunk does not state its rows; decompressing more of them fails at the end of the bytes. row : bytes per row
+    Such a chunk does not state its rows; decompressing more of them fails at the end of the bytes.
+
+    raw : the compressed bytes; row : bytes per row; part : the chunk, with the maximum number of rows
     """
     out = np.empty(part.rows * row, np.uint8)
     least, most = 0, part.rows  # `least` succeeds, `most` fails
@@ -203,7 +244,7 @@ def _rows_there(raw: bytearray, packing: Packing, row: int, part: Part) -> int:
 
 
 def _groups(parts: Sequence[Part]) -> Iterator[tuple[int, int]]:
-    """Yield the ranges of parts that are decompressed together."""
+    """Yield ranges of chunks (first, last + 1) of about 2^18 rows together, which are decompressed in one call."""
     first = rows = 0
     for k, part in enumerate(parts):
         if rows and rows + part.rows > CHUNK:
@@ -231,6 +272,9 @@ def _check_parts(raw: bytearray, group: Sequence[Part], row: int, layers: int) -
 
     A chunk begins with a raw row; layered chunks continue with the number of rows and the sizes of the layers. A stream
     of compressed bytes that begins with the largest number makes lazrs end the process.
+
+    raw : compressed bytes of the chunks in `group`; row : bytes per row
+    layers : number of separately compressed streams per chunk, 0 if it is not layered
     """
     at = 0
     for part in group:

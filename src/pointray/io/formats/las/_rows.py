@@ -21,7 +21,19 @@ COLORS = ("red", "green", "blue")
 
 
 class Column(NamedTuple):
-    """A column: its name, its field in a row, its bit mask there, and its scale and offset."""
+    """A column of a LAS file.
+
+    Attributes
+    ----------
+    name : str
+        Name of the attribute.
+    field : str
+        Field of a row that contains it.
+    mask : int
+        Its bits in the field; 0: the whole field.
+    scale, offset : (k,) array or None
+        For extra bytes: value = offset + scale * number.
+    """
 
     name: str
     field: str
@@ -31,7 +43,7 @@ class Column(NamedTuple):
 
 
 class Layout(NamedTuple):
-    """Layout of a row.
+    """Layout of the rows of a file.
 
     Attributes
     ----------
@@ -40,8 +52,9 @@ class Layout(NamedTuple):
     columns : tuple of Column
         The attributes.
     normals : tuple of Column
-        Three or none.
+        Components of the normals: three or none.
     colors : bool
+        Whether a row has red, green and blue.
     """
 
     dtype: np.dtype[Any]
@@ -56,7 +69,10 @@ class Layout(NamedTuple):
 
 
 def layout_of(header: Header, faults: Faults) -> Layout:
-    """Return the layout of a file's rows; raise ValueError if its header is inconsistent."""
+    """Return the layout of a file's rows: its point format and extra bytes; ValueError if the header is inconsistent.
+
+    Invalid descriptions of extra bytes are recorded in `faults`.
+    """
     from laspy.point.dims import COMPOSED_FIELDS, POINT_FORMATS_DTYPE
 
     if header.format >= FORMATS:
@@ -91,9 +107,12 @@ def layout_of(header: Header, faults: Faults) -> Layout:
 def _extras_of(
     records: Sequence[bytes], spare: int, taken: set[str], faults: Faults
 ) -> list[tuple[Column, np.dtype[Any]]]:
-    """Return the extra bytes of a row as described by the records; undescribed bytes come last.
+    """Return the columns in the extra bytes of a row, each with its dtype; undescribed bytes come last, as one column.
 
-    A description with an unknown type or too many bytes is a fault: it is ignored, as are all after it.
+    A description with an unknown type or too many bytes is recorded in `faults`: it is ignored, as are all after it.
+
+    records : data of the records that describe extra bytes; spare : number of extra bytes of a row
+    taken : names of other columns, to which the new ones are added
     """
     extras: list[tuple[Column, np.dtype[Any]]] = []
     data = b"".join(record[: len(record) // EXTRA * EXTRA] for record in records)
@@ -129,7 +148,10 @@ def _unique(name: str, taken: set[str]) -> str:
 
 
 def _normals_of(columns: list[Column], dtype: np.dtype[Any]) -> tuple[Column, ...]:
-    """Return the columns of the normals, three or none."""
+    """Return the three columns with the components of the normals, by their names; () without normals.
+
+    dtype : structured type of a row
+    """
     known = {c.name.lower(): c for c in columns if dtype[c.field].ndim == 0}
     found = next((tuple(known[name] for name in names) for names in NORMALS if known.keys() >= set(names)), ())
     floats = all(dtype[c.field].kind == "f" or c.scale is not None for c in found)
@@ -143,7 +165,10 @@ def _size(column: Column, dtype: np.dtype[Any]) -> int:
 
 
 def chunk_of(rows: NDArray[Any], header: Header, layout: Layout, share: float) -> Chunk:
-    """Return rows as contiguous columns."""
+    """Convert rows of a file, (n,) of a structured dtype, to columns in world coordinates.
+
+    share : fraction of the file read so far
+    """
     positions = np.empty((len(rows), 3))
     for k, name in enumerate("XYZ"):  # offset + scale * integer, rounded like laspy
         np.multiply(rows[name], header.scale[k], out=positions[:, k])
@@ -176,5 +201,5 @@ def _values_of(rows: NDArray[Any], column: Column) -> NDArray[Any]:
 
 
 def unpack_u16(data: bytes) -> tuple[int, ...]:
-    """Return bytes as 16-bit unsigned integers."""
+    """Return bytes as 16-bit unsigned integers, little-endian."""
     return struct.unpack(f"<{len(data) // 2}H", data[: len(data) // 2 * 2])

@@ -28,16 +28,16 @@ PACKED = {"X", "Y", "Z", "x", "y", "z", "bit_fields", "raw_classification", "cla
 
 
 class Extra(NamedTuple):
-    """A column of extra bytes: name and values."""
+    """A column to be written as extra bytes: its name, and its values, (n,) or (n, 2) or (n, 3)."""
 
     name: str
     values: NDArray[Any]
 
 
 def write(file: Any, points: Points, progress: Progress | None = None) -> Losses:
-    """Write all data of the points; return descriptions of what LAS cannot store.
+    """Write all data of the points to a stream as LAS 1.4 or, if its path ends with .laz, LAZ.
 
-    Rows without a finite position are left out, which is among them.
+    Rows without a finite position are left out. Return descriptions of this and of what LAS cannot store.
     """
     import laspy
 
@@ -134,7 +134,10 @@ class _ErrorRecorder:
 
 
 def _choose_format(points: Points) -> tuple[int, list[str]]:
-    """Return the smallest point format that stores most of the attributes, and their names."""
+    """Return the LAS point format that stores as many attributes as possible, and the names of these attributes.
+
+    Among several such formats it is the one with the smallest rows.
+    """
     import laspy
 
     best: tuple[int, list[str]] = 0, []
@@ -151,7 +154,10 @@ def _choose_format(points: Points) -> tuple[int, list[str]]:
 
 
 def _fits(values: NDArray[Any], dimension: Any) -> bool:
-    """Whether a dimension stores values exactly."""
+    """Whether a field of a point format stores the values of an attribute exactly.
+
+    dimension : laspy's description of the field
+    """
     if values.ndim != 1:
         return False
     if dimension.dtype is not None and dimension.dtype.kind == "f":
@@ -162,7 +168,11 @@ def _fits(values: NDArray[Any], dimension: Any) -> bool:
 
 
 def _extras_of(points: Points, format: int, standard: list[str], losses: Losses) -> list[Extra]:
-    """Return what no dimension of the point format stores: normals, and all other attributes."""
+    """Return the columns to be written as extra bytes: normals, and attributes that the point format does not store.
+
+    format : number of the point format; standard : names of the attributes that it stores
+    losses : receives descriptions of what cannot be stored
+    """
     import laspy
 
     dimensions = laspy.PointFormat(format)
@@ -186,7 +196,10 @@ def _extras_of(points: Points, format: int, standard: list[str], losses: Losses)
 
 
 def _columns_of(name: str, values: NDArray[Any], taken: set[str], losses: Losses) -> list[Extra]:
-    """Split an attribute into extra bytes, which have at most three columns."""
+    """Split an attribute into columns of extra bytes, each of at most three numbers per row.
+
+    taken : names that are in use, to which the new ones are added; losses : receives notes on changed names
+    """
     values = values.view(np.uint8) if values.dtype == np.bool_ else values
     width = 1 if values.ndim == 1 else values.shape[1]
     if width <= 3:
@@ -197,7 +210,10 @@ def _columns_of(name: str, values: NDArray[Any], taken: set[str], losses: Losses
 
 
 def _name(name: str, taken: set[str], losses: Losses) -> str:
-    """Return an unused name for extra bytes that is short enough."""
+    """Return an unused name of at most 32 bytes for a column of extra bytes.
+
+    taken : names that are in use, to which it is added; losses : receives a note if the name is changed
+    """
     free, number = name.replace("\0", " ").encode()[:LONGEST_NAME].decode(errors="ignore"), 1
     while free in taken or not free:
         number += 1
@@ -214,7 +230,10 @@ def _type_of(values: NDArray[Any]) -> np.dtype[Any]:
 
 
 def _state_crs(header: Any, georeference: Georeference, losses: Losses) -> list[Any]:
-    """Write the coordinate system to a header; return the records that are too long for it, to follow the points."""
+    """Write the coordinate system to a header; return the records that are too long for it, to follow the points.
+
+    header : of laspy; losses : receives a description of what cannot be stored
+    """
     import laspy
 
     trailing: list[Any] = []
@@ -230,11 +249,12 @@ def _state_crs(header: Any, georeference: Georeference, losses: Losses) -> list[
 
 
 class _Grid:
-    """Grid of the integer coordinates: that of the original file, or one as fine as float32.
+    """Scale and offset of the integer coordinates to be written: those of the original file, or as fine as float32.
 
     Attributes
     ----------
-    scale, offset : tuple of float
+    scale, offset : (3,) tuple of float
+        coordinate = offset + scale * integer.
     """
 
     def __init__(self, points: Points, losses: Losses) -> None:
@@ -256,7 +276,10 @@ class _Grid:
         self.offset = tuple((np.array(self._georeference.offset) + self._shift * np.array(self.scale)).tolist())
 
     def _fits(self, points: Points) -> bool:
-        """Whether the original grid fits, if necessary with its offset moved by whole steps."""
+        """Whether 32-bit integers with the file's original scale hold all coordinates.
+
+        If necessary, the offset is moved by whole steps.
+        """
         if self._georeference.scale is None:
             return False
         residual = points.attributes.get(RESIDUAL)
@@ -284,7 +307,10 @@ class _Grid:
         return numbers
 
     def numbers_of(self, points: Points, part: slice, finite: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Return the integer coordinates of some rows, (m, 3); 0 where a row is not finite."""
+        """Return the integer coordinates of a range of rows, (m, 3); 0 where a row is not finite.
+
+        finite : (n,), whether each of all rows has a finite position
+        """
         with np.errstate(invalid="ignore"):
             numbers = self._whole(points, part) - self._shift
         numbers[~finite[part]] = 0

@@ -32,12 +32,12 @@ logging.getLogger("laspy").addHandler(logging.NullHandler())  # it logs what it 
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect LAS and LAZ files."""
+    """Detect LAS and LAZ files: return `SURE` or `NO`. head : first bytes of the file"""
     return SURE if head.startswith(b"LASF") else NO
 
 
 class LasSource(Source):
-    """Points of a LAS, LAZ or COPC file."""
+    """Reader of LAS, LAZ and COPC files."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._size, self.faults = path.stat().st_size, Faults(request.strict)
@@ -61,7 +61,10 @@ class LasSource(Source):
         )
 
     def _list_parts(self, request: Request) -> list[Part]:
-        """Return the ranges of rows to read; raise ValueError if the header announces no rows."""
+        """Return the pieces of the file to read: chunks of compressed rows, or one piece with all uncompressed rows.
+
+        Raise ValueError if the header announces no rows.
+        """
         header = self._header
         if header.total == 0 and (header.compressed or self.faults.strict):
             raise ValueError("contains no points: the header announces 0; it may be incomplete")
@@ -79,7 +82,7 @@ class LasSource(Source):
             yield chunk_of(rows.view(self._layout.dtype), self._header, self._layout, share)
 
     def _plain(self) -> Iterator[tuple[NDArray[np.uint8], float]]:
-        """Yield the bytes of about `CHUNK` rows, in a buffer that is reused."""
+        """Yield the bytes of about 2^18 uncompressed rows, in a buffer that is reused, and the fraction read so far."""
         part, row = self._parts[0], self._header.row
         buffer = np.empty(min(part.rows, CHUNK) * row, np.uint8)
         self._file.seek(part.start)
@@ -103,7 +106,10 @@ class LasSource(Source):
 
 
 def _rows_of(file: BinaryIO, header: Header, faults: Faults) -> Part:
-    """Return the rows of an uncompressed file; raise ValueError if there is not one."""
+    """Return the place and number of the rows of an uncompressed file; raise ValueError if there is not one.
+
+    A number of rows other than that in the header is recorded in `faults`.
+    """
     rows, size, there = header.total, header.total * header.row, header.end - header.start
     if size > there:
         rows = there // header.row
@@ -126,7 +132,7 @@ def _rows_of(file: BinaryIO, header: Header, faults: Faults) -> Part:
 
 
 def _facts(header: Header, layout: Layout, copc: Copc | None) -> dict[str, Any]:
-    """Return the information on a file for `info`."""
+    """Return what `pointray info` shows about a file, by name."""
     stated = {name: value for name, value in header.stated.items() if value}
     facts: dict[str, Any] = {
         **stated,

@@ -30,19 +30,21 @@ Floats = NDArray[np.float32]
 
 
 class UnsupportedError(ValueError):
-    """Raised if a valid file uses a feature that is unsupported."""
+    """Raised if a valid glTF file uses a feature that is unsupported."""
 
 
 def readable(data: bytes, kind: str, get: Callable[[str], bytes], faults: Faults) -> bytes:
-    """Return the file as trimesh can read it.
+    """Return the contents of a glTF file as trimesh can read them: quantized and sparse attributes become float32.
 
     Parameters
     ----------
     data : bytes
+        The file.
     kind : {"glb", "gltf"}
     get : callable
         Name of a file in the same folder -> its bytes.
     faults : Faults
+        Records unsupported extensions.
 
     Raises
     ------
@@ -78,7 +80,12 @@ def _split(data: bytes) -> tuple[bytes, bytes]:
 
 
 def _check(tree: Any, size: int, faults: Faults) -> None:
-    """Raise ValueError for data that would be read as zeros or need more memory than the file has bytes."""
+    """Raise ValueError for compressed data, which trimesh would read as zeros, and for announced rows without data.
+
+    The latter could need more memory than the file has bytes.
+
+    tree : the file's JSON; size : of the file in bytes; faults : records unsupported extensions
+    """
     required, used = tree.get("extensionsRequired", ()), tree.get("extensionsUsed", ())
     empty = [a for a in tree.get("accessors", ()) if "bufferView" not in a and "sparse" not in a]
     packed = next((name for name in (*required, *(used if empty else ())) if PACKERS.search(name)), None)
@@ -95,7 +102,7 @@ def _check(tree: Any, size: int, faults: Faults) -> None:
 
 
 class _Floats:
-    """float32 accessors that replace those trimesh would read wrongly.
+    """New float32 accessors of a glTF file, in place of those that trimesh would read wrongly.
 
     Attributes
     ----------
@@ -110,7 +117,12 @@ class _Floats:
         self.added: list[Floats] = []
 
     def replace(self, primitive: Any) -> None:
-        """Give a primitive new accessors where needed; raise UnsupportedError if its indices need one."""
+        """Let the attributes of a primitive refer to new accessors where trimesh would read them wrongly.
+
+        Raise UnsupportedError if its triangle indices are sparse.
+
+        primitive : part of the file's JSON, which is changed
+        """
         if "indices" in primitive and "sparse" in self._tree["accessors"][primitive["indices"]]:
             raise UnsupportedError("has sparse triangle indices, which are unsupported")
         attributes = primitive["attributes"]
@@ -131,7 +143,7 @@ class _Floats:
             attributes[name] = self._known[key]
 
     def attach(self) -> None:
-        """Add the new accessors to the file."""
+        """Add the new accessors and their values to the file's JSON, in an additional buffer."""
         data, tree = b"".join(values.tobytes() for values in self.added), self._tree
         start = 0
         for values in self.added:
@@ -150,7 +162,10 @@ class _Floats:
         return material.get("pbrMetallicRoughness", {}).get("baseColorTexture", {})
 
     def _is_stored_otherwise(self, index: int, name: str) -> bool:
-        """Whether an attribute is sparse, or has integers that trimesh would misread."""
+        """Whether an attribute is sparse, or has integers that trimesh would misread.
+
+        index : of its accessor; name : such as "POSITION"
+        """
         accessor = self._tree["accessors"][index]
         if "sparse" in accessor:
             return True
@@ -161,7 +176,7 @@ class _Floats:
         return bool(accessor.get("normalized")) or name == "TEXCOORD_0"
 
     def _values(self, index: int) -> Floats:
-        """Return the values of an accessor."""
+        """Return the values of an accessor, (n, k), with its sparse values and with normalized integers scaled."""
         accessor = self._tree["accessors"][index]
         count, sparse = accessor["count"], accessor.get("sparse")
         dtype, width = np.dtype(DTYPES[accessor["componentType"]]), WIDTHS[accessor["type"]]
@@ -177,7 +192,10 @@ class _Floats:
         return values
 
     def _rows(self, place: Any, count: int, dtype: np.dtype[Any], width: int) -> NDArray[Any]:
-        """Return the (count, width) values of an accessor, or of a part of a sparse one."""
+        """Return the stored values of an accessor, or of the indices or values of a sparse one, (count, width).
+
+        place : part of the file's JSON that refers to a buffer view
+        """
         view = self._tree["bufferViews"][place["bufferView"]]
         start = view.get("byteOffset", 0)
         data = self._buffer(view["buffer"])[start : start + view["byteLength"]]
@@ -199,7 +217,7 @@ class _Floats:
 
 
 def _moved(uv: Floats, transform: Any) -> Floats:
-    """Apply a KHR_texture_transform to texture coordinates."""
+    """Apply a KHR_texture_transform to texture coordinates, (n, 2). transform : its JSON; empty: none"""
     if not transform:
         return uv
     angle = float(transform.get("rotation", 0))

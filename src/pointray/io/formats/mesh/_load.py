@@ -35,7 +35,9 @@ class Part(NamedTuple):
     normals : (n, 3) float64 or None
         Normals stored in the file.
     colors : (n, 3) uint8 or floats, or None
+        Colours of the vertices.
     uv : (n, 2) float64 or None
+        Texture coordinates of the vertices.
     sample_texture : callable or None
         Texture lookup: (k, 2) texture coordinates -> (k, 4) uint8 colours.
     face_colors : (m, 3) uint8 or None
@@ -52,12 +54,15 @@ class Part(NamedTuple):
 
 
 def counts_of(parts: list[Part]) -> tuple[int, int]:
-    """Return the numbers of vertices and triangles."""
+    """Return the numbers of vertices and triangles of all meshes together."""
     return sum(len(part.positions) for part in parts), sum(len(part.faces) for part in parts)
 
 
 def load(path: Path, kind: str, faults: Faults) -> list[Part]:
-    """Return the meshes of a file, placed in its scene; raise ValueError if it is damaged."""
+    """Read the meshes of a file with trimesh, placed by its scene graph; raise ValueError if it is damaged.
+
+    kind : format of the file in trimesh's words, such as "glb"; faults : records what is cut off or missing
+    """
     logging.getLogger("trimesh").addHandler(logging.NullHandler())  # otherwise its log goes to stderr
     try:
         with warnings.catch_warnings():
@@ -86,7 +91,12 @@ def _words(error: Exception) -> str:
 
 
 def _load_obj(path: Path, beside: Any, faults: Faults) -> list[Part]:
-    """Load an OBJ file. With several materials trimesh makes several meshes, each with only the vertices it uses."""
+    """Read an OBJ file: its meshes, and the points that are not vertices of any.
+
+    With several materials trimesh makes several meshes, each with only the vertices it uses.
+
+    beside : trimesh's resolver of references to other files
+    """
     data = absolute(whole_text(_bytes_of(path, "obj"), "obj", faults))
     if not re.search(rb"^[ \t]*[fl][ \t]", data, re.MULTILINE):
         return [_obj_points(data)]
@@ -97,7 +107,10 @@ def _load_obj(path: Path, beside: Any, faults: Faults) -> list[Part]:
 
 
 def _obj_points(data: bytes) -> Part:
-    """Return all vertices of an OBJ file as a point cloud; that of trimesh lacks normals."""
+    """Return all vertices of an OBJ file as points without triangles; trimesh's own reader of them drops normals.
+
+    data : the file
+    """
     from trimesh.exchange.obj import load_obj
 
     lines = re.sub(rb"^[ \t]*[fl][ \t].*$", b"", data.replace(b"\\\n", b""), flags=re.MULTILINE)
@@ -114,7 +127,7 @@ def _obj_points(data: bytes) -> Part:
 
 
 def _unused_points(points: Part, parts: list[Part]) -> Part:
-    """Return the points that are not vertices of the meshes."""
+    """Return the points that are not vertices of the meshes in `parts`."""
     rows = np.concatenate([part.positions for part in (*parts, points)])
     first, place = places_of(rows)
     used = len(rows) - len(points.positions)
@@ -124,7 +137,7 @@ def _unused_points(points: Part, parts: list[Part]) -> Part:
 
 
 def _bytes_of(path: Path, kind: str) -> bytes:
-    """Return the file with all text in UTF-8, as trimesh requires."""
+    """Read a file and return it with all text in UTF-8, as trimesh requires. kind : format in trimesh's words"""
     data = path.read_bytes()
     if kind == "ply":
         end = data.find(b"end_header")
@@ -139,7 +152,10 @@ def _bytes_of(path: Path, kind: str) -> bytes:
 
 
 def _load_scene(path: Path, kind: str, beside: Any, faults: Faults) -> list[Part]:
-    """Load a file other than OBJ."""
+    """Read the meshes of a file other than OBJ.
+
+    kind : format in trimesh's words; beside : trimesh's resolver of references to other files
+    """
     data = _bytes_of(path, kind)
     if kind in ("glb", "gltf"):
         data = readable(data, kind, beside.get, faults)
@@ -147,7 +163,10 @@ def _load_scene(path: Path, kind: str, beside: Any, faults: Faults) -> list[Part
 
 
 def _parts_of(data: bytes, beside: Any, kind: str, **options: Any) -> list[Part]:
-    """Return the meshes that trimesh finds."""
+    """Return the meshes that trimesh finds in a file, transformed to world coordinates.
+
+    beside : trimesh's resolver of references to other files; kind : format in trimesh's words; options : for its reader
+    """
     import trimesh
 
     scene = trimesh.load_scene(
@@ -168,7 +187,10 @@ def _parts_of(data: bytes, beside: Any, kind: str, **options: Any) -> list[Part]
 
 
 def _resolver_of(path: Path) -> Any:
-    """Return a resolver of file references below the file's own folder, which lists those not found."""
+    """Return a resolver for trimesh of references to other files, which must lie below the folder of `path`.
+
+    Its attribute `absent` lists the names of those not found.
+    """
     from trimesh.resolvers import Resolver
 
     folder = path.resolve().parent
@@ -197,7 +219,7 @@ def _resolver_of(path: Path) -> Any:
 
 
 def _part(shape: Any, matrix: NDArray[np.float64]) -> Part:
-    """Convert a mesh of trimesh, placed by a matrix."""
+    """Convert a mesh or a point cloud of trimesh, transformed by a (4, 4) matrix."""
     positions = np.asarray(shape.vertices, np.float64)
     faces = np.asarray(getattr(shape, "faces", np.empty((0, 3))), np.int64).reshape(-1, 3)
     if len(faces) and not (0 <= faces.min() and faces.max() < len(positions)):
@@ -217,7 +239,11 @@ def _part(shape: Any, matrix: NDArray[np.float64]) -> Part:
 
 
 def _cofactors(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the matrix that transforms normals: the cofactors, which also exist for a singular matrix."""
+    """Return the matrix that transforms normals where the (3, 3) `matrix` transforms points.
+
+    It consists of the cofactors, which also exist for a singular matrix, times the sign of the determinant. So a
+    reflection leaves normals on their side of the surface.
+    """
     x, y, z = matrix
     return np.stack([np.cross(y, z), np.cross(z, x), np.cross(x, y)]) * (np.sign(np.linalg.det(matrix)) or 1.0)
 
@@ -228,7 +254,12 @@ def unit(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _colors(shape: Any) -> tuple[Any, Any, Any]:
-    """Return the colours of the vertices, or texture coordinates and the texture lookup."""
+    """Return the colours of the vertices, (n, 3), their texture coordinates, (n, 2), and the texture lookup.
+
+    What a shape lacks is None; it has either colours or a texture.
+
+    shape : mesh or point cloud of trimesh
+    """
     visual: Any = getattr(shape, "visual", None)
     kind, n = getattr(visual, "kind", None), len(shape.vertices)
     if kind in ("vertex", "face"):
@@ -252,14 +283,20 @@ def _colors(shape: Any) -> tuple[Any, Any, Any]:
 
 
 def _tinted(colors: NDArray[Any], plain: Any) -> NDArray[np.uint8]:
-    """Multiply colours of vertices, 8-bit or from 0 to 1, by the colour of the material."""
+    """Multiply colours of vertices, 8-bit or from 0 to 1, by the colour of the material.
+
+    plain : 8-bit colour of the material; None: white
+    """
     shades = colors / 255 if colors.dtype.kind in "iu" else colors
     factor = 255 if plain is None else np.asarray(plain, np.float64)[:3]
     return np.rint(np.clip(np.nan_to_num(shades * factor), 0, 255)).astype(np.uint8)
 
 
 def places_of(rows: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first row at each place, and the place of each row. Hashing is ten times as fast as unique rows."""
+    """Find rows of (n, 3) with equal coordinates: return the first row at each place, and the place of each row.
+
+    The first are (k,) row numbers, the second (n,) indices into them. Hashing is ten times as fast as unique rows.
+    """
     bits = np.ascontiguousarray(rows + 0.0).view(np.uint64)  # -0 is 0
     keys = np.zeros(len(rows), np.uint64)
     for k in range(3):

@@ -26,6 +26,8 @@ def is_coarse(parts: Sequence[Part], shared: bool = False) -> bool:
 
     A smooth surface needs few vertices, as they have normals: 50 for a sphere. Next to creases and on textures the
     spacing becomes visible: a cube needs 3,000. If many vertices belong to no triangle, the file is a point cloud.
+
+    shared : whether the meshes are pieces of one mesh, so that creases between them count
     """
     meshes, vertices = [part for part in parts if len(part.faces)], sum(len(part.positions) for part in parts)
     if vertices >= SAMPLES or sum(len(np.unique(part.faces)) for part in meshes) < MESHED * vertices:
@@ -42,13 +44,16 @@ def is_coarse(parts: Sequence[Part], shared: bool = False) -> bool:
 
 
 def _covers(areas: NDArray[np.float64], some: NDArray[np.bool_]) -> bool:
-    """Whether the selected triangles cover more than `SHARE` of the area."""
+    """Whether the selected triangles cover more than 5% of the area. areas, some : (m,), area and selection of each"""
     total = float(areas.sum())
     return bool(0 < total < np.inf) and float(areas[some].sum()) > SHARE * total
 
 
 def _beside_creases(parts: Sequence[Part]) -> NDArray[np.bool_]:
-    """Return which triangles meet another one at an angle, regardless of the order of corners."""
+    """Return which of the triangles of all meshes meet another one at more than 30 degrees, (m,).
+
+    The order of their corners does not matter. Vertices at the same place count as one.
+    """
     starts = np.cumsum([0, *(len(part.positions) for part in parts)])
     corners = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
     place = places_of(np.concatenate([part.positions for part in parts]))[1][corners]
@@ -66,14 +71,14 @@ def _beside_creases(parts: Sequence[Part]) -> NDArray[np.bool_]:
 
 
 def _longest_edges(part: Part) -> NDArray[np.float64]:
-    """Return the length of each triangle's longest edge."""
+    """Return the length of each triangle's longest edge, (m,)."""
     corners = part.positions[part.faces]
     with np.errstate(all="ignore"):
         return np.asarray(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1))
 
 
 def vertices_of(parts: Sequence[Part], shared: bool = False) -> Chunk:
-    """Return the vertices of all meshes; coinciding vertices of triangles are merged.
+    """Return the vertices of all meshes as one chunk; coinciding vertices of triangles are merged.
 
     shared : whether the meshes are pieces of one mesh and share vertices
     """
@@ -89,7 +94,7 @@ def vertices_of(parts: Sequence[Part], shared: bool = False) -> Chunk:
 
 
 def _united(parts: Sequence[Part]) -> Part:
-    """Concatenate meshes."""
+    """Concatenate meshes to one, which has normals if all have them."""
     starts = np.cumsum([0, *(len(part.positions) for part in parts)])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
     normals = [part.normals for part in parts if part.normals is not None]
@@ -105,7 +110,7 @@ def _narrow(positions: NDArray[np.float64]) -> NDArray[Any]:
 
 
 def _joined(parts: Sequence[Part]) -> NDArray[Any] | None:
-    """Return the colours of all vertices; None if no mesh has any."""
+    """Return the colours of the vertices of all meshes, (n, 3), grey where a mesh has none; None if no mesh has any."""
     colors = [
         part.colors if part.sample_texture is None or part.uv is None else part.sample_texture(part.uv)[:, :3]
         for part in parts
@@ -124,7 +129,7 @@ def _bytes(colors: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _merged(part: Part) -> Part:
-    """Merge coinciding vertices; normals are those of the file, or computed from the adjacent triangles."""
+    """Merge coinciding vertices of a mesh; normals are those of the file, or computed from the adjacent triangles."""
     rows = part.positions
     first, inverse = places_of(rows)
     if len(first) == len(rows):
@@ -140,7 +145,10 @@ def _merged(part: Part) -> Part:
 
 
 def _normals_of(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64] | None:
-    """Return mean normals of the adjacent triangles; None if the orientation of the triangles is inconsistent."""
+    """Return mean normals of the triangles at each vertex, (n, 3).
+
+    Return None if neighbouring triangles face opposite ways, so that their normals are arbitrary.
+    """
     import trimesh
 
     if _is_mixed(faces, len(positions)):
@@ -149,13 +157,19 @@ def _normals_of(positions: NDArray[np.float64], faces: NDArray[np.int64]) -> NDA
 
 
 def _is_mixed(faces: NDArray[np.int64], vertices: int) -> bool:
-    """Whether neighbouring triangles traverse many shared edges in the same direction."""
+    """Whether neighbouring triangles are oriented differently: many traverse a shared edge in the same direction.
+
+    faces : (m, 3) vertex indices; vertices : number of vertices
+    """
     keys = (faces * vertices + np.roll(faces, -1, axis=1)).reshape(-1)
     return len(np.unique(keys)) < (1 - MIXED) * len(keys)
 
 
 def _means(normals: NDArray[np.float64], place: NDArray[np.int64], n: int) -> NDArray[np.float64]:
-    """Return the mean direction of the rows at each place; a single row is unchanged."""
+    """Return the mean direction of the normals at each of n places, (n, 3); a single normal is unchanged.
+
+    place : (m,), place of each of the normals, (m, 3)
+    """
     sums = np.stack([np.bincount(place, column, n) for column in normals.T], axis=1).astype(np.float64)
     several = np.bincount(place, minlength=n) > 1
     lengths = np.linalg.norm(sums, axis=1, keepdims=True)
@@ -167,7 +181,10 @@ def _means(normals: NDArray[np.float64], place: NDArray[np.int64], n: int) -> ND
 
 
 def scatter(parts: Sequence[Part], count: int) -> Iterator[Chunk]:
-    """Yield `count` points on the triangles by stratified sampling: one in each of `count` equal parts of the area."""
+    """Yield `count` points on the triangles by stratified sampling: one in each of `count` equal parts of the area.
+
+    They are chunks of about 2^18 points with normals and, if the meshes have any, colours.
+    """
     parts = [part for part in parts if len(part.faces)]
     crosses = [_crosses(part) for part in parts]
     areas = [_areas(cross) for cross in crosses]
@@ -197,12 +214,15 @@ def _crosses(part: Part) -> NDArray[np.float64]:
 
 
 def _areas(crosses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return twice the triangles' areas; 0 for those that are not finite."""
+    """Return twice the areas of triangles, (m,); 0 for those that are not finite.
+
+    crosses : (m, 3), cross product of two edges of each triangle
+    """
     return np.nan_to_num(np.linalg.norm(crosses, axis=1), nan=0.0, posinf=0.0)
 
 
 def _weights(random: np.random.Generator, n: int) -> NDArray[np.float64]:
-    """Return barycentric weights, uniform over a triangle, (n, 3)."""
+    """Return random barycentric weights of n points, uniformly distributed over a triangle, (n, 3)."""
     root, share = np.sqrt(random.random(n)), random.random(n)
     return np.stack([1 - root, root * (1 - share), root * share], axis=1)
 
@@ -210,7 +230,11 @@ def _weights(random: np.random.Generator, n: int) -> NDArray[np.float64]:
 def _on(
     part: Part, rows: NDArray[np.int64], weights: NDArray[np.float64], crosses: NDArray[np.float64]
 ) -> tuple[Any, ...]:
-    """Return positions, normals and colours (or None) on the triangles of a part."""
+    """Return positions, normals and colours (or None), (n, 3) each, of points on the triangles of a mesh.
+
+    rows : (n,), triangle of each point; weights : (n, 3), its barycentric coordinates
+    crosses : (m, 3), cross product of two edges of each triangle
+    """
     corners = part.faces[rows]
 
     def blended(column: NDArray[Any]) -> NDArray[np.float64]:

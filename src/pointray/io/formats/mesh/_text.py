@@ -24,7 +24,10 @@ SHORT_FACE = re.compile(rb"^[ \t]*f(?:[ \t]+\S+){0,2}[ \t]*\Z", re.MULTILINE)  #
 
 
 def whole_text(data: bytes, kind: str, faults: Faults) -> bytes:
-    """Return a file without its incomplete end and with adjusted counts; raise ValueError if too little is left."""
+    """Return a mesh file without its incomplete end, and with adjusted counts; ValueError if too little is left.
+
+    data : the file; kind : its format, "obj", "off" or "stl"; others are unchanged; faults : records what is missing
+    """
     if kind == "obj":
         return _whole_obj(data, faults)
     if kind == "off":
@@ -35,7 +38,7 @@ def whole_text(data: bytes, kind: str, faults: Faults) -> bytes:
 
 
 def _whole_obj(data: bytes, faults: Faults) -> bytes:
-    """Remove an incomplete last line of an OBJ file; raise ValueError for any other invalid line."""
+    """Remove an incomplete last line of an OBJ file, recorded in `faults`; ValueError for any other invalid line."""
     bad = None if b"\\\n" in data else BAD_LINE.search(data)  # lines continued on the next one are not checked
     if bad is None:
         bad = SHORT_FACE.search(data)
@@ -51,7 +54,7 @@ def _whole_obj(data: bytes, faults: Faults) -> bytes:
 
 
 def absolute(data: bytes) -> bytes:
-    """Replace negative indices of an OBJ file; raise ValueError if one refers to no row.
+    """Replace negative indices in the faces of an OBJ file; raise ValueError if one refers to no row.
 
     They count back from the last row before the face, but trimesh counts from the last row of the file.
     """
@@ -78,7 +81,7 @@ def absolute(data: bytes) -> bytes:
 
 
 def _whole_off(data: bytes, faults: Faults) -> bytes:
-    """Adjust the counts of an OFF file to its lines: trimesh silently accepts fewer than announced."""
+    """Adjust the counts of an OFF file to its lines and record missing ones, which trimesh would not notice."""
     head, _, body = re.sub(rb"#[^\n]*", b"", data).partition(b"OFF")
     lines = [line for line in body.splitlines() if line.strip()]
     vertices, faces = (int(word) for word in (lines[0] if lines else b"").split()[:2])
@@ -94,9 +97,10 @@ def _whole_off(data: bytes, faults: Faults) -> bytes:
 
 
 def off_columns(data: bytes) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
-    """Return normals and colours of the vertices of an OFF file, which trimesh ignores; None for missing ones.
+    """Return normals and colours, (n, 3) each, of the vertices of an OFF file, which trimesh ignores.
 
-    The letters before OFF list the columns after the coordinates: N normals, C colours.
+    Either is None if the file lacks it. The letters before OFF list the columns after the coordinates: N normals, C
+    colours.
     """
     head, _, body = re.sub(rb"#[^\n]*", b"", data).partition(b"OFF")
     lines = [line.split() for line in body.splitlines() if line.strip()]
@@ -111,12 +115,15 @@ def off_columns(data: bytes) -> tuple[NDArray[np.float64] | None, NDArray[np.flo
 
 
 def _is_short(fields: list[bytes], is_face: bool) -> bool:
-    """Whether a line has fewer fields than a vertex or a face needs."""
+    """Whether a line of an OFF file lacks numbers of a vertex, or corners of a face.
+
+    fields : words of the line
+    """
     return len(fields) < (int(fields[0]) + 1 if is_face and fields[0].isdigit() else 3)
 
 
 def is_text_stl(head: bytes, size: int) -> bool:
-    """Whether an STL file is text, judged by its first bytes and its size.
+    """Whether an STL file is text, judged by its first bytes and its size in bytes.
 
     The header of a binary file may also begin with "solid"; then its count matches the size, or it contains zero bytes.
     """
@@ -125,7 +132,7 @@ def is_text_stl(head: bytes, size: int) -> bool:
 
 
 def _stl_size(head: bytes) -> int:
-    """Return the size of a binary STL file with the announced number of triangles."""
+    """Return the bytes of a complete binary STL file with the number of triangles that its first bytes announce."""
     return STL_HEADER + _stl_count(head) * TRIANGLE
 
 
@@ -134,13 +141,18 @@ def _stl_count(head: bytes) -> int:
 
 
 def _whole_stl(data: bytes) -> bytes:
-    """Adjust the count of a binary STL file to its complete triangles."""
+    """Return a binary STL file with its complete triangles only, and their number in the header."""
     rows = min(_stl_count(data), (len(data) - STL_HEADER) // TRIANGLE)
     return data[: STL_HEADER - 4] + rows.to_bytes(4, "little") + data[STL_HEADER : STL_HEADER + rows * TRIANGLE]
 
 
 def check_stl(head: bytes, size: int, faults: Faults) -> None:
-    """Compare the size of a binary STL file with its header; raise ValueError if it is probably not STL."""
+    """Compare the size of a binary STL file with its header; a difference is recorded in `faults`.
+
+    Raise ValueError if the file is probably not STL.
+
+    head : first bytes of the file; size : of the file in bytes
+    """
     count, need = _stl_count(head), _stl_size(head)
     if need == size and size >= STL_HEADER:
         return
@@ -154,7 +166,10 @@ def check_stl(head: bytes, size: int, faults: Faults) -> None:
 
 
 def _are_triangles(head: bytes) -> bool:
-    """Whether the first triangles of a file have finite corners, and normals of length 1 or 0."""
+    """Whether the first triangles of a binary STL file have finite corners, and normals of length 1 or 0.
+
+    head : first bytes of the file
+    """
     rows = np.frombuffer(head, ROW, max(len(head) - STL_HEADER, 0) // TRIANGLE, STL_HEADER)
     with np.errstate(all="ignore"):
         lengths = np.linalg.norm(rows["normal"].astype(np.float64), axis=1)

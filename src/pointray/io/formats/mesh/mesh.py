@@ -28,12 +28,18 @@ Surface = Callable[[Path], "tuple[NDArray[np.float64], NDArray[np.int64]] | None
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect mesh files."""
+    """Detect mesh files: return `SURE`, `MAYBE` for a file that may be binary STL by its name, or `NO`.
+
+    head : first bytes of the file
+    """
     return SURE if kind_of(head, path) else MAYBE if _may_be_stl(head, path) else NO
 
 
 def kind_of(head: bytes, path: Path) -> str:
-    """Return trimesh's name of a file's format; "" if it is not certain."""
+    """Return trimesh's name of a file's format, such as "glb"; "" if it is not certain.
+
+    head : first bytes of the file
+    """
     suffix = path.suffix.lower()
     if head.startswith(b"glTF"):
         return "glb"
@@ -55,7 +61,7 @@ def _may_be_stl(head: bytes, path: Path) -> bool:
 
 
 class MeshSource(Source):
-    """Vertices of a mesh, or points on its triangles."""
+    """Reader of mesh files: the vertices, or points sampled on the triangles."""
 
     def __init__(self, path: Path, request: Request, kind: str = "") -> None:
         self._path, self._sample, self.faults = path, request.sample, Faults(request.strict)
@@ -88,7 +94,10 @@ class MeshSource(Source):
 
 
 def sampled(vertices: int, triangles: int) -> str:
-    """Return the note that a mesh is sampled."""
+    """Return the note for the user that points were sampled on a mesh because its vertices are too sparse.
+
+    vertices, triangles : their numbers
+    """
     from ._points import SAMPLES
 
     return (
@@ -98,11 +107,12 @@ def sampled(vertices: int, triangles: int) -> str:
 
 
 def ply_source(path: Path, request: Request, surface: Surface) -> MeshSource | None:
-    """Return points on the triangles of a PLY file, if they are requested or its vertices are too sparse, else None.
+    """Return a reader that samples points on the triangles of a PLY file; None if its vertices shall be read.
 
-    Raise ValueError if the file is smaller than its header announces.
+    Points are sampled if the request says so, or if the vertices are too sparse. Raise ValueError if it says so and the
+    file is smaller than its header announces.
 
-    surface : reads its triangles without trimesh, whose import is slow
+    surface : reads vertices and triangles without trimesh, whose import is slow; may return None
     """
     if request.sample is not None:
         require("trimesh", "mesh", "--sample")
@@ -121,7 +131,7 @@ def ply_source(path: Path, request: Request, surface: Surface) -> MeshSource | N
 
 
 def has_few_vertices(path: Path) -> bool:
-    """Whether a PLY file has triangles, and fewer vertices than points that would be sampled on them."""
+    """Whether a PLY file has triangles, and fewer vertices than the 200,000 points that would be sampled on them."""
     from ._points import SAMPLES
 
     with path.open("rb") as file:
@@ -139,7 +149,8 @@ def has_trimesh() -> bool:
 def _coarse_ply(path: Path, version: tuple[int, int], surface: Surface) -> tuple[int, int] | None:
     """Return the numbers of vertices and triangles of a PLY file whose vertices are too sparse; None for others.
 
-    version : size and time of the file, as a cache key
+    version : size and modification time of the file, as a cache key
+    surface : reads vertices and triangles without trimesh; may return None
     """
     from ._load import Part, counts_of, load
     from ._points import is_coarse
@@ -154,7 +165,7 @@ def _coarse_ply(path: Path, version: tuple[int, int], surface: Surface) -> tuple
 
 
 def _check_elements(path: Path) -> None:
-    """Raise ValueError if a PLY file is smaller than its header announces."""
+    """Raise ValueError if a PLY file is too small for the rows of an element that its header announces."""
     with path.open("rb") as file:
         header = read_header(file)
     left = path.stat().st_size - header.size

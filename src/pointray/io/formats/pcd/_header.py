@@ -19,7 +19,7 @@ IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
 class Field(NamedTuple):
-    """A field with `width` numbers per point."""
+    """A field of a PCD file with `width` numbers per point."""
 
     name: str
     dtype: np.dtype[Any]
@@ -27,7 +27,7 @@ class Field(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes in a row."""
+        """Bytes of the field in a row."""
         return self.dtype.itemsize * self.width
 
 
@@ -36,6 +36,8 @@ class Header(NamedTuple):
 
     Attributes
     ----------
+    version : str
+        Version of the format, or "".
     fields : sequence of Field
         In the file's order, including padding.
     points : int
@@ -45,6 +47,7 @@ class Header(NamedTuple):
     station : (3,) tuple of float or None
         Scanner position; None if unknown.
     encoding : str
+        "ascii", "binary" or "binary_compressed".
     size, lines : int
         Bytes and lines of the header.
     """
@@ -70,14 +73,14 @@ class Header(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A line of the header. number : from 1"""
+    """A line of the header: its number, from 1, and the words after the first."""
 
     number: int
     values: list[str]
 
 
 def read_header(file: BinaryIO, faults: Faults) -> Header:
-    """Read the header of a file; raise ValueError if it is invalid."""
+    """Read the header of a file; raise ValueError if it is invalid. Contradictory sizes are recorded in `faults`."""
     start = file.read(LONGEST_HEADER)
     last = re.search(rb"(?m)^[ \t]*DATA\b[^\n]*\n", start)
     if last is None:
@@ -138,7 +141,10 @@ def _fields(lines: dict[str, Line]) -> list[Field]:
 
 
 def _row_of(lines: dict[str, Line], word: str, default: str, length: int) -> Line:
-    """Return the line with one value per field."""
+    """Return the line SIZE, TYPE or COUNT, which has one value per field; ValueError for another number of values.
+
+    default : value of all fields if there is no such line; length : number of fields
+    """
     line = lines.get(word)
     if line is None:
         return Line(0, [default] * length)
@@ -148,7 +154,10 @@ def _row_of(lines: dict[str, Line], word: str, default: str, length: int) -> Lin
 
 
 def _count(lines: dict[str, Line], faults: Faults) -> tuple[int, tuple[int, int]]:
-    """Return the number of points, and width and height. Old files lack the height, some lack both."""
+    """Return the number of points, and width and height. Old files lack the height, some lack both.
+
+    lines : of the header, by their first words; faults : records a contradiction between them
+    """
 
     def one(word: str, default: int) -> int:
         line = lines.get(word)
@@ -172,7 +181,10 @@ def _count(lines: dict[str, Line], faults: Faults) -> tuple[int, tuple[int, int]
 
 
 def _station(lines: dict[str, Line]) -> tuple[float, float, float] | None:
-    """Return the scanner position; None for the default pose, which programs write if it is unknown."""
+    """Return the scanner position; None for the default pose, which programs write if it is unknown.
+
+    lines : of the header, by their first words
+    """
     line = lines.get("VIEWPOINT")
     if line is None:
         return None

@@ -20,7 +20,9 @@ WRONG = {
 
 @kernel
 def _unpack(packed: Array, out: Array) -> tuple[int, int]:
-    """Return (bytes unpacked, bytes read), or (CUT_OFF, TOO_LONG or BEFORE_START, offset in `packed`).
+    """Decompress LZF; return (bytes unpacked, bytes read), or an error and its offset in `packed`.
+
+    The error is CUT_OFF, TOO_LONG or BEFORE_START, negative numbers.
 
     packed, out : (n,) uint8
     """
@@ -58,7 +60,7 @@ def _unpack(packed: Array, out: Array) -> tuple[int, int]:
 
 
 def unpack(packed: NDArray[np.uint8], size: int, start: int) -> NDArray[Any]:
-    """Decompress to (size,) uint8; raise ValueError if the data are damaged.
+    """Decompress LZF, (n,) uint8, to (size,) uint8; raise ValueError if the data are damaged.
 
     start : offset of the data in the file, for messages
     """

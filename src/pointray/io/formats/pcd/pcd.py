@@ -31,12 +31,12 @@ FIRST = re.compile(rb"(\s*#[^\n]*\n)*\s*(VERSION|FIELDS|COLUMNS)[ \t]")
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect PCD files."""
+    """Detect PCD files: return `SURE` or `NO`. head : first bytes of the file"""
     return SURE if re.match(rb"#\s*\.PCD\b", head) or (FIRST.match(head) and b"FIELDS" in head) else NO
 
 
 class PcdSource(Source):
-    """A PCD file."""
+    """Reader of PCD files."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -77,7 +77,7 @@ def _roles(header: Header, packed: str) -> Roles:
 
 
 def _most(file: BinaryIO, header: Header, faults: Faults) -> int:
-    """Return the maximum number of points in the file."""
+    """Return the maximum number of points in the file; fewer than announced are recorded in `faults`."""
     left, points, row = os.fstat(file.fileno()).st_size - header.size, header.points, header.row
     if row == 0:
         return points
@@ -90,7 +90,7 @@ def _most(file: BinaryIO, header: Header, faults: Faults) -> int:
 
 
 def _count_extra(file: BinaryIO, header: Header, faults: Faults) -> int:
-    """Return the number of points after the announced ones of a binary file."""
+    """Return the number of points after the announced ones of a binary file, which are recorded in `faults`."""
     at = header.size + header.points * header.row
     if header.encoding != "binary" or not _check_end(file, at, "its last point", faults):
         return 0
@@ -98,7 +98,10 @@ def _count_extra(file: BinaryIO, header: Header, faults: Faults) -> int:
 
 
 def _packed_points(file: BinaryIO, header: Header, faults: Faults) -> int:
-    """Return the number of points in compressed data, from their size."""
+    """Return the number of points in compressed data, from their size.
+
+    A number other than announced is recorded in `faults`. Raise ValueError if the size is not that of whole points.
+    """
     sizes = np.fromfile(file, "<u4", 2)
     size = int(sizes[-1]) if len(sizes) == 2 else 0
     if size in (header.points * header.row, header.points * sum(field.size for field in header.kept)):
@@ -116,7 +119,10 @@ def _packed_points(file: BinaryIO, header: Header, faults: Faults) -> int:
 
 
 def _check_end(file: BinaryIO, at: int, what: str, faults: Faults) -> bool:
-    """Whether more data than announced follow, which is a fault; zeros are ignored."""
+    """Whether the file continues after byte `at`, where it should end. Zeros are ignored; other bytes are a fault.
+
+    what : what should end there, for the message; faults : records it
+    """
     left = os.fstat(file.fileno()).st_size - at
     if left <= 0:
         return False
@@ -128,7 +134,7 @@ def _check_end(file: BinaryIO, at: int, what: str, faults: Faults) -> bool:
 
 
 def _steps(header: Header) -> Iterator[int]:
-    """Yield the number of rows of each chunk."""
+    """Yield the number of rows of each chunk: at most 2^18 rows and 32 MiB."""
     step = max(min(CHUNK, CHUNK_BYTES // header.row), 1)
     for start in range(0, header.points, step):
         yield min(step, header.points - start)
@@ -138,7 +144,10 @@ def _steps(header: Header) -> Iterator[int]:
 
 
 def _layout(fields: Sequence[Field], wide: str = "") -> np.dtype[Any]:
-    """Return the type of a row, with unique names for padding. wide : a float field to read as float64"""
+    """Return the structured dtype of a row, with unique names for padding.
+
+    wide : name of a float field to read as float64, or ""
+    """
     names = [f"{PADDING}{k}{PADDING}" if field.name == PADDING else field.name for k, field in enumerate(fields)]
     types = [np.dtype(np.float64) if f.name == wide and f.dtype.kind == "f" else f.dtype for f in fields]
     counts: list[Any] = [() if field.width == 1 else (field.width,) for field in fields]
@@ -160,7 +169,10 @@ def _read_binary(file: BinaryIO, header: Header, packed: str, faults: Faults) ->
 
 
 def _read_packed(file: BinaryIO, header: Header, packed: str, faults: Faults) -> Iterator[Columns]:
-    """Yield columns in chunks; the decompressed data are stored column by column."""
+    """Yield the fields other than padding by name, in chunks of rows, after decompressing the whole file.
+
+    The decompressed data are stored field by field. `packed` is not used: all encodings have the same signature.
+    """
     from ._lzf import unpack
 
     left = os.fstat(file.fileno()).st_size - header.size - 8
@@ -206,7 +218,7 @@ def _read_ascii(file: BinaryIO, header: Header, packed: str, faults: Faults) -> 
 
 
 class Lines:
-    """Lines of a text, counted. number : line read last"""
+    """Iterator over the lines of a text, which counts them. number : line read last, from 1"""
 
     def __init__(self, lines: Iterator[str], number: int) -> None:
         self._lines, self.number = lines, number
@@ -221,7 +233,7 @@ class Lines:
 
 
 def _read_lines(lines: Lines, dtype: np.dtype[Any], count: int) -> NDArray[Any]:
-    """Read the next `count` nonblank lines, or fewer, as (n,) of a structured dtype."""
+    """Read the next `count` nonblank lines, or fewer at the end, as (n,) of a structured dtype."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # loadtxt warns of missing rows, and of floats converted to integers
         try:

@@ -24,7 +24,10 @@ LETTERS = np.array([END if c in "\r\n" else SPACE if c.isspace() else LETTER for
 
 
 def read_ascii(file: BinaryIO, header: Header, index: int, most: int, faults: Faults) -> Iterator[Columns]:
-    """Yield the columns of the vertices in chunks. most : maximum number of rows in the file"""
+    """Yield the columns of the vertices by name, in chunks of rows; a wrong number of vertices is recorded in `faults`.
+
+    index : number of the element with vertices; most : maximum number of rows in the file
+    """
     for element in header.elements[:index]:
         skip_lines(file, element)
     vertex = header.elements[index]
@@ -43,7 +46,10 @@ def read_ascii(file: BinaryIO, header: Header, index: int, most: int, faults: Fa
 
 
 def _rows_of_text(lines: Iterator[str], names: list[str], count: int, most: int, faults: Faults) -> Iterator[Columns]:
-    """Yield all vertices in chunks, also those after the announced ones if nothing else follows."""
+    """Yield the columns of the vertices in chunks, also of those after the announced ones if nothing else follows.
+
+    names : of the columns; count : announced number of vertices; most : maximum number in the file
+    """
     done, wanted, found = 0, 0, 0
     while done < most and found == wanted:
         wanted = min(CHUNK, (count if done < count else most) - done)
@@ -64,7 +70,10 @@ def _rows_of_text(lines: Iterator[str], names: list[str], count: int, most: int,
 
 
 def _loaded(lines: Iterator[str], wanted: int, done: int, width: int, count: int) -> NDArray[np.float64]:
-    """Read the numbers of the next lines; a ValueError says which vertex is invalid."""
+    """Read the numbers of the next lines, (m, width), at most `wanted`; a ValueError says which vertex is invalid.
+
+    done : vertices read before; count : announced number of vertices, for messages
+    """
     try:
         rows = np.loadtxt(lines, np.float64, comments=None, max_rows=wanted, ndmin=2)
     except ValueError as error:
@@ -80,7 +89,10 @@ def _loaded(lines: Iterator[str], wanted: int, done: int, width: int, count: int
 
 
 def skip_lines(file: BinaryIO, element: Element) -> None:
-    """Skip the nonblank lines of an element, with any line ends, to the start of the next nonblank line."""
+    """Move a text file past the nonblank lines of an element, to the start of the next nonblank line.
+
+    Lines may end with LF, CR or both. Raise ValueError if the file ends before.
+    """
     if not element.properties or not element.rows:
         return
     count, within = element.rows, False  # within: whether the current byte is inside a nonblank line
@@ -98,7 +110,10 @@ def skip_lines(file: BinaryIO, element: Element) -> None:
 
 
 def _numbers_beside_lists(lines: Iterable[str], vertex: Element, most: int, faults: Faults) -> Columns:
-    """Read vertices with lists, and drop the lists. most : maximum number of rows in the file"""
+    """Read the scalar columns of vertices that also have lists; the lists are skipped.
+
+    most : maximum number of rows in the file; faults : records missing ones
+    """
     scalars, count = [p.name for p in vertex.scalars], vertex.rows
     rows, done, filled = np.empty((most, len(scalars))), 0, filter(str.strip, lines)
     for line in islice(filled, most):
@@ -115,7 +130,10 @@ def _numbers_beside_lists(lines: Iterable[str], vertex: Element, most: int, faul
 
 
 def _beside_lists(fields: list[str], vertex: Element) -> list[str] | None:
-    """Return the scalar fields of a line, possibly too few; None if lists or the number of fields are wrong."""
+    """Return the words of a line that are not in lists, possibly too few; None if it does not fit the properties.
+
+    fields : all words of the line
+    """
     at, numbers = 0, []
     for p in vertex.properties:
         if at >= len(fields):
@@ -129,7 +147,7 @@ def _beside_lists(fields: list[str], vertex: Element) -> list[str] | None:
 
 
 def _length_of(text: str) -> int:
-    """Return the length of a list, which some writers store as a float."""
+    """Parse the length of a list, which some writers store as a float; raise ValueError if it is invalid."""
     length = float(text)
     if not (length >= 0 and length.is_integer()):  # also rejects NaN
         raise ValueError(f"is damaged: invalid list length {text}")

@@ -20,7 +20,10 @@ Columns = dict[str, NDArray[Any]]
 
 
 def read_binary(file: BinaryIO, header: Header, index: int, most: int, faults: Faults) -> Iterator[Columns]:
-    """Yield the columns of the vertices in chunks. most : maximum number of rows in the file"""
+    """Yield the columns of the vertices by name, in chunks of rows; missing vertices are recorded in `faults`.
+
+    index : number of the element with vertices; most : maximum number of rows in the file
+    """
     order = ORDERS[header.format]
     for element in header.elements[:index]:
         skip(file, element, order)
@@ -39,7 +42,10 @@ def read_binary(file: BinaryIO, header: Header, index: int, most: int, faults: F
 
 
 def skip(file: BinaryIO, element: Element, order: Order) -> None:
-    """Skip an element before the vertices."""
+    """Move a file past an element, which precedes the vertices; raise ValueError if it is cut off.
+
+    order : byte order, "<" or ">"
+    """
     check_size(file, element, element.least_size)
     if not element.has_lists:
         file.seek(element.rows * element.least_size, io.SEEK_CUR)
@@ -50,7 +56,10 @@ def skip(file: BinaryIO, element: Element, order: Order) -> None:
 
 
 def _read_beside_lists(file: BinaryIO, vertex: Element, order: Order, faults: Faults) -> Columns:
-    """Read vertices with lists, and drop the lists."""
+    """Read the scalar columns of vertices that also have lists; the lists are skipped.
+
+    order : byte order, "<" or ">"; faults : records missing rows
+    """
     from ._lists import scalars_at, walk_rows
 
     if faults.strict:

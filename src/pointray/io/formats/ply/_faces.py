@@ -19,10 +19,10 @@ CORNERS = ("vertex_index", "vertex_indices")
 
 
 def read_triangles(path: Path, header: Header) -> NDArray[np.int64] | None:
-    """Return the triangles of a PLY file, (m, 3); polygons are split into fans.
+    """Return the triangles of a PLY file, (m, 3) vertex indices; polygons are split into fans.
 
-    Return None if faces have other lists, or different numbers of corners. Raise ValueError if the file is cut off
-    before them.
+    Return None if faces have other lists than that of vertex indices, or different numbers of corners. Raise ValueError
+    if the file is cut off before them.
     """
     index = [element.name for element in header.elements].index("face")
     faces = header.elements[index]
@@ -43,7 +43,10 @@ def read_triangles(path: Path, header: Header) -> NDArray[np.int64] | None:
 
 
 def _binary_corners(file: BinaryIO, faces: Element, order: Order) -> NDArray[np.int64] | None:
-    """Return the corners of binary faces, (m, k); None if their number varies."""
+    """Return the vertex indices of binary faces, (m, k); None if their number k varies or the file is cut off.
+
+    order : byte order, "<" or ">"
+    """
     start = file.tell()
     fields: list[tuple[Any, ...]] = []
     for k, p in enumerate(faces.properties):
@@ -65,7 +68,7 @@ def _binary_corners(file: BinaryIO, faces: Element, order: Order) -> NDArray[np.
 
 
 def _ascii_corners(file: BinaryIO, faces: Element) -> NDArray[np.int64] | None:
-    """Return the corners of ascii faces, (m, k); None if their number varies."""
+    """Return the vertex indices of ascii faces, (m, k); None if their number k varies or a line is invalid."""
     column = [p.length is not None for p in faces.properties].index(True)
     with io.TextIOWrapper(file, "latin-1") as text, warnings.catch_warnings():
         warnings.simplefilter("error")  # for numbers that are not integers

@@ -22,15 +22,24 @@ TYPES = {name: np.dtype(code) for code, name in NAMES.items()} | {np.dtype(code)
 
 
 class Property(NamedTuple):
-    """Property of an element: a number, or a list of numbers."""
+    """Property of an element: a number, or a list of numbers.
+
+    Attributes
+    ----------
+    name : str
+    type : dtype
+        Of the number, or of the numbers in the list.
+    length : dtype or None
+        Of the list's length; None for a number.
+    """
 
     name: str
-    type: np.dtype[Any]  # of the number, or of the numbers in the list
-    length: np.dtype[Any] | None = None  # type of a list's length
+    type: np.dtype[Any]
+    length: np.dtype[Any] | None = None
 
     @property
     def least_size(self) -> int:
-        """Minimum bytes: those of a number, or of an empty list."""
+        """Minimum bytes in a row: those of a number, or of an empty list."""
         return (self.type if self.length is None else self.length).itemsize
 
 
@@ -57,16 +66,27 @@ class Element(NamedTuple):
         return sum(p.least_size for p in self.properties)
 
     def dtype(self, order: Order) -> np.dtype[Any]:
-        """Return the type of the scalars of a row. order : {"<", ">"}"""
+        """Return the structured dtype of the scalars of a row. order : "<" or ">", the byte order"""
         return np.dtype([(p.name, p.type.newbyteorder(order)) for p in self.scalars])
 
 
 class Header(NamedTuple):
-    """Contents of the header."""
+    """Contents of the header.
+
+    Attributes
+    ----------
+    elements : sequence of Element
+    format : str
+        "ascii", "binary_little_endian" or "binary_big_endian".
+    size : int
+        Bytes of the header.
+    comments : sequence of str
+        Texts of the lines comment and obj_info.
+    """
 
     elements: Sequence[Element]
     format: str
-    size: int  # bytes
+    size: int
     comments: Sequence[str]
 
 
@@ -91,7 +111,7 @@ def read_header(file: BinaryIO) -> Header:
 
 
 def _parse_elements(lines: Sequence[str]) -> Sequence[Element]:
-    """Parse the lines of elements and their properties."""
+    """Parse the lines of a header that declare elements and their properties; raise ValueError for other lines."""
     elements: list[Element] = []
     for line in lines:
         match line.encode("ascii", "replace").decode().split():
@@ -120,9 +140,9 @@ def bytes_left(file: BinaryIO) -> int:
 
 
 def check_size(file: BinaryIO, element: Element, row: int, faults: Faults | None = None) -> int:
-    """Return how many of the announced rows fit into the rest of the file.
+    """Return how many of an element's announced rows of `row` bytes fit into the rest of the file.
 
-    Missing rows are a fault. Raise ValueError if there are no `faults`, or not even one row.
+    Missing rows are recorded in `faults`. Raise ValueError if there are no `faults`, or not even one row.
     """
     left, count = bytes_left(file), element.rows
     if count * row <= left:

@@ -22,7 +22,10 @@ KIND, SIZE, ITEM = range(3)
 
 @inline
 def _whole_of_float(bits: int, mantissa: int, bias: int) -> int:
-    """Return the integer encoded by the bits of a float; -1 if it has a fraction, is negative or exceeds 2^53."""
+    """Return the integer encoded by the bits of a float; -1 if it has a fraction, is negative or exceeds 2^53.
+
+    mantissa : bits of the fraction, 23 or 52; bias : of the exponent, 127 or 1023
+    """
     fraction, power = bits & ((1 << mantissa) - 1), (bits >> mantissa) & (2 * bias + 1)
     if power == 0 and fraction == 0:
         return 0
@@ -36,7 +39,11 @@ def _whole_of_float(bits: int, mantissa: int, bias: int) -> int:
 
 @inline
 def _length_at(data: Array, at: int, big: bool, kind: int, size: int) -> int:
-    """Return the length of the list at a byte; negative if it is invalid."""
+    """Return the length of the list at a byte; negative if it is invalid.
+
+    data : (bytes,) uint8; big : whether bytes are big-endian
+    kind : type of the length: 0 unsigned, 1 signed integer, 2 float; size : its bytes
+    """
     bits = 0
     for k in range(size):
         bits = (bits << 8) | i64(data[at + (k if big else size - 1 - k)])
@@ -49,9 +56,11 @@ def _length_at(data: Array, at: int, big: bool, kind: int, size: int) -> int:
 
 @kernel
 def _walk(data: Array, start: int, count: int, big: bool, properties: Array, offsets: Array) -> tuple[int, int]:
-    """Return (end of the last row, count), or (CUT_OFF or NO_LENGTH, row of the error).
+    """Walk the rows of an element; return (end of the last row, count), or (CUT_OFF or NO_LENGTH, row of the error).
 
-    data : (bytes,) uint8; properties : (k, 3) int64; offsets : (count or 0, scalars) int64, filled with their offsets
+    data : (bytes,) uint8; start : offset of the first row; count : number of rows; big : whether bytes are big-endian
+    properties : (k, 3) int64: type (0 unsigned, 1 signed integer, 2 float) and bytes of a number or of a list's length,
+    bytes of a list's items, 0 for a number; offsets : (count or 0, numbers in a row) int64, filled with their offsets
     """
     at = start
     for row in range(count):
@@ -77,7 +86,11 @@ def _walk(data: Array, start: int, count: int, big: bool, properties: Array, off
 
 
 def _table(element: Element) -> NDArray[np.int64]:
-    """Return the properties as a table for the kernel."""
+    """Return the properties as a table for the kernel, (k, 3) int64.
+
+    A row has the type of a number or of a list's length (0 unsigned, 1 signed, 2 float), its bytes, and the bytes of a
+    list's items, 0 for a number.
+    """
     rows = []
     for p in element.properties:
         first, item = (p.type, 0) if p.length is None else (p.length, p.type.itemsize)
@@ -94,7 +107,7 @@ def walk_rows(
     offsets: NDArray[np.int64],
     partial: bool = False,
 ) -> tuple[int, int]:
-    """Walk the rows of an element.
+    """Find the numbers in the rows of an element whose lists give the rows different sizes.
 
     Parameters
     ----------
@@ -102,8 +115,11 @@ def walk_rows(
         The file, read-only.
     start : int
         Offset of the first row.
+    count : int
+        Number of rows.
     element : Element
     order : {"<", ">"}
+        Byte order.
     offsets : (count, scalars) or (0, scalars) int64
         Filled with the offset of each scalar value.
     partial : bool
@@ -130,6 +146,6 @@ def walk_rows(
 
 
 def scalars_at(data: NDArray[np.uint8], offsets: NDArray[np.int64], dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the values at (n,) offsets, which need not be aligned."""
+    """Return the values of a dtype at (n,) offsets in (bytes,) uint8, which need not be aligned."""
     rows: NDArray[np.uint8] = data[offsets[:, None] + np.arange(dtype.itemsize)]
     return rows.view(dtype)[:, 0]

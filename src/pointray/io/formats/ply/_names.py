@@ -15,7 +15,12 @@ COLORS = tuple(  # CloudCompare writes scalar_
 
 
 def find(triples: Sequence[tuple[str, ...]], names: Iterable[str]) -> tuple[str, ...]:
-    """Return the names that match the first complete triple, or none. Lower case is preferred."""
+    """Find the names of three columns, such as x, y, z, in any case; return () if no triple is complete.
+
+    triples : accepted names in lower case, the first complete triple wins; names : of all columns
+
+    If two names differ in case only, the one in lower case is returned.
+    """
     known: dict[str, str] = {}
     for name in sorted(names, key=str.islower):  # the last spelling wins
         known[name.lower()] = name

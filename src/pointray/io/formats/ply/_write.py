@@ -20,7 +20,7 @@ Columns = dict[str, NDArray[Any]]
 
 
 def write(file: Any, points: Points, progress: Progress | None = None) -> list[str]:
-    """Write all data of the points, binary little-endian; return descriptions of what PLY cannot store."""
+    """Write all data of the points to a stream as binary little-endian PLY; return what PLY cannot store, in words."""
     columns: Columns = {}
     _add(columns, "xyz", points.positions)
     if points.normals is not None:
@@ -57,7 +57,10 @@ def write(file: Any, points: Points, progress: Progress | None = None) -> list[s
 
 
 def _fitting(values: NDArray[Any], name: str, losses: list[str]) -> NDArray[Any]:
-    """Convert values to a type of PLY, which has neither bool nor 64-bit integers."""
+    """Convert values of an attribute to a type of PLY, which has neither bool nor 64-bit integers.
+
+    name : of the attribute; losses : receives a note if numbers are rounded
+    """
     if values.dtype == np.bool_:
         return values.astype(np.uint8)
     if values.dtype not in (np.int64, np.uint64):

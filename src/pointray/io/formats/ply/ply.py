@@ -29,12 +29,12 @@ Columns = dict[str, NDArray[Any]]
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect PLY files."""
+    """Detect PLY files: return `SURE` or `NO`. head : first bytes of the file"""
     return SURE if re.match(rb"ply[ \t]*[\r\n]", head) else NO
 
 
 class PlySource(Source):
-    """Vertices of a PLY file."""
+    """Reader of PLY files: the vertices."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -69,7 +69,7 @@ class PlySource(Source):
         return _to_chunk(columns, self._types, self._packed, share)
 
     def _columns(self) -> Iterator[tuple[Columns, float]]:
-        """Yield the columns of the vertices in chunks, with the fraction that has been read."""
+        """Yield the columns of the vertices by name, in chunks of rows, with the fraction that has been read."""
         header = self.header
         rows = read_ascii if header.format == "ascii" else read_binary
         done = 0
@@ -82,7 +82,10 @@ class PlySource(Source):
 
 
 def _most(file: BinaryIO, header: Header, index: int, faults: Faults) -> int:
-    """Return the maximum number of vertices in the file, including those after the announced ones."""
+    """Return the maximum number of vertices in the file, including those after the announced ones.
+
+    index : number of the element with vertices; faults : records additional vertices
+    """
     vertex = header.elements[index]
     count = vertex.rows
     is_text, is_last = header.format == "ascii", index == len(header.elements) - 1
@@ -100,7 +103,10 @@ def _most(file: BinaryIO, header: Header, index: int, faults: Faults) -> int:
 
 
 def _count_extra(file: BinaryIO, header: Header, count: int, row: int, faults: Faults) -> int:
-    """Return the number of vertices after the announced ones of a binary file."""
+    """Return the number of vertices after the announced ones of a binary file, which are recorded in `faults`.
+
+    count : announced number; row : bytes per vertex
+    """
     extra = bytes_left(file) - count * row
     if extra < row:
         return 0
@@ -136,7 +142,7 @@ def _to_chunk(columns: Columns, types: dict[str, np.dtype[Any]], packed: PackedC
 
 
 def _typed(column: NDArray[Any], stored: np.dtype[Any]) -> NDArray[Any]:
-    """Convert numbers of an ascii file to the type in the header; numbers that do not fit stay floats."""
+    """Convert numbers of an ascii file to the type stated in the header; numbers that do not fit stay floats."""
     if column.dtype.kind != "f" or stored.kind == "f":
         return column.astype(stored, copy=False)
     limits = np.iinfo(stored)
@@ -146,7 +152,7 @@ def _typed(column: NDArray[Any], stored: np.dtype[Any]) -> NDArray[Any]:
 
 
 def _stack(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Stack columns: as a view if they are adjacent in the file's rows, which saves a copy."""
+    """Stack (m,) columns to (m, k): as a view if they are adjacent in the file's rows, which saves a copy."""
     first = columns[0]
     places = [column.ctypes.data - first.ctypes.data for column in columns]
     alike = all(column.dtype == first.dtype and column.strides == first.strides for column in columns)
@@ -161,7 +167,10 @@ def _stack(columns: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 
 def _open(path: Path, request: Request) -> Source:
-    """Open the vertices, or the points sampled on the triangles."""
+    """Return a reader of the vertices of a PLY file, or of points sampled on its triangles.
+
+    Points are sampled if that is requested, or if the vertices are too sparse to represent the surface.
+    """
     if request.sample == 0:
         return PlySource(path, request)
     from ..mesh.mesh import has_few_vertices, has_trimesh, ply_source
@@ -175,7 +184,10 @@ def _open(path: Path, request: Request) -> Source:
 
 
 def _surface(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]] | None:
-    """Return vertices and triangles; None if the file has a texture, or faces unsupported by `read_triangles`."""
+    """Return vertices, (n, 3), and triangles, (m, 3), of a PLY file, read without trimesh.
+
+    Return None if the file has a texture, faces with different numbers of corners, or invalid indices.
+    """
     source = PlySource(path, Request(strict=True))
     triangles = None if source.has_texture else read_triangles(path, source.header)
     if triangles is None:

@@ -32,11 +32,12 @@ Floats = NDArray[np.floating[Any]]
 
 
 class Splats(NamedTuple):
-    """Some splats of a file.
+    """Some Gaussian splats of a file.
 
     Attributes
     ----------
     positions : (m, 3) array of floats
+        Centres of the Gaussians.
     colors : (m, 3) float32
         sRGB; may be outside 0 to 1, or NaN.
     opacity : (m,) float32
@@ -58,14 +59,17 @@ class Splats(NamedTuple):
 
 
 def listing_of(count: int, opacity: float, facts: Mapping[str, Any], row: int = ROW) -> Listing:
-    """Return the listing of a file of splats; how many are opaque enough is known only after reading."""
+    """Describe a file of `count` Gaussian splats as its header does; how many are opaque enough is known only later.
+
+    opacity : minimum opacity; facts : information for `pointray info`; row : bytes per point while reading
+    """
     return Listing(count if opacity <= 0 else None, row, count, facts=facts)
 
 
 def opaque_chunks(
     parts: Iterable[tuple[Splats, float]], opacity: float, facts: dict[str, Any] | None = None
 ) -> Iterator[Chunk]:
-    """Yield points for the splats that are opaque enough; raise ValueError if no splat is.
+    """Yield points for the Gaussian splats that are opaque enough; raise ValueError if no splat is.
 
     Parameters
     ----------
@@ -74,7 +78,7 @@ def opaque_chunks(
     opacity : float
         Minimum opacity; 0 keeps all splats.
     facts : dict, optional
-        Receives the number of splats left out.
+        Receives the number of splats left out, as "transparent".
     """
     seen, kept, greatest = 0, 0, 0.0
     for splats, share in parts:
@@ -103,12 +107,12 @@ def _to_chunk(splats: Splats, rows: NDArray[np.bool_], share: float) -> Chunk:
 
 
 def shortest_axes(scale: Floats, rotation: Floats) -> NDArray[np.float32]:
-    """Return the unit vector along each splat's shortest axis, (m, 3) float32; 0 for an invalid quaternion.
+    """Return the unit vector along each Gaussian's shortest axis, (m, 3) float32; 0 for an invalid quaternion.
 
     Parameters
     ----------
     scale : (m, 3) or (m, 2) float32
-        With two columns the third axis is the shortest.
+        Standard deviations. With two columns the third axis is the shortest.
     rotation : (m, 4) float32
         Quaternions w, x, y, z of any length.
     """
@@ -129,14 +133,14 @@ def shortest_axes(scale: Floats, rotation: Floats) -> NDArray[np.float32]:
 
 
 def _to_bytes(colors: Floats) -> NDArray[np.uint8]:
-    """Convert colours from 0 to 1 to 8 bits, with clipping."""
+    """Convert colours from 0 to 1 to 8 bits, with clipping; NaN becomes grey."""
     shades = np.clip(np.rint(colors * np.float32(255)), 0, 255)
     shades[np.isnan(shades)] = UNKNOWN
     return shades.astype(np.uint8)
 
 
 def smallest_three(largest: NDArray[Any], rest: Floats) -> NDArray[np.float32]:
-    """Return unit quaternions whose largest component is not stored, (m, 4) float32.
+    """Return unit quaternions whose largest component is not stored but follows from the others, (m, 4) float32.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ Words = NDArray[np.uint32]
 
 
 class Table(NamedTuple):
-    """Location of the rows of an element in a file."""
+    """Location of an element in a file: offset of its first row, number of rows, and structured dtype of a row."""
 
     start: int
     rows: int
@@ -42,13 +42,16 @@ class Table(NamedTuple):
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect PLY files of compressed splats."""
+    """Detect PLY files of compressed splats: return `SURE` + 1, which outranks plain PLY, or `NO`.
+
+    head : first bytes of the file
+    """
     begins = re.match(rb"ply[ \t]*[\r\n]", head)
     return SURE + 1 if begins and re.search(rb"[\r\n]\s*property\s+\w+\s+packed_position\b", head) else NO
 
 
 class CompressedSource(Source):
-    """Splats of a compressed PLY file."""
+    """Reader of compressed Gaussian splats in PLY files of PlayCanvas and SuperSplat."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self._opacity, self.faults = path, request.opacity, Faults(request.strict)
@@ -80,7 +83,7 @@ class CompressedSource(Source):
 
 
 def _tables(header: Header) -> dict[str, Table]:
-    """Return the locations of the elements of a file by name."""
+    """Return the location of each element of a PLY file by name; raise ValueError for text and for lists."""
     if header.format not in ORDERS:
         raise ValueError(f"compressed splats must be in a binary format, not {header.format}")
     tables: dict[str, Table] = {}
@@ -95,7 +98,10 @@ def _tables(header: Header) -> dict[str, Table]:
 
 
 def _checked(tables: dict[str, Table], name: str, needed: tuple[str, ...]) -> Table:
-    """Return the element with this name; raise ValueError if it or a needed property is missing."""
+    """Return the element with this name; raise ValueError if it or a needed property is missing.
+
+    tables : location of each element by name; needed : names of properties
+    """
     if name not in tables:
         raise ValueError(f"element {name!r} not found; available: {', '.join(tables)}")
     dtype = tables[name].dtype
@@ -109,7 +115,12 @@ def _checked(tables: dict[str, Table], name: str, needed: tuple[str, ...]) -> Ta
 
 
 def _fitted(vertices: Table, boxes: Table, size: int, faults: Faults) -> Table:
-    """Return the vertices in the file; raise ValueError if the header's counts are inconsistent."""
+    """Return the vertices in a file of `size` bytes, one per Gaussian splat; missing ones are recorded in `faults`.
+
+    Raise ValueError if the header's counts are inconsistent or no vertex is complete.
+
+    vertices, boxes : location of the splats, and of the bounding boxes of 256 of them each
+    """
     if vertices.rows == 0:
         raise ValueError("contains no points: the header announces 0 vertices")
     if boxes.rows != -(-vertices.rows // IN_BOX):
@@ -133,7 +144,10 @@ def _fitted(vertices: Table, boxes: Table, size: int, faults: Faults) -> Table:
 
 @np.errstate(over="ignore", invalid="ignore")
 def _unpack(rows: NDArray[Any], boxes: NDArray[Any]) -> Splats:
-    """Unpack splats, given the box of each."""
+    """Decode Gaussian splats, whose positions and scales are stored as fractions between the limits of a box.
+
+    rows : (n,), structured, four 32-bit integers each; boxes : (n,), structured, the box of each splat
+    """
     place, turn, scale, color = (rows[name].astype(np.uint32) for name in WORDS)
     shades = _fractions(color, (24, 16, 8, 0), (8, 8, 8, 8))
     if set(COLOR) <= set(boxes.dtype.names or ()):
@@ -148,7 +162,10 @@ def _unpack(rows: NDArray[Any], boxes: NDArray[Any]) -> Splats:
 
 
 def _fractions(words: Words, shifts: tuple[int, ...], bits: tuple[int, ...]) -> Floats:
-    """Return bit fields of words as fractions of their maxima, (m, k) float32."""
+    """Return bit fields of 32-bit integers as fractions of their maxima, (m, k) float32.
+
+    shifts, bits : position of the lowest bit and number of bits of each of k fields
+    """
     out = np.empty((len(words), len(shifts)), np.float32)
     for k, (shift, width) in enumerate(zip(shifts, bits, strict=True)):
         most = (1 << width) - 1
@@ -157,7 +174,10 @@ def _fractions(words: Words, shifts: tuple[int, ...], bits: tuple[int, ...]) -> 
 
 
 def _between(boxes: NDArray[Any], names: tuple[str, ...], share: Floats) -> Floats:
-    """Interpolate between the minima and maxima of boxes with these names, (m, 3) float32."""
+    """Interpolate between the minima and maxima of boxes, (m, 3) float32.
+
+    names : fields of the boxes, three minima, then three maxima; share : (m, 3), 0 at the minimum, 1 at the maximum
+    """
     out = np.empty(share.shape, np.float32)
     for k in range(3):
         low, high = (boxes[names[i]].astype(np.float32) for i in (k, k + 3))

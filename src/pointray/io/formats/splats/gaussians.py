@@ -27,14 +27,17 @@ REPLACED = {*CENTERS, *NEEDED, *SCALES, *NORMALS[0], *(name for names in COLORS 
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect PLY files of splats; they are ranked above plain PLY."""
+    """Detect PLY files of Gaussian splats: return `SURE` + 1, which outranks plain PLY, or `NO`.
+
+    head : first bytes of the file
+    """
     begins = re.match(rb"ply[ \t]*[\r\n]", head)
     names = set(re.findall(rb"[\r\n]\s*property\s+\w+\s+(\w+)", head))
     return SURE + 1 if begins and b"f_dc_0" in names and names & {b"scale_0", b"rot_0", b"opacity"} else NO
 
 
 class GaussianSource(PlySource):
-    """Splats of a PLY file."""
+    """Reader of Gaussian splats in PLY files written by training."""
 
     def __init__(self, path: Path, request: Request) -> None:
         super().__init__(path, request)

@@ -18,14 +18,22 @@ PLAUSIBLE = 0.9  # minimum fraction of the first rows that must be plausible
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect .splat files; .ksplat files are accepted so that opening them raises an error with advice."""
+    """Detect .splat files: return `MAYBE` or `NO`.
+
+    Files named .ksplat are `MAYBE` too, so that opening them raises an error with advice.
+
+    head : first bytes of the file
+    """
     if path.suffix.lower() == ".ksplat":
         return MAYBE
     return MAYBE if path.suffix.lower() == ".splat" and _is_plausible(head) else NO
 
 
 def _is_plausible(head: bytes) -> bool:
-    """Whether most of the first rows have finite numbers, nonnegative scales and unit quaternions."""
+    """Whether most of the first rows have finite numbers, nonnegative scales and unit quaternions.
+
+    head : first bytes of the file
+    """
     rows = np.frombuffer(head[: len(head) // ROW.itemsize * ROW.itemsize], ROW)
     if not len(rows):
         return False
@@ -41,7 +49,7 @@ def _quaternions(turn: NDArray[np.uint8]) -> Floats:
 
 
 class SplatSource(Source):
-    """Splats of a .splat file."""
+    """Reader of Gaussian splats in .splat files of web viewers."""
 
     def __init__(self, path: Path, request: Request) -> None:
         if path.suffix.lower() == ".ksplat":

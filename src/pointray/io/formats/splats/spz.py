@@ -38,15 +38,31 @@ Bytes = NDArray[np.uint8]
 
 
 class Header(NamedTuple):
-    """Contents of the header."""
+    """Contents of the header.
+
+    Attributes
+    ----------
+    version, splats : int
+        Version of the format and number of splats.
+    degree : int
+        Maximum degree of the spherical harmonics.
+    bits : int
+        Fractional bits of the coordinates.
+    flags : int
+        Bit 0: trained with antialiasing.
+    columns : int
+        Number of columns, in version 4.
+    table : int
+        Offset of the table of columns, in version 4.
+    """
 
     version: int
     splats: int
     degree: int
-    bits: int  # fractional bits of the coordinates
+    bits: int
     flags: int
     columns: int
-    table: int  # offset of the table of columns
+    table: int
 
     @property
     def widths(self) -> tuple[int, ...]:
@@ -55,12 +71,15 @@ class Header(NamedTuple):
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect uncompressed SPZ files."""
+    """Detect SPZ files: return `SURE` or `NO`. Versions 1 to 3 must have been decompressed.
+
+    head : first bytes of the file
+    """
     return SURE if head.startswith(MAGIC) else NO
 
 
 class SpzSource(Source):
-    """Splats of an SPZ file."""
+    """Reader of Gaussian splats in SPZ files."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self._opacity = path, request.opacity
@@ -115,7 +134,7 @@ def _read_header(file: BinaryIO) -> Header:
 
 
 def _plain_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
-    """Return offset and bytes of the columns."""
+    """Return offset and bytes of each uncompressed column but the harmonics; ValueError if the file is cut off."""
     size, end, parts = file.seek(0, io.SEEK_END), OLD, []
     for width in header.widths:
         parts.append((end, header.splats * width))
@@ -126,7 +145,10 @@ def _plain_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
 
 
 def _packed_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
-    """Return offset and bytes of the compressed columns."""
+    """Return offset and bytes of each compressed column but the harmonics, from the table in the file.
+
+    Raise ValueError if the table is inconsistent or the file is cut off.
+    """
     size = file.seek(0, io.SEEK_END)
     needed = [header.splats * width for width in header.widths if width]
     if header.columns != len(needed):
@@ -152,7 +174,7 @@ def _packed_parts(file: BinaryIO, header: Header) -> list[tuple[int, int]]:
 
 
 class _Part(io.RawIOBase):
-    """Range of bytes of a file, as a file."""
+    """Range of bytes of a file, readable as a file of its own."""
 
     def __init__(self, file: BinaryIO, start: int, length: int) -> None:
         self._file, self._left = file, length
@@ -169,7 +191,10 @@ class _Part(io.RawIOBase):
 
 
 def _column(path: Path, part: tuple[int, int], packed: bool, stack: ExitStack) -> Any:
-    """Open a column as a file that is closed with the stack."""
+    """Open a column as a file of uncompressed bytes that is closed with the stack.
+
+    part : offset and bytes of the column; packed : whether it is compressed
+    """
     raw = _Part(stack.enter_context(path.open("rb")), *part)
     if not packed:
         return raw
@@ -177,7 +202,7 @@ def _column(path: Path, part: tuple[int, int], packed: bool, stack: ExitStack) -
 
 
 def _read(file: Any, n: int, width: int, first: int) -> Bytes:
-    """Read the next n rows of a column, (n, width)."""
+    """Read the next n rows of a column, (n, width) uint8. first : number of the first splat, for messages"""
     blocks, missing = [], n * width
     while missing:
         try:
@@ -209,14 +234,20 @@ def _unpack(header: Header, columns: list[Bytes]) -> Splats:
 
 
 def _fixed(places: Bytes, bits: int) -> NDArray[np.float32]:
-    """Convert signed 24-bit coordinates to float32, which is exact."""
+    """Convert signed 24-bit fixed-point coordinates, (n, 9) uint8, to (n, 3) float32, which is exact.
+
+    bits : number of fractional bits
+    """
     wide = np.zeros((len(places), 3, 4), np.uint8)
     wide[:, :, 1:] = places.reshape(-1, 3, 3)
     return (wide.view("<i4")[:, :, 0] >> 8).astype(np.float32) * np.float32(2.0**-bits)
 
 
 def _quaternions(turns: Bytes) -> NDArray[np.float32]:
-    """Unpack w, x, y, z from three bytes (x, y, z; w is positive), or from four: the three smallest in 10 bits each."""
+    """Decode quaternions w, x, y, z, (n, 4).
+
+    turns : (n, 3) uint8: x, y, z, where w is positive; or (n, 4): the three smallest components in 10 bits each
+    """
     if turns.shape[1] == 3:
         return smallest_three(np.zeros(len(turns)), turns / np.float32(127.5) - 1)
     word = turns.view("<u4")[:, 0]

@@ -44,14 +44,19 @@ ALIASES = {
 
 
 def name_of(text: str) -> str:
-    """Return the canonical name of a column."""
+    """Return the canonical name of a column, given its title: lower case, without units, and "r" for "Red"."""
     text = re.sub(r"[\[(].*?[\])]", "", text.strip().strip('"').lower()[:LONGEST])  # removes units: X [m]
     text = re.sub(r"[\s.]+", "_", text.strip()).strip("_")
     return ALIASES.get(text, text)
 
 
 def names_of(texts: Sequence[str]) -> list[str] | None:
-    """Return the names of columns, with the coordinates as x, y, z; None if these are not among them."""
+    """Return the names of columns as pointray uses them, with the coordinates as x, y, z; None if these are missing.
+
+    Duplicate names and empty ones get the number of the column.
+
+    texts : names in the file
+    """
     names = [name_of(text) for text in texts]
     axes = next((axes for axes in (POSITIONS, *OTHER_POSITIONS) if set(axes) <= set(names)), None)
     if axes is None:
@@ -69,20 +74,21 @@ def has_degrees(header: str) -> bool:
 
 
 def check_names(names: Sequence[str]) -> None:
-    """Raise ValueError if a name is duplicated."""
+    """Raise ValueError if a name is duplicated, except "-" for ignored columns."""
     twice = [name for name in dict.fromkeys(names) if name != NONE and names.count(name) > 1]
     if twice:
         raise ValueError(f"duplicate column name {twice[0]!r}: {','.join(names)}")
 
 
 class Layout(NamedTuple):
-    """Roles of the columns.
+    """Roles of the columns of a text file.
 
     Attributes
     ----------
     positions, normals, colors : list of int
         Column numbers, from 0; may be empty.
     attributes : dict of str to int
+        Column numbers of the attributes by name.
     types : dict of int to dtype
         Types of integer columns; the others are floats.
     """
@@ -95,7 +101,10 @@ class Layout(NamedTuple):
 
     @classmethod
     def of(cls, names: Sequence[str]) -> Layout:
-        """Return the roles of columns by their names."""
+        """Find the roles of columns by their names: x, y, z, nx, ny, nz and r, g, b.
+
+        Columns with other names are attributes; those named "-" are ignored.
+        """
         check_names(names)
         left = {name: k for k, name in enumerate(names) if name != NONE}
 
@@ -105,30 +114,41 @@ class Layout(NamedTuple):
         return cls(pop(POSITIONS), pop(NORMALS), pop(COLORS), left)
 
     def modes(self, k: int) -> list[int]:
-        """Return the parsing mode of each of k columns."""
+        """Return how the parser reads each of k columns: `INT` for integers, `FLOAT`, or `SKIP` for ignored ones."""
         used = {*self.positions, *self.normals, *self.colors, *self.attributes.values()}
         return [INT if c in self.types else FLOAT if c in used else SKIP for c in range(k)]
 
     def doubtful(self, whole: Sequence[bool]) -> list[int]:
-        """Return the columns that are integers in the first rows, whose type depends on all other rows."""
+        """Return the numbers of columns that are integers in the first rows: their type depends on all other rows.
+
+        Colours are among them if all three channels are integers.
+
+        whole : whether the first rows of each column are all integers
+        """
         some = list(self.attributes.values())
         if self.colors and all(whole[c] for c in self.colors):
             some += self.colors
         return [c for c in some if whole[c]]
 
     def typed(self, stats: NDArray[np.int64], columns: Sequence[int]) -> Layout:
-        """Return this layout with the types of integer columns, derived from the limits of all rows."""
+        """Return this layout with the types of integer columns, the smallest that hold all rows.
+
+        Colours are integers only if all three channels are.
+
+        stats : (k, 3), of all rows of each column: whether they are integers, minimum, maximum
+        columns : numbers of the columns that may be integers
+        """
         types = {c: smallest(int(stats[c, 1]), int(stats[c, 2])) for c in columns if stats[c, 0]}
         if not all(c in types for c in self.colors):
             types = {c: dtype for c, dtype in types.items() if c not in self.colors}
         return self._replace(types=types)
 
     def row(self) -> int:
-        """Return the bytes per row while reading."""
+        """Return the bytes per row of all columns in memory while reading."""
         return 36 + 12 * bool(self.normals) + 6 * bool(self.colors) + 8 * len(self.attributes)
 
     def chunk(self, block: Block, share: float) -> Chunk:
-        """Return a block of rows as a chunk."""
+        """Return parsed rows as a chunk, in the types of this layout. share : fraction of the file read so far"""
         colors = np.result_type(*(self.types.get(c, np.float32) for c in self.colors)) if self.colors else None
         return Chunk(
             block.take(self.positions, np.float64),
@@ -140,7 +160,12 @@ class Layout(NamedTuple):
 
 
 def merged(blocks: Iterator[Block], before: NDArray[np.int64] | None) -> NDArray[np.int64] | None:
-    """Return the statistics of the columns over all blocks. before : statistics of earlier blocks"""
+    """Return statistics of the columns over all blocks of rows, (k, 3): whether all are integers, minimum, maximum.
+
+    Return None without any block.
+
+    before : statistics of earlier blocks, or None
+    """
     for block in blocks:
         own = block.stats
         if before is not None:
@@ -154,5 +179,5 @@ def merged(blocks: Iterator[Block], before: NDArray[np.int64] | None) -> NDArray
 
 
 def scanning(k: int, columns: Sequence[int]) -> list[int]:
-    """Return the parsing mode of k columns to find the limits of some of them."""
+    """Return how the parser reads k columns to find their limits: `SCAN` for those listed, `SKIP` for the others."""
     return [SCAN if c in columns else SKIP for c in range(k)]

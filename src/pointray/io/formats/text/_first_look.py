@@ -31,6 +31,7 @@ class TextProperties(NamedTuple):
     Attributes
     ----------
     dialect : Dialect
+        Separators and decimal sign.
     names : list of str
         Names of the columns.
     whole : list of bool
@@ -61,7 +62,11 @@ class TextProperties(NamedTuple):
 
 
 def examine_text(text: bytes, path: Path, columns: Sequence[str] | None, faults: Faults) -> TextProperties:
-    """Examine the beginning of a file; raise ValueError if it is not a table of numbers."""
+    """Find separators, column names and the first row of a text file; ValueError if it is not a table of numbers.
+
+    text : beginning of the file; columns : names given by the caller, or None
+    faults : records an incomplete last line
+    """
     if text[:2] in UTF16 or text[:200].count(0) > 20:
         raise ValueError("is encoded in UTF-16: save it as UTF-8 or ASCII")
     begin = len(UTF8) if text.startswith(UTF8) else 0
@@ -91,7 +96,7 @@ def _check_top(top: Top) -> None:
 
 
 def dialect_of(rows: Sequence[str]) -> Dialect:
-    """Return the separators of rows of numbers; raise ValueError if they are ambiguous."""
+    """Return the field separators and the decimal sign of rows of numbers; raise ValueError if they are ambiguous."""
     text = "\n".join(rows)
     if "," not in text:
         return Dialect(b";" if ";" in text else b"")
@@ -109,7 +114,10 @@ def dialect_of(rows: Sequence[str]) -> Dialect:
 
 
 def _named(fields: list[str], top: Top, dialect: Dialect, columns: Sequence[str] | None) -> list[str] | None:
-    """Return the column names given by the caller or a header; None if neither names them."""
+    """Return the column names given by the caller or a header; None if neither names them.
+
+    fields : words of the first row; top : lines before the rows; columns : names given by the caller, or None
+    """
     k, row = len(fields), " ".join(fields)
     if columns is not None:
         if len(columns) != k:
@@ -130,7 +138,7 @@ def _named(fields: list[str], top: Top, dialect: Dialect, columns: Sequence[str]
 
 
 def _split(header: str, dialect: Dialect) -> list[list[str]]:
-    """Split a header in all likely ways: its separators may differ from those of the rows."""
+    """Split a header line into names in all likely ways: its separators may differ from those of the rows."""
     text = re.sub(r"^\s*(#|//)+\s*", "", header).strip()
     return [
         *([fields_of(text.replace(" ", "_"), dialect)] if dialect.delimiters else []),
@@ -142,7 +150,12 @@ def _split(header: str, dialect: Dialect) -> list[list[str]]:
 def _numbers(
     text: bytes, start: int, dialect: Dialect, names: list[str] | int, path: Path, first: str, faults: Faults
 ) -> tuple[list[str], list[bool], float, str]:
-    """Return the names of the columns (found from the rows if missing), which are integers, bytes per row, a note."""
+    """Parse the first rows; return the column names, which columns are integers, the bytes per row, and a note.
+
+    text : beginning of the file; start : offset of the first row
+    names : of the columns; or their number: then they are recognised from the values, which the note explains
+    first : the first row, for messages; faults : records an incomplete last line
+    """
     if isinstance(names, int):
         k, modes = names, [FLOAT] * names
     else:
@@ -166,7 +179,10 @@ def _numbers(
 
 
 def _explained(error: ValueError, row: str, dialect: Dialect, modes: list[int]) -> ValueError:
-    """Return an error in the first rows, with advice about columns of words."""
+    """Return the error to raise for invalid first rows: the given one, or better advice if a column contains words.
+
+    row : the first row; modes : how each column is read
+    """
     for k, (field, mode) in enumerate(zip(fields_of(row, dialect), modes, strict=False), 1):
         if mode != SKIP and field and number_of(field, dialect) is None:
             what = f"column {k} contains {shortened(field)}, which is not a number"

@@ -16,12 +16,23 @@ SHOWN = 60  # maximum length of a line quoted in a message
 
 
 class Top(NamedTuple):
-    """Lines before the rows, and the first rows."""
+    """Lines before the rows of a text, and the first rows.
+
+    Attributes
+    ----------
+    comments : list of str
+    header : str or None
+        The first line that is neither comment, row nor number: perhaps the names of the columns.
+    announced : int or None
+        Number of rows, stated in a line of its own.
+    rows : list of (int, str)
+        Offset and text of each line from the first row on.
+    """
 
     comments: list[str]
     header: str | None
     announced: int | None
-    rows: list[tuple[int, str]]  # offset and text of each line from the first row on
+    rows: list[tuple[int, str]]
 
 
 def numbers_in(line: str) -> list[bool]:
@@ -35,7 +46,10 @@ def is_row(line: str) -> bool:
 
 
 def top_of(text: bytes, begin: int = 0) -> Top:
-    """Classify the lines at the beginning of a file; `rows` may be empty."""
+    """Classify the lines at the beginning of a file as comments, header, number of rows and rows, which may be missing.
+
+    begin : offset of the first line
+    """
     comments: list[str] = []
     header: str | None = None
     announced: int | None = None
@@ -72,12 +86,18 @@ def is_binary(head: bytes) -> bool:
 
 
 def is_ptx(head: bytes) -> bool:
-    """Whether a file begins like PTX: two lines with an integer each, then three numbers."""
+    """Whether a file begins like PTX: two lines with an integer each, then a line with three words.
+
+    head : first bytes of the file
+    """
     return re.match(rb"(\s*\d+[ \t]*(\r\n|\r|\n)){2}[ \t]*\S+[ \t]+\S+[ \t]+\S+[ \t]*[\r\n]", head) is not None
 
 
 def line_at(file: BinaryIO, offset: int) -> tuple[int, str, int]:
-    """Return the number, from 1, and the text of the line at an offset, and the offset's position within it."""
+    """Return the number, from 1, and the text of the line at an offset, and the offset's position within it.
+
+    Of a very long line only the part near the offset is returned.
+    """
     file.seek(0)
     number, left, start, last = 1, offset, 0, b""
     while left > 0 and (text := file.read(min(left, BLOCK))):

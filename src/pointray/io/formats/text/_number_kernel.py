@@ -26,7 +26,7 @@ Number = tuple[int, int, int, int, bool, bool]
 
 @inline
 def _byte(data: Array, at: int) -> int:
-    """Return a byte. An unsigned index avoids the check for negative indices."""
+    """Return the byte at an offset. An unsigned index avoids the check for negative indices."""
     return i64(data[u64(at)])
 
 
@@ -37,7 +37,7 @@ def _kind(table: Array, data: Array, at: int) -> int:
 
 @inline
 def _product(a: int, b: int) -> tuple[int, int]:
-    """Return the upper and the lower 64 bits of a product."""
+    """Return the upper and the lower 64 bits of the product of two unsigned 64-bit integers."""
     mask, half = u64(0xFFFFFFFF), u64(32)
     a0, a1, b0, b1 = a & mask, a >> half, b & mask, b >> half
     low, cross, other = a0 * b0, a0 * b1, a1 * b0
@@ -59,7 +59,10 @@ def _leading_zeros(w: int) -> int:
 
 @inline
 def _float_bits(w: int, q: int, powers: Array) -> int:
-    """Return the bits of the float64 nearest to w * 10^q, w > 0; -1 if it is subnormal."""
+    """Return the bits of the float64 nearest to w * 10^q, w > 0; -1 if it is subnormal.
+
+    powers : table of the leading 128 bits of the powers of ten
+    """
     if q < LOWEST or q > HIGHEST:
         return 0 if q < LOWEST else INFINITY
     zeros = _leading_zeros(w)
@@ -88,7 +91,11 @@ def _float_bits(w: int, q: int, powers: Array) -> int:
 
 @inline
 def _bits(number: Number, powers: Array) -> int:
-    """Return the bits of a token as float64; -1 if it is left to Python."""
+    """Return the bits of the float64 that a parsed word represents; -1 if Python's float must parse it.
+
+    number : (end, class, w, q, negative, digits lost) of the word, whose value is w * 10^q
+    powers : table of the leading 128 bits of the powers of ten
+    """
     _, form, w, q, negative, cut = number
     bits = NOT_A_NUMBER if form == NAN else INFINITY if form == INFINITE else 0
     if form == WHOLE or form == REAL:  # noqa: SIM109  # `in` would create a tuple
@@ -103,7 +110,12 @@ def _bits(number: Number, powers: Array) -> int:
 
 @inline
 def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, int, int, int, bool]:
-    """Read digits; return the end, w, the counts of digits used and dropped, and whether a dropped one is not 0."""
+    """Read decimal digits from an offset on and append them to the integer w, which holds 19 of them; drop the others.
+
+    Return the end, w, the numbers of digits used and dropped, and whether a dropped digit is not 0.
+
+    kept, lost : numbers of digits used and dropped before
+    """
     cut = False
     d = _byte(data, at) - 48
     while 0 <= d <= 9:
@@ -120,7 +132,10 @@ def _digits(data: Array, at: int, w: int, kept: int, lost: int) -> tuple[int, in
 
 @inline
 def _few_digits(data: Array, at: int, w: int) -> tuple[int, int]:
-    """Read at most 19 significant digits; return the end and w."""
+    """Read decimal digits from an offset on and append them to the integer w; return the end and w.
+
+    With more than 19 digits w overflows; the caller then reads them again.
+    """
     d = _byte(data, at) - 48
     while 0 <= d <= 9:
         w = w * u64(10) + u64(d)
@@ -131,7 +146,7 @@ def _few_digits(data: Array, at: int, w: int) -> tuple[int, int]:
 
 @inline
 def _word(data: Array, at: int) -> int:
-    """Classify a word of three letters."""
+    """Return the class of a word of three letters, in any case: `NAN` for nan, `INFINITE` for inf, else `BAD`."""
     a, b, c = _byte(data, at) | 32, 0, 0
     if a == 110 or a == 105:
         b = _byte(data, at + 1) | 32
@@ -144,7 +159,7 @@ def _word(data: Array, at: int) -> int:
 
 @inline
 def _exponent(data: Array, at: int) -> tuple[int, int]:
-    """Read an exponent after its e; return the end, or -1 if it has no digits, and its value."""
+    """Read a decimal exponent after its e; return the end, or -1 if it has no digits, and the value."""
     sign = _byte(data, at)
     at += 1 if sign == 45 or sign == 43 else 0
     begin, value = at, 0
@@ -158,7 +173,13 @@ def _exponent(data: Array, at: int) -> tuple[int, int]:
 
 @inline
 def _token(data: Array, at: int, table: Array) -> Number:
-    """Read a token; return its end, its class, w, q, its sign, and whether nonzero digits were dropped."""
+    """Read the word at an offset as a number w * 10^q.
+
+    Return its end, class, w, q, whether it is negative, and whether digits other than 0 are lost: more than 19 do not
+    fit into w. The class is `WHOLE`, `REAL`, `NAN`, `INFINITE`, or `BAD` for other words.
+
+    table : (256,) uint8, class of each byte value
+    """
     first = _byte(data, at)
     negative = first == 45
     at += 1 if negative or first == 43 else 0
@@ -194,7 +215,13 @@ def _token(data: Array, at: int, table: Array) -> Number:
 
 @inline
 def _store(number: Number, begin: int, mode: int, powers: Array, stats: Array, out: Array, item: int) -> int:
-    """Store a token; return 1 if it is left to Python, -1 if an integer was expected, else 0."""
+    """Store a parsed word; return 1 if Python's float must parse it later, -1 if an integer was expected, else 0.
+
+    number : (end, class, w, q, negative, digits lost) of the word, whose value is w * 10^q; begin : its offset
+    mode : of its column: SKIP ignores it, FLOAT stores float64 bits, INT an int64, SCAN only finds limits of integers
+    powers : table of the powers of ten; stats : (3,), of its column: whether all are integers, minimum, maximum
+    out : int64, receives the number at index `item`
+    """
     _, form, w, q, negative, cut = number
     if mode == FLOAT:
         bits = _bits(number, powers)
@@ -216,7 +243,15 @@ def _store(number: Number, begin: int, mode: int, powers: Array, stats: Array, o
 def _line(
     data: Array, at: int, setting: Array, powers: Array, stats: Array, out: Array, item: int
 ) -> tuple[int, int, int, int]:
-    """Parse a line into items from `item` on; return its end, the error, its place, and the tokens left to Python."""
+    """Parse the line at an offset; store one number per column in `out`, int64, from index `item` on.
+
+    Return the end of the line, an error, its offset, and how many words Python's float must parse later. The error is
+    FINE, COLUMNS (wrong number of columns), SINGLE (only one column) or NOT_WHOLE (not the integer expected).
+
+    setting : (257 + k,) uint8, class of each byte value, whether there are comments, mode of each column
+    powers : table of the powers of ten
+    stats : (k, 3) int64, updated: whether a column has integers only, the minimum and the maximum
+    """
     table, modes, k = setting[:256], setting[257:], len(setting) - 257
     empty = (at, NAN, u64(0), 0, False, False)
     begin, column, odd = at, 0, 0
@@ -264,9 +299,12 @@ def parse_pieces(
 ) -> int:
     """Parse pieces of text, each into the items of `out` that begin at the index of its first byte.
 
-    data : (bytes,) uint8; pieces : (p + 1,) int64, offsets where pieces begin, each after the end of a line
-    setting : (257 + k,) uint8, class of each byte value, whether there are comments, mode of each column
-    out : (bytes,) int64, row by row; states : (p, STATES) int64; stats : (p, k, STATS) int64
+    work : counter from which threads take pieces; data : (bytes,) uint8
+    pieces : (p + 1,) int64, offsets where pieces begin, each after the end of a line
+    setting : (257 + k,) uint8, class of each byte value, whether there are comments, mode of each of k columns
+    powers : table of the leading 128 bits of the powers of ten; out : (bytes,) int64, receives numbers row by row
+    states : (p, 4) int64, receives rows of each piece, why and where it ends, words that Python's float must parse
+    stats : (p, k, 3) int64, receives whether a column has integers only, the minimum and the maximum
     """
     data, out, setting, powers, stats = borrow(data), borrow(out), borrow(setting), borrow(powers), borrow(stats)
     k = len(setting) - 257

@@ -57,7 +57,7 @@ NUMBER = re.compile(r"[+-]?((\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?|nan|inf|infinity)", 
 
 
 class Dialect(NamedTuple):
-    """Notation of numbers.
+    """Notation of numbers in a text.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Dialect(NamedTuple):
 
     @property
     def table(self) -> NDArray[np.uint8]:
-        """Class of each byte value, (256,)."""
+        """Class of each byte value for the parser, (256,): digit, decimal sign, blank, delimiter, line end, other."""
         table = np.zeros(256, np.uint8)
         for kind, letters in (
             (DIGIT, b"0123456789"),
@@ -93,14 +93,15 @@ class Dialect(NamedTuple):
 
 @dataclass(frozen=True)
 class Block:
-    """Some rows.
+    """Some parsed rows of a text.
 
     Attributes
     ----------
     pieces : list of (n, k) int64
-        Bits of float64, or integers; valid until the next block is read.
+        Bits of float64, or integers, for k columns; valid until the next block is read.
     modes : (k,) uint8
-    stats : (k, STATS) int64
+        How each column was read: `FLOAT`, `INT`, `SCAN` or `SKIP`.
+    stats : (k, 3) int64
         For columns in mode `SCAN` or `INT`: whether all values are integers, the minimum and the maximum.
     end : int
         Offset in the file after the last row.
@@ -115,7 +116,7 @@ class Block:
         return sum(map(len, self.pieces))
 
     def take(self, columns: Sequence[int], dtype: Any) -> NDArray[Any]:
-        """Return columns as an array (n, m)."""
+        """Return the columns with these numbers as an array (n, m) of `dtype`."""
         out, start = np.empty((len(self), len(columns)), dtype), 0
         with np.errstate(over="ignore"):  # overflow to infinity
             for piece in self.pieces:
@@ -133,9 +134,12 @@ class Reader:
     ----------
     file : binary stream
     dialect : Dialect
+        Separators and decimal sign.
     modes : sequence of int
-        Mode of each column: `FLOAT`, `INT`, `SKIP` (may contain anything), or `SCAN`, which finds its limits.
+        How to read each column: `FLOAT`, `INT`, `SKIP` (it may contain anything), or `SCAN`, which only finds whether
+        it has integers, and their limits.
     start : int
+        Offset of the first row.
     rows : int or None
         Expected number of rows, which limits the first read.
     faults : Faults, optional
@@ -164,7 +168,10 @@ class Reader:
         self._next = BLOCK if rows is None else min(BLOCK, FIRST + rows * ROW)
 
     def blocks(self) -> Iterator[Block]:
-        """Yield blocks of rows. Raise ValueError, with the line, for a wrong number of columns or an invalid number."""
+        """Yield the rows in blocks, to the end of the file or a line with a single field.
+
+        Raise ValueError, with the line, for a wrong number of columns or an invalid number.
+        """
         while text := self._read():
             block, why, where = self._parse(text)
             if why in (COLUMNS, NOT_WHOLE) and not self._is_cut(where):
@@ -177,7 +184,7 @@ class Reader:
                 return
 
     def _read(self) -> bytes:
-        """Read whole lines."""
+        """Return the next whole lines of the file, up to 4 MiB or one longer line; b"" at the end."""
         self._file.seek(self.at)
         text = self._file.read(self._next)
         wanted, end = self._next, text.rfind(self._dialect.newline)
@@ -193,7 +200,7 @@ class Reader:
         return text + b"\n" if text and text[-1:] not in (b"\r", b"\n") else text  # the last line may lack a newline
 
     def _parse(self, text: bytes) -> tuple[Block, int, int]:
-        """Return the rows of a text, and why and at which offset they end."""
+        """Parse whole lines; return their rows, why they end (`FINE`: all are parsed), and at which offset."""
         pieces = self._cut(text)
         count, k = len(pieces) - 1, len(self._modes)
         states = np.zeros((count, STATES), np.int64)
@@ -220,7 +227,7 @@ class Reader:
         return Block(rows, self._modes, limits, 0), why, self.at + where
 
     def _cut(self, text: bytes) -> NDArray[np.int64]:
-        """Return the offsets of the pieces of a text, followed by its end."""
+        """Divide a text into pieces of whole lines for threads; return their offsets, followed by its end."""
         starts = [0]
         while starts[-1] + 2 * PIECE < len(text):
             end = text.find(self._dialect.newline, starts[-1] + PIECE)
@@ -230,7 +237,10 @@ class Reader:
         return np.array([*starts, len(text)], np.int64)
 
     def _read_odd(self, text: bytes, items: NDArray[np.int64]) -> int:
-        """Parse the tokens left to Python; return the number of complete rows."""
+        """Parse the unusual words that the kernel leaves to Python's float; return the number of complete rows.
+
+        items : (n, k), in which these words are marked by NaN with their offset in the text, and are replaced
+        """
         for row, column in np.argwhere((items >> 48 == MARK >> 48) & (self._modes == FLOAT)):
             begin = int(items[row, column] & ((1 << 48) - 1))
             value = number_of(self._token(text, begin), self._dialect)
@@ -242,7 +252,7 @@ class Reader:
         return len(items)
 
     def _is_cut(self, where: int) -> bool:
-        """Whether the line at an offset is an incomplete last line, without newline and too short; it is left out."""
+        """Whether the line at an offset is an incomplete last line, without newline, and record that as a fault."""
         if self._faults is None or self._faults.strict:
             return False
         self._file.seek(where)
@@ -258,7 +268,10 @@ class Reader:
         return text[begin : end.start() if end else len(text)].decode("latin-1")
 
     def _error(self, why: int, where: int) -> ValueError:
-        """Return the error for the line at an offset."""
+        """Return the error for the line at an offset.
+
+        why : `COLUMNS` for a wrong number of columns, otherwise the number at the offset is invalid
+        """
         number, line, within = line_at(self._file, where)
         shown = shortened(line)
         if why == COLUMNS:
@@ -270,7 +283,7 @@ class Reader:
 
 
 def number_of(text: str, dialect: Dialect) -> float | None:
-    """Return the number that a token represents; None if it is not a number."""
+    """Return the float that a word represents, with the decimal sign of `dialect`; None if it is not a number."""
     if dialect.decimal != b".":
         text = "?" if "." in text else text.replace(dialect.decimal.decode(), ".")
     if NUMBER.fullmatch(text):
@@ -279,7 +292,7 @@ def number_of(text: str, dialect: Dialect) -> float | None:
 
 
 def fields_of(line: str, dialect: Dialect) -> list[str]:
-    """Split a line into fields; a delimiter at its end adds no field."""
+    """Split a line into fields by the separators of `dialect`; a delimiter at its end adds no field."""
     line = line.replace('"', " ").replace("\x1a", " ").strip()
     if not dialect.delimiters:
         return line.split()
@@ -289,7 +302,7 @@ def fields_of(line: str, dialect: Dialect) -> list[str]:
 
 
 def smallest(low: int, high: int) -> np.dtype[Any]:
-    """Return the smallest integer type for these limits: uint8, int16, uint16, int32 or int64."""
+    """Return the smallest integer type for values from `low` to `high`: uint8, int16, uint16, int32 or int64."""
     for dtype in (np.uint8, np.int16, np.uint16, np.int32):
         if np.iinfo(dtype).min <= low and high <= np.iinfo(dtype).max:
             return np.dtype(dtype)

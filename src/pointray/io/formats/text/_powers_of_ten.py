@@ -12,7 +12,10 @@ from ._number_kernel import HIGHEST, LOWEST
 
 @cache
 def powers_of_ten() -> NDArray[np.uint64]:
-    """Return the leading 128 bits of 10^q as pairs of uint64, rounded down for q >= 0, up for q < 0."""
+    """Return the leading 128 bits of 10^q, q from -342 to 308, as pairs of uint64 in one array.
+
+    They are rounded down for q >= 0, up for q < 0.
+    """
     rows = []
     for q in range(LOWEST, HIGHEST + 1):
         five = 5 ** abs(q)

@@ -53,10 +53,12 @@ class Scan(NamedTuple):
 
 @lru_cache(maxsize=8)  # a file is opened twice: for its listing and for reading
 def scans_of(path: Path, size: int, time: int, strict: bool) -> tuple[list[Scan], str]:
-    """Return the headers of all scans, and the error of an incomplete last header.
+    """Return the headers of all scans, and the error message of an incomplete last header, or "".
 
     The rows are skipped by counting newlines: 1 GB takes half a second. A header that is not at the expected place is
     searched for, unless `strict`.
+
+    size, time : size and modification time of the file, as a cache key
     """
     scans: list[Scan] = []
     with path.open("rb") as file:
@@ -96,7 +98,10 @@ def scans_of(path: Path, size: int, time: int, strict: bool) -> tuple[list[Scan]
 
 
 def _next_header(file: BinaryIO, scan: Scan) -> tuple[int, int]:
-    """Return the offset of the next header, or the end of the file, and the number of lines before it."""
+    """Search for the header after that of `scan`; return its offset, and the number of lines of the scan before it.
+
+    Without a further header the offset is the end of the file.
+    """
     offset = end = scan.start - 1  # the newline of the header's last line, which the file may lack
     file.seek(offset)
     tail, found = b"", None
@@ -118,7 +123,7 @@ def _is_single(file: BinaryIO, offset: int) -> bool:
 
 
 def _is_complete(file: BinaryIO, offset: int) -> bool:
-    """Whether a header is complete."""
+    """Whether the file has enough lines after an offset for a header of ten lines and a row."""
     file.seek(offset)
     return len(lines_of(file.read(HEADER))) > 10
 
@@ -129,7 +134,10 @@ def newline_of(file: BinaryIO) -> bytes:
 
 
 def _header(file: BinaryIO, offset: int, line: int, number: int) -> Scan | None:
-    """Return the header at an offset; None at the end of the file."""
+    """Parse the header of a scan at an offset; return None at the end of the file. Raise ValueError if it is invalid.
+
+    line, number : number of its first line, and of the scan, for messages
+    """
     file.seek(offset)
     text = file.read(HEADER)
     lines = lines_of(text[:SHORT])
@@ -165,7 +173,7 @@ def _numbers_of(line: str) -> list[float]:
 
 
 def _ends(text: bytes) -> int:
-    """Count the line ends in a text."""
+    """Count the line ends in a text: LF, CR, or both as one."""
     return text.count(b"\n") + text.count(b"\r") - text.count(b"\r\n")
 
 
@@ -176,7 +184,10 @@ def _whole(value: float, line: int, number: int) -> int:
 
 
 def _matrix(rows: Sequence[Sequence[float]], number: int) -> tuple[tuple[float, ...], ...]:
-    """Return the matrix for row vectors; some programs write the one for column vectors."""
+    """Return the pose of a scan as a (4, 4) matrix for row vectors; some programs write the one for column vectors.
+
+    Raise ValueError if it is neither. number : of the scan, for the message
+    """
     matrix = np.array(rows)
     if (matrix[:, 3] != [0, 0, 0, 1]).any() and (matrix[3] == [0, 0, 0, 1]).all():
         matrix = matrix.T
@@ -186,7 +197,10 @@ def _matrix(rows: Sequence[Sequence[float]], number: int) -> tuple[tuple[float, 
 
 
 def _skip_lines(file: BinaryIO, scan: Scan, size: int, newline: bytes, number: int) -> int:
-    """Return the offset after the rows of a scan."""
+    """Return the offset after the announced rows of a scan; raise ValueError if the file ends before.
+
+    size : of the file in bytes; newline : byte that ends lines; number : of the scan, for the message
+    """
     left, offset = scan.total, scan.start
     while left > 0:
         file.seek(offset)

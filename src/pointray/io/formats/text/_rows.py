@@ -19,7 +19,7 @@ MOST_BLOCKS = 10_000  # maximum number of blocks of rows, each after a line with
 
 
 class TextSource(Source):
-    """A text file with rows of numbers."""
+    """Reader of text files with rows of numbers."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -56,7 +56,10 @@ class TextSource(Source):
                     yield layout.chunk(block, block.end / max(self._size, 1))
 
     def _blocks(self, file: BinaryIO, modes: list[int]) -> Iterator[Block]:
-        """Yield all blocks of rows, and compare their number with the announced ones (PTS)."""
+        """Yield all blocks of rows; a number of rows other than announced (PTS) is recorded in `faults`.
+
+        modes : how each column is read
+        """
         reader = Reader(file, self._properties.dialect, modes, self._properties.start, None, self.faults)
         announced, line, total, there = self._properties.announced, "the line before the first row", 0, 0
         for _ in range(MOST_BLOCKS):
@@ -84,9 +87,12 @@ def _check_count(announced: int | None, count: int, line: str) -> None:
 
 
 def _announced(file: BinaryIO, reader: Reader, before: int | None, faults: Faults) -> tuple[int, str] | None:
-    """Read the number of rows from a line between rows; return it with its place and move the reader past it.
+    """Read the number of rows from a line between rows; return it and its place, such as "line 12".
 
-    Return None if the line is an incomplete last line.
+    The reader is moved past the line. Return None if the line is an incomplete last line; raise ValueError if it is not
+    a number.
+
+    before : number announced for the previous rows, None if none was
     """
     number, text, within = line_at(file, reader.at)
     is_last = file.seek(0, 2) <= reader.at + len(text) - within

@@ -22,14 +22,17 @@ FAR = 10  # in diagonals of the point cloud: a scanner farther away than this ca
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect PTX files."""
+    """Detect PTX files: return `SURE` by their first lines, `MAYBE` by the extension, or `NO`.
+
+    head : first bytes of the file
+    """
     if is_binary(head):
         return NO
     return SURE if is_ptx(head) else MAYBE if path.suffix.lower() == ".ptx" else NO
 
 
 class PtxSource(Source):
-    """All rows with a return of all scans."""
+    """Reader of PTX files: the rows with a return of all scans, in world coordinates."""
 
     def __init__(self, path: Path, request: Request) -> None:
         self._path, self.faults = path, Faults(request.strict)
@@ -110,7 +113,7 @@ class PtxSource(Source):
 
 
 def _placed(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Transform the points of a scan to world coordinates."""
+    """Transform the points of a scan, (n, 3), to world coordinates. matrix : (4, 4), for row vectors"""
     if (matrix == np.eye(4)).all():
         return points
     with np.errstate(invalid="ignore", over="ignore"):
@@ -118,7 +121,12 @@ def _placed(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray
 
 
 def _is_unplaced(scan: Scan, low: NDArray[np.float64], high: NDArray[np.float64]) -> bool:
-    """Whether the pose in a header is a placeholder: some programs write it with points in world coordinates."""
+    """Whether the pose in a header is a placeholder: some programs write it with points in world coordinates.
+
+    It is the identity, and the points lie far from 0 compared with their extent.
+
+    low, high : (3,), bounds of the points
+    """
     if not (np.array(scan.matrix) == np.eye(4)).all() or not np.isfinite(low).all():
         return False
     apart = np.linalg.norm(np.maximum(np.maximum(low, -high), 0))

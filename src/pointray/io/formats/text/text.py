@@ -20,7 +20,10 @@ GRID = re.compile(rb"\s*ncols\s+\d+\s", re.IGNORECASE)
 
 
 def recognise(head: bytes, path: Path) -> int:
-    """Detect text with columns of numbers."""
+    """Detect text with columns of numbers: return `SURE`, `MAYBE` for a usual extension, or `NO`.
+
+    head : first bytes of the file
+    """
     named = path.suffix.lower() in EXTENSIONS
     if head[:2] in UTF16:
         return MAYBE if named else NO
