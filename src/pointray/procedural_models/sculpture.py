@@ -18,7 +18,7 @@ CELL = 0.014
 
 
 def statue() -> Solid:
-    """Return all strokes of the statue, with their cells for fast evaluation."""
+    """Return the procedural model "statue" as a solid of clay strokes, with lists of the strokes near each place."""
     clay = Clay()
     sculpt_bust(clay)  # first, because its foot is cut off, which would also cut the plinth
     sculpt_plinth(clay)

@@ -263,7 +263,7 @@ class OutOfCoreBuilder:
             warn(text, stacklevel=4)
 
     def _noise_ranges(self) -> NoiseRanges:
-        """Measure the noise of all parts, in ranges along the kd order."""
+        """Measure the noise in all parts; return it for ranges of points along the kd order of the whole cloud."""
         facts = self._work.each("noise", partial(measure_noise, self._work, self._cloud), (TURNED_AT, EXAMINED))
         kinds = np.int64, np.float32, np.float64, np.float64
         arrays = [
@@ -273,7 +273,7 @@ class OutOfCoreBuilder:
         return raise_to_typical(NoiseRanges(*arrays))
 
     def _check_signs(self) -> None:
-        """Warn of normals that face opposite sides; recompute their signs."""
+        """Recompute the signs of the normals from the files, with a warning, if over 5% of neighbours disagree."""
         columns, rows = self._columns, sample_rows(self._cloud.total)
         where = columns[self._cloud.latest(MERGED, POSITIONS)]
         unit, length = to_units(columns[GIVEN][rows])

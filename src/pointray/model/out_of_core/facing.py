@@ -43,7 +43,9 @@ class Facing:
     def orient(self, span: Span) -> None:
         """Write the sign of each normal, int8 1 or -1, to the column `SIGNED`.
 
-        Normals whose signs are known from scanner positions keep them. span : begin and end, as fractions of all work
+        Normals whose signs are known from scanner positions keep them.
+
+        span : begin and end of this stage, as fractions of all work
         """
         work = self._work
         firsts = firsts_of(work.all(self._find, within(span, 0.0, FOUND)))
@@ -67,9 +69,9 @@ class Facing:
         return self._signs.examine(self._load(part, alone=True), part, firsts, shared[part])
 
     def _known_groups(self, firsts: Whole, known: Column, groups: int) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return which groups of points have normals known from scanner positions, and which of these groups to invert.
+        """Return which groups of points contain normals known from scanner positions, and which of these to invert.
 
-        A group is a connected set of points whose normals are consistent with each other.
+        A group is a connected set of points whose normals are consistent with each other. Both are (groups,) bool.
 
         firsts : first piece (connected points of a part) of each part; known : column, not 0 where the normal is known
         groups : number of groups
@@ -94,11 +96,11 @@ class Facing:
 
 
 def near_in(cloud: Cloud, local: Local, core: slice | Whole, count: int) -> NDArray[np.int32]:
-    """Return the neighbours of some points, (m, k) int32, each point itself first.
+    """Return the neighbours of some points of a part, (m, k) int32, each point itself first.
 
     cloud : whose current positions are used
-    local : rows of a part and its margin, which the neighbours are indices into
-    core : the points, as indices into `local`: consecutive ones or an array; count : k, at most
+    local : rows of the part and its margin, which the neighbours are indices into
+    core : the m points, as indices into `local`: consecutive ones or an array; count : k, at most
     """
     places = local.read(cloud.columns[cloud.latest(MERGED, POSITIONS)])
     tree = NeighborTree(places, in_order=True)
@@ -153,7 +155,9 @@ def _turn(work: Work, cloud: Cloud, has_planes: bool, part: int) -> None:
 def turn_given(work: Work, cloud: Cloud, span: Span) -> None:
     """Write the normals from the files, at unit length and with recomputed signs, to the column `TURNED`.
 
-    Done once, if neighbouring normals face opposite sides. span : begin and end, as fractions of all work
+    Needed if neighbouring normals of the files face opposite sides; done once.
+
+    span : begin and end of this stage, as fractions of all work
     """
     columns = work.columns
     if columns.get(TURNED) is not None:

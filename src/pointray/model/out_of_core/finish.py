@@ -44,7 +44,7 @@ class WrittenParts(NamedTuple):
 
     layer : their points, as given and as rays meet them
     files : index entries of the parts; supports : bounding boxes of supports, (6,) each
-    longest : longest sampling step; median : median radius, or None
+    longest : longest sampling step; median : median radius of a surface with levels of detail, else None
     """
 
     layer: Layer
@@ -81,10 +81,10 @@ class Numbers:
 def finish_surface(
     named: ModelInfo, work: Work, layer: Layer, settings: TreeSettings, leveled: bool, span: Span
 ) -> WrittenParts:
-    """Write the files of the parts of a surface: trees, and levels of detail if `leveled`.
+    """Write the files of the parts of a surface, and of their levels of detail; return what was written.
 
-    named : facts that all files contain; layer : splats of the full model; span : begin and end, as fractions of all
-        work
+    named : facts that all files contain; layer : splats of the full model; leveled : whether to write levels of detail
+    span : begin and end of this stage, as fractions of all work
     """
     grown = within(span, 0.0, TREES if leveled else 1.0)
     shows = work.all(partial(_show, layer, work.size), within(span, 0.0, SHOWN), "boxes")
@@ -107,7 +107,9 @@ def finish_loose(
     leveled: bool,
     span: Span,
 ) -> WrittenParts:
-    """Write the files of the parts of scattered points (drawn as spheres or discs), which follow those of the surface.
+    """Write the files of the parts of scattered points (drawn as spheres or discs); return what was written.
+
+    These parts follow those of the surface.
 
     layer : the scattered points; drawing : how they are drawn; surface : parts written before; None: no surface
     leveled : whether to write levels of detail; span : begin and end, as fractions of all work

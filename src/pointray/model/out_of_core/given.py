@@ -58,7 +58,7 @@ class GivenColumns:
         return all(radii_among(chunk) is not None for chunk in chunks_of(column))
 
     def _scans(self) -> Column | None:
-        """Return the column with the number of the station that saw each point; None if there is none."""
+        """Return the column with the number of the scanner station that saw each point; None if it does not exist."""
         column = self.find(self.names[SCAN]) if SCAN in self.names else None
         return None if column is None or column.width else column
 

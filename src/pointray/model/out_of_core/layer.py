@@ -53,7 +53,7 @@ class Layer:
         self._open: dict[str, Column] = {}
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without open files."""
+        """Return the state for pickles: without open files, which each process opens when it needs them."""
         return {**self.__dict__, "_open": {}}
 
     @property

@@ -82,7 +82,7 @@ class ModelInfo(NamedTuple):
 
 
 def show_part(layer: Layer, part: int) -> Facts:
-    """Write the bounding boxes of each 4,096 splats of a part, by which those near other parts are found.
+    """Write bounding boxes of each 4,096 splats of a part at full detail, by which those near other parts are found.
 
     Returns
     -------

@@ -143,7 +143,7 @@ def _coarsened(work: Work, layers: tuple[Layer, Layer], grid: Grid, steps: Steps
     Returns
     -------
     list of dict
-        For each part size, the number of splats, and low and high, the corners of their bounding box.
+        One for each part. size : number of its splats; low, high : corners of their bounding box.
     """
     fine, coarse = layers
     keys = {f"{ATTRIBUTE}{k}": name for k, name in enumerate(steps.names)}
@@ -173,7 +173,7 @@ def _shaped(
     Returns
     -------
     list of dict
-        For each part file, the index entry or None, and reach, the (2, 3) bounds of the surface.
+        One for each part. file : index entry, None if nothing was written; reach : (2, 3) bounds of the surface.
     """
     columns, stage = work.columns, f"level-{layer.number}"
     known = columns.get_or_put(f"{stage}-usual", lambda: survey_supports(layer, cell))

@@ -42,7 +42,7 @@ class Local(NamedTuple):
 
     @property
     def tiles(self) -> Rows:
-        """Numbers of the ranges of 4,096 points that contain these points, ascending."""
+        """Numbers of the tiles, here ranges of 4,096 consecutive points in kd order, of these points, ascending."""
         return np.unique(self.rows // TILE)
 
     @property

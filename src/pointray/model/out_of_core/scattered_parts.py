@@ -97,9 +97,9 @@ def write_loose_levels(
 
 
 def spacing_in(loose: LooseParts, columns: Columns) -> float:
-    """Return the spacing of points to which the median radius of all scattered points corresponds.
+    """Return the spacing of points to which the median radius of all scattered points (spheres or discs) corresponds.
 
-    columns : keep the median
+    columns : columns on disk in which the median is stored
     """
     return spacing_of(np.array([median_of(loose.layer, columns)], np.float32), loose.drawing)
 

@@ -53,7 +53,7 @@ class Cloud:
     total : int, number of points
     origin : (3,) float64, world position of the coordinates' origin
     georeference : Georeference
-    viewpoint_columns : dict of str to str, columns of the attributes that hold the scan of each point, by attribute
+    viewpoint_columns : dict of str to str, the column on disk of each attribute that holds the scan of each point
     is_seen : whether any point has a known viewpoint (scanner position)
     ignored : numbers of scanner stations whose positions are not used, as the points contradict them
     """
@@ -96,7 +96,7 @@ class Surface(NamedTuple):
     """The surface at n points: where its splats lie and how they face.
 
     positions, normals : (n, 3) float32, unit normals
-    noise : (n,) float32, standard deviation of the noise that was removed; None if none
+    noise : (n,) float32, standard deviation of the noise that was removed; None: nothing was removed
     planes : (n, 3) float32 each, positions moved onto planes around noisy points, and the planes' normals, for signs
     known : (n,) bool, whether the viewpoint is known; None: none is known
     repaired : number of missing normals, and of normals of another length

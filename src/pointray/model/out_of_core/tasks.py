@@ -79,9 +79,11 @@ def find_surface(work: Work, cloud: Cloud, measure: Measure, part: int) -> Facts
     Returns
     -------
     dict
-        is_noisy : whether noise was removed; has_planes : whether planes were fitted to noisy points, for signs; mended
-            : numbers of missing normals and of normals of another length. If normals are fitted and no viewpoint is
-            known, also thick, the number of points that may be near two sheets, and low and high, the bounding box.
+        is_noisy : whether noise was removed
+        has_planes : whether planes were fitted to noisy points, for signs of normals
+        mended : numbers of missing normals and of normals of another length
+        thick, low, high : if normals were fitted without viewpoints, the number of points that may be near two sheets,
+            and corners of the bounding box
     """
     local = work.local(part)
     sigma, ranges, statistics = measure
@@ -105,8 +107,9 @@ def find_supports(work: Work, cloud: Cloud, supporting: Supporting, statistics: 
     Returns
     -------
     dict
-        borders, sheets : whether there are any; lone : number of isolated points; tight : whether many radii are too
-            small to cover the surface.
+        borders, sheets : whether there are any
+        lone : number of isolated points
+        tight : whether many radii are too small to cover the surface
     """
     local = work.local(part)
     found = supporting.find(cloud, local, statistics)
