@@ -35,7 +35,9 @@ _CHUNK = 64
 
 @kernel
 def _select(work: Array, solid: Solid, centers: Array, parents: Array, half: float, out: Array, near: Array) -> None:
-    """Select the strokes that can change the surface in each cell, by interval arithmetic over a ball around the cell.
+    """Select the strokes (shapes that add or remove clay) that can change the surface of a sculpture in each grid cell.
+
+    It is done by interval arithmetic over a ball around the cell.
 
     centers : (cells, 3); parents : (cells,) the list of strokes that each cell selects from; half : radius of the ball
     out : out[i, 0] is set to the number of strokes of cell i, out[i, 1:] to their indices
@@ -90,7 +92,7 @@ def _subdivide(centers: NDArray[np.float64], edge: float) -> NDArray[np.float64]
 
 
 def clay_solid(table: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], cell: float) -> Solid:
-    """Return a solid of strokes of clay, with a list of the strokes that matter in each cell of a grid.
+    """Return a solid made of strokes (shapes that add or remove clay), with a list of those near each grid cell.
 
     Cells are halved three times where the surface passes through them.
 

@@ -29,10 +29,12 @@ FAR = 10.0  # the field before the first stroke
 
 
 class Solid(NamedTuple):
-    """A solid, in the form that kernels take. Clay, a solid made of strokes, uses the fields after `kind`.
+    """A solid with a smooth surface, in the form that kernels take.
 
-    Each cell of a grid has a list of the strokes that can change the surface inside it: `items[starts[l] : starts[l +
-    1]]` with `l = lists[cell]`. List 0 holds every stroke and is used outside the cells.
+    It is a sphere, a torus, a lattice, or clay: a sculpture made of strokes, which are shapes that add, carve, cut,
+    emboss or paint clay one after the other. Only clay uses the other fields. Each cell of a grid has a list of the
+    strokes that can change the surface inside it: `items[starts[l] : starts[l + 1]]` with `l = lists[cell]`. List 0
+    holds every stroke and is used outside the cells.
 
     kind : SPHERE, TORUS, LATTICE or CLAY
     table : (strokes, COLUMNS), one row per stroke
@@ -54,7 +56,7 @@ class Solid(NamedTuple):
 def local(table: Array, i: int, x: float, y: float, z: float) -> Vec3:
     """Return the coordinates of a point relative to the centre of stroke i and along its axes.
 
-    table : (strokes, COLUMNS), one row per stroke
+    table : (strokes, COLUMNS), one row per stroke, a shape that adds or removes clay
     """
     x, y, z = x - table[i, CENTER], y - table[i, CENTER + 1], z - table[i, CENTER + 2]
     u = table[i, AXES] * x + table[i, AXES + 1] * y + table[i, AXES + 2] * z
@@ -92,7 +94,10 @@ def _drum(u: float, v: float, w: float, radius: float, height: float, rounding: 
 
 @inline
 def _cosine_of_third(cosine: float) -> float:
-    """Return cos(acos(x) / 3) to 3e-5: a Newton step on 4 y^3 - 3 y = x, from a parabola in sqrt(1 + x)."""
+    """Return cos(acos(x) / 3) to 3e-5, which solves a cubic equation with three real roots. cosine : x, -1 to 1
+
+    It is a Newton step on 4 y^3 - 3 y = x, from a parabola in sqrt(1 + x).
+    """
     w = sqrt(1.0 + cosine)
     y = 0.5 + w * (0.40824829 - 0.03872338 * w)
     return y - (4.0 * y * y * y - 3.0 * y - cosine) / max(12.0 * y * y - 3.0, 1e-6)
@@ -100,9 +105,10 @@ def _cosine_of_third(cosine: float) -> float:
 
 @inline
 def _foot(a2: float, ab: float, b2: float, da: float, db: float) -> float:
-    """Return the parameter of the nearest point of a quadratic Bezier curve (Quilez, "Quadratic Bezier SDF").
+    """Return the parameter, 0 to 1, of the point of a quadratic Bezier curve that is nearest to a point x.
 
-    With p(t) = A + 2 a t + b t^2 and d = A - x, the arguments are the products a.a, a.b, b.b, d.a and d.b.
+    With p(t) = A + 2 a t + b t^2 and d = A - x, the arguments are the products a.a, a.b, b.b, d.a and d.b (Quilez,
+    "Quadratic Bezier SDF").
     """
     k = 1.0 / b2
     kx, ky, kz = k * ab, k * (2.0 * a2 + db) / 3.0, k * da
@@ -133,9 +139,11 @@ def _foot(a2: float, ab: float, b2: float, da: float, db: float) -> float:
 
 @inline
 def _tube(table: Array, i: int, x: float, y: float, z: float) -> float:
-    """Return the distance from a point to a bent tube, stroke i of the table, negative inside.
+    """Return the distance from a point to a bent tube, negative inside.
 
     Its radius has zero slope at both ends, so the caps join without a crease.
+
+    table : (strokes, COLUMNS), one row per shape of a sculpture; i : row of the tube
     """
     px, py, pz = table[i, POINTS], table[i, POINTS + 1], table[i, POINTS + 2]
     ax, ay, az = table[i, POINTS + 3] - px, table[i, POINTS + 4] - py, table[i, POINTS + 5] - pz
@@ -159,7 +167,7 @@ def _tube(table: Array, i: int, x: float, y: float, z: float) -> float:
 def shape(table: Array, i: int, x: float, y: float, z: float) -> float:
     """Return the signed distance to the shape of stroke i (ellipsoid, tube, box, cylinder or ring), without blending.
 
-    table : (strokes, COLUMNS), one row per stroke
+    table : (strokes, COLUMNS), one row per stroke, a shape that adds or removes clay
     """
     kind = int(table[i, KIND])
     if kind == TUBE:
@@ -187,9 +195,9 @@ def fade(d: float, width: float) -> float:
 
 @routine
 def height(table: Array, i: int, x: float, y: float, z: float) -> float:
-    """Return the height that stroke i, a relief that displaces the surface, adds at a point; 0 outside its region.
+    """Return the height that a relief, which displaces a sculpture's surface, adds at a point; 0 outside its region.
 
-    table : (strokes, COLUMNS), one row per stroke
+    table : (strokes, COLUMNS), one row per stroke of the sculpture; i : row of the relief
     """
     u, v, w = local(table, i, x, y, z)
     region = fade(ellipsoid(u, v, w, table[i, SIZE], table[i, SIZE + 1], table[i, SIZE + 2]), table[i, WIDTH])
@@ -201,7 +209,10 @@ def height(table: Array, i: int, x: float, y: float, z: float) -> float:
 
 @inline
 def list_of(solid: Solid, x: float, y: float, z: float) -> int:
-    """Return the number of the list of strokes that can change the surface near a point; list 0 holds all strokes."""
+    """Return the number of the list of strokes (shapes that add or remove clay) that matter near a point.
+
+    List 0 holds all strokes; it is the one outside the grid whose cells have lists of their own.
+    """
     lists = solid.lists
     u, v, w = (x - solid.origin[0]) / solid.cell, (y - solid.origin[1]) / solid.cell, (z - solid.origin[2]) / solid.cell
     if u >= 0.0 and v >= 0.0 and w >= 0.0 and u < lists.shape[0] and v < lists.shape[1] and w < lists.shape[2]:
@@ -211,9 +222,9 @@ def list_of(solid: Solid, x: float, y: float, z: float) -> int:
 
 @routine
 def work_clay(solid: Solid, x: float, y: float, z: float) -> float:
-    """Evaluate the field of a solid made of strokes at a point: zero on its surface, negative inside.
+    """Evaluate the field of a solid made of clay at a point: zero on its surface, negative inside.
 
-    The strokes near the point add, carve, cut or displace material in their order.
+    The strokes (shapes) near the point add, carve, cut or displace clay one after the other.
     """
     table = solid.table
     which = list_of(solid, x, y, z)

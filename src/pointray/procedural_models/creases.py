@@ -50,7 +50,7 @@ def _bent(vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> NDArray[np
 
 
 def areas(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the areas of triangles (t, 3, 3)."""
+    """Return the areas, (t,), of triangles given by their corners, (t, 3, 3)."""
     edges = corners[:, 1:] - corners[:, :1]
     return np.asarray(0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1))
 

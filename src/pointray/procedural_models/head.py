@@ -25,7 +25,10 @@ FLESH: dict[str, Any] = {"color": SKIN, "vein": 0.05}
 
 
 def sculpt_head(clay: Clay) -> None:
-    """Model the statue's head from strokes of clay; hair first, since its relief must not touch the skin."""
+    """Model the statue's head from shapes that add or remove clay.
+
+    The hair is first, since its relief must not touch the skin.
+    """
     _hair(clay)
     _skull(clay)
     _nose(clay)
@@ -193,7 +196,12 @@ def _locks(clay: Clay) -> None:
 
 
 def _arc(clay: Clay, points: list[tuple[float, float, float]], radius: float, **stroke: Any) -> None:
-    """Add a curved rod: a chain of bent tubes through an odd number of points, each through three of them."""
+    """Add a curved rod: a chain of bent tubes through an odd number of points.
+
+    Each tube begins where the last one ends.
+
+    radius : of the rod; stroke : operation, blending width, colour and veins
+    """
     for k in range(0, len(points) - 2, 2):
         clay.tube(points[k], points[k + 1], points[k + 2], (radius, radius, 0.0), **stroke)
 

@@ -73,7 +73,10 @@ def _veins(x: float, y: float, z: float) -> float:
 
 @inline
 def _over(red: float, green: float, blue: float, table: Array, i: int, share: float) -> Vec3:
-    """Blend the colour of stroke i over a colour. table : a row per stroke; share : opacity of the stroke, 0 to 1"""
+    """Blend the colour of row i of a table of shapes over a colour; return the new colour.
+
+    table : (strokes, COLUMNS), one row per shape of a sculpture; share : opacity of the new colour, 0 to 1
+    """
     red += share * (table[i, COLOR] - red)
     green += share * (table[i, COLOR + 1] - green)
     blue += share * (table[i, COLOR + 2] - blue)
@@ -82,7 +85,7 @@ def _over(red: float, green: float, blue: float, table: Array, i: int, share: fl
 
 @routine
 def _clay_color(solid: Solid, x: float, y: float, z: float) -> Vec3:
-    """Return the sRGB colour of a solid made of strokes at a surface point: that of the outermost stroke there.
+    """Return the sRGB colour of a solid made of clay at a surface point: that of the outermost shape (stroke) there.
 
     It is modified by strokes that only paint, by reliefs (darker in their depths) and by veins of marble.
     """

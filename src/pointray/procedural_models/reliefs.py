@@ -12,11 +12,11 @@ HAIR, FOLDS, MEANDER, FLUTES, SPIRAL = 10, 11, 12, 13, 14
 
 @inline
 def _hair(u: float, v: float, w: float, count: float) -> float:
-    """Return the height of wavy locks of several strands, combed from the forehead to the pole +v.
+    """Return the height of a relief of wavy locks of several strands, combed from the forehead to the pole +v.
 
     It is a Hellenistic melon coiffure.
 
-    u, v, w : position in the axes of the pattern; count : number of locks around the head
+    u, v, w : position in the axes and scale of the relief; count : number of locks around the head
     """
     around = atan2(u, w)
     along = atan2(sqrt(u * u + w * w), v)
@@ -32,9 +32,9 @@ def _hair(u: float, v: float, w: float, count: float) -> float:
 
 @inline
 def _folds(u: float, v: float, w: float) -> float:
-    """Return the height of cloth hanging in folds between two shoulders, in bows that are deeper the lower they hang.
+    """Return the height of a relief of cloth hanging in folds between two shoulders, deeper the lower they hang.
 
-    u, v, w : position in the axes of the pattern, w upward
+    u, v, w : position in the axes and scale of the relief, w upward
     """
     spread = 0.30 + 0.70 * exp(-(u * u) / 0.11)
     lean = 0.06 * sin(3.1 * u + 0.6) + 0.035 * sin(7.0 * u - 5.0 * v)
@@ -59,9 +59,9 @@ def _segment(u: float, w: float, ax: float, az: float, bx: float, bz: float) -> 
 
 @inline
 def _meander(u: float, v: float, w: float, count: float) -> float:
-    """Return the height of a Greek key around the axis w, between w = -1 and 1; its lines are raised, 0 to 1.
+    """Return the height, 0 to 1, of a relief of a Greek key around the axis w, between w = -1 and 1; lines are raised.
 
-    count : number of repeats around the axis
+    u, v, w : position in the axes and scale of the relief; count : number of repeats around the axis
     """
     turn = atan2(v, u) * count / (2.0 * pi)
     s = (turn - floor(turn)) * 8.0
@@ -80,9 +80,9 @@ def _meander(u: float, v: float, w: float, count: float) -> float:
 
 @inline
 def _flutes(u: float, v: float, w: float, count: float) -> float:
-    """Return the height of ribs around the axis w that lean along it: gadroons, beads, flutes.
+    """Return the height of a relief of ribs around the axis w that lean along it: gadroons, beads, flutes.
 
-    count : number of ribs
+    u, v, w : position in the axes and scale of the relief; count : number of ribs
     """
     wave = cos(count * atan2(v, u) + 2.2 * w)
     return 0.8 * wave - 0.2 * wave * wave
@@ -90,9 +90,9 @@ def _flutes(u: float, v: float, w: float, count: float) -> float:
 
 @inline
 def _spiral(u: float, v: float, w: float, count: float) -> float:
-    """Return the height of strands of hair wound into a knot about the axis v.
+    """Return the height of a relief of strands of hair wound into a knot about the axis v.
 
-    count : number of locks around the axis
+    u, v, w : position in the axes and scale of the relief; count : number of locks around the axis
     """
     radius = sqrt(u * u + w * w + 0.0004)
     angle = atan2(u, w) * count + 24.0 * radius
@@ -104,9 +104,10 @@ def _spiral(u: float, v: float, w: float, count: float) -> float:
 
 @routine
 def relief(kind: int, u: float, v: float, w: float, count: float) -> float:
-    """Return the height of a pattern, about -1 to 1, at a point given in the pattern's own axes and scale.
+    """Return the height of a relief, a pattern that displaces a surface, at a point; about -1 to 1.
 
-    kind : HAIR, FOLDS, MEANDER, FLUTES or SPIRAL; count : number of repeats of the pattern, unused by FOLDS
+    kind : HAIR, FOLDS, MEANDER, FLUTES or SPIRAL
+    u, v, w : position in the axes and scale of the relief; count : number of repeats of the pattern, unused by FOLDS
     """
     if kind == HAIR:
         return _hair(u, v, w, count)

@@ -66,7 +66,7 @@ def _unit(word: int, part: int) -> float:
 
 @inline
 def _is_close(x: float, y: float, z: float, p: int, following: Array, local: Array, square: float) -> bool:
-    """Return whether any point in a cell of a small grid around a brick is closer to a position than a distance.
+    """Return whether any point in a cell of a grid is closer to a position than a distance.
 
     p : first point of the cell, -1 if it has none; following : next point of the same cell, -1 at the end
     local : (held, 3) positions of the points in the grid; square : of the distance
@@ -91,7 +91,7 @@ def _fits(
     local: Array,
     square: float,
 ) -> bool:
-    """Return whether no point in a small grid around a brick is closer to a position than the edge of the grid's cells.
+    """Return whether no point of a grid is closer to a position than the edge of its cells, so that a point fits there.
 
     grid : (x, y, z of the low corner, 1 / edge); dims : cells along an axis
     heads : first point of each cell, -1 if it has none; following : next point of the same cell, -1 at the end
@@ -127,7 +127,7 @@ def _neighbor(bricks: Bricks, brick: int, number: int) -> int:
 
 @inline
 def _capacity(bricks: Bricks, brick: int) -> int:
-    """Return how many points a brick (cell of a grid) and its 26 neighbours can hold together."""
+    """Return for how many points a brick (cell of a coarse grid) and its 26 neighbours have rows reserved, together."""
     total = 0
     for number in range(27):
         other = _neighbor(bricks, brick, number)
@@ -140,12 +140,12 @@ def _capacity(bricks: Bricks, brick: int) -> int:
 def _gather(
     bricks: Bricks, brick: int, grid: LocalGrid, dims: int, heads: Array, following: Array, local: Array
 ) -> int:
-    """Put the points of a brick and its neighbours into the cells of a small grid around it; return their number.
+    """Put the points in and around a brick, a cell of a coarse grid, into cells of a fine grid; return their number.
 
-    Points outside the grid are left out.
+    Points outside the fine grid are left out.
 
-    bricks, brick : all bricks, cells of a coarse grid, and the number of one
-    grid : (x, y, z of the low corner, 1 / edge of a cell); dims : cells along an axis
+    bricks, brick : all cells of the coarse grid with their points, and the number of one
+    grid : (x, y, z of the low corner, 1 / edge of a cell) of the fine grid; dims : its cells along an axis
     heads : first point of each cell, -1 if it has none, updated; following, local : next point and position, written
     """
     held = 0
@@ -263,7 +263,7 @@ def _hash(numbers: NDArray[np.int64], key: int) -> NDArray[np.uint64]:
 
 
 def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float32]:
-    """Spread exactly n points evenly over triangles, brick by brick.
+    """Spread exactly n points evenly over triangles: blue noise, by throwing darts.
 
     Parameters
     ----------
@@ -272,10 +272,12 @@ def scatter(corners: NDArray[np.float64], n: int, seed: int) -> NDArray[np.float
     n : int
         At least 1.
     seed : int
+        Seed of the random numbers.
 
     Returns
     -------
     (n, 3) float32
+        Positions on the triangles.
     """
     bricks, areas = _lay_bricks(corners, triangle_areas(corners), n)
     colors = (bricks.cells & 1) @ np.array([4, 2, 1])

@@ -18,7 +18,10 @@ CELL = 0.014
 
 
 def statue() -> Solid:
-    """Return the procedural model "statue" as a solid of clay strokes, with lists of the strokes near each place."""
+    """Return the procedural model "statue", a bust on a plinth, as a solid that kernels take.
+
+    It is made of strokes, shapes that add or remove clay, with a list of those near each place.
+    """
     clay = Clay()
     sculpt_bust(clay)  # first, because its foot is cut off, which would also cut the plinth
     sculpt_plinth(clay)

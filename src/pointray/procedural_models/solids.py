@@ -174,7 +174,7 @@ def _slide(
 
 @inline
 def _spiral_direction(number: int, a: float, b: float, c: float) -> Vec3:
-    """Return one of `SEARCH_DIRECTIONS` on a spiral (Fibonacci) about the unit axis (a, b, c), denser near it.
+    """Return one of 400 unit vectors on a spiral (Fibonacci) about the unit axis (a, b, c), denser near it.
 
     number : of the direction, from 0
     """
@@ -221,8 +221,8 @@ def distance(solid: Solid, x: float, y: float, z: float) -> float:
     """Return the signed Euclidean distance from a point to the surface of a solid, negative inside.
 
     For blended solids it is f / |grad f| below 1e-6, with f the solid's field. Farther away, the projection of the
-    point onto the surface slides to the nearest point; beyond `CLOSE`, where a relief has many such points, the ball up
-    to it is searched for a nearer one.
+    point onto the surface slides to the nearest point; beyond 0.004 (`CLOSE`), where a relief has many such points, the
+    ball up to it is searched for a nearer one.
     """
     f = field(solid, x, y, z)
     if solid.kind == SPHERE or solid.kind == TORUS or f == 0.0:

@@ -48,7 +48,7 @@ def rotation(turn: Vector) -> NDArray[np.float64]:
 
 
 class Clay:
-    """Collector of strokes, which add, carve, cut, displace or paint clay in their order. `table` returns them.
+    """Collector of strokes: shapes that add, carve, cut, displace or paint clay one after the other.
 
     Lengths are in units of the current part (`part`), which has its own place, turn and scale. Every stroke except a
     relief takes `op` (ADD, CARVE, CUT, PAINT) and `vein` (strength of the stone's veins). All take the `width` over
@@ -60,12 +60,12 @@ class Clay:
         self._scale, self._turn, self._place = 1.0, np.eye(3), np.zeros(3)
 
     def table(self) -> NDArray[np.float64]:
-        """Return all strokes so far, (strokes, COLUMNS) float64, one row each."""
+        """Return all strokes (shapes that add or remove clay) so far, (strokes, COLUMNS) float64, one row each."""
         return np.array(self._rows)
 
     @contextmanager
     def part(self, place: Vector, turn: Vector = (0, 0, 0), scale: float = 1.0) -> Iterator[None]:
-        """Place the strokes within the `with` block in axes of their own: rotated, scaled and moved to `place`.
+        """Place the shapes added within the `with` block in axes of their own: rotated, scaled and moved to `place`.
 
         turn : angles about x, y and z in degrees. Blocks can be nested.
         """
@@ -103,7 +103,7 @@ class Clay:
         share: float = 1.0,
         **stroke: Any,
     ) -> None:
-        """Add a stroke in the shape of an ellipsoid.
+        """Add an ellipsoid to the shapes of a sculpture.
 
         radii : along its axes; turn : angles of the axes about x, y and z in degrees; share : its opacity as paint, 0
             to 1
@@ -112,22 +112,21 @@ class Clay:
         self._solid(ELLIPSOID, center, radii, turn, share, both, **stroke)
 
     def box(self, center: Vector, half: Vector, rounding: float, **stroke: Any) -> None:
-        """Add a stroke in the shape of a box with rounded edges.
+        """Add a box with rounded edges to the shapes of a sculpture.
 
-        half : (3,) half of its edges; rounding : radius of the edges; stroke : operation, blending width, colour and
-            veins
+        half : (3,) half of its edges; rounding : radius of its edges; stroke : operation, blending width, colour, veins
         """
         self._solid(BOX, center, half, (0, 0, 0), rounding * self._scale, False, **stroke)
 
     def drum(self, center: Vector, radius: float, half: float, rounding: float, **stroke: Any) -> None:
-        """Add a stroke in the shape of a cylinder along z with rounded rims.
+        """Add a cylinder along z with rounded rims to the shapes of a sculpture.
 
         half : half of its height; rounding : radius of the rims; stroke : operation, blending width, colour and veins
         """
         self._solid(DRUM, center, (radius, radius, half), (0, 0, 0), rounding * self._scale, False, **stroke)
 
     def ring(self, center: Vector, radius: float, thickness: float, turn: Vector = (0, 0, 0), **stroke: Any) -> None:
-        """Add a stroke in the shape of a torus about z.
+        """Add a torus about z to the shapes of a sculpture.
 
         radius : of its centre line; thickness : radius of its cross section; turn : angles about x, y and z in degrees
         stroke : operation, blending width, colour and veins
@@ -144,7 +143,7 @@ class Clay:
         share: float = 1.0,
         **stroke: Any,
     ) -> None:
-        """Add a stroke in the shape of a bent tube from `a` to `c` through a point half way.
+        """Add a bent tube from `a` to `c` through a point half way to the shapes of a sculpture.
 
         radii : at `a`, at `c`, and the excess of the radius at the middle; share : its opacity as paint, 0 to 1
         both : whether to add its mirror image at x = 0; stroke : operation, blending width, colour and veins
@@ -166,12 +165,11 @@ class Clay:
     def relief(
         self, pattern: int, center: Vector, region: Vector, amplitude: float, turn: Vector = (0, 0, 0), **stroke: Any
     ) -> None:
-        """Displace the surface by a pattern within an ellipsoid.
+        """Displace the surface of the sculpture by a pattern within an ellipsoid.
 
-        pattern : HAIR, FOLDS, MEANDER, FLUTES or SPIRAL; region : (3,) radii of the ellipsoid; amplitude : height of
-            the pattern
-        turn : angles of its axes in degrees; stroke : blending width at its rim, `count` of repeats, `color` of raised
-            parts
+        pattern : HAIR, FOLDS, MEANDER, FLUTES or SPIRAL; region : (3,) radii of the ellipsoid
+        amplitude : height of the pattern; turn : angles of its axes about x, y and z in degrees
+        stroke : blending width at its rim, `count` of repeats, `color` of raised parts
         """
         count = stroke.pop("count", 0)
         stroke.setdefault("color", UNPAINTED)
