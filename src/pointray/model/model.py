@@ -207,7 +207,7 @@ class Model(TraceableModel):
         return PrebuiltModel(build_model(self.points, finite_rows(self.points), None, mask, options, report))
 
     def remade(self, *args: Any, **options: Any) -> Model:
-        """Deprecated alias of `rebuild`."""
+        """Deprecated alias of `rebuild`: warn, and return a model of the same points with other settings."""
         warn_renamed("Model.remade", "Model.rebuild")
         return self.rebuild(*args, **options)
 
@@ -324,9 +324,14 @@ class Model(TraceableModel):
 
 
 class PrebuiltModel(Model):
-    """A model of arrays that exist already, which are not computed again.
+    """A model of arrays that exist already, such as those of a saved model, a level of detail or a rebuilt model.
 
-    Used for saved models, for levels of detail (`levels`, from fine to coarse) and for models built again from another.
+    Parameters
+    ----------
+    data : ModelData
+        Arrays and settings of the model.
+    levels : sequence of Model
+        Its levels of detail, from fine to coarse.
     """
 
     def __init__(self, data: ModelData, levels: Sequence[Model] = ()) -> None:
@@ -414,7 +419,10 @@ class PartOnDisk(_OnDisk):
 
     @property
     def _stored_bounds(self) -> list[list[float]] | None:
-        """Bounds of all that rays can hit of the part, (2, 3), relative to the origin, from the index, or None."""
+        """Bounds of all that rays can hit of the part, (2, 3), relative to the origin, as the index states.
+
+        None if rays cannot hit it.
+        """
         file = self.source.file
         assert isinstance(file, PartFile)
         return file.reach

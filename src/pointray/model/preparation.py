@@ -134,12 +134,12 @@ def prepare(
     drop_duplicates, drop_outliers : bool
         Drop equal positions, and points far away from all others; see `find_flaws`.
     drop_strays : bool
-        Drop points off the surface; see `find_strays`.
+        Drop points that belong to no surface; see `find_strays`.
     smooth : "auto" or float, optional
         Move noisy points onto the surface; the standard deviation of the noise in the points' unit, "auto": measured.
         See the function `smooth`.
     normals : {"auto", "file", "fit"}
-        The file's normals unless they are wrong, those of the file, or estimated ones.
+        "auto": the file's normals unless they are wrong; "file": those of the file; "fit": estimated ones.
     viewpoint : (3,) array_like, optional
         Scanner position, for `normals="fit"` and `drop_strays`, instead of that in the file.
     trajectory : path or Trajectory, optional

@@ -84,7 +84,7 @@ class Cleaning:
     def limit(self, diagonal: float) -> float | None:
         """Return the tolerance in the points' unit; None if there is no tolerance.
 
-        diagonal : length of that of the points' bounds
+        diagonal : length of the diagonal of the points' bounds, for a tolerance that is a share of it
         """
         if self.tolerance is None:
             return None
@@ -92,7 +92,10 @@ class Cleaning:
         return _number(self.tolerance) * (diagonal if share else 1.0)
 
     def check(self, named: Named) -> None:
-        """Raise an error if an option is invalid. named : returns how messages name an option, given its name"""
+        """Raise an error if an option is invalid.
+
+        named : takes the name of an option and returns how messages name it, such as "--smooth" for "smooth"
+        """
         if self.tolerance is not None:
             _check_tolerance(self.tolerance, named("tolerance"))
             if self.count is not None:
@@ -120,7 +123,8 @@ class NormalsChoice:
     def check(self, named: Named, drop_strays: bool) -> None:
         """Raise an error if an option is invalid, or does not apply to the others.
 
-        named : returns how messages name an option, given its name; drop_strays : whether strays are dropped
+        named : takes the name of an option and returns how messages name it, such as "--viewpoint" for "viewpoint"
+        drop_strays : whether strays are dropped
         """
         fitted = check_choice(self.normals, "normals", NORMALS) == "fit"
         if self.viewpoint is not None:
@@ -170,8 +174,8 @@ class Storage:
     def check(self, named: Named, shared: bool) -> None:
         """Raise an error if an option is invalid, or the result cannot be written.
 
-        named : returns how messages name an option, given its name; shared : whether workers of a cluster write the
-            parts
+        named : takes the name of an option and returns how messages name it, such as "--memory" for "memory"
+        shared : whether workers of a cluster write the parts
         """
         check_drawing(self.scatter, self.scatter_size)
         for name in ("in_parts", "levels", "force"):
@@ -210,7 +214,8 @@ class PreparationOptions:
     shared : bool
         Whether workers of a client make the parts.
     named : callable
-        Takes the name of an option, "fit" or "file" (values of normals); returns how messages name it.
+        Takes the name of an option, or "fit" or "file" (values of normals); returns how messages name it, such as
+        "--memory" for "memory" on the command line.
     """
 
     storage: Storage
