@@ -94,12 +94,12 @@ class PartFile(NamedTuple):
 
     @classmethod
     def of(cls, facts: dict[str, Any]) -> PartFile:
-        """Return the entry with these fields, as read from JSON (`facts` of an entry)."""
+        """Return the index entry of a part from its fields as read from JSON, a dict like `PartFile.facts`."""
         return cls(**{**facts, "levels": [LevelFile(**level) for level in facts["levels"]]})
 
     @property
     def facts(self) -> dict[str, Any]:
-        """The fields of the entry as JSON values; `of` is the inverse."""
+        """Fields of the entry as JSON values, for the index file; `PartFile.of` makes the entry from them."""
         return {**self._asdict(), "levels": [level._asdict() for level in self.levels]}
 
 

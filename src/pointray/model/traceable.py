@@ -65,7 +65,7 @@ class TraceableModel:
 
     @property
     def surface(self) -> str:
-        """The implicit surface: "paper", "imls", "apss" or "disc"."""
+        """The implicit surface: "paper" (blended planes), "imls" (mean distance), "apss" (fitted spheres) or "disc"."""
         return self.data.settings.surface
 
     @property

@@ -73,8 +73,9 @@ class Facing:
 
         A group is a connected set of points whose normals are consistent with each other. Both are (groups,) bool.
 
-        firsts : first piece (connected points of a part) of each part; known : column, not 0 where the normal is known
-        groups : number of groups
+        firsts : (parts + 1,) number of the first piece (points with reliable relative signs) of each part, then of all
+            pieces
+        known : column on disk, not 0 where the normal is known; groups : number of groups
         """
         counts, votes = np.zeros((2, groups))
         for part in range(self._work.parts):

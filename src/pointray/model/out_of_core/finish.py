@@ -72,7 +72,7 @@ class Chain:
 
 
 class Numbers:
-    """Stand-in for a column on disk whose value in each row is the number of the row."""
+    """Stand-in for a column on disk whose value in each row is the number of the row, such as that of splats' rows."""
 
     def __getitem__(self, rows: Any) -> NDArray[np.int32]:
         return np.arange(rows.start, rows.stop, dtype=np.int32) if isinstance(rows, slice) else rows.astype(np.int32)

@@ -141,8 +141,9 @@ def support_part(layer: Layer, cell: float, known: dict[str, float], part: int) 
     Returns
     -------
     dict
-        longest : largest radius; supports : (6,) bounds of the supports; borders : whether there are any; sheets :
-            number of splats with an opposite sheet close by.
+        longest : largest radius; supports : (6,) bounds of the supports
+        borders : whether there are open borders
+        sheets : number of splats with an opposite sheet close by
     """
     own = layer.own(part)
     if own.start == own.stop:

@@ -42,25 +42,28 @@ class Local(NamedTuple):
 
     @property
     def tiles(self) -> Rows:
-        """Numbers of the tiles, here ranges of 4,096 consecutive points in kd order, of these points, ascending."""
+        """Numbers of the ranges of 4,096 consecutive points in kd order that hold a part and its margin, ascending."""
         return np.unique(self.rows // TILE)
 
     @property
     def core(self) -> slice:
-        """Indices into `rows` of the part's own points, which must be consecutive."""
+        """Indices of the part's own points among those of the part and its margin; they must be consecutive."""
         return slice(int(self.own[0]), int(self.own[-1]) + 1)
 
     def write_all(self, columns: Columns, named: Mapping[str, NDArray[Any] | None]) -> None:
         """Write values of the part's own points to columns on disk.
 
-        named : (n, ...) values of all these points by the name of the column; None: nothing to write
+        named : values of the points of the part and its margin, (n, ...), by the name of the column; None: not written
         """
         for name, values in named.items():
             if values is not None:
                 self.write(columns[name], values)
 
     def write(self, column: Column, values: NDArray[Any]) -> None:
-        """Write values of the part's own points to a column on disk. values : (n, ...), of all these points"""
+        """Write values of the part's own points to a column on disk.
+
+        values : (n, ...), of the points of the part and its margin
+        """
         start = 0
         for run in runs_of(self.rows[self.own]):
             column.write(run.start, values[self.own[start : start + run.stop - run.start]])

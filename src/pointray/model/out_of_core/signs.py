@@ -141,8 +141,10 @@ class Signs:
     def gather(self, firsts: Whole, cuts: Sequence[Whole]) -> list[Shared]:
         """Join the pieces of all parts to groups with consistent signs, by votes; write group and sign of each piece.
 
-        firsts : (parts + 1,) first piece of each part, then the number of pieces, from the results of `find`
-        cuts : for each part the result of `vote`
+        A piece is a set of points with reliable relative signs.
+
+        firsts : (parts + 1,) first piece of each part, then the number of pieces
+        cuts : for each part, the rows in its column of votes at which tables of votes begin, as `vote` returns them
 
         Returns
         -------
@@ -169,7 +171,8 @@ class Signs:
     def examine(self, local: Local, part: int, firsts: Whole, shared: Shared) -> Outlook:
         """Find which groups of a part face inward; return a sample of points of groups that extend into other parts.
 
-        A group is a set of connected points with consistent signs.
+        A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
+        signs.
 
         firsts : (parts + 1,) first piece of each part, then the number of pieces; shared : groups that lie in other
             parts too
@@ -198,9 +201,11 @@ class Signs:
     def write(self, part: int, firsts: Whole, inward: Flags, kept: Flags | None = None) -> None:
         """Write the final sign, int8 1 or -1, of each normal of a part to the column `SIGNED`.
 
+        A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
+        signs.
+
         firsts : (parts + 1,) first piece of each part, then the number of pieces
-        inward : (g,) whether to invert each group of points; kept : mask of the part's points whose normals keep their
-            sign
+        inward : (g,) whether to invert each group; kept : mask of the part's points whose normals keep their sign
         """
         piece, signs, group = self._labels(part, firsts)
         signs *= np.where(inward[group], np.int8(-1), np.int8(1))[piece]
@@ -211,8 +216,11 @@ class Signs:
     def known_signs(self, part: int, firsts: Whole, known: Flags) -> tuple[NDArray[np.int32], NDArray[np.int8]]:
         """Return votes of the known normals of a part on the signs of the groups of points that they belong to.
 
-        firsts : (parts + 1,) first piece of each part, then the number of pieces; known : mask of points with known
-            normals
+        A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
+        signs.
+
+        firsts : (parts + 1,) first piece of each part, then the number of pieces
+        known : mask of the part's points with known normals
 
         Returns
         -------
@@ -225,7 +233,10 @@ class Signs:
         return group[piece[known]], signs[known]
 
     def _labels(self, part: int, firsts: Whole) -> tuple[NDArray[Any], NDArray[np.int8], NDArray[np.int32]]:
-        """Return how the points of a part are joined to pieces and groups, whose normals have consistent signs.
+        """Return how the points of a part are joined to pieces and groups by the signs of their normals.
+
+        A piece is a set of points with reliable relative signs, a group a set of connected pieces with consistent
+        signs.
 
         firsts : (parts + 1,) first piece of each part, then the number of pieces
 
@@ -244,6 +255,8 @@ class Signs:
 
     def _groups_in(self, part: int, group: NDArray[np.int32]) -> tuple[NDArray[np.int32], Whole]:
         """Return the numbers of the groups in a part, ascending, and how many of its points each has.
+
+        A group is a set of connected pieces, and a piece one of points, whose normals have consistent signs.
 
         group : (p,) group of each piece of the part
         """

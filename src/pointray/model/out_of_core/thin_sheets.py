@@ -160,9 +160,11 @@ class ThinSheets:
         return Splats(self._frame.of(placed), normals, spacing)
 
     def _around(self, field: Field, rows: Rows, step: float = STEP) -> Floats:
-        """Return the winding numbers in front of and behind some points, (m, 2).
+        """Return the winding numbers a step in front of and a step behind some points, (m, 2).
 
-        field : state of the points that are summed; rows : of the m points in the cloud; step : distance in spacings
+        The winding number is 1 inside a closed surface and 0 outside.
+
+        field : state of the points that it is computed from; rows : of the m points in the cloud; step : in spacings
         """
         tiles = -(-self._cloud.total // TILE)
         return Winding(self._work.columns[field.top][:], tiles, partial(self._read, field)).around(rows, step)
@@ -250,7 +252,7 @@ class ThinSheets:
     def _weigh(self, field: Field, part: int) -> None:
         """Write how much closer to 0 or 1 flipping has brought the winding numbers of a part's marked points.
 
-        Also write for which points the numbers do not decide.
+        Marked are those that may be near two sheets. Also write for which points the numbers do not decide.
         """
         gain, rows = self._zeros(part, np.float32), np.flatnonzero(self._suspects(part))
         before = self._work.columns[f"{NUMBERS}-{part:04d}"][:]

@@ -62,7 +62,8 @@ def shown(splats: Splats, size: int, part: int) -> tuple[Groups, NDArray[np.floa
 def plan_of(parts: list[tuple[Groups, NDArray[np.float32]]], radii: Any, size: int) -> Plan:
     """Return the values that the trees of all parts share.
 
-    parts : results of `shown`; radii : of all splats, an array or a column on disk; size : splats of a part
+    parts : for each part the bounds of its groups of 64 blocks, and (6,) of all its supports
+    radii : of all splats, an array or a column on disk; size : splats of a part
     """
     groups = Groups(*(np.concatenate(arrays) for arrays in zip(*(groups for groups, _ in parts), strict=True)))
     starts = range(0, len(radii), size)
