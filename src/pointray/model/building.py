@@ -39,7 +39,7 @@ class BuildOptions(NamedTuple):
 
 
 def ignore_progress(stage: str, share: float) -> None:
-    """Progress callback that does nothing."""
+    """Do nothing: the progress callback for callers without one."""
 
 
 def build_model(

@@ -296,8 +296,8 @@ class Model(TraceableModel):
 
         `levels` is a tuple of models from fine to coarse. Each has half as many points along a line as the one before.
         Images then show each instance in the level that fits its distance: less flicker in films, higher frame rates.
-        Levels have the surface "paper" with N = 2, as their points are about as far apart as pixels. Memory grows by a
-        third. `Settings(levels=False)` ignores them.
+        Levels have the surface "paper" with 2 samples over a support's diameter, as their points are about as far apart
+        as pixels. Memory grows by a third. `Settings(levels=False)` ignores them.
 
         Parameters
         ----------

@@ -36,7 +36,7 @@ class Local(NamedTuple):
     own: Rows
 
     def read(self, column: Column) -> NDArray[Any]:
-        """Return the values of these n points from a column on disk, which holds those of the whole cloud."""
+        """Return the values of the points of a part and its margin, (n, ...), from a column of the whole cloud."""
         pieces = [column[run] for run in runs_of(self.rows)]
         return np.concatenate(pieces) if len(pieces) > 1 else pieces[0]
 

@@ -68,12 +68,15 @@ class Cloud:
 
     @property
     def has_units(self) -> bool:
-        """Whether the current normals have unit length; normalising them again would round them again."""
+        """Whether the normals from the files have been replaced by normals of unit length with recomputed signs.
+
+        If so they are not normalised again, which would round them again.
+        """
         return self.columns.get(TURNED) is not None
 
     @property
     def normals(self) -> str:
-        """Name of the column with the current normals of the surface."""
+        """Name of the column with the normals of the surface, as the last finished stage has left them."""
         return self.latest(PARTED, self.latest(FACED, NORMALS))
 
     def points(self, local: Local) -> Points:
