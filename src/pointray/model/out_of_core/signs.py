@@ -190,7 +190,9 @@ class Signs:
         return Outlook(groups[inward], rest._replace(groups=groups[rest.groups]))
 
     def face(self, outlooks: Sequence[Outlook]) -> Flags:
-        """Return which groups of points must be inverted to face outward, (g,) bool.
+        """Return which groups must be inverted to face outward, (g,) bool.
+
+        A group is a set of connected points whose normals have consistent signs.
 
         outlooks : results of `examine` in the order of the parts
         """
